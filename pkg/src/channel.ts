@@ -1,0 +1,104 @@
+/** The page's end of the Worker: request ids, one request in flight, the others wait their turn. */
+import { GravisightError } from "./error.js";
+import type { Answers, FromWorker, RequestName, Requests } from "./protocol.js";
+import type { Progress } from "./types.js";
+
+interface Pending {
+  id: number;
+  type: RequestName;
+  request: Requests[RequestName];
+  transfer: Transferable[];
+  onProgress: ((progress: Progress) => void) | undefined;
+  resolve: (answer: never) => void;
+  reject: (reason: unknown) => void;
+}
+
+export interface RequestOptions {
+  transfer?: Transferable[];
+  signal?: AbortSignal | undefined;
+  onProgress?: ((progress: Progress) => void) | undefined;
+}
+
+export class Channel {
+  readonly #worker: Worker;
+  #waiting: Pending[] = [];
+  #inFlight: Pending | undefined;
+  #nextId = 0;
+  #closedBecause: unknown;
+
+  constructor() {
+    // The literal form is what bundlers look for.
+    this.#worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "gravisight" });
+    this.#worker.onmessage = (event: MessageEvent<FromWorker>) => this.#receive(event.data);
+    this.#worker.onerror = (event) => {
+      event.preventDefault();
+      this.close(new GravisightError("worker", `The Worker could not start or stopped: ${event.message || "no reason given"}.`));
+    };
+    this.#worker.onmessageerror = () => {
+      this.close(new GravisightError("worker", "A message from the Worker could not be read."));
+    };
+  }
+
+  /** Sends a request and waits for its answer. An aborted request rejects at once and its answer is dropped. */
+  request<K extends RequestName>(type: K, request: Requests[K], options: RequestOptions = {}): Promise<Answers[K]> {
+    return new Promise((resolve, reject) => {
+      const { signal } = options;
+      if (this.#closedBecause !== undefined) return reject(this.#closedBecause);
+      if (signal?.aborted) return reject(signal.reason);
+      const id = this.#nextId++;
+      const abort = () => {
+        this.#waiting = this.#waiting.filter((pending) => pending.id !== id);
+        reject(signal?.reason);
+      };
+      const settled = () => signal?.removeEventListener("abort", abort);
+      signal?.addEventListener("abort", abort, { once: true });
+      this.#waiting.push({
+        id,
+        type,
+        request,
+        transfer: options.transfer ?? [],
+        onProgress: options.onProgress,
+        resolve: (answer) => (settled(), resolve(answer)),
+        reject: (reason) => (settled(), reject(reason)),
+      });
+      this.#sendNext();
+    });
+  }
+
+  /** Throws the reason of {@link close}. */
+  throwIfClosed(): void {
+    if (this.#closedBecause !== undefined) throw this.#closedBecause;
+  }
+
+  /** Ends the Worker; every request that waits, and every later one, rejects with `reason`. */
+  close(reason: unknown): void {
+    if (this.#closedBecause !== undefined) return;
+    this.#closedBecause = reason;
+    this.#worker.terminate();
+    this.#inFlight?.reject(reason);
+    for (const pending of this.#waiting) pending.reject(reason);
+    this.#inFlight = undefined;
+    this.#waiting = [];
+  }
+
+  #sendNext(): void {
+    if (this.#inFlight) return;
+    const next = this.#waiting.shift();
+    if (!next) return;
+    this.#inFlight = next;
+    this.#worker.postMessage({ type: next.type, id: next.id, ...next.request }, next.transfer);
+  }
+
+  #receive(message: FromWorker): void {
+    const pending = this.#inFlight;
+    if (!pending || pending.id !== message.id) return;
+    if (message.type === "progress") {
+      pending.onProgress?.(message.progress);
+      return;
+    }
+    this.#inFlight = undefined;
+    if (message.type === "done") pending.resolve(message.answer as never);
+    else pending.reject(new GravisightError(message.code, message.message));
+    this.#sendNext();
+  }
+}

@@ -1,0 +1,41 @@
+/** Codes that come from this package itself; those of the core (such as `camera-singular`) come on top. */
+export type FacadeErrorCode =
+  | "camera-not-finite"
+  | "card-json"
+  | "cpu-build-missing"
+  | "disposed"
+  | "fetch"
+  | "image-read"
+  | "internal"
+  | "model-url"
+  | "timestamp-order"
+  | "webgpu-build-missing"
+  | "webgpu-no-adapter"
+  | "worker";
+
+/** Everything that this package throws, except the reason of an `AbortSignal`. */
+export class GravisightError extends Error {
+  override readonly name = "GravisightError";
+  /** What went wrong, for a program; `message` says it in words. */
+  readonly code: FacadeErrorCode | (string & {});
+
+  constructor(code: FacadeErrorCode | (string & {}), message: string, options?: ErrorOptions) {
+    super(message, options);
+    this.code = code;
+  }
+}
+
+/** The words of anything that was thrown. */
+export function wordsOf(thrown: unknown): string {
+  return thrown instanceof Error ? thrown.message || thrown.name : String(thrown);
+}
+
+/** Turns anything that was thrown into a {@link GravisightError}; what has no code of its own is `internal`. */
+export function gravisightErrorFrom(thrown: unknown): GravisightError {
+  if (thrown instanceof GravisightError) return thrown;
+  // The core's errors are made in Rust: an `Error` with this name and a code, not this class.
+  if (thrown instanceof Error && thrown.name === "GravisightError" && "code" in thrown) {
+    return new GravisightError(String(thrown.code), thrown.message);
+  }
+  return new GravisightError("internal", `The core stopped unexpectedly: ${wordsOf(thrown)}.`, { cause: thrown });
+}

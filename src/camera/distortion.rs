@@ -1,0 +1,105 @@
+//! Brown–Conrady lens distortion in OpenCV's order, and its inverse.
+
+use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// Newton iterations before the inverse gives up; a lens within its range needs three to six.
+const MAX_ITERATIONS: usize = 50;
+/// Residual at which the inverse is taken as found, normalised units (1e-12 is 1e-9 px at f = 1000 px).
+const TOLERANCE: f64 = 1e-13;
+/// Residual still accepted when Newton's steps no longer improve (rounding), normalised units.
+const ACCEPTED: f64 = 1e-10;
+
+/// Radial (`k1`, `k2`, `k3`) and tangential (`p1`, `p2`) coefficients of the Brown–Conrady model
+/// (Brown, "Close-range camera calibration", 1971), acting on normalised image points `x/z, y/z`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Distortion {
+    /// Radial, r².
+    pub k1: f64,
+    /// Radial, r⁴.
+    pub k2: f64,
+    /// Tangential.
+    pub p1: f64,
+    /// Tangential.
+    pub p2: f64,
+    /// Radial, r⁶.
+    pub k3: f64,
+}
+
+impl Distortion {
+    /// Whether the lens is a pinhole.
+    pub fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// Distorted normalised point of an ideal one, and its Jacobian d(distorted)/d(ideal).
+    pub fn distort(&self, ideal: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let Self { k1, k2, p1, p2, k3 } = *self;
+        let (x, y) = (ideal.x, ideal.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        // d(radial)/d(r²)
+        let slope = k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3);
+        let distorted = Vector2::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        let cross = 2.0 * x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y;
+        let jacobian = Matrix2::new(
+            radial + 2.0 * x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+            cross,
+            cross,
+            radial + 2.0 * y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+        );
+        (distorted, jacobian)
+    }
+
+    /// Ideal normalised point whose distortion is `distorted` (Newton's method with step halving).
+    ///
+    /// # Errors
+    /// [`Error::Distortion`] where the model has no inverse on the branch that contains the centre.
+    pub fn undistort(&self, distorted: Vector2<f64>) -> Result<Vector2<f64>> {
+        if self.is_none() {
+            return Ok(distorted);
+        }
+        let mut ideal = distorted;
+        let (mut at, mut jacobian) = self.distort(ideal);
+        let mut residual = (at - distorted).norm();
+        for _ in 0..MAX_ITERATIONS {
+            if residual <= TOLERANCE {
+                break;
+            }
+            let Some(inverse) = jacobian.try_inverse() else { break };
+            let step = inverse * (at - distorted);
+            let Some((next, next_at, next_jacobian, next_residual)) = self.shorter(ideal, step, distorted, residual)
+            else {
+                break;
+            };
+            (ideal, at, jacobian, residual) = (next, next_at, next_jacobian, next_residual);
+        }
+        // A negative determinant is the folded branch beyond the lens' range.
+        if residual.is_finite() && residual <= ACCEPTED && jacobian.determinant() > 0.0 {
+            return Ok(ideal);
+        }
+        Err(Error::Distortion { x: distorted.x, y: distorted.y, residual, iterations: MAX_ITERATIONS })
+    }
+
+    /// The longest of `step`, `step`/2, … that lowers the residual.
+    #[allow(clippy::type_complexity)]
+    fn shorter(
+        &self,
+        ideal: Vector2<f64>,
+        step: Vector2<f64>,
+        distorted: Vector2<f64>,
+        residual: f64,
+    ) -> Option<(Vector2<f64>, Vector2<f64>, Matrix2<f64>, f64)> {
+        (0..20).map(|halvings| ideal - step * 0.5_f64.powi(halvings)).find_map(|next| {
+            let (at, jacobian) = self.distort(next);
+            let found = (at - distorted).norm();
+            (found < residual).then_some((next, at, jacobian, found))
+        })
+    }
+}

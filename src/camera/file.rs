@@ -1,0 +1,141 @@
+//! `camera.json` (FORMATS.md): reading, writing and checking.
+
+use nalgebra::{Matrix3, Matrix4, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::{Camera, Distortion};
+use crate::error::{Error, Result};
+
+/// Largest entry of `RᵀR − 1` that rounding in a file explains.
+const ROTATION_TOLERANCE: f64 = 1e-3;
+
+/// The fields of `camera.json`, as written.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CameraFile {
+    width: u32,
+    height: u32,
+    intrinsic: [[f64; 3]; 3],
+    camera_from_world: [[f64; 4]; 4],
+    #[serde(default, skip_serializing_if = "Distortion::is_none")]
+    distortion: Distortion,
+}
+
+impl TryFrom<CameraFile> for Camera {
+    type Error = Error;
+
+    fn try_from(file: CameraFile) -> Result<Self> {
+        let extrinsic = Matrix4::from_fn(|row, column| file.camera_from_world[row][column]);
+        let last = extrinsic.row(3);
+        if last.iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(&found, expected)| found != expected) {
+            let reason = format!("must end with the row 0 0 0 1, not {:?}", file.camera_from_world[3]);
+            return Err(Error::CameraValue { field: "camera_from_world", reason });
+        }
+        Camera::new(
+            [file.width, file.height],
+            Matrix3::from_fn(|row, column| file.intrinsic[row][column]),
+            file.distortion,
+            extrinsic.fixed_view::<3, 3>(0, 0).into_owned(),
+            extrinsic.fixed_view::<3, 1>(0, 3).into_owned(),
+        )
+    }
+}
+
+impl From<&Camera> for CameraFile {
+    fn from(camera: &Camera) -> Self {
+        let mut camera_from_world = [[0.0; 4]; 4];
+        for (row, out) in camera_from_world.iter_mut().take(3).enumerate() {
+            *out = [
+                camera.rotation[(row, 0)],
+                camera.rotation[(row, 1)],
+                camera.rotation[(row, 2)],
+                camera.translation[row],
+            ];
+        }
+        camera_from_world[3][3] = 1.0;
+        Self {
+            width: camera.width,
+            height: camera.height,
+            intrinsic: std::array::from_fn(|row| std::array::from_fn(|column| camera.intrinsic[(row, column)])),
+            camera_from_world,
+            distortion: camera.distortion,
+        }
+    }
+}
+
+impl Serialize for Camera {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        CameraFile::from(self).serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for Camera {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        Camera::try_from(CameraFile::deserialize(deserializer)?).map_err(serde::de::Error::custom)
+    }
+}
+
+impl Camera {
+    /// Reads the text of a `camera.json`; `what` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::CameraFormat`] for a text of another form (the field is named), else as [`Camera::new`].
+    pub fn from_json(text: &str, what: &str) -> Result<Self> {
+        serde_json::from_str::<CameraFile>(text)
+            .map_err(|error| Error::CameraFormat { what: what.into(), message: error.to_string() })?
+            .try_into()
+    }
+
+    /// Reads a `camera.json` file.
+    ///
+    /// # Errors
+    /// [`Error::Io`], else as [`Camera::from_json`].
+    pub fn from_file(path: &std::path::Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        Self::from_json(&text, &path.display().to_string())
+    }
+}
+
+/// The checks that [`Camera::new`] documents.
+pub(super) fn check(
+    [width, height]: [u32; 2],
+    intrinsic: &Matrix3<f64>,
+    distortion: &Distortion,
+    rotation: &Matrix3<f64>,
+    translation: &Vector3<f64>,
+) -> Result<()> {
+    let refuse = |field, reason| Err(Error::CameraValue { field, reason });
+    if width == 0 || height == 0 {
+        return refuse("width/height", format!("must be positive, not {width}×{height}"));
+    }
+    let Distortion { k1, k2, p1, p2, k3 } = *distortion;
+    let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    for (field, fine) in [
+        ("intrinsic", finite(intrinsic.as_slice())),
+        ("camera_from_world", finite(rotation.as_slice()) && finite(translation.as_slice())),
+        ("distortion", finite(&[k1, k2, p1, p2, k3])),
+    ] {
+        if !fine {
+            return refuse(field, "holds NaN or infinity".into());
+        }
+    }
+    if intrinsic[(1, 0)] != 0.0 || intrinsic.row(2) != nalgebra::RowVector3::new(0.0, 0.0, 1.0) {
+        return refuse("intrinsic", "must have the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]".into());
+    }
+    if intrinsic[(0, 0)] < 0.0 || intrinsic[(1, 1)] < 0.0 {
+        return refuse("intrinsic", "must have positive focal lengths".into());
+    }
+    let determinant = rotation.determinant();
+    if determinant.abs() < super::MIN_DETERMINANT {
+        return Err(Error::CameraSingular { field: "camera_from_world", determinant });
+    }
+    let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
+    if off > ROTATION_TOLERANCE || determinant < 0.0 {
+        let reason = format!(
+            "must hold a rotation (RᵀR = 1 to {ROTATION_TOLERANCE}, determinant 1): it is off by {off:.2e}, \
+             determinant {determinant:.4}"
+        );
+        return refuse("camera_from_world", reason);
+    }
+    Ok(())
+}

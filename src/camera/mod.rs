@@ -1,0 +1,224 @@
+//! One calibrated camera: intrinsics, lens distortion, pose.
+//!
+//! Frames: `world` is right-handed with z up; `camera` is OpenCV's (x right, y down, z forward);
+//! `image` is in pixels with the first pixel's centre at (0, 0). Lengths are metres. All f64.
+
+mod distortion;
+mod file;
+
+use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
+
+pub use self::distortion::Distortion;
+use crate::error::{Error, Result};
+
+/// Smallest |determinant| of a matrix that is still inverted.
+const MIN_DETERMINANT: f64 = 1e-9;
+/// Depth at or below which a point has no image, m.
+const MIN_DEPTH: f64 = 1e-9;
+/// Relative difference of two aspect ratios that rounding to whole pixels explains.
+const ASPECT_TOLERANCE: f64 = 0.01;
+
+/// A pinhole camera with Brown–Conrady distortion: paper eq. (1)–(2), M_int and M_ext.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Camera {
+    width: u32,
+    height: u32,
+    intrinsic: Matrix3<f64>,
+    distortion: Distortion,
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+    intrinsic_inverse: Matrix3<f64>,
+    rotation_inverse: Matrix3<f64>,
+}
+
+impl Camera {
+    /// A camera for pictures of `width`×`height` px.
+    ///
+    /// `intrinsic` is upper triangular with last row (0, 0, 1); `rotation` and `translation` map
+    /// world to camera: `camera = rotation · world + translation`, metres.
+    ///
+    /// # Errors
+    /// [`Error::CameraValue`] for NaN, a non-positive focal length, a matrix of another form or a
+    /// `rotation` that is none; [`Error::CameraSingular`] for a matrix without inverse.
+    pub fn new(
+        [width, height]: [u32; 2],
+        intrinsic: Matrix3<f64>,
+        distortion: Distortion,
+        rotation: Matrix3<f64>,
+        translation: Vector3<f64>,
+    ) -> Result<Self> {
+        file::check([width, height], &intrinsic, &distortion, &rotation, &translation)?;
+        let invert = |field, matrix: &Matrix3<f64>| match matrix.try_inverse() {
+            Some(inverse) if matrix.determinant().abs() > MIN_DETERMINANT => Ok(inverse),
+            _ => Err(Error::CameraSingular { field, determinant: matrix.determinant() }),
+        };
+        Ok(Self {
+            width,
+            height,
+            intrinsic_inverse: invert("intrinsic", &intrinsic)?,
+            rotation_inverse: invert("camera_from_world", &rotation)?,
+            intrinsic,
+            distortion,
+            rotation,
+            translation,
+        })
+    }
+
+    /// Width of the pictures this camera speaks of, px.
+    pub fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Height of the pictures this camera speaks of, px.
+    pub fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// M_int, px.
+    pub fn intrinsic(&self) -> &Matrix3<f64> {
+        &self.intrinsic
+    }
+
+    /// Lens distortion.
+    pub fn distortion(&self) -> &Distortion {
+        &self.distortion
+    }
+
+    /// Camera coordinates of a world point, m.
+    pub fn camera_from_world(&self, in_world: &Point3<f64>) -> Point3<f64> {
+        Point3::from(self.rotation * in_world.coords + self.translation)
+    }
+
+    /// World coordinates of a camera point, m.
+    pub fn world_from_camera(&self, in_camera: &Point3<f64>) -> Point3<f64> {
+        Point3::from(self.rotation_inverse * (in_camera.coords - self.translation))
+    }
+
+    /// Image of a camera point, px, with the lens distortion applied.
+    ///
+    /// # Errors
+    /// [`Error::BehindCamera`] for a depth that is not positive.
+    pub fn image_from_camera(&self, in_camera: &Point3<f64>) -> Result<Point2<f64>> {
+        Ok(self.image_from_camera_with_jacobian(in_camera)?.0)
+    }
+
+    /// [`Self::image_from_camera`] and its 2×3 Jacobian d(image)/d(camera), px/m.
+    ///
+    /// # Errors
+    /// As [`Self::image_from_camera`].
+    pub fn image_from_camera_with_jacobian(&self, in_camera: &Point3<f64>) -> Result<(Point2<f64>, Matrix2x3<f64>)> {
+        let z = in_camera.z;
+        if z.is_nan() || z <= MIN_DEPTH {
+            return Err(Error::BehindCamera { depth: z });
+        }
+        let ideal = Vector2::new(in_camera.x / z, in_camera.y / z);
+        let d_ideal = Matrix2x3::new(1.0 / z, 0.0, -ideal.x / z, 0.0, 1.0 / z, -ideal.y / z);
+        let (distorted, d_distorted) = self.distortion.distort(ideal);
+        let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
+        let image = focal * distorted + self.intrinsic.fixed_view::<2, 1>(0, 2);
+        Ok((Point2::from(image), focal * d_distorted * d_ideal))
+    }
+
+    /// Image of a world point, px.
+    ///
+    /// # Errors
+    /// As [`Self::image_from_camera`].
+    pub fn image_from_world(&self, in_world: &Point3<f64>) -> Result<Point2<f64>> {
+        self.image_from_camera(&self.camera_from_world(in_world))
+    }
+
+    /// [`Self::image_from_world`] and its 2×3 Jacobian d(image)/d(world), px/m.
+    ///
+    /// # Errors
+    /// As [`Self::image_from_camera`].
+    pub fn image_from_world_with_jacobian(&self, in_world: &Point3<f64>) -> Result<(Point2<f64>, Matrix2x3<f64>)> {
+        let (image, d_camera) = self.image_from_camera_with_jacobian(&self.camera_from_world(in_world))?;
+        Ok((image, d_camera * self.rotation))
+    }
+
+    /// Camera point at pixel `image` and `depth` (camera z, m): paper eq. (2), first half.
+    ///
+    /// # Errors
+    /// [`Error::BehindCamera`] for a depth that is not positive, [`Error::Distortion`] where the
+    /// lens model has no inverse.
+    pub fn camera_from_image(&self, image: &Point2<f64>, depth: f64) -> Result<Point3<f64>> {
+        if depth.is_nan() || depth <= 0.0 {
+            return Err(Error::BehindCamera { depth });
+        }
+        let distorted = self.intrinsic_inverse * image.coords.push(1.0);
+        let ideal = self.distortion.undistort(distorted.xy())?;
+        Ok(Point3::from(ideal.push(1.0) * depth))
+    }
+
+    /// World point at pixel `image` and `depth` (camera z, m): paper eq. (2).
+    ///
+    /// # Errors
+    /// As [`Self::camera_from_image`].
+    pub fn world_from_image(&self, image: &Point2<f64>, depth: f64) -> Result<Point3<f64>> {
+        Ok(self.world_from_camera(&self.camera_from_image(image, depth)?))
+    }
+
+    /// [`Self::world_from_image`] and its 3×3 Jacobian d(world)/d(u, v, depth), in m/px, m/px, m/m.
+    ///
+    /// # Errors
+    /// As [`Self::camera_from_image`], and [`Error::Distortion`] where the lens model folds.
+    pub fn world_from_image_with_jacobian(
+        &self,
+        image: &Point2<f64>,
+        depth: f64,
+    ) -> Result<(Point3<f64>, Matrix3<f64>)> {
+        let in_camera = self.camera_from_image(image, depth)?;
+        let ideal = in_camera.coords / depth;
+        let (distorted, d_distorted) = self.distortion.distort(ideal.xy());
+        let inverse_lens = d_distorted.try_inverse().ok_or(Error::Distortion {
+            x: distorted.x,
+            y: distorted.y,
+            residual: f64::INFINITY,
+            iterations: 0,
+        })?;
+        let d_ideal = inverse_lens * self.intrinsic_inverse.fixed_view::<2, 2>(0, 0) * depth;
+        let mut d_camera = Matrix3::zeros();
+        d_camera.fixed_view_mut::<2, 2>(0, 0).copy_from(&d_ideal);
+        d_camera.set_column(2, &ideal);
+        Ok((self.world_from_camera(&in_camera), self.rotation_inverse * d_camera))
+    }
+
+    /// The camera of the same picture resized to `width`×`height` px (pixel-centre rule:
+    /// `x' = (x + ½)·s − ½`).
+    ///
+    /// # Errors
+    /// [`Error::CameraValue`] for a zero size.
+    pub fn resized(&self, [width, height]: [u32; 2]) -> Result<Self> {
+        let sx = f64::from(width) / f64::from(self.width);
+        let sy = f64::from(height) / f64::from(self.height);
+        let resize = Matrix3::new(sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0, 0.0, 0.0, 1.0);
+        Self::new([width, height], resize * self.intrinsic, self.distortion, self.rotation, self.translation)
+    }
+
+    /// The camera of the `width`×`height` px part of the picture whose first pixel is `(left, top)`.
+    ///
+    /// # Errors
+    /// [`Error::CameraValue`] for a zero size.
+    pub fn cropped(&self, [left, top]: [f64; 2], [width, height]: [u32; 2]) -> Result<Self> {
+        let shift = Matrix3::new(1.0, 0.0, -left, 0.0, 1.0, -top, 0.0, 0.0, 1.0);
+        Self::new([width, height], shift * self.intrinsic, self.distortion, self.rotation, self.translation)
+    }
+
+    /// The camera for a picture of `width`×`height` px: itself, or itself scaled where the aspect
+    /// ratio agrees to one percent or one pixel.
+    ///
+    /// # Errors
+    /// [`Error::CameraMismatch`] where it does not.
+    pub fn for_picture(&self, picture: [u32; 2]) -> Result<Self> {
+        if picture == [self.width, self.height] {
+            return Ok(self.clone());
+        }
+        let scale = f64::from(picture[0]) / f64::from(self.width);
+        let expected_height = f64::from(self.height) * scale;
+        let difference = (f64::from(picture[1]) - expected_height).abs();
+        if difference > (ASPECT_TOLERANCE * expected_height).max(1.0) {
+            return Err(Error::CameraMismatch { camera: [self.width, self.height], picture });
+        }
+        self.resized(picture)
+    }
+}

@@ -1,0 +1,100 @@
+//! `gravisight evaluate`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Result, bail};
+use clap::Args;
+use gravisight::data::Clips;
+use gravisight::evaluate::{Bins, Metrics, Statistic, score};
+use gravisight::model::Card;
+use indicatif::ProgressBar;
+
+use super::device::DeviceChoice;
+use super::model;
+
+/// Score a model on labelled clips with 3D truth: how far off it is.
+#[derive(Args)]
+pub struct Arguments {
+    /// Clips folder (with clips.jsonl).
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
+    /// Device to run on.
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceChoice,
+    /// Depth bins of the binned DtG.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    bins: u16,
+    /// Lower edge of the first bin, m [default: the nearest ball].
+    #[arg(long, value_name = "A")]
+    z_min: Option<f64>,
+    /// Upper edge of the last bin, m [default: the farthest ball].
+    #[arg(long, value_name = "B")]
+    z_max: Option<f64>,
+    /// Write the metrics into the model's card.
+    #[arg(long, requires = "model")]
+    record: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
+    let clips = Clips::read(&arguments.data)?;
+    let bar = ProgressBar::new(0);
+    let samples = pollster::block_on(score(&localiser, &clips, None, &mut |done, all| {
+        bar.set_length(all as u64);
+        bar.set_position(done as u64);
+    }))?;
+    bar.finish_and_clear();
+    let depths = || samples.iter().map(|sample| sample.true_depth);
+    let bins = Bins {
+        count: arguments.bins.into(),
+        z_min: arguments.z_min.unwrap_or_else(|| depths().fold(f64::INFINITY, f64::min)),
+        z_max: arguments.z_max.unwrap_or_else(|| depths().fold(0.0, f64::max)),
+    };
+    if !(bins.z_min.is_finite() && bins.z_max.is_finite() && bins.z_min <= bins.z_max) {
+        bail!("--z-min {} must be below --z-max {}", bins.z_min, bins.z_max);
+    }
+    let metrics = Metrics::of(&samples, bins);
+    if let Some(model) = arguments.model.filter(|_| arguments.record) {
+        record(&model::card_path(&model), &metrics)?;
+    }
+    if arguments.json {
+        println!("{}", serde_json::to_string(&metrics)?);
+    } else {
+        print(&metrics, bins);
+    }
+    Ok(())
+}
+
+/// Writes the metrics into the card at `path`.
+fn record(path: &Path, metrics: &Metrics) -> Result<()> {
+    let mut card = Card::from_file(path)?;
+    card.metrics = serde_json::to_value(metrics)?;
+    Ok(card.write(path)?)
+}
+
+fn print(metrics: &Metrics, bins: Bins) {
+    let row = |name: &str, statistic: &Statistic, factor: f64, unit: &str| match statistic {
+        Statistic { mean: Some(mean), std: Some(std), median: Some(median), n } => {
+            let [mean, std, median] = [mean, std, median].map(|value| value * factor);
+            println!("{name:<22} {mean:>8.2} ± {std:>6.2} {unit:<2}  median {median:>7.2} {unit:<2}  n {n}");
+        }
+        _ => println!("{name:<22} no pictures"),
+    };
+    row("DtG", &metrics.dtg, 100.0, "cm");
+    row("DtG / distance", &metrics.dtg_relative, 100.0, "%");
+    row("2D error", &metrics.image_error_px, 1.0, "px");
+    let width = (bins.z_max - bins.z_min) / bins.count as f64;
+    for (index, statistic) in metrics.dtg_binned.iter().enumerate() {
+        let low = bins.z_min + index as f64 * width;
+        row(&format!("DtG at {low:.2}–{:.2} m", low + width), statistic, 100.0, "cm");
+    }
+    for (name, statistic) in metrics.per_environment.iter().chain(&metrics.per_camera) {
+        row(&format!("DtG {name}"), statistic, 100.0, "cm");
+    }
+}

@@ -1,0 +1,78 @@
+//! `gravisight localise`.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+use gravisight::{Camera, Localisation, Picture};
+use serde_json::json;
+
+use super::device::DeviceChoice;
+use super::{model, overlay};
+
+/// Find the ball's 3D position in pictures.
+#[derive(Args)]
+pub struct Arguments {
+    /// PNG, JPEG or WebP pictures.
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// The camera that took them (camera.json).
+    #[arg(long, value_name = "CAMERA.JSON")]
+    camera: PathBuf,
+    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
+    /// Device to run on.
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceChoice,
+    /// Write the picture with heatmap and position drawn over it (one picture only).
+    #[arg(long, value_name = "OUT.PNG")]
+    overlay: Option<PathBuf>,
+    /// Print one JSON object a picture, with `"file"` where there are several.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    let several = arguments.images.len() > 1;
+    ensure!(!(several && arguments.overlay.is_some()), "--overlay takes one picture, {} given", arguments.images.len());
+    let camera = Camera::from_file(&arguments.camera)?;
+    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
+    for path in &arguments.images {
+        let name = || path.display().to_string();
+        // An I/O error names the file itself.
+        let picture = match Picture::open(path) {
+            Err(error @ gravisight::Error::Io { .. }) => Err(error)?,
+            other => other.with_context(name)?,
+        };
+        let found = pollster::block_on(localiser.localise(&picture, &camera, arguments.overlay.is_some()))
+            .with_context(name)?;
+        if let (Some(out), Some(maps)) = (&arguments.overlay, &found.maps) {
+            overlay::write(out, &picture, maps, found.image)?;
+        }
+        if arguments.json {
+            let mut object = serde_json::to_value(&found)?;
+            if several {
+                object["file"] = json!(path);
+            }
+            println!("{object}");
+        } else {
+            print(several.then(name), &found);
+        }
+    }
+    Ok(())
+}
+
+fn print(name: Option<String>, found: &Localisation) {
+    if let Some(name) = name {
+        println!("{name}");
+    }
+    let Localisation { image: [u, v], depth, camera, world, confidence, .. } = found;
+    let point = |[x, y, z]: &[f64; 3]| format!("x {x:8.3}  y {y:8.3}  z {z:8.3} m");
+    println!("world       {}", point(world));
+    println!("camera      {}", point(camera));
+    println!("image       {u:.2}, {v:.2} px   depth {depth:.3} m   confidence {confidence:.2}");
+    for note in &found.notes {
+        println!("note        {note}");
+    }
+}

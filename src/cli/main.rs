@@ -1,0 +1,44 @@
+//! The `gravisight` command.
+
+mod device;
+mod evaluate;
+mod localise;
+mod model;
+mod overlay;
+mod train;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A ball's 3D position from a single picture of one calibrated camera.
+#[derive(Parser)]
+#[command(version, about)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Localise(localise::Arguments),
+    Evaluate(evaluate::Arguments),
+    Train(train::Arguments),
+}
+
+fn main() -> ExitCode {
+    let result = match Arguments::parse().command {
+        Command::Localise(arguments) => localise::run(arguments),
+        Command::Evaluate(arguments) => evaluate::run(arguments),
+        Command::Train(arguments) => train::run(arguments),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // One line, whatever the parser's message looked like.
+            let text = format!("{error:#}");
+            eprintln!("gravisight: {}", text.split_whitespace().collect::<Vec<_>>().join(" "));
+            ExitCode::FAILURE
+        }
+    }
+}

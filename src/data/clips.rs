@@ -1,0 +1,158 @@
+//! `clips.jsonl` (FORMATS.md): reading and checking.
+
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use serde_json::Value;
+
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::image::Picture;
+
+/// Name of the index in a clips folder.
+const INDEX: &str = "clips.jsonl";
+
+/// A folder of clips.
+#[derive(Debug, Clone)]
+pub struct Clips {
+    /// The folder.
+    pub folder: PathBuf,
+    /// Its clips, in the file's order.
+    pub clips: Vec<Clip>,
+}
+
+/// Consecutive frames of one camera.
+#[derive(Debug, Clone)]
+pub struct Clip {
+    /// Name, e.g. `train/env1/cam1/0007`.
+    pub id: String,
+    /// Frames a second.
+    pub fps: f64,
+    /// The camera that took it.
+    pub camera: Camera,
+    /// `scene.json`, kept as it is: only the physics reads it.
+    pub scene: Option<Value>,
+    /// The frames.
+    pub frames: Vec<Frame>,
+}
+
+/// One picture of a clip and its labels.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Frame {
+    /// Picture file, relative to the folder.
+    pub file: PathBuf,
+    /// Time, s.
+    pub t: f64,
+    /// 2D label, px.
+    #[serde(default)]
+    pub image: Option<[f64; 2]>,
+    /// Whether any of the ball is seen.
+    pub visible: bool,
+    /// 3D truth in the world frame, m: for evaluation, and for training only with 3D labels.
+    #[serde(default)]
+    pub world: Option<[f64; 3]>,
+}
+
+/// A line of the file without its `camera` and `scene`, which may be objects or paths.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ClipLine {
+    id: String,
+    fps: f64,
+    frames: Vec<Frame>,
+}
+
+impl Clips {
+    /// Reads `folder/clips.jsonl`. Pictures are read later, one by one.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Format`] and [`Error::Value`] with the line; [`Error::Data`] for an
+    /// empty file.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let index = folder.join(INDEX);
+        let text = std::fs::read_to_string(&index).map_err(Error::io(&index))?;
+        let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
+        let clips = lines
+            .map(|(number, line)| {
+                let what = format!("{}:{}", index.display(), number + 1);
+                Clip::from_line(line, folder, &what)
+            })
+            .collect::<Result<Vec<_>>>()?;
+        if clips.is_empty() {
+            return Err(Error::Data { what: index.display().to_string(), reason: "holds no clips".into() });
+        }
+        Ok(Self { folder: folder.to_path_buf(), clips })
+    }
+
+    /// The picture of `frame`, checked to have the camera's size.
+    ///
+    /// # Errors
+    /// As [`Picture::open`] with the path in front; [`Error::Data`] for a picture of another size
+    /// than the clip's camera, since its labels would be wrong.
+    pub fn picture(&self, clip: &Clip, frame: &Frame) -> Result<Picture> {
+        let path = self.folder.join(&frame.file);
+        let what = path.display().to_string();
+        let picture = Picture::open(&path).map_err(|error| match error {
+            io @ Error::Io { .. } => io,
+            other => Error::Data { what: what.clone(), reason: other.to_string() },
+        })?;
+        let (found, expected) = (picture.size(), [clip.camera.width(), clip.camera.height()]);
+        if found != expected {
+            let reason = format!("is {found:?} px, the camera of clip `{}` says {expected:?}", clip.id);
+            return Err(Error::Data { what, reason });
+        }
+        Ok(picture)
+    }
+
+    /// All frames whose label says the ball is visible, with their clips.
+    pub fn visible(&self) -> impl Iterator<Item = (&Clip, &Frame)> {
+        self.clips
+            .iter()
+            .flat_map(|clip| clip.frames.iter().filter(|frame| frame.visible).map(move |frame| (clip, frame)))
+    }
+}
+
+impl Clip {
+    fn from_line(line: &str, folder: &Path, what: &str) -> Result<Self> {
+        let mut fields: serde_json::Map<String, Value> = serde_json::from_str(line).map_err(Error::format(what))?;
+        let missing = || Error::Format { what: what.into(), message: "missing field `camera`".into() };
+        let (camera, where_from) = inlined(fields.remove("camera").ok_or_else(missing)?, folder, what, "camera")?;
+        let scene = fields.remove("scene").map(|scene| inlined(scene, folder, what, "scene")).transpose()?;
+        let line: ClipLine = serde_json::from_value(Value::Object(fields)).map_err(Error::format(what))?;
+        let clip = Self {
+            id: line.id,
+            fps: line.fps,
+            camera: Camera::from_json(&camera.to_string(), &where_from)?,
+            scene: scene.map(|(scene, _)| scene),
+            frames: line.frames,
+        };
+        clip.check(what)?;
+        Ok(clip)
+    }
+
+    fn check(&self, what: &str) -> Result<()> {
+        if !(self.fps.is_finite() && self.fps > 0.0) {
+            return Err(Error::value(what, "fps", format!("must be positive, not {}", self.fps)));
+        }
+        for (index, frame) in self.frames.iter().enumerate() {
+            if frame.visible && frame.image.is_none() {
+                return Err(Error::value(
+                    what,
+                    format!("frames[{index}].image"),
+                    "is missing though `visible` is true",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The object itself, or the one in the file it names (relative to `folder`); and its name for errors.
+fn inlined(value: Value, folder: &Path, what: &str, field: &str) -> Result<(Value, String)> {
+    let Value::String(path) = value else { return Ok((value, format!("{what}: {field}"))) };
+    let path = folder.join(path);
+    let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+    let name = path.display().to_string();
+    Ok((serde_json::from_str(&text).map_err(Error::format(&name))?, name))
+}

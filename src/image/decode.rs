@@ -1,0 +1,75 @@
+//! PNG, JPEG and WebP files into 8-bit RGB.
+
+use std::io::Cursor;
+
+use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, Limits, Rgb, RgbImage};
+
+use super::{MAX_PIXELS, Picture, check_size};
+use crate::error::{Error, Result};
+
+/// Memory a decoder may take, bytes: the largest picture with four 16-bit channels.
+const MAX_ALLOC: u64 = MAX_PIXELS * 8;
+
+impl Picture {
+    /// Decodes a PNG, JPEG or WebP file. The EXIF orientation is applied; grey becomes RGB, 16-bit
+    /// channels are rounded to 8, transparent pixels are laid on black. [`Picture::notes`] says so.
+    ///
+    /// # Errors
+    /// [`Error::ImageDecode`] for other bytes or a truncated file; [`Error::ImageSize`] for a size
+    /// outside the limits, before any pixel is decoded.
+    pub fn decode(bytes: &[u8]) -> Result<Self> {
+        let refuse = |error: image::ImageError| Error::ImageDecode { reason: error.to_string() };
+        let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
+        let reader = reader.map_err(|error| Error::ImageDecode { reason: error.to_string() })?;
+        if reader.format().is_none() {
+            return Err(Error::ImageDecode { reason: "these bytes are no picture of a known format".into() });
+        }
+        let mut decoder = reader.into_decoder().map_err(refuse)?;
+        let (width, height) = decoder.dimensions();
+        check_size([width, height])?;
+        let mut limits = Limits::default();
+        limits.max_alloc = Some(MAX_ALLOC);
+        decoder.set_limits(limits).map_err(refuse)?;
+        let orientation = decoder.orientation().map_err(refuse)?;
+        let mut decoded = DynamicImage::from_decoder(decoder).map_err(refuse)?;
+        decoded.apply_orientation(orientation);
+        Ok(Self::from_dynamic(decoded))
+    }
+
+    /// Decodes a picture file.
+    ///
+    /// # Errors
+    /// [`Error::Io`], else as [`Picture::decode`] with the path in front.
+    pub fn open(path: &std::path::Path) -> Result<Self> {
+        Self::decode(&std::fs::read(path).map_err(Error::io(path))?)
+    }
+
+    pub(super) fn from_dynamic(decoded: DynamicImage) -> Self {
+        let colour = decoded.color();
+        let mut notes = Vec::new();
+        if matches!(colour, ColorType::L8 | ColorType::La8 | ColorType::L16 | ColorType::La16) {
+            notes.push("the picture is grey; the model was trained on colour, so trust it less".into());
+        }
+        if colour.bytes_per_pixel() / colour.channel_count() > 1 {
+            notes.push("the picture's 16-bit channels were rounded to 8 bits".into());
+        }
+        if !colour.has_alpha() {
+            return Self { rgb: decoded.into_rgb8(), notes };
+        }
+        let rgba = decoded.into_rgba8();
+        if rgba.pixels().any(|pixel| pixel.0[3] < u8::MAX) {
+            notes.push("the picture's transparent pixels were laid on black".into());
+        }
+        let rgb = RgbImage::from_fn(rgba.width(), rgba.height(), |x, y| {
+            let [red, green, blue, alpha] = rgba.get_pixel(x, y).0;
+            Rgb([red, green, blue].map(|channel| over_black(channel, alpha)))
+        });
+        Self { rgb, notes }
+    }
+}
+
+/// `channel`·`alpha`, rounded.
+fn over_black(channel: u8, alpha: u8) -> u8 {
+    let full = u16::from(u8::MAX);
+    ((u16::from(channel) * u16::from(alpha) + full / 2) / full) as u8
+}

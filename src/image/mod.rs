@@ -1,0 +1,129 @@
+//! Pictures: decoding, letterboxing to the network's input size, normalisation.
+
+mod decode;
+
+use image::imageops::FilterType;
+use image::{ImageBuffer, Rgb, RgbImage};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// Smallest side of a picture that can show a ball, px.
+pub const MIN_SIDE: u32 = 16;
+/// Largest picture accepted, px (200 MB as RGB, which a browser tab still holds).
+pub const MAX_PIXELS: u64 = 64 * 1024 * 1024;
+/// Pixels of a byte's full scale.
+const BYTE_SCALE: f32 = 255.0;
+
+/// An 8-bit RGB picture, rows from the top, and what was changed to make it one.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    rgb: RgbImage,
+    notes: Vec<String>,
+}
+
+/// Channel means and standard deviations that the network's input is normalised with.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Normalisation {
+    /// Mean of red, green, blue as shares of full scale.
+    pub mean: [f32; 3],
+    /// Standard deviation of red, green, blue as shares of full scale.
+    pub std: [f32; 3],
+}
+
+impl Default for Normalisation {
+    /// ImageNet's.
+    fn default() -> Self {
+        Self { mean: [0.485, 0.456, 0.406], std: [0.229, 0.224, 0.225] }
+    }
+}
+
+/// A picture as the network takes it.
+#[derive(Debug, Clone)]
+pub struct NetworkInput {
+    /// Normalised values, `[3, height, width]`, row-major; 0 (the mean colour) outside the picture.
+    pub values: Vec<f32>,
+    /// Width and height of the input, px.
+    pub size: [u32; 2],
+    /// Width and height of the part that the picture fills, from the top left corner, px.
+    pub content: [u32; 2],
+}
+
+impl Picture {
+    /// A picture from 8-bit RGBA pixels, rows from the top (a canvas' `ImageData`).
+    ///
+    /// # Errors
+    /// [`Error::ImageSize`] for a size outside the limits, [`Error::ImageDecode`] if `rgba` does
+    /// not hold width·height·4 bytes.
+    pub fn from_rgba(rgba: &[u8], [width, height]: [u32; 2]) -> Result<Self> {
+        check_size([width, height])?;
+        let buffer = ImageBuffer::from_raw(width, height, rgba.to_vec())
+            .filter(|_| rgba.len() as u64 == u64::from(width) * u64::from(height) * 4);
+        let buffer = buffer.ok_or_else(|| Error::ImageDecode {
+            reason: format!("{} bytes are not {width}×{height} RGBA pixels", rgba.len()),
+        })?;
+        Ok(Self::from_dynamic(image::DynamicImage::ImageRgba8(buffer)))
+    }
+
+    /// Width and height, px.
+    pub fn size(&self) -> [u32; 2] {
+        [self.rgb.width(), self.rgb.height()]
+    }
+
+    /// What was changed to make it 8-bit RGB, in words.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// The pixels.
+    pub fn rgb(&self) -> &RgbImage {
+        &self.rgb
+    }
+
+    /// The picture scaled to fit `size` (antialiased, pixel-centre rule, aspect ratio kept),
+    /// padded with the mean colour on the right or below, normalised.
+    pub fn network_input(&self, size: [u32; 2], normalisation: &Normalisation) -> NetworkInput {
+        let content = fit(self.size(), size);
+        if content == self.size() {
+            return normalised(&self.rgb, size, normalisation);
+        }
+        let scaled = image::imageops::resize(&self.rgb, content[0], content[1], FilterType::Triangle);
+        normalised(&scaled, size, normalisation)
+    }
+
+    /// The `width`×`height` px part whose first pixel is `(left, top)`, which must lie inside.
+    pub fn cropped(&self, [left, top]: [u32; 2], [width, height]: [u32; 2]) -> Self {
+        let rgb = image::imageops::crop_imm(&self.rgb, left, top, width, height).to_image();
+        Self { rgb, notes: self.notes.clone() }
+    }
+}
+
+/// Largest size of the aspect ratio of `picture` that fits `frame`, px.
+fn fit(picture: [u32; 2], frame: [u32; 2]) -> [u32; 2] {
+    let scale = (f64::from(frame[0]) / f64::from(picture[0])).min(f64::from(frame[1]) / f64::from(picture[1]));
+    std::array::from_fn(|axis| ((f64::from(picture[axis]) * scale).round() as u32).clamp(1, frame[axis]))
+}
+
+fn normalised(rgb: &ImageBuffer<Rgb<u8>, Vec<u8>>, size: [u32; 2], normalisation: &Normalisation) -> NetworkInput {
+    let [width, height] = size.map(|side| side as usize);
+    let mut values = vec![0.0; 3 * width * height];
+    for (channel, plane) in values.chunks_exact_mut(width * height).enumerate() {
+        let scale = 1.0 / (BYTE_SCALE * normalisation.std[channel]);
+        let offset = normalisation.mean[channel] / normalisation.std[channel];
+        for (row, pixels) in plane.chunks_exact_mut(width).zip(rgb.rows()) {
+            for (value, pixel) in row.iter_mut().zip(pixels) {
+                *value = f32::from(pixel.0[channel]) * scale - offset;
+            }
+        }
+    }
+    NetworkInput { values, size, content: [rgb.width(), rgb.height()] }
+}
+
+/// Refuses sizes outside [`MIN_SIDE`] and [`MAX_PIXELS`].
+fn check_size([width, height]: [u32; 2]) -> Result<()> {
+    if width.min(height) < MIN_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
+        return Err(Error::ImageSize { width, height, min_side: MIN_SIDE, max_pixels: MAX_PIXELS });
+    }
+    Ok(())
+}

@@ -1,0 +1,210 @@
+//! One picture, one camera, one model: the ball's 3D position.
+//!
+//! The only room that knows both model and camera.
+
+use burn::tensor::{Device, Tensor, TensorData, Transaction};
+use nalgebra::Point2;
+use serde::Serialize;
+
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::image::Picture;
+use crate::model::{self, Card, Pen};
+
+/// Largest difference between two devices' maps that rounding explains: of a probability, and of a
+/// depth as a share of the largest in the training data.
+const DEVICE_TOLERANCE: f32 = 1e-2;
+
+/// A loaded model on a device, ready for pictures.
+pub struct Localiser {
+    pen: Pen,
+    card: Card,
+    device: Device,
+}
+
+/// Where the ball is. Serialises as FORMATS.md's `localise` result.
+#[derive(Debug, Clone, Serialize)]
+pub struct Localisation {
+    /// 2D position in the picture given, px (first pixel's centre is (0, 0)).
+    pub image: [f64; 2],
+    /// Camera z, m.
+    pub depth: f64,
+    /// Position in the camera frame, m.
+    pub camera: [f64; 3],
+    /// Position in the world frame, m.
+    pub world: [f64; 3],
+    /// Share of the heatmap's mass around the position found, 0 to 1.
+    pub confidence: f64,
+    /// What a user should know about this result, in words.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
+    /// The network's maps, where asked for.
+    #[serde(skip)]
+    pub maps: Option<Maps>,
+}
+
+/// The network's maps, stretched over the whole picture; row-major.
+#[derive(Debug, Clone)]
+pub struct Maps {
+    /// Cells in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Probability of each cell.
+    pub heatmap: Vec<f32>,
+    /// Depth (camera z) of each cell, m.
+    pub depth: Vec<f32>,
+}
+
+impl Localiser {
+    /// Loads `weights` on `device` after checking them against `card`.
+    ///
+    /// # Errors
+    /// [`Error::WeightsFile`], [`Error::WeightsSha256`], [`Error::WeightsArchitecture`],
+    /// [`Error::WeightsNotFinite`].
+    pub fn new(card: Card, weights: Vec<u8>, device: &Device) -> Result<Self> {
+        card.check_sha256(&weights)?;
+        let pen = model::load(&card.architecture, weights, device)?;
+        Ok(Self { pen, card, device: device.clone() })
+    }
+
+    /// A localiser from a network already in memory.
+    pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
+        Self { pen, card, device: device.clone() }
+    }
+
+    /// The model's card.
+    pub fn card(&self) -> &Card {
+        &self.card
+    }
+
+    /// Runs the network once on an empty picture, so that the first real one pays for nothing
+    /// (memory, and on a GPU the compilation of its kernels).
+    ///
+    /// # Errors
+    /// [`Error::OutputNotFinite`], [`Error::Device`].
+    pub async fn warm_up(&self) -> Result<()> {
+        self.run(self.test_pattern()).await.map(|_| ())
+    }
+
+    /// Refuses a device whose maps differ from those of `reference`, the same model on another
+    /// device, on a test pattern. Warms up both.
+    ///
+    /// # Errors
+    /// [`Error::Device`] with the difference; else as [`Self::warm_up`].
+    pub async fn check_against(&self, reference: &Self) -> Result<()> {
+        let found = self.run(self.test_pattern()).await?;
+        let expected = reference.run(self.test_pattern()).await?;
+        let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let heatmap = largest(&found.probability, &expected.probability);
+        let depth = largest(&found.depth_map, &expected.depth_map) / self.card.depth_range[1] as f32;
+        if heatmap.max(depth) <= DEVICE_TOLERANCE {
+            return Ok(());
+        }
+        let reason = format!(
+            "its output is wrong (off by {heatmap:.1e} in the heatmap, {depth:.1e} of the largest depth \
+             from the CPU's), so it is not used"
+        );
+        Err(Error::Device { device: device_name(&self.device), reason })
+    }
+
+    /// A picture's worth of values with every frequency in it, `[3, height, width]`.
+    fn test_pattern(&self) -> Vec<f32> {
+        let count = 3 * self.card.input.width * self.card.input.height;
+        (0..count).map(|index| ((f64::from(index)).powf(1.5) * 0.01).sin() as f32).collect()
+    }
+
+    /// The ball's position in `picture`, taken by `camera` (scaled to the picture where the aspect
+    /// ratio agrees).
+    ///
+    /// # Errors
+    /// [`Error::CameraMismatch`] for a camera of another aspect ratio; [`Error::OutputNotFinite`]
+    /// and [`Error::Device`] for a device that fails; [`Error::Distortion`] for a position outside
+    /// the lens model's range.
+    pub async fn localise(&self, picture: &Picture, camera: &Camera, with_maps: bool) -> Result<Localisation> {
+        let size = picture.size();
+        let camera_of_picture = camera.for_picture(size)?;
+        let input_size = self.card.input;
+        let input = picture.network_input([input_size.width, input_size.height], &self.card.normalisation);
+        let raw = self.run(input.values).await?;
+
+        let scale = [0, 1].map(|axis| f64::from(size[axis]) / f64::from(input.content[axis]));
+        let image: [f64; 2] = std::array::from_fn(|axis| (raw.image[axis] + 0.5) * scale[axis] - 0.5);
+        let in_camera = camera_of_picture.camera_from_image(&Point2::from(image), raw.depth)?;
+        let in_world = camera_of_picture.world_from_camera(&in_camera);
+        let stride = self.pen.config().output_stride();
+        let mut notes = picture.notes().to_vec();
+        if size != [camera.width(), camera.height()] {
+            let [width, height] = size;
+            let (cw, ch) = (camera.width(), camera.height());
+            notes.push(format!("camera.json is for a {cw}×{ch} picture; scaled to this one's {width}×{height}"));
+        }
+        Ok(Localisation {
+            image,
+            depth: raw.depth,
+            camera: in_camera.coords.into(),
+            world: in_world.coords.into(),
+            confidence: model::confidence(&raw.probability, raw.width, stride, raw.image),
+            notes,
+            maps: with_maps.then(|| raw.maps(input.content, stride)),
+        })
+    }
+
+    /// Runs the network on one normalised picture `[3, height, width]` and reads its maps back.
+    async fn run(&self, values: Vec<f32>) -> Result<RawOutput> {
+        let (width, height) = (self.card.input.width as usize, self.card.input.height as usize);
+        let pictures = Tensor::from_data(TensorData::new(values, [1, 3, height, width]), &self.device);
+        let output = self.pen.forward(pictures);
+        let [_, _, cells] = output.depth.dims();
+        let depth_map = output.depth.clone();
+        let decoded = model::decode(output, self.pen.config());
+        let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };
+        let data = Transaction::default()
+            .register(decoded.image)
+            .register(decoded.depth)
+            .register(decoded.probability)
+            .register(depth_map)
+            .execute_async()
+            .await
+            .map_err(|error| failed(error.to_string()))?;
+        let parts: Vec<Vec<f32>> = data.iter().map(|part| part.iter::<f32>().collect()).collect();
+        let Ok([image, depth, probability, depth_map]) = <[Vec<f32>; 4]>::try_from(parts) else {
+            return Err(failed("the read-back returned another number of tensors than asked for".into()));
+        };
+        if [&image, &depth, &probability, &depth_map].into_iter().flatten().any(|value| !value.is_finite()) {
+            return Err(Error::OutputNotFinite { device: device_name(&self.device) });
+        }
+        Ok(RawOutput {
+            image: [f64::from(image[0]), f64::from(image[1])],
+            depth: f64::from(depth[0]),
+            probability,
+            depth_map,
+            width: cells,
+        })
+    }
+}
+
+/// What the network says of one picture, in the frame of its input.
+struct RawOutput {
+    image: [f64; 2],
+    depth: f64,
+    probability: Vec<f32>,
+    depth_map: Vec<f32>,
+    width: usize,
+}
+
+impl RawOutput {
+    /// The cells that cover the `content` part of the input.
+    fn maps(&self, content: [u32; 2], stride: usize) -> Maps {
+        let [width, height] = content.map(|side| (side as usize).div_ceil(stride));
+        let part = |map: &[f32]| -> Vec<f32> {
+            map.chunks_exact(self.width).take(height).flat_map(|row| &row[..width]).copied().collect()
+        };
+        Maps { width, height, heatmap: part(&self.probability), depth: part(&self.depth_map) }
+    }
+}
+
+/// Name of a device for messages.
+fn device_name(device: &Device) -> String {
+    format!("{device:?}")
+}

@@ -1,0 +1,110 @@
+//! The JSON card beside a weights file.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::config::PenConfig;
+use crate::error::{Error, Result};
+use crate::image::Normalisation;
+
+/// Largest input side a card may ask for, px.
+const MAX_INPUT_SIDE: u32 = 4096;
+
+/// What a published model is: enough to run it and to judge it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Card {
+    /// The model's name.
+    pub name: String,
+    /// File name of the weights, beside the card.
+    pub weights: String,
+    /// SHA-256 of the weights file, lower-case hexadecimal.
+    pub sha256: String,
+    /// Architecture.
+    pub architecture: PenConfig,
+    /// Size of the network's input.
+    pub input: InputSize,
+    /// Normalisation of the network's input.
+    pub normalisation: Normalisation,
+    /// Smallest and largest depth (camera z) in the training data, m.
+    pub depth_range: [f64; 2],
+    /// Name of the training data.
+    pub training_data: String,
+    /// How it was trained and what to expect, in plain words.
+    pub description: String,
+    /// Metrics on the test split, as `gravisight evaluate --json` prints them; empty before that.
+    pub metrics: serde_json::Value,
+    /// Licence of the weights.
+    pub licence: String,
+}
+
+/// Width and height of the network's input, px.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InputSize {
+    /// px.
+    pub width: u32,
+    /// px.
+    pub height: u32,
+}
+
+impl Card {
+    /// Reads the text of a card; `what` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Format`] or [`Error::Value`] with the field.
+    pub fn from_json(text: &str, what: &str) -> Result<Self> {
+        let card: Self = serde_json::from_str(text).map_err(Error::format(what))?;
+        card.architecture.check()?;
+        let multiple = card.architecture.input_multiple();
+        for side in [card.input.width, card.input.height] {
+            if side == 0 || side % multiple != 0 || side > MAX_INPUT_SIDE {
+                let reason = format!("sides must be multiples of {multiple} up to {MAX_INPUT_SIDE}, not {side}");
+                return Err(Error::value(what, "input", reason));
+            }
+        }
+        let Normalisation { mean, std } = card.normalisation;
+        if mean.iter().any(|value| !value.is_finite()) || std.iter().any(|value| !(value.is_finite() && *value > 0.0)) {
+            return Err(Error::value(what, "normalisation", "needs finite means and positive deviations"));
+        }
+        Ok(card)
+    }
+
+    /// Reads a card's file.
+    ///
+    /// # Errors
+    /// [`Error::Io`], else as [`Card::from_json`].
+    pub fn from_file(path: &Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        Self::from_json(&text, &path.display().to_string())
+    }
+
+    /// Writes the card's file, whole.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = serde_json::to_string_pretty(self).map_err(Error::format(path.display().to_string()))?;
+        crate::files::write_whole(path, format!("{text}\n").as_bytes())
+    }
+
+    /// Refuses weights whose SHA-256 is not the card's.
+    ///
+    /// # Errors
+    /// [`Error::WeightsSha256`].
+    pub fn check_sha256(&self, weights: &[u8]) -> Result<()> {
+        let found = sha256_hex(weights);
+        if found == self.sha256 {
+            return Ok(());
+        }
+        Err(Error::WeightsSha256 { expected: self.sha256.clone(), found })
+    }
+}
+
+/// SHA-256 of `bytes`, lower-case hexadecimal.
+pub fn sha256_hex(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}

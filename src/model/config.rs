@@ -1,0 +1,151 @@
+//! What a PEN is made of: one structure for code, card and training configuration.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// Largest number of channels in any layer; a card asking for more is damaged or hostile.
+const MAX_CHANNELS: usize = 4096;
+
+/// Architecture of a [`super::Pen`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PenConfig {
+    /// Feature extractor.
+    pub backbone: BackboneConfig,
+    /// The two heads (same form, separate weights).
+    pub head: HeadConfig,
+    /// How the heatmap is decoded.
+    pub heatmap: HeatmapConfig,
+    /// How the depth map is made.
+    pub depth: DepthConfig,
+}
+
+/// Feature extractor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum BackboneConfig {
+    /// ResNet34 to layer3, features of strides 2, 4, 8, 16 brought to stride 2 and concatenated.
+    ResNet34 {
+        /// Channels of stem and layer1 (64 as published); layer2 has twice, layer3 four times as many.
+        width: usize,
+    },
+    /// Small residual network with a top-down pyramid, one feature map of stride 4.
+    Compact {
+        /// Channels of the 5×5 stem.
+        stem: usize,
+        /// Channels of the four stages (strides 4, 8, 16, 32).
+        stages: [usize; 4],
+        /// Channels of the pyramid.
+        pyramid: usize,
+    },
+}
+
+/// Form of a head.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
+pub enum HeadConfig {
+    /// As published: 1×1, two 7×7 with layer norm and leaky ReLU, 1×1; output upsampled ×2.
+    Paper {
+        /// Channels after the first 1×1, the first 7×7 and the second 7×7 (256, 256, 128).
+        channels: [usize; 3],
+    },
+    /// Depthwise 7×7 and 1×1 with a skip, then 1×1.
+    Depthwise,
+}
+
+/// Heatmap decoding.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeatmapConfig {
+    /// Inverse temperature β of the soft-argmax. The published 10 with target amplitude 100 makes it
+    /// a hard argmax (0.40 px on a perfect heatmap); β·amplitude of 18–20 gives 0.045 px.
+    pub beta: f64,
+}
+
+/// Depth map.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthConfig {
+    /// From the head's output to a positive number.
+    pub activation: DepthActivation,
+    /// Factor on the activation, m: the scene's prior depth (1 as published).
+    pub scale: f64,
+}
+
+/// From a head's raw output to a positive number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum DepthActivation {
+    /// Softplus with beta 2, linear above 16 (as published).
+    Softplus,
+    /// Exponential.
+    Exp,
+}
+
+impl PenConfig {
+    /// The network as published: 18.07 M parameters, 127 GMAC at 224×224.
+    pub fn paper() -> Self {
+        Self {
+            backbone: BackboneConfig::ResNet34 { width: 64 },
+            head: HeadConfig::Paper { channels: [256, 256, 128] },
+            heatmap: HeatmapConfig { beta: 0.2 },
+            depth: DepthConfig { activation: DepthActivation::Softplus, scale: 1.0 },
+        }
+    }
+
+    /// The network for browsers: 0.7 M parameters, 0.2 GMAC at 224×224. `prior_depth` in m.
+    pub fn compact(prior_depth: f64) -> Self {
+        Self {
+            backbone: BackboneConfig::Compact { stem: 16, stages: [24, 48, 96, 128], pyramid: 32 },
+            head: HeadConfig::Depthwise,
+            heatmap: HeatmapConfig { beta: 1.0 },
+            depth: DepthConfig { activation: DepthActivation::Exp, scale: prior_depth },
+        }
+    }
+
+    /// Number the input's sides must be multiples of, px.
+    pub fn input_multiple(&self) -> u32 {
+        match self.backbone {
+            BackboneConfig::ResNet34 { .. } => 16,
+            BackboneConfig::Compact { .. } => 32,
+        }
+    }
+
+    /// Input pixels per cell of the output maps.
+    pub fn output_stride(&self) -> usize {
+        match self.head {
+            HeadConfig::Paper { .. } => 1,
+            HeadConfig::Depthwise => 4,
+        }
+    }
+
+    /// Refuses values no network can be built from.
+    ///
+    /// # Errors
+    /// [`Error::Value`] with the field.
+    pub fn check(&self) -> Result<()> {
+        let refuse = |field: &str, reason: String| Err(Error::value("model", field, reason));
+        let mut channels = match self.backbone {
+            BackboneConfig::ResNet34 { width } => vec![width],
+            BackboneConfig::Compact { stem, stages, pyramid } => [&[stem, pyramid], &stages[..]].concat(),
+        };
+        if let HeadConfig::Paper { channels: head } = self.head {
+            channels.extend(head);
+        }
+        if let Some(wrong) = channels.iter().find(|&&count| count == 0 || count > MAX_CHANNELS) {
+            return refuse("channels", format!("must be 1 to {MAX_CHANNELS}, not {wrong}"));
+        }
+        match (&self.backbone, &self.head) {
+            (BackboneConfig::ResNet34 { .. }, HeadConfig::Paper { .. })
+            | (BackboneConfig::Compact { .. }, HeadConfig::Depthwise) => {}
+            _ => return refuse("head", "`paper` goes with `resnet34`, `depthwise` with `compact`".into()),
+        }
+        for (field, value) in [("heatmap.beta", self.heatmap.beta), ("depth.scale", self.depth.scale)] {
+            if !(value.is_finite() && value > 0.0) {
+                return refuse(field, format!("must be positive, not {value}"));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,20 @@
+//! PEN, the position estimation network: one picture in, a heatmap and a depth map out.
+//!
+//! Burn only; no camera, no files but weights. The device is always an argument.
+
+mod backbone;
+mod card;
+mod config;
+mod decode;
+mod head;
+mod layers;
+mod pen;
+mod weights;
+
+pub use self::card::{Card, InputSize, sha256_hex};
+pub use self::config::{BackboneConfig, DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
+pub use self::decode::{Decoded, confidence, decode};
+#[cfg(feature = "train")]
+pub(crate) use self::decode::{cell_centre, weighted_depth};
+pub use self::pen::{Pen, PenOutput};
+pub use self::weights::{load, load_backbone_timm, save};

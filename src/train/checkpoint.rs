@@ -1,0 +1,103 @@
+//! Checkpoints: a folder a step, complete or absent.
+
+use std::path::{Path, PathBuf};
+
+use burn::module::Module;
+use burn::optim::ModuleOptimizer;
+use burn::store::{ModuleRecord, RecordError};
+
+use crate::error::{Error, Result};
+use crate::files::temporary_name;
+use crate::model::Pen;
+
+const MODEL: &str = "model.bpk";
+const AVERAGE: &str = "average.bpk";
+const OPTIMISER: &str = "optimiser.bpk";
+/// Folders are named by their step.
+const PREFIX: &str = "step-";
+/// Checkpoints kept: the last and the one before it.
+const KEPT: usize = 2;
+
+/// All that a run needs to go on, besides its configuration.
+pub struct Checkpoint {
+    /// Steps done.
+    pub step: usize,
+    /// The network.
+    pub model: Pen,
+    /// Its moving average.
+    pub average: Pen,
+    /// The optimiser's moments.
+    pub optimiser: ModuleOptimizer,
+}
+
+impl Checkpoint {
+    /// Writes the checkpoint under `folder` and removes old ones.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Data`] where a record cannot be written.
+    pub fn save(&self, folder: &Path) -> Result<()> {
+        let target = folder.join(format!("{PREFIX}{:08}", self.step));
+        let temporary = temporary_name(&target);
+        std::fs::create_dir_all(&temporary).map_err(Error::io(&temporary))?;
+        let at = |file: &str| temporary.join(file);
+        self.model.clone().into_record().save(at(MODEL)).map_err(record(&at(MODEL)))?;
+        self.average.clone().into_record().save(at(AVERAGE)).map_err(record(&at(AVERAGE)))?;
+        self.optimiser.save(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?;
+        if target.exists() {
+            std::fs::remove_dir_all(&target).map_err(Error::io(&target))?;
+        }
+        std::fs::rename(&temporary, &target).map_err(Error::io(&target))?;
+        let all = list(folder)?;
+        for (_, old) in all.iter().rev().skip(KEPT) {
+            std::fs::remove_dir_all(old).map_err(Error::io(old))?;
+        }
+        Ok(())
+    }
+
+    /// The newest checkpoint under `folder`, read into `blank`, a network of the run's architecture
+    /// on the training device, and a fresh `optimiser`. None where there is no checkpoint yet.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Data`] for a damaged record.
+    pub fn load_last(folder: &Path, blank: &Pen, optimiser: ModuleOptimizer) -> Result<Option<Self>> {
+        let Some((step, path)) = list(folder)?.pop() else { return Ok(None) };
+        let at = |file: &str| path.join(file);
+        let read = |pen: Pen, file: &str| {
+            let loaded = ModuleRecord::load(at(file)).map_err(record(&at(file)))?;
+            pen.try_load_record(loaded).map_err(|error| damaged(&at(file), error))
+        };
+        Ok(Some(Self {
+            step,
+            model: read(blank.clone(), MODEL)?,
+            average: read(blank.valid(), AVERAGE)?,
+            optimiser: optimiser.load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
+        }))
+    }
+}
+
+/// Complete checkpoints under `folder`, oldest first.
+fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>> {
+    if !folder.exists() {
+        return Ok(Vec::new());
+    }
+    let entries = std::fs::read_dir(folder).map_err(Error::io(folder))?;
+    let mut found = Vec::new();
+    for entry in entries {
+        let path = entry.map_err(Error::io(folder))?.path();
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if let Some(step) = name.strip_prefix(PREFIX).and_then(|number| number.parse().ok()) {
+            found.push((step, path));
+        }
+    }
+    found.sort();
+    Ok(found)
+}
+
+fn record(path: &Path) -> impl FnOnce(RecordError) -> Error {
+    let path = path.to_path_buf();
+    move |error| damaged(&path, error)
+}
+
+fn damaged(path: &Path, error: impl std::fmt::Display) -> Error {
+    Error::Data { what: path.display().to_string(), reason: error.to_string() }
+}

@@ -1,0 +1,258 @@
+//! The training loop: steps, scores, log, checkpoints, and the model at the end.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use burn::module::Module;
+use burn::optim::{AdamWConfig, ModuleOptimizer};
+use burn::tensor::Device;
+use serde::Serialize;
+
+use super::batch::Sampler;
+use super::checkpoint::Checkpoint;
+use super::config::{Supervision, TrainConfig};
+use super::ema::Ema;
+use super::step::{StepOptions, StepReport, step};
+use crate::data::Clips;
+use crate::error::{Error, Result};
+use crate::evaluate::{self, Statistic};
+use crate::files::write_whole;
+use crate::localise::Localiser;
+use crate::model::{self, Card, Pen, PenConfig, sha256_hex};
+
+const CONFIG: &str = "run.toml";
+const LOG: &str = "log.jsonl";
+const CHECKPOINTS: &str = "checkpoints";
+
+/// What the loop tells its caller after each step.
+#[derive(Debug, Clone, Serialize)]
+pub struct Progress {
+    /// Steps done.
+    pub step: usize,
+    /// Steps of the run.
+    pub steps: usize,
+    /// Total loss of the step.
+    pub loss: f64,
+    /// Heatmap loss.
+    pub heatmap: f64,
+    /// Depth loss, unweighted.
+    pub depth: f64,
+    /// Global gradient norm before clipping.
+    pub gradient_norm: f64,
+    /// Learning rate.
+    pub learning_rate: f64,
+    /// Wall time of the step, s.
+    pub seconds: f64,
+    /// Score on the validation clips, after some steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub validation: Option<Validation>,
+}
+
+/// Score of the averaged weights on validation frames.
+#[derive(Debug, Clone, Serialize)]
+pub struct Validation {
+    /// Distance to ground truth, m.
+    pub dtg: Statistic,
+    /// 2D error, px.
+    pub image_error_px: Statistic,
+}
+
+/// A run in progress.
+struct Run<'a> {
+    config: &'a TrainConfig,
+    sampler: Sampler,
+    validation: Clips,
+    device: Device,
+    state: Checkpoint,
+    ema: Ema,
+    log: String,
+}
+
+/// Starts the run of `config` in its `out` folder: the path of the card of the model made.
+///
+/// # Errors
+/// [`Error::Data`] for an `out` folder that already holds a run; else as [`resume`].
+pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf> {
+    config.check()?;
+    let saved = config.out.join(CONFIG);
+    if saved.exists() {
+        let reason = "already holds a run; go on with `train --resume`, or choose another `out`".into();
+        return Err(Error::Data { what: config.out.display().to_string(), reason });
+    }
+    for folder in [&mut config.train, &mut config.validation] {
+        *folder = std::fs::canonicalize(&*folder).map_err(Error::io(&*folder))?;
+    }
+    std::fs::create_dir_all(&config.out).map_err(Error::io(&config.out))?;
+    config.out = std::fs::canonicalize(&config.out).map_err(Error::io(&config.out))?;
+    let text = toml::to_string(&config).map_err(Error::format(saved.display().to_string()))?;
+    write_whole(&saved, text.as_bytes())?;
+    Run::new(&config, device)?.finish(observe)
+}
+
+/// Goes on with the run in folder `out` from its last checkpoint (from the start where there is
+/// none): the path of the card of the model made.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
+/// [`Error::Diverged`] for a loss that is not finite.
+pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf> {
+    let mut config = read_config(&out.join(CONFIG))?;
+    config.out = out.to_path_buf();
+    Run::new(&config, device)?.finish(observe)
+}
+
+/// Reads and checks a `run.toml`. Its paths are relative to the file.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Format`], [`Error::Value`].
+pub fn read_config(path: &Path) -> Result<TrainConfig> {
+    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+    let mut config: TrainConfig = toml::from_str(&text).map_err(Error::format(path.display().to_string()))?;
+    config.check()?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    for relative in [&mut config.train, &mut config.validation, &mut config.out] {
+        *relative = folder.join(&*relative);
+    }
+    Ok(config)
+}
+
+impl<'a> Run<'a> {
+    fn new(config: &'a TrainConfig, device: &Device) -> Result<Self> {
+        let device = device.clone().autodiff();
+        let sampler = match config.supervision {
+            Supervision::Labels3d => Sampler::with_3d_labels(Clips::read(&config.train)?)?,
+        };
+        let validation = Clips::read(&config.validation)?;
+        let architecture = architecture(config, &sampler);
+        device.seed(config.seed);
+        let blank = Pen::new(&architecture, &device)?;
+        let optimiser: ModuleOptimizer = AdamWConfig::new().with_weight_decay(config.weight_decay as f32).init();
+        let folder = config.out.join(CHECKPOINTS);
+        let state = match Checkpoint::load_last(&folder, &blank, optimiser.clone())? {
+            Some(state) => state,
+            None => Checkpoint { step: 0, average: blank.valid(), model: blank, optimiser },
+        };
+        let ema = Ema::new(state.average.clone(), config.ema_decay, state.step);
+        let log = log_until(&config.out.join(LOG), state.step)?;
+        Ok(Self { config, sampler, validation, device, state, ema, log })
+    }
+
+    /// All steps that are left, then the model.
+    fn finish(mut self, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf> {
+        while let Some(progress) = self.next()? {
+            let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;
+            writeln!(self.log, "{line}").map_err(Error::format(LOG))?;
+            if self.state.step % self.config.checkpoint_every == 0 || progress.step == progress.steps {
+                self.checkpoint()?;
+            }
+            observe(&progress);
+        }
+        self.publish()
+    }
+
+    /// One step; None after the last.
+    fn next(&mut self) -> Result<Option<Progress>> {
+        let Some((phase, index)) = self.config.phase(self.state.step) else { return Ok(None) };
+        let began = Instant::now();
+        let batch = self.sampler.batch(self.config, phase, self.state.step)?;
+        let options = StepOptions {
+            heatmap_loss: self.config.heatmap_loss,
+            depth_weight: self.config.depth_weight,
+            depth_transition: self.config.depth_transition,
+            clip_norm: self.config.clip_norm,
+            learning_rate: phase.learning_rate(index),
+        };
+        let model = self.state.model.clone();
+        let (model, report) = step(model, &mut self.state.optimiser, batch, &options, &self.device);
+        self.state.step += 1;
+        let StepReport { loss, heatmap, depth, gradient_norm } = report;
+        if !loss.is_finite() {
+            return Err(Error::Diverged { step: self.state.step, loss });
+        }
+        self.ema.update(&model);
+        self.state.model = model;
+        let steps = self.config.steps();
+        let scores = self.state.step % self.config.validate_every == 0 || self.state.step == steps;
+        Ok(Some(Progress {
+            step: self.state.step,
+            steps,
+            loss,
+            heatmap,
+            depth,
+            gradient_norm,
+            learning_rate: options.learning_rate,
+            seconds: began.elapsed().as_secs_f64(),
+            validation: if scores { Some(self.validate()?) } else { None },
+        }))
+    }
+
+    /// Scores the averaged weights.
+    fn validate(&self) -> Result<Validation> {
+        let device = self.device.clone().without_autodiff();
+        let card = card(self.config, &self.sampler, self.ema.model().config(), String::new());
+        let localiser = Localiser::from_pen(self.ema.model().clone(), card, &device);
+        let limit = Some(self.config.validate_frames);
+        let samples = pollster::block_on(evaluate::score(&localiser, &self.validation, limit, &mut |_, _| {}))?;
+        Ok(Validation {
+            dtg: Statistic::of(samples.iter().map(evaluate::Sample::dtg)),
+            image_error_px: Statistic::of(samples.iter().map(evaluate::Sample::image_error)),
+        })
+    }
+
+    /// Log first: a line too many is dropped on resume, a missing one could not be made up.
+    fn checkpoint(&mut self) -> Result<()> {
+        write_whole(&self.config.out.join(LOG), self.log.as_bytes())?;
+        self.state.average = self.ema.model().clone();
+        self.state.save(&self.config.out.join(CHECKPOINTS))
+    }
+
+    /// Writes the averaged weights and their card.
+    fn publish(&self) -> Result<PathBuf> {
+        let weights = model::save(self.ema.model())?;
+        let card = card(self.config, &self.sampler, self.ema.model().config(), sha256_hex(&weights));
+        write_whole(&self.config.out.join(&card.weights), &weights)?;
+        let path = self.config.out.join(format!("{}.json", card.name));
+        card.write(&path)?;
+        Ok(path)
+    }
+}
+
+/// The run's architecture, with the prior depth of its data.
+fn architecture(config: &TrainConfig, sampler: &Sampler) -> PenConfig {
+    let [_, mean, _] = sampler.depths();
+    config.architecture(config.prior_depth.unwrap_or(mean))
+}
+
+/// The card of the model this run makes.
+fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha256: String) -> Card {
+    let [nearest, _, farthest] = sampler.depths();
+    let Supervision::Labels3d = config.supervision;
+    let data = config.train.file_name().unwrap_or_default().to_string_lossy();
+    Card {
+        name: config.name.clone(),
+        weights: format!("{}.safetensors", config.name),
+        sha256,
+        architecture: architecture.clone(),
+        input: config.input,
+        normalisation: config.normalisation,
+        depth_range: [nearest, farthest],
+        training_data: format!("{data}: {} labelled frames", sampler.len()),
+        description: format!(
+            "Trained with 3D labels (the paper's baseline, not its method): {} steps, seed {}.",
+            config.steps(),
+            config.seed
+        ),
+        metrics: serde_json::Value::Null,
+        licence: "MIT OR Apache-2.0".into(),
+    }
+}
+
+/// The log's lines up to `step`; later ones belong to steps that were lost.
+fn log_until(path: &Path, step: usize) -> Result<String> {
+    if step == 0 || !path.exists() {
+        return Ok(String::new());
+    }
+    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+    Ok(text.lines().take(step).flat_map(|line| [line, "\n"]).collect())
+}

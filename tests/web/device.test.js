@@ -1,0 +1,110 @@
+/** Which device is taken, and that both give the same maps. */
+import assert from "node:assert/strict";
+import { existsSync, readFileSync } from "node:fs";
+import { after, before, test } from "node:test";
+import { launch, open } from "./support/browser.js";
+import { located } from "./support/demo.js";
+import { serve } from "./support/server.js";
+
+const here = (path) => new URL(path, import.meta.url);
+const hasWebGpuBuild = existsSync(here("../../pkg/wasm/webgpu/gravisight_bg.wasm"));
+const hasTiny = existsSync(here("../golden/tiny.json")) && existsSync(here("../golden/tiny.safetensors"));
+const complaints = [];
+let server;
+
+before(async () => {
+  server = await serve();
+});
+after(() => server?.close());
+
+test("auto without an adapter takes the CPU and says why", async () => {
+  await inBrowser({ webgpu: false }, "?device=auto", async (page) => {
+    await located(page);
+    const device = await page.getByTestId("device").textContent();
+    assert.match(device, /CPU/);
+    assert.match(device, /auto: .*no WebGPU/);
+    assert.ok(await page.getByTestId("device-auto").isChecked());
+  });
+});
+
+test("webgpu without an adapter is refused in words, and the CPU can be chosen", async () => {
+  await inBrowser({ webgpu: false }, "?device=webgpu", async (page) => {
+    await page.waitForFunction(() => document.querySelector('[data-testid="alert"]').textContent !== "");
+    assert.match(await page.getByTestId("alert").textContent(), /WebGPU cannot be used/);
+    await page.getByTestId("device-cpu").check();
+    await located(page);
+    assert.equal(await page.getByTestId("alert").textContent(), "");
+  });
+});
+
+test("without the WebGPU build, auto takes the CPU, webgpu says what is missing, and the page stays on the CPU", { skip: hasWebGpuBuild && "the WebGPU build is there" }, async () => {
+  await inBrowser({ webgpu: true }, "?device=auto", async (page) => {
+    await located(page);
+    assert.match(await page.getByTestId("device").textContent(), /CPU.*auto: WebGPU failed: .*build is not here/);
+    await page.getByTestId("device-webgpu").check();
+    await page.waitForFunction(() => document.querySelector('[data-testid="alert"]').textContent !== "");
+    assert.match(await page.getByTestId("alert").textContent(), /WebGPU build is not here/);
+    assert.ok(await page.getByTestId("device-auto").isChecked());
+    await located(page);
+  });
+});
+
+const skip = (!hasWebGpuBuild && "pkg/wasm/webgpu/gravisight_bg.wasm is not there") || (!hasTiny && "tests/golden/tiny.{json,safetensors} is not there");
+test("the WebGPU build gives the CPU's heatmap and depth", { skip, timeout: 300_000 }, async () => {
+  await inBrowser({ webgpu: true }, "harness.html", async (page) => {
+    for (const [name, contentType] of [["tiny.json", "application/json"], ["tiny.safetensors", "application/octet-stream"]]) {
+      const body = readFileSync(here(`../golden/${name}`));
+      await page.route(`**/golden/${name}`, (route) => route.fulfill({ contentType, body }));
+    }
+    const { cpu, webgpu, kind } = await page.evaluate(mapsOfBoth, "golden/tiny.json");
+    assert.equal(kind, "webgpu");
+    for (const map of ["heatmap", "depth"]) {
+      assert.equal(webgpu[map].length, cpu[map].length);
+      const worst = Math.max(...cpu[map].map((value, i) => Math.abs(value - webgpu[map][i])));
+      // NaN fails this comparison, as it must.
+      assert.ok(worst <= 1e-3, `${map}: the largest difference is ${worst}`);
+    }
+  });
+});
+
+test("nothing was reported to the console over the whole run", () => {
+  assert.deepEqual(complaints, []);
+});
+
+async function inBrowser(options, path, body) {
+  const browser = await launch(options);
+  try {
+    await body(await open(browser, server.url + path, complaints));
+  } finally {
+    await browser.close();
+  }
+}
+
+// The function below runs in the page.
+
+async function mapsOfBoth(model) {
+  const size = 64;
+  const camera = {
+    width: size,
+    height: size,
+    intrinsic: [[80, 0, 31.5], [0, 80, 31.5], [0, 0, 1]],
+    camera_from_world: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+  };
+  // A smooth picture with every channel in use; any would do.
+  const picture = new ImageData(size, size);
+  picture.data.forEach((_, i) => {
+    const x = (i >> 2) % size;
+    const y = (i >> 2) / size;
+    picture.data[i] = i % 4 === 3 ? 255 : 127 + 120 * Math.sin(0.11 * x * ((i % 4) + 1) + 0.07 * y);
+  });
+  const maps = {};
+  let kind;
+  for (const device of ["cpu", "webgpu"]) {
+    const localiser = await window.gravisight.Localiser.create({ model, device });
+    const result = await localiser.localise(picture, { camera, maps: true });
+    maps[device] = { heatmap: [...result.maps.heatmap], depth: [...result.maps.depth] };
+    kind = localiser.device.kind;
+    localiser.dispose();
+  }
+  return { ...maps, kind };
+}

@@ -1,0 +1,166 @@
+/** The demo page, as a user meets it. */
+import assert from "node:assert/strict";
+import { existsSync, readFileSync } from "node:fs";
+import { after, before, test } from "node:test";
+import { launch, open } from "./support/browser.js";
+import { alertOf, drop, forget, jsonFile, located, ONE_PIXEL, pictureOf, pngFile, press, ready, samples, shown } from "./support/demo.js";
+import { serve } from "./support/server.js";
+
+const METRES = 1e-3;
+const goldenFile = new URL("../golden/samples.json", import.meta.url);
+const complaints = [];
+let server, browser, page;
+
+before(async () => {
+  server = await serve();
+  browser = await launch();
+  page = await open(browser, server.url, complaints);
+  await located(page);
+});
+
+after(async () => {
+  await browser?.close();
+  await server?.close();
+});
+
+test("the first sample is localised without a click", async () => {
+  assert.equal(await page.getByTestId("sample-0").getAttribute("aria-pressed"), "true");
+  assert.equal(await page.getByTestId("alert").textContent(), "");
+  assert.match(await page.getByTestId("device").textContent(), /CPU.*as asked for/);
+});
+
+test("a click on a sample gives the position that the command line gives", { skip: !existsSync(goldenFile) && "tests/golden/samples.json is not there" }, async () => {
+  const golden = JSON.parse(readFileSync(goldenFile, "utf8"));
+  for (const [index, sample] of samples.entries()) {
+    await press(page, index);
+    const expected = golden[sample.file];
+    assert.ok(expected, `the golden file has no ${sample.file}`);
+    near(await shown(page, "world-x", "world-y", "world-z"), expected.world, METRES, `${sample.file}, world`);
+    near(await shown(page, "camera-x", "camera-y", "camera-z"), expected.camera, METRES, `${sample.file}, camera`);
+    near(await shown(page, "depth"), [expected.depth], METRES, `${sample.file}, depth`);
+    near(await shown(page, "image-xy"), expected.image, 0.05, `${sample.file}, image in px`);
+  }
+});
+
+test("a sample's error is the distance between what is shown and the truth", async () => {
+  await press(page, 3);
+  const world = await shown(page, "world-x", "world-y", "world-z");
+  const distance = Math.hypot(...world.map((value, axis) => value - samples[3].world[axis]));
+  near(await shown(page, "error-cm"), [100 * distance], 0.05, "error in cm");
+});
+
+test("a picture dropped together with its camera.json is localised as the sample is", async () => {
+  await press(page, 2);
+  const expected = await shown(page, "world-x", "world-y", "world-z");
+  for (const inOrder of [(a, b) => [a, b], (a, b) => [b, a]]) {
+    await forget(page);
+    await drop(page, ...inOrder(pngFile("own.png", pictureOf(samples[2])), jsonFile(samples[2].camera)));
+    await located(page);
+    near(await shown(page, "world-x", "world-y", "world-z"), expected, 0.05, "world");
+  }
+  assert.equal(await page.getByTestId("sample-2").getAttribute("aria-pressed"), "false");
+  assert.ok(await page.getByTestId("error-cm").isHidden(), "there is no truth to score against");
+});
+
+test("a camera.json is kept for the next picture, and a picture waits for its camera.json", async () => {
+  await forget(page);
+  await drop(page, pngFile("next.png", pictureOf(samples[5])));
+  await located(page);
+  const fresh = await open(browser, server.url, complaints);
+  await located(fresh);
+  await drop(fresh, pngFile("alone.png", pictureOf(samples[5])));
+  assert.match(await alertOf(fresh), /alone\.png needs its camera\.json/);
+  await fresh.getByTestId("file-input").setInputFiles([jsonFile(samples[5].camera)]);
+  await located(fresh);
+  near(await shown(fresh, "world-x", "world-y", "world-z"), await shown(page, "world-x", "world-y", "world-z"), 1e-6, "world");
+  await fresh.close();
+});
+
+const camera = samples[0].camera;
+const whole = pictureOf(samples[0]);
+const refusals = {
+  "a text file named x.png": [pngFile("x.png", Buffer.from("this is not a picture")), jsonFile(camera)],
+  "a text file named x.png, alone": [pngFile("x.png", Buffer.from("this is not a picture"))],
+  "an empty file": [pngFile("x.png", Buffer.alloc(0)), jsonFile(camera)],
+  "a truncated PNG": [pngFile("cut.png", whole.subarray(0, whole.length / 2)), jsonFile(camera)],
+  "a picture of one pixel": [pngFile("one.png", ONE_PIXEL), jsonFile(camera)],
+  "a camera.json with NaN": [pngFile("a.png", whole), jsonFile(JSON.stringify(camera).replace("111.5", "NaN"))],
+  "a camera.json with an unknown field": [pngFile("a.png", whole), jsonFile({ ...camera, focal: 3 })],
+  "a camera.json of another aspect ratio": [pngFile("a.png", whole), jsonFile({ ...camera, width: 448 })],
+  "a camera.json that is a list": [pngFile("a.png", whole), jsonFile("[1, 2]")],
+  "a singular camera": [pngFile("a.png", whole), jsonFile({ ...camera, intrinsic: [[0, 0, 0], [0, 0, 0], [0, 0, 0]] })],
+  "two pictures": [pngFile("a.png", whole), pngFile("b.png", whole)],
+};
+for (const [what, files] of Object.entries(refusals)) {
+  test(`${what} is refused in words, and the page works afterwards`, async () => {
+    await drop(page, ...files);
+    const words = await alertOf(page);
+    assert.match(words, /\w+ \w+ \w+/, "the alert speaks in words");
+    assert.doesNotMatch(words, /unreachable|undefined|\[object|panicked/, "the alert speaks to a person");
+    assert.equal(await page.getByTestId("world-x").textContent(), "–", "no number of the last picture is left");
+    await press(page, 1);
+    assert.equal(await page.getByTestId("alert").textContent(), "");
+  });
+}
+
+test("the keyboard alone chooses a sample and an overlay", async () => {
+  await page.getByTestId("sample-1").focus();
+  await page.keyboard.press("ArrowRight");
+  await page.keyboard.press("ArrowRight");
+  await forget(page);
+  await page.keyboard.press("Enter");
+  await located(page);
+  assert.equal(await page.getByTestId("sample-3").getAttribute("aria-pressed"), "true");
+  await tabTo(page, "layer-heatmap");
+  const before = await pixels(page);
+  await page.keyboard.press("ArrowRight");
+  assert.ok(await page.getByTestId("layer-depth").isChecked());
+  assert.notEqual(await pixels(page), before, "the overlay changed");
+  assert.match(await page.getByTestId("scale").textContent(), /Depth.* m.* m/s);
+});
+
+test("samples pressed one after the other leave the last one's position", async () => {
+  await press(page, 6);
+  const expected = await shown(page, "world-x", "world-y", "world-z");
+  await forget(page);
+  for (const index of [0, 1, 2, 6]) await page.getByTestId(`sample-${index}`).click();
+  await located(page);
+  assert.deepEqual(await shown(page, "world-x", "world-y", "world-z"), expected);
+});
+
+test("the page never scrolls sideways on a phone", async () => {
+  const phone = await open(browser, server.url, complaints, { viewport: { width: 390, height: 844 } });
+  await located(phone);
+  assert.ok(await phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth));
+  await phone.close();
+});
+
+test("a model that is not there is said in words", async () => {
+  const lost = await open(browser, `${server.url}?model=models/none.json`, complaints);
+  await lost.waitForFunction(() => document.querySelector('[data-testid="alert"]').textContent !== "");
+  assert.match(await lost.getByTestId("alert").textContent(), /models\/none\.json.*(200|404)/s);
+  assert.equal(await lost.getByTestId("status").textContent(), "not loaded");
+  await lost.close();
+});
+
+test("nothing was reported to the console over the whole run", async () => {
+  await ready(page);
+  assert.deepEqual(complaints, []);
+});
+
+function near(actual, expected, tolerance, what) {
+  assert.equal(actual.length, expected.length, what);
+  actual.forEach((value, i) => assert.ok(Math.abs(value - expected[i]) <= tolerance, `${what}: ${actual} is not ${expected}`));
+}
+
+async function tabTo(page, testId) {
+  for (let presses = 0; presses < 20; presses++) {
+    if ((await page.evaluate(() => document.activeElement?.dataset.testid)) === testId) return;
+    await page.keyboard.press("Tab");
+  }
+  assert.fail(`Tab does not lead to ${testId}`);
+}
+
+function pixels(page) {
+  return page.getByTestId("overlay").evaluate((canvas) => canvas.toDataURL());
+}

@@ -1,0 +1,194 @@
+/** Joins the parts: what is looked at, on which device, and what came of it. */
+import { GravisightError, type DeviceChoice, type Localiser } from "gravisight";
+import { element, wordsOf } from "./dom";
+import { Drop } from "./drop";
+import { LoadingLine } from "./loading";
+import { ResultPanel } from "./result";
+import { Samples } from "./samples";
+import { Session } from "./session";
+import { Stage, type Layer } from "./stage";
+import type { Subject } from "./subject";
+
+export interface Settings {
+  model: string;
+  device: DeviceChoice;
+}
+
+export class App {
+  readonly #session: Session;
+  readonly #stage = new Stage();
+  readonly #result = new ResultPanel();
+  readonly #loading = new LoadingLine();
+  readonly #alert = element("alert");
+  readonly #samples = new Samples(element("samples"), (sample) => void this.#lookAtSample(sample));
+  readonly #drop = new Drop({
+    onSubject: (subject) => void this.#lookAtOwn(subject),
+    onPictureAlone: (picture) => void this.#showAlone(picture),
+    onRefused: (message) => this.#refuse(message),
+  });
+  #subject: Subject | undefined;
+  /** Why there is no localiser, in words. */
+  #notLoaded = "";
+  /** Of the run that is wanted; aborted by the next one. */
+  #run = new AbortController();
+
+  constructor({ model }: Settings) {
+    this.#session = new Session(model);
+    this.#listenForLayer();
+    for (const input of radios("device")) {
+      input.addEventListener("change", () => void this.#load(input.value as DeviceChoice));
+    }
+  }
+
+  /** Loads the model and the samples side by side, then looks at the first sample. */
+  async start({ device }: Settings): Promise<void> {
+    check("device", device);
+    await Promise.all([this.#load(device), this.#loadSamples()]);
+  }
+
+  async #loadSamples(): Promise<void> {
+    try {
+      await this.#samples.load();
+      if (!this.#subject) this.#samples.press(0);
+    } catch (thrown) {
+      this.#refuse(`The samples could not be loaded: ${wordsOf(thrown)}`);
+    }
+  }
+
+  async #load(device: DeviceChoice): Promise<void> {
+    this.#say("");
+    this.#loading.set("loading");
+    try {
+      if (!(await this.#session.load(device, (progress) => this.#loading.progress(progress)))) return;
+      const localiser = this.#session.localiser;
+      if (localiser) this.#result.showDevice(localiser.device.name, localiser.device.reason);
+      this.#showState();
+      await this.#localise();
+    } catch (thrown) {
+      this.#notLoaded = wordsOf(thrown);
+      this.#stayOnLastDevice(this.#notLoaded);
+    }
+  }
+
+  #stayOnLastDevice(why: string): void {
+    const last = this.#session.choice;
+    if (last) check("device", last);
+    this.#say(last ? `${why} The page stays on the device that it had.` : why);
+    this.#showState();
+  }
+
+  async #lookAtSample(sample: Promise<Subject>): Promise<void> {
+    const run = this.#nextRun();
+    try {
+      const subject = await sample;
+      if (!run.signal.aborted) await this.#lookAt(subject);
+    } catch (thrown) {
+      if (!run.signal.aborted) this.#refuse(wordsOf(thrown));
+    }
+  }
+
+  async #lookAtOwn(subject: Subject): Promise<void> {
+    this.#samples.release();
+    this.#nextRun();
+    await this.#lookAt(subject);
+  }
+
+  async #showAlone(picture: File): Promise<void> {
+    this.#samples.release();
+    const run = this.#nextRun();
+    this.#subject = undefined;
+    this.#result.clear();
+    const readable = await this.#stage.showPicture(picture, () => !run.signal.aborted);
+    if (run.signal.aborted) return;
+    if (!readable) this.#drop.forget("picture");
+    this.#say(readable ? `${picture.name} needs its camera.json: drop it, too.` : `${picture.name} is not a picture that this browser can read.`);
+  }
+
+  async #lookAt(subject: Subject): Promise<void> {
+    const run = this.#run;
+    this.#subject = subject;
+    await this.#stage.showPicture(subject.picture, () => !run.signal.aborted);
+    if (!run.signal.aborted) await this.#localise();
+  }
+
+  /** Localises what is looked at, if the model is there; loading ends with this, too. */
+  async #localise(): Promise<void> {
+    const { localiser } = this.#session;
+    const subject = this.#subject;
+    if (!subject) return;
+    if (!localiser) {
+      if (!this.#session.isLoading) this.#refuse(`The model is not loaded: ${this.#notLoaded}`);
+      return;
+    }
+    const { signal } = this.#nextRun();
+    this.#say("");
+    this.#loading.set("localising");
+    try {
+      const result = await localiser.localise(subject.picture, options(subject, signal));
+      this.#result.show(result, subject);
+      this.#stage.showResult(result, subject.truth?.image);
+    } catch (thrown) {
+      if (signal.aborted) return;
+      this.#refuse(`${subject.name}: ${wordsOf(thrown)}`);
+      this.#afterFailure(thrown, subject);
+    }
+    if (!signal.aborted) this.#showState();
+  }
+
+  /** What the core refused must not spoil what comes next. */
+  #afterFailure(thrown: unknown, subject: Subject): void {
+    const code = thrown instanceof GravisightError ? thrown.code : "internal";
+    if (!subject.truth) this.#drop.forget(code.startsWith("camera") ? "camera" : "picture");
+    if (code !== "internal" && code !== "worker") return;
+    const device = this.#session.choice ?? "cpu";
+    const why = this.#alert.textContent ?? "";
+    this.#session.discard();
+    this.#subject = undefined;
+    void this.#load(device).then(() => this.#say(why));
+  }
+
+  #nextRun(): AbortController {
+    this.#run.abort();
+    this.#run = new AbortController();
+    return this.#run;
+  }
+
+  #refuse(message: string): void {
+    this.#result.clear();
+    this.#stage.clear();
+    this.#say(message);
+  }
+
+  #say(message: string): void {
+    this.#alert.textContent = message;
+  }
+
+  #showState(): void {
+    if (this.#session.isLoading) this.#loading.set("loading");
+    else this.#loading.set(this.#session.localiser ? "ready" : "not loaded");
+  }
+
+  #listenForLayer(): void {
+    for (const input of radios("layer")) {
+      input.addEventListener("change", () => this.#stage.setLayer(input.value as Layer));
+      if (input.checked) this.#stage.setLayer(input.value as Layer);
+    }
+    const opacity = element<HTMLInputElement>("opacity");
+    const setOpacity = () => this.#stage.setOpacity(Number(opacity.value) / 100);
+    opacity.addEventListener("input", setOpacity);
+    setOpacity();
+  }
+}
+
+function options(subject: Subject, signal: AbortSignal): Parameters<Localiser["localise"]>[1] {
+  const common = { camera: subject.camera, maps: true, signal };
+  return subject.truth ? { ...common, truth: subject.truth.world } : common;
+}
+
+function radios(name: string): NodeListOf<HTMLInputElement> {
+  return document.querySelectorAll<HTMLInputElement>(`input[type="radio"][name="${name}"]`);
+}
+
+function check(name: string, value: string): void {
+  for (const input of radios(name)) input.checked = input.value === value;
+}

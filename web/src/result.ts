@@ -1,0 +1,97 @@
+/** The numbers. Each is a `data` element that also holds its full value. */
+import type { Localisation } from "gravisight";
+import { element, make } from "./dom";
+import type { Subject } from "./subject";
+
+const AXES = ["x", "y", "z"] as const;
+const NOTHING = "–";
+
+export class ResultPanel {
+  readonly #world = AXES.map((axis) => number(`world-${axis}`));
+  readonly #camera = AXES.map((axis) => number(`camera-${axis}`));
+  readonly #image = number("image-xy");
+  readonly #depth = number("depth");
+  readonly #confidence = number("confidence");
+  readonly #time = number("time");
+  readonly #true = number("true-xyz");
+  readonly #error = number("error-cm");
+  readonly #device = make("span", { text: NOTHING });
+  readonly #reason = make("small", { testId: "device-reason" });
+  readonly #notes = make("ul", { class: "notes", testId: "notes" });
+  readonly #sampleRows: HTMLElement[];
+
+  constructor() {
+    const truth = row("True position", this.#true, "m");
+    const error = row("Error", this.#error, "cm");
+    error.classList.add("error");
+    this.#sampleRows = [error, truth];
+    const device = make("div", { class: "row" });
+    device.append(make("dt", { text: "Device" }), make("dd", { class: "device", testId: "device" }, this.#device, this.#reason));
+    element("result").append(
+      make("h2", { text: "Position in the world" }),
+      vector("vector large", this.#world),
+      make("h2", { text: "In the camera’s frame" }),
+      vector("vector", this.#camera),
+      make(
+        "dl",
+        {},
+        error,
+        truth,
+        row("Depth", this.#depth, "m"),
+        row("In the picture", this.#image, "px"),
+        row("Confidence", this.#confidence, ""),
+        row("Time", this.#time, "ms"),
+        device,
+      ),
+      this.#notes,
+    );
+    this.clear();
+  }
+
+  showDevice(name: string, reason: string): void {
+    this.#device.textContent = name;
+    this.#reason.textContent = reason;
+  }
+
+  show(result: Localisation, subject: Subject): void {
+    result.world.forEach((value, axis) => set(this.#world[axis]!, [value], 3));
+    result.camera.forEach((value, axis) => set(this.#camera[axis]!, [value], 3));
+    set(this.#image, result.image, 1);
+    set(this.#depth, [result.depth], 3);
+    set(this.#confidence, [result.confidence], 3);
+    set(this.#time, [result.milliseconds], result.milliseconds < 10 ? 1 : 0);
+    set(this.#true, subject.truth?.world ?? [], 3);
+    set(this.#error, result.dtg === undefined ? [] : [100 * result.dtg], 1);
+    for (const sampleRow of this.#sampleRows) sampleRow.hidden = !subject.truth;
+    this.#notes.replaceChildren(...result.notes.map((text) => make("li", { text })));
+  }
+
+  clear(): void {
+    const all = [...this.#world, ...this.#camera, this.#image, this.#depth, this.#confidence, this.#time, this.#true, this.#error];
+    for (const each of all) set(each, [], 0);
+    for (const sampleRow of this.#sampleRows) sampleRow.hidden = true;
+    this.#notes.replaceChildren();
+  }
+}
+
+function number(testId: string): HTMLDataElement {
+  return make("data", { testId });
+}
+
+function set(target: HTMLDataElement, values: readonly number[], digits: number): void {
+  target.value = values.join(" ");
+  target.textContent = values.map((value) => value.toFixed(digits)).join(", ") || NOTHING;
+}
+
+function vector(className: string, values: HTMLDataElement[]): HTMLElement {
+  const parts = values.map((value, axis) =>
+    make("div", {}, make("span", { class: "axis", text: AXES[axis]! }), value, make("span", { class: "unit", text: "m" })),
+  );
+  return make("div", { class: className }, ...parts);
+}
+
+function row(name: string, value: HTMLElement, unit: string): HTMLElement {
+  const content = make("dd", {}, value);
+  if (unit) content.append(make("span", { class: "unit", text: unit }));
+  return make("div", { class: "row" }, make("dt", { text: name }), content);
+}
