@@ -80,8 +80,8 @@ impl Distortion {
             };
             (ideal, at, jacobian, residual) = (next, next_at, next_jacobian, next_residual);
         }
-        // A negative determinant is the folded branch beyond the lens' range.
-        if residual.is_finite() && residual <= ACCEPTED && jacobian.determinant() > 0.0 {
+        // Beyond the lens' range the image folds over: once (determinant) or twice (trace).
+        if residual.is_finite() && residual <= ACCEPTED && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0 {
             return Ok(ideal);
         }
         Err(Error::Distortion { x: distorted.x, y: distorted.y, residual, iterations: MAX_ITERATIONS })

@@ -1,0 +1,99 @@
+//! Arrows between the rooms run downward only (DESIGN: ARCHITECTURE.md).
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// What each room may use. `error` is open to all.
+const ARROWS: [(&str, &[&str]); 9] = [
+    ("error", &[]),
+    ("files", &[]),
+    ("camera", &[]),
+    ("image", &[]),
+    ("model", &["image", "files"]),
+    ("data", &["camera", "image"]),
+    ("localise", &["camera", "image", "model"]),
+    ("evaluate", &["camera", "data", "image", "localise"]),
+    ("train", &["camera", "data", "evaluate", "files", "image", "localise", "model"]),
+];
+/// The browser's boundary, above everything but training's files.
+const WASM: (&str, &[&str]) = ("wasm", &["camera", "evaluate", "image", "localise", "model"]);
+/// Rooms that compile without Burn.
+const WITHOUT_BURN: [&str; 5] = ["error", "files", "camera", "image", "data"];
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    entries
+        .flat_map(|path| match path.is_dir() {
+            true => rust_files(&path),
+            false if path.extension().is_some_and(|extension| extension == "rs") => vec![path],
+            false => vec![],
+        })
+        .collect()
+}
+
+/// Room name -> its source text, comments left out.
+fn rooms() -> BTreeMap<String, String> {
+    let src = common::root().join("src");
+    let mut rooms: BTreeMap<String, String> = BTreeMap::new();
+    for path in rust_files(&src) {
+        let relative = path.strip_prefix(&src).unwrap();
+        let room = relative.iter().next().unwrap().to_string_lossy().trim_end_matches(".rs").to_string();
+        let text = std::fs::read_to_string(&path).unwrap();
+        let code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+        rooms.entry(room).or_default().extend(code.map(|line| format!("{line}\n")));
+    }
+    rooms
+}
+
+/// Rooms named after `crate::` in `code`.
+fn used(code: &str) -> Vec<&str> {
+    let parts = code.split("crate::").skip(1);
+    parts.map(|rest| rest.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap()).collect()
+}
+
+#[test]
+fn no_arrow_runs_up() {
+    let rooms = rooms();
+    let known: BTreeMap<_, _> = ARROWS.into_iter().chain([WASM]).collect();
+    for (room, code) in &rooms {
+        if room == "lib" || room == "cli" {
+            continue; // the map, and the binary, which is another crate
+        }
+        let allowed = known.get(room.as_str()).unwrap_or_else(|| panic!("room `{room}` has no place in the diagram"));
+        for target in used(code) {
+            let fine = target == room || target == "error" || allowed.contains(&target);
+            assert!(fine, "`{room}` uses `{target}`, which is not below it");
+        }
+    }
+}
+
+#[test]
+fn geometry_pictures_and_clips_know_no_burn() {
+    for (room, code) in rooms() {
+        let burn = code.contains("burn::");
+        assert!(!(WITHOUT_BURN.contains(&room.as_str()) && burn), "`{room}` uses Burn");
+    }
+}
+
+#[test]
+fn the_device_is_always_an_argument() {
+    // `Device::default()` follows compiled features, not the hardware.
+    for (room, code) in rooms() {
+        assert!(!code.contains("Device::default"), "`{room}` calls Device::default");
+    }
+}
+
+#[test]
+fn the_typescript_computes_no_geometry() {
+    for folder in ["pkg/src", "web/src"] {
+        for entry in std::fs::read_dir(common::root().join(folder)).unwrap() {
+            let path = entry.unwrap().path();
+            let text = std::fs::read_to_string(&path).unwrap();
+            for sign in ["Math.hypot", "Math.sqrt", "Math.cos", "Math.sin", "intrinsic[", "camera_from_world["] {
+                assert!(!text.contains(sign), "{} has {sign}", path.display());
+            }
+        }
+    }
+}

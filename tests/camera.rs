@@ -1,0 +1,213 @@
+//! The camera against a reference that is not ours, its inverse laws, and what it refuses.
+
+mod common;
+
+use common::golden;
+use gravisight::camera::{Camera, Distortion};
+use gravisight::error::Error;
+use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
+use proptest::prelude::*;
+use serde_json::{Value, json};
+
+/// Largest difference from the reference.
+const TOLERANCE: f64 = 1e-9;
+
+fn numbers<const N: usize>(value: &Value) -> [f64; N] {
+    serde_json::from_value::<Vec<f64>>(value.clone()).unwrap().try_into().unwrap()
+}
+
+fn camera_file(case: &Value) -> Value {
+    json!({"width": case["size"][0], "height": case["size"][1], "intrinsic": case["M_int"],
+           "camera_from_world": case["M_ext"]})
+}
+
+fn parse(file: &Value) -> Result<Camera, Error> {
+    Camera::from_json(&file.to_string(), "camera.json")
+}
+
+/// A camera of the samples.
+fn good() -> Value {
+    json!({"width": 224, "height": 224,
+           "intrinsic": [[270.39, 0.0, 111.5], [0.0, 270.39, 111.5], [0.0, 0.0, 1.0]],
+           "camera_from_world": [[1.0, 0.0, 0.0, 0.5], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 4.0], [0.0, 0.0, 0.0, 1.0]]})
+}
+
+/// Largest difference, relative for numbers above one.
+fn assert_close(found: &[f64], expected: &[f64], what: &str) {
+    for (found, expected) in found.iter().zip(expected) {
+        assert!((found - expected).abs() <= TOLERANCE * expected.abs().max(1.0), "{what}: {found} {expected}");
+    }
+}
+
+#[test]
+fn projection_and_its_inverse_equal_the_reference() {
+    let file: Value = serde_json::from_slice(&golden("camera.json")).unwrap();
+    let cases = file["projection"].as_array().unwrap();
+    assert!(cases.len() > 3);
+    for case in cases {
+        let camera = parse(&camera_file(case)).unwrap();
+        let in_world = Point3::from(numbers::<3>(&case["world"]));
+        let in_camera = camera.camera_from_world(&in_world);
+        assert_close(in_camera.coords.as_slice(), &numbers::<3>(&case["camera"]), "camera");
+        let (image, d_world) = camera.image_from_world_with_jacobian(&in_world).unwrap();
+        assert_close(image.coords.as_slice(), &numbers::<2>(&case["image"]), "image");
+        for row in 0..2 {
+            let found: Vec<f64> = d_world.row(row).iter().copied().collect();
+            assert_close(&found, &numbers::<3>(&case["duv_dworld"][row]), "duv_dworld");
+        }
+        let depth = case["depth"].as_f64().unwrap();
+        let (back, d_image) = camera.world_from_image_with_jacobian(&image, depth).unwrap();
+        assert_close(back.coords.as_slice(), in_world.coords.as_slice(), "world");
+        for row in 0..3 {
+            let found: Vec<f64> = d_image.row(row).iter().copied().collect();
+            assert_close(&found, &numbers::<3>(&case["dworld_d_uvz"][row]), "dworld_d_uvz");
+        }
+    }
+}
+
+/// Cameras with real lenses: barrel and pincushion, tangential terms, skew.
+fn any_camera() -> impl Strategy<Value = Camera> {
+    let lens = (-0.3..0.2_f64, -0.05..0.1_f64, -0.01..0.01_f64, -0.01..0.01_f64, -0.02..0.02_f64);
+    let pose = (-3.0..3.0_f64, -3.0..3.0_f64, -3.0..3.0_f64, -5.0..5.0_f64, -5.0..5.0_f64, -5.0..5.0_f64);
+    (lens, pose, 300.0..1500.0_f64, -5.0..5.0_f64).prop_map(|((k1, k2, p1, p2, k3), (a, b, c, x, y, z), f, skew)| {
+        let intrinsic = Matrix3::new(f, skew, 320.0, 0.0, 1.1 * f, 240.0, 0.0, 0.0, 1.0);
+        let rotation = Rotation3::from_scaled_axis(Vector3::new(a, b, c)).into_inner();
+        let distortion = Distortion { k1, k2, p1, p2, k3 };
+        Camera::new([640, 480], intrinsic, distortion, rotation, Vector3::new(x, y, z)).unwrap()
+    })
+}
+
+proptest! {
+    #[test]
+    fn unprojecting_a_projected_point_gives_it_back(
+        camera in any_camera(), x in -0.45..0.45_f64, y in -0.35..0.35_f64, depth in 0.3..30.0_f64,
+    ) {
+        let in_world = camera.world_from_camera(&Point3::new(x * depth, y * depth, depth));
+        let image = camera.image_from_world(&in_world).unwrap();
+        let back = camera.world_from_image(&image, depth).unwrap();
+        prop_assert!((back - in_world).norm() < 1e-8 * depth.max(1.0), "{}", (back - in_world).norm());
+    }
+
+    #[test]
+    fn jacobians_equal_central_differences(camera in any_camera(), x in -0.4..0.4_f64, y in -0.3..0.3_f64, depth in 1.0..10.0_f64) {
+        let step = 1e-5;
+        let in_camera = Point3::new(x * depth, y * depth, depth);
+        let (image, jacobian) = camera.image_from_camera_with_jacobian(&in_camera).unwrap();
+        for axis in 0..3 {
+            let offset = Vector3::ith(axis, step);
+            let plus = camera.image_from_camera(&(in_camera + offset)).unwrap();
+            let minus = camera.image_from_camera(&(in_camera - offset)).unwrap();
+            let difference = (plus - minus) / (2.0 * step) - jacobian.column(axis);
+            prop_assert!(difference.norm() < 1e-4 * jacobian.norm(), "d image / d camera {axis}: {difference}");
+        }
+        let (_, inverse) = camera.world_from_image_with_jacobian(&image, depth).unwrap();
+        for axis in 0..3 {
+            let offset = Vector3::ith(axis, step);
+            let at = |sign: f64| {
+                let moved = Point2::new(image.x + sign * offset.x, image.y + sign * offset.y);
+                camera.world_from_image(&moved, depth + sign * offset.z).unwrap()
+            };
+            let difference = (at(1.0) - at(-1.0)) / (2.0 * step) - inverse.column(axis);
+            prop_assert!(difference.norm() < 1e-4 * inverse.norm(), "d world / d image {axis}: {difference}");
+        }
+    }
+
+    #[test]
+    fn a_resized_camera_sees_a_point_where_the_resized_picture_shows_it(
+        camera in any_camera(), x in -0.4..0.4_f64, y in -0.3..0.3_f64, width in 100..2000_u32, height in 100..2000_u32,
+    ) {
+        let in_world = camera.world_from_camera(&Point3::new(x * 3.0, y * 3.0, 3.0));
+        let image = camera.image_from_world(&in_world).unwrap();
+        let resized = camera.resized([width, height]).unwrap().image_from_world(&in_world).unwrap();
+        // Pixel-centre rule: the picture spans [-1/2, size - 1/2].
+        prop_assert!(((image.x + 0.5) / 640.0 - (resized.x + 0.5) / f64::from(width)).abs() < 1e-9);
+        prop_assert!(((image.y + 0.5) / 480.0 - (resized.y + 0.5) / f64::from(height)).abs() < 1e-9);
+        let cropped = camera.cropped([10.0, 20.0], [100, 100]).unwrap().image_from_world(&in_world).unwrap();
+        prop_assert!((cropped - Point2::new(image.x - 10.0, image.y - 20.0)).norm() < 1e-9);
+    }
+
+    #[test]
+    fn camera_json_survives_writing_and_reading(camera in any_camera()) {
+        let text = serde_json::to_string(&camera).unwrap();
+        let back = Camera::from_json(&text, "camera.json").unwrap();
+        prop_assert_eq!([back.width(), back.height()], [640, 480]);
+        prop_assert!((back.intrinsic() - camera.intrinsic()).amax() < 1e-9);
+        let point = Point3::new(1.0, 2.0, 3.0);
+        prop_assert!((back.camera_from_world(&point) - camera.camera_from_world(&point)).norm() < 1e-12);
+        prop_assert!((back.distortion().k1 - camera.distortion().k1).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn a_point_behind_the_camera_has_no_image() {
+    let camera = parse(&good()).unwrap();
+    for depth in [-1.0, 0.0, f64::NAN] {
+        let error = camera.image_from_camera(&Point3::new(0.0, 0.0, depth)).unwrap_err();
+        assert!(matches!(error, Error::BehindCamera { .. }), "{error}");
+    }
+    assert!(matches!(camera.camera_from_image(&Point2::origin(), -2.0), Err(Error::BehindCamera { .. })));
+}
+
+#[test]
+fn a_pixel_outside_the_lens_model_is_refused() {
+    // r·(1 − r²) never exceeds 0.385: no ideal point has its image at r = 0.8.
+    let lens = Distortion { k1: -1.0, ..Distortion::default() };
+    let identity = Matrix3::identity();
+    let intrinsic = Matrix3::new(100.0, 0.0, 50.0, 0.0, 100.0, 50.0, 0.0, 0.0, 1.0);
+    let camera = Camera::new([100, 100], intrinsic, lens, identity, Vector3::zeros()).unwrap();
+    let error = camera.camera_from_image(&Point2::new(130.0, 50.0), 1.0).unwrap_err();
+    assert!(matches!(error, Error::Distortion { .. }), "{error}");
+}
+
+#[test]
+fn a_camera_of_another_size_is_scaled_if_the_aspect_ratio_agrees_and_refused_otherwise() {
+    let camera = parse(&good()).unwrap();
+    let scaled = camera.for_picture([448, 448]).unwrap();
+    assert!((scaled.intrinsic()[(0, 0)] - 2.0 * 270.39).abs() < 1e-9);
+    assert!((scaled.intrinsic()[(0, 2)] - 223.5).abs() < 1e-9);
+    let error = camera.for_picture([640, 480]).unwrap_err();
+    assert!(matches!(error, Error::CameraMismatch { camera: [224, 224], picture: [640, 480] }), "{error}");
+}
+
+#[test]
+fn bad_cameras_are_refused_with_the_field() {
+    let cases: [(&str, Value, &str); 10] = [
+        ("/intrinsic/0/0", json!(0.0), "singular"),
+        ("/intrinsic/0/0", json!(null), "invalid type"),
+        ("/intrinsic/1/0", json!(3.0), "intrinsic"),
+        ("/intrinsic/1/1", json!(-200.0), "focal"),
+        ("/camera_from_world/0/0", json!(0.0), "singular"),
+        ("/camera_from_world/0/0", json!(2.0), "rotation"),
+        ("/camera_from_world/3/3", json!(2.0), "0 0 0 1"),
+        ("/camera_from_world/1", json!([1.0, 2.0]), "invalid length"),
+        ("/width", json!(0), "width"),
+        ("/height", json!(1.5), "invalid type"),
+    ];
+    for (pointer, value, named) in cases {
+        let mut file = good();
+        *file.pointer_mut(pointer).unwrap() = value;
+        let error = parse(&file).unwrap_err();
+        assert!(error.to_string().contains(named), "{pointer}: {error}");
+        assert!(error.code().starts_with("camera-"), "{}", error.code());
+    }
+    let huge = good().to_string().replace("270.39", "1e999");
+    assert!(Camera::from_json(&huge, "camera.json").unwrap_err().to_string().contains("range"));
+    let infinite = Matrix3::new(f64::INFINITY, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0);
+    let error = Camera::new([9, 9], infinite, Distortion::default(), Matrix3::identity(), Vector3::zeros());
+    assert!(error.unwrap_err().to_string().contains("NaN or infinity"));
+}
+
+#[test]
+fn unknown_and_missing_fields_are_named() {
+    let mut file = good();
+    file["focal"] = json!(3);
+    assert!(parse(&file).unwrap_err().to_string().contains("focal"));
+    let mut file = good();
+    file["distortion"] = json!({"k4": 1.0});
+    assert!(parse(&file).unwrap_err().to_string().contains("k4"));
+    for field in ["width", "height", "intrinsic", "camera_from_world"] {
+        let mut file = good();
+        file.as_object_mut().unwrap().remove(field);
+        assert!(parse(&file).unwrap_err().to_string().contains(field));
+    }
+}

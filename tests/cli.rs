@@ -1,0 +1,193 @@
+//! The command as a user meets it: results, formats, exit statuses, messages.
+
+mod common;
+
+use std::path::PathBuf;
+use std::process::{Command, Output};
+
+use common::{golden, root, scratch};
+use serde_json::Value;
+
+/// Largest difference of a position from the golden one, m (px for 2D).
+const TOLERANCE: f64 = 1e-3;
+
+fn gravisight(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gravisight")).args(arguments).current_dir(root()).output().unwrap()
+}
+
+fn json(output: &Output) -> Value {
+    let errors = String::from_utf8_lossy(&output.stderr);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"))
+}
+
+/// The page's samples: file, and its camera written where the command can read it.
+fn samples() -> Vec<(PathBuf, PathBuf, Value)> {
+    let folder = root().join("web/public/samples");
+    let list: Vec<Value> = serde_json::from_slice(&std::fs::read(folder.join("samples.json")).unwrap()).unwrap();
+    let cameras = scratch(&format!("cameras-{:?}", std::thread::current().id()));
+    let with_camera = |(index, sample): (usize, Value)| {
+        let camera = cameras.join(format!("{index}.json"));
+        std::fs::write(&camera, sample["camera"].to_string()).unwrap();
+        (folder.join(sample["file"].as_str().unwrap()), camera, sample)
+    };
+    list.into_iter().enumerate().map(with_camera).collect()
+}
+
+fn text(path: &std::path::Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    match value {
+        Value::Array(values) => values.iter().flat_map(numbers).collect(),
+        other => vec![other.as_f64().unwrap()],
+    }
+}
+
+/// The browser's tests compare the page with the same file. `MAKE_REF=1` writes it anew, and fails.
+#[test]
+fn samples_are_found_where_the_golden_file_says() {
+    let found: serde_json::Map<String, Value> = samples()
+        .iter()
+        .map(|(file, camera, sample)| {
+            let output = gravisight(&["localise", text(file), "--camera", text(camera), "--device", "cpu", "--json"]);
+            (sample["file"].as_str().unwrap().to_string(), json(&output))
+        })
+        .collect();
+    if std::env::var_os("MAKE_REF").is_some() {
+        let text = serde_json::to_string_pretty(&found).unwrap() + "\n";
+        std::fs::write(root().join("tests/golden/samples.json"), text).unwrap();
+        panic!("tests/golden/samples.json was written anew");
+    }
+    let expected: Value = serde_json::from_slice(&golden("samples.json")).unwrap();
+    assert_eq!(found.len(), expected.as_object().unwrap().len());
+    for (file, found) in &found {
+        for key in ["image", "depth", "camera", "world"] {
+            for (found, expected) in numbers(&found[key]).iter().zip(numbers(&expected[file][key])) {
+                assert!((found - expected).abs() < TOLERANCE, "{file} {key}: {found} {expected}");
+            }
+        }
+        let confidence = found["confidence"].as_f64().unwrap();
+        assert!((0.0..=1.0).contains(&confidence));
+    }
+}
+
+#[test]
+fn the_built_in_model_finds_the_samples_within_half_a_metre_and_two_pixels() {
+    for (file, camera, sample) in samples() {
+        let output = gravisight(&["localise", text(&file), "--camera", text(&camera), "--json"]);
+        let found = json(&output);
+        let distance = |key: &str| {
+            let pairs = numbers(&found[key]).into_iter().zip(numbers(&sample[key]));
+            pairs.map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+        };
+        assert!(distance("world") < 0.5 && distance("image") < 2.0, "{}: {found}", file.display());
+    }
+}
+
+#[test]
+fn several_pictures_give_one_object_a_line_with_their_files() {
+    let samples = samples();
+    let (a, b, camera) = (text(&samples[0].0), text(&samples[1].0), text(&samples[0].1));
+    let output = gravisight(&["localise", a, b, "--camera", camera, "--json"]);
+    let lines = String::from_utf8(output.stdout).unwrap();
+    let files: Vec<Value> =
+        lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap()["file"].clone()).collect();
+    assert_eq!(files, [a, b]);
+}
+
+#[test]
+fn words_and_an_overlay_for_people() {
+    let (file, camera, _) = &samples()[0];
+    let out = scratch("overlay").join("out.png");
+    let output = gravisight(&["localise", text(file), "--camera", text(camera), "--overlay", text(&out)]);
+    let words = String::from_utf8(output.stdout).unwrap();
+    for word in ["world", "camera", "px", "confidence"] {
+        assert!(words.contains(word), "{words}");
+    }
+    let overlay = image::open(&out).unwrap().into_rgb8();
+    let picture = image::open(file).unwrap().into_rgb8();
+    assert_eq!(overlay.dimensions(), picture.dimensions());
+    assert_ne!(overlay, picture);
+    assert_eq!(std::fs::read_dir(out.parent().unwrap()).unwrap().count(), 1, "no temporary file is left");
+}
+
+#[test]
+fn evaluate_prints_the_metrics_of_the_contract() {
+    let output = gravisight(&["evaluate", "--data", "tests/samples", "--model", "models/compact-sd-s", "--json"]);
+    let metrics = json(&output);
+    for key in ["dtg", "dtg_relative", "image_error_px"] {
+        for field in ["mean", "std", "median", "n"] {
+            assert!(metrics[key][field].is_number(), "{key}.{field}: {metrics}");
+        }
+    }
+    assert_eq!(metrics["dtg_binned"].as_array().unwrap().len(), 3);
+    assert_eq!(metrics["per_camera"]["cam1"]["n"], 24);
+    assert_eq!(metrics["per_environment"]["env1"]["n"], 24);
+    let output = gravisight(&["evaluate", "--data", "tests/samples"]);
+    assert!(String::from_utf8(output.stdout).unwrap().contains("DtG"));
+}
+
+#[test]
+fn refused_input_is_one_line_and_status_1() {
+    let (file, camera, _) = &samples()[0];
+    let (file, camera) = (text(file), text(camera));
+    let folder = scratch("refused");
+    let bad = |name: &str, bytes: &[u8]| {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    };
+    let picture = std::fs::read(file).unwrap();
+    let truncated = bad("truncated.png", &picture[..picture.len() / 2]);
+    let nonsense = bad("nonsense.json", b"{\"width\": 3}");
+    let card = std::fs::read(root().join("models/compact-sd-s.json")).unwrap();
+    let lone = bad("lone.json", &card);
+    let altered = scratch("altered").join("compact-sd-s.json");
+    std::fs::write(&altered, &card).unwrap();
+    let mut weights = std::fs::read(root().join("models/compact-sd-s.safetensors")).unwrap();
+    *weights.last_mut().unwrap() ^= 1;
+    std::fs::write(altered.with_extension("safetensors"), &weights).unwrap();
+    let cases: [(&[&str], &str); 9] = [
+        (&["localise", "no.png", "--camera", camera], "no.png"),
+        (&["localise", file, "--camera", "no.json"], "no.json"),
+        (&["localise", file, "--camera", text(&nonsense)], "height"),
+        (&["localise", text(&truncated), "--camera", camera], "truncated.png"),
+        (&["localise", file, "--camera", camera, "--model", text(&lone)], "compact-sd-s.safetensors"),
+        (&["localise", file, "--camera", camera, "--model", text(&altered)], "sha256"),
+        (&["localise", file, file, "--camera", camera, "--overlay", "x.png"], "--overlay"),
+        (&["evaluate", "--data", "no-folder"], "no-folder"),
+        (&["train", "--config", "no.toml"], "no.toml"),
+    ];
+    for (arguments, named) in cases {
+        let output = gravisight(arguments);
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        assert_eq!(message.lines().count(), 1, "{message}");
+        assert!(message.contains(named), "{arguments:?}: {message}");
+        assert!(output.stdout.is_empty());
+    }
+}
+
+#[test]
+fn wrong_usage_is_status_2_and_help_is_there() {
+    assert_eq!(gravisight(&["localise"]).status.code(), Some(2));
+    assert_eq!(gravisight(&["train"]).status.code(), Some(2));
+    assert_eq!(gravisight(&["fly"]).status.code(), Some(2));
+    for command in ["localise", "evaluate", "train"] {
+        let output = gravisight(&[command, "--help"]);
+        assert_eq!(output.status.code(), Some(0));
+        assert!(String::from_utf8(output.stdout).unwrap().contains("--device"));
+    }
+}
+
+#[test]
+fn a_device_that_was_not_built_in_says_how_to_build_it() {
+    if cfg!(feature = "cuda") {
+        return;
+    }
+    let (file, camera, _) = &samples()[0];
+    let output = gravisight(&["localise", text(file), "--camera", text(camera), "--device", "cuda"]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("--features cuda"));
+}

@@ -1,0 +1,80 @@
+//! Reading clips, and the lines that are refused.
+
+mod common;
+
+use common::{root, scratch};
+use gravisight::data::Clips;
+use gravisight::error::Error;
+use serde_json::{Value, json};
+
+fn samples() -> Vec<Value> {
+    let text = std::fs::read_to_string(root().join("tests/samples/clips.jsonl")).unwrap();
+    text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+/// Reads a folder with this one line, and files beside it.
+fn read_line(name: &str, line: &str, files: &[(&str, String)]) -> Result<Clips, Error> {
+    let folder = scratch(name);
+    std::fs::write(folder.join("clips.jsonl"), line).unwrap();
+    for (file, text) in files {
+        std::fs::write(folder.join(file), text).unwrap();
+    }
+    Clips::read(&folder)
+}
+
+#[test]
+fn labels_of_the_samples_are_where_their_camera_sees_the_ball() {
+    let clips = Clips::read(&root().join("tests/samples")).unwrap();
+    assert_eq!(clips.clips.len(), 2);
+    for (clip, frame) in clips.visible() {
+        let image = clip.camera.image_from_world(&frame.world.unwrap().into()).unwrap();
+        let label = frame.image.unwrap();
+        assert!((image.x - label[0]).hypot(image.y - label[1]) < 1e-9);
+        assert_eq!(clips.picture(clip, frame).unwrap().size(), [224, 224]);
+    }
+}
+
+#[test]
+fn camera_and_scene_may_be_files() {
+    let mut line = samples().remove(0);
+    let files = [("camera.json", line["camera"].to_string()), ("scene.json", line["scene"].to_string())];
+    let inline = read_line("inline", &line.to_string(), &[]).unwrap();
+    line["camera"] = json!("camera.json");
+    line["scene"] = json!("scene.json");
+    let by_path = read_line("by_path", &line.to_string(), &files).unwrap();
+    assert_eq!(by_path.clips[0].camera, inline.clips[0].camera);
+    assert_eq!(by_path.clips[0].scene, inline.clips[0].scene);
+}
+
+#[test]
+fn bad_lines_are_refused_with_line_and_field() {
+    let cases: [(&str, &dyn Fn(&mut Value), &str); 7] = [
+        ("unknown_field", &|line| line["colour"] = json!("red"), "colour"),
+        ("unknown_frame_field", &|line| line["frames"][0]["blur"] = json!(1), "blur"),
+        ("unknown_camera_field", &|line| line["camera"]["zoom"] = json!(1), "zoom"),
+        ("no_camera", &|line| drop(line.as_object_mut().unwrap().remove("camera")), "camera"),
+        ("no_fps", &|line| drop(line.as_object_mut().unwrap().remove("fps")), "fps"),
+        ("zero_fps", &|line| line["fps"] = json!(0), "fps"),
+        ("no_label", &|line| drop(line["frames"][0].as_object_mut().unwrap().remove("image")), "frames[0].image"),
+    ];
+    for (name, change, named) in cases {
+        let mut line = samples().remove(0);
+        change(&mut line);
+        let error = read_line(name, &format!("\n{line}\n"), &[]).unwrap_err();
+        assert!(error.to_string().contains(named), "{name}: {error}");
+        assert!(error.to_string().contains("clips.jsonl:2") || name.contains("camera"), "{name}: {error}");
+    }
+    assert!(matches!(read_line("empty", "\n", &[]), Err(Error::Data { .. })));
+    assert!(matches!(Clips::read(&root().join("no such folder")), Err(Error::Io { .. })));
+}
+
+#[test]
+fn a_picture_of_another_size_than_its_camera_is_refused() {
+    let mut line = samples().remove(0);
+    line["camera"]["width"] = json!(448);
+    let clips = read_line("size", &line.to_string(), &[]).unwrap();
+    let clips = Clips { folder: root().join("tests/samples"), ..clips };
+    let clip = &clips.clips[0];
+    let error = clips.picture(clip, &clip.frames[0]).unwrap_err();
+    assert!(error.to_string().contains("448"), "{error}");
+}

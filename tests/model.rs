@@ -1,0 +1,226 @@
+//! The network against PyTorch, its weights files, its decoding.
+
+mod common;
+
+use burn::tensor::{Device, Tensor, TensorData};
+use common::{formula, formula_tensor, golden, safetensors_of, vector};
+use gravisight::error::Error;
+use gravisight::model::{
+    self, BackboneConfig, Card, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, load, load_backbone_timm,
+    save,
+};
+use proptest::prelude::*;
+
+const HEIGHT: usize = 64;
+const WIDTH: usize = 96;
+/// Largest difference from PyTorch's maps and coordinates.
+const TOLERANCE: f32 = 1e-4;
+
+fn picture(device: &Device) -> Tensor<4> {
+    let values: Vec<f32> = formula("picture", 3 * HEIGHT * WIDTH).into_iter().map(|value| value as f32).collect();
+    Tensor::from_data(TensorData::new(values, [1, 3, HEIGHT, WIDTH]), device)
+}
+
+fn largest_difference(found: &[f32], expected: &[f32]) -> f32 {
+    assert_eq!(found.len(), expected.len());
+    found.iter().zip(expected).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+}
+
+/// A small compact network, the one of tests/golden/pen.py.
+fn small() -> PenConfig {
+    let backbone = BackboneConfig::Compact { stem: 6, stages: [6, 8, 10, 12], pyramid: 8 };
+    PenConfig { backbone, ..PenConfig::compact(7.5) }
+}
+
+/// Weights by the formula for every tensor of `config`'s network.
+fn formula_weights(config: &PenConfig, device: &Device) -> Vec<u8> {
+    let bytes = save(&Pen::new(config, device).unwrap()).unwrap();
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let tensors = file.tensors().into_iter().map(|(name, view)| {
+        let values = formula_tensor(&name, view.shape());
+        (name, view.shape().to_vec(), values)
+    });
+    safetensors_of(tensors.collect())
+}
+
+fn assert_golden(pen: &Pen, file: &str, coordinates: &str, beta: f64, device: &Device) {
+    let bytes = golden(file);
+    let expected = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let expected = |name: &str| vector(&expected.tensor(name).unwrap());
+    let output = pen.forward(picture(device));
+    let read = |tensor: Tensor<3>| tensor.into_data().to_vec::<f32>().unwrap();
+    assert!(largest_difference(&read(output.heatmap.clone()), &expected("heatmap")) < TOLERANCE);
+    assert!(largest_difference(&read(output.depth.clone()), &expected("depth")) < TOLERANCE);
+    let config = PenConfig { heatmap: HeatmapConfig { beta }, ..pen.config().clone() };
+    let decoded = decode(output, &config);
+    let mut found = decoded.image.into_data().to_vec::<f32>().unwrap();
+    found.extend(decoded.depth.into_data().to_vec::<f32>().unwrap());
+    let difference = largest_difference(&found, &expected(coordinates));
+    assert!(difference < TOLERANCE, "{found:?} {:?}", expected(coordinates));
+}
+
+#[test]
+fn the_compact_network_equals_pytorch() {
+    let device = Device::flex();
+    let pen = load(&small(), formula_weights(&small(), &device), &device).unwrap();
+    assert_golden(&pen, "pen_compact.safetensors", "decoded", 1.0, &device);
+}
+
+#[test]
+fn the_paper_network_with_timm_weights_equals_pytorch() {
+    let device = Device::flex();
+    let config = PenConfig::paper();
+    // Heads from our own file; the backbone from a file with timm's names, fc and layer4 included.
+    let pen = load(&config, formula_weights(&config, &device), &device).unwrap();
+    let shapes: std::collections::BTreeMap<String, Vec<usize>> =
+        serde_json::from_slice(&golden("timm_resnet34.json")).unwrap();
+    let timm = shapes.into_iter().filter(|(name, _)| !name.ends_with("num_batches_tracked")).map(|(name, shape)| {
+        let values = formula_tensor(&name, &shape);
+        (name, shape, values)
+    });
+    let pen = load_backbone_timm(pen, safetensors_of(timm.collect())).unwrap();
+    assert_golden(&pen, "pen_paper.safetensors", "decoded", 2.0, &device);
+    assert_golden(&pen, "pen_paper.safetensors", "decoded_sharp", 10.0, &device);
+}
+
+#[test]
+fn a_timm_file_without_a_tensor_is_refused_by_its_name() {
+    let device = Device::flex();
+    let backbone = BackboneConfig::ResNet34 { width: 4 };
+    let head = model::HeadConfig::Paper { channels: [4, 4, 4] };
+    let config = PenConfig { backbone, head, ..PenConfig::paper() };
+    let pen = Pen::new(&config, &device).unwrap();
+    let bytes = save(&pen).unwrap();
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let timm = file.tensors().into_iter().filter_map(|(name, view)| {
+        let name = name.strip_prefix("backbone.")?;
+        (name != "layer2.0.downsample.0.weight").then(|| (name.to_string(), view.shape().to_vec(), vector(&view)))
+    });
+    let error = load_backbone_timm(pen, safetensors_of(timm.collect())).unwrap_err();
+    assert!(matches!(&error, Error::WeightsArchitecture { .. }), "{error}");
+    assert!(error.to_string().contains("layer2.0.downsample.0.weight"), "{error}");
+    let compact = Pen::new(&small(), &device).unwrap();
+    let error = load_backbone_timm(compact, safetensors_of(vec![])).unwrap_err();
+    assert!(error.to_string().contains("resnet34"), "{error}");
+}
+
+#[test]
+fn saved_weights_load_back_to_the_same_network() {
+    let device = Device::flex();
+    device.seed(3);
+    let pen = Pen::new(&small(), &device).unwrap();
+    let again = load(&small(), save(&pen).unwrap(), &device).unwrap();
+    let read = |pen: &Pen| pen.forward(picture(&device)).heatmap.into_data().to_vec::<f32>().unwrap();
+    assert_eq!(read(&pen), read(&again));
+}
+
+#[test]
+fn truncated_weights_are_refused_as_such() {
+    let device = Device::flex();
+    let bytes = formula_weights(&small(), &device);
+    for length in [0, 4, 100, bytes.len() - 1] {
+        let error = load(&small(), bytes[..length].to_vec(), &device).unwrap_err();
+        assert!(matches!(error, Error::WeightsFile { .. }), "{length}: {error}");
+    }
+}
+
+#[test]
+fn weights_of_another_architecture_are_refused_with_the_tensor() {
+    let device = Device::flex();
+    let bytes = formula_weights(&small(), &device);
+    let wider =
+        PenConfig { backbone: BackboneConfig::Compact { stem: 8, stages: [6, 8, 10, 12], pyramid: 8 }, ..small() };
+    let error = load(&wider, bytes, &device).unwrap_err();
+    assert!(matches!(error, Error::WeightsArchitecture { .. }), "{error}");
+    assert!(error.to_string().contains("stem"), "{error}");
+}
+
+#[test]
+fn nan_and_infinite_weights_are_refused_with_the_tensor() {
+    let device = Device::flex();
+    for bad in [f32::NAN, f32::INFINITY] {
+        let bytes = formula_weights(&small(), &device);
+        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        let tensors = file.tensors().into_iter().map(|(name, view)| {
+            let mut values = vector(&view);
+            if name == "depth_head.last.bias" {
+                values[0] = bad;
+            }
+            (name, view.shape().to_vec(), values)
+        });
+        let error = load(&small(), safetensors_of(tensors.collect()), &device).unwrap_err();
+        let Error::WeightsNotFinite { tensor } = &error else { panic!("{error}") };
+        assert_eq!(tensor, "depth_head.last.bias");
+    }
+}
+
+#[test]
+fn a_wrong_sha256_is_refused_with_both_sums() {
+    let card = common::tiny_card();
+    let error = card.check_sha256(b"other bytes").unwrap_err();
+    let Error::WeightsSha256 { expected, found } = &error else { panic!("{error}") };
+    assert_eq!(expected, &card.sha256);
+    assert_eq!(found, &model::sha256_hex(b"other bytes"));
+}
+
+#[test]
+fn cards_with_unknown_fields_or_senseless_numbers_are_refused() {
+    let text = String::from_utf8(golden("tiny.json")).unwrap();
+    for (from, to, named) in [
+        ("\"name\"", "\"nome\"", "nome"),
+        ("\"width\": 64", "\"width\": 65", "input"),
+        ("\"stem\": 4", "\"stem\": 0", "channels"),
+        ("\"beta\": 1.0", "\"beta\": -1.0", "beta"),
+        ("\"depthwise\"", "\"deepwise\"", "deepwise"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let error = Card::from_json(&text.replace(from, to), "card").unwrap_err();
+        assert!(error.to_string().contains(named), "{error}");
+    }
+}
+
+#[test]
+fn the_presets_have_the_published_and_promised_sizes() {
+    use burn::module::Module as _;
+    let device = Device::flex();
+    let parameters = |config| Pen::new(&config, &device).unwrap().num_params();
+    let paper = parameters(PenConfig::paper());
+    assert!((18_000_000..18_150_000).contains(&paper), "{paper}");
+    let compact = parameters(PenConfig::compact(7.0));
+    assert!(compact < 2_000_000, "{compact}");
+}
+
+/// Maps of one picture: a heatmap whose softmax is a Gaussian, a depth plane.
+fn gaussian_maps(centre: [f64; 2], sigma: f64, [height, width]: [usize; 2]) -> PenOutput {
+    let device = Device::flex();
+    let stride = 4.0;
+    let at = |index: usize| ((index % width) as f64 * stride + 1.5, (index / width) as f64 * stride + 1.5);
+    let heatmap: Vec<f32> = (0..height * width)
+        .map(|index| {
+            let (x, y) = at(index);
+            (-((x - centre[0]).powi(2) + (y - centre[1]).powi(2)) / (2.0 * sigma * sigma)) as f32
+        })
+        .collect();
+    let depth: Vec<f32> = (0..height * width).map(|index| (3.0 + 0.01 * at(index).0) as f32).collect();
+    let map = |values| Tensor::from_data(TensorData::new(values, [1, height, width]), &device);
+    PenOutput { heatmap: map(heatmap), depth: map(depth) }
+}
+
+proptest! {
+    #[test]
+    fn the_soft_argmax_finds_a_gaussian_and_the_depth_under_it(x in 20.0..100.0_f64, y in 20.0..70.0_f64) {
+        let decoded = decode(gaussian_maps([x, y], 4.0, [24, 32]), &small());
+        let image = decoded.image.into_data().to_vec::<f32>().unwrap();
+        prop_assert!((f64::from(image[0]) - x).abs() < 0.01 && (f64::from(image[1]) - y).abs() < 0.01);
+        let depth = decoded.depth.into_data().to_vec::<f32>().unwrap()[0];
+        prop_assert!((f64::from(depth) - (3.0 + 0.01 * x)).abs() < 1e-3);
+        let probability = decoded.probability.into_data().to_vec::<f32>().unwrap();
+        prop_assert!(confidence(&probability, 32, 4, [x, y]) > 0.95);
+    }
+}
+
+#[test]
+fn an_empty_heatmap_gives_little_confidence() {
+    let flat = vec![1.0 / 3136.0; 3136];
+    assert!(confidence(&flat, 56, 4, [111.5, 111.5]) < 0.02);
+}

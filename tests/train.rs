@@ -1,0 +1,305 @@
+//! Training: it learns, its gradients are right, it resumes exactly, it refuses what cannot train.
+
+mod common;
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+
+use burn::module::{Module as _, ModuleMapper, Param};
+use burn::optim::{AdamWConfig, ModuleOptimizer};
+use burn::tensor::{Device, Tensor, TensorData};
+use common::{formula, root, scratch, vector};
+use gravisight::error::Error;
+use gravisight::model::{BackboneConfig, Pen, PenConfig, PenOutput, save};
+use gravisight::train::ema::Ema;
+use gravisight::train::loss::{HeatmapLoss, Labels, labels_3d};
+use gravisight::train::run::{self, Progress};
+use gravisight::train::step::{Batch, StepOptions, step};
+
+fn tiny() -> PenConfig {
+    let backbone = BackboneConfig::Compact { stem: 4, stages: [4, 6, 8, 8], pyramid: 4 };
+    PenConfig { backbone, ..PenConfig::compact(7.4) }
+}
+
+/// A run configuration on the samples, its folder, extra lines for the top level.
+fn configuration(name: &str, extra: &str) -> PathBuf {
+    let samples = root().join("tests/samples");
+    let text = format!(
+        r#"
+name = "t"
+train = {samples:?}
+validation = {samples:?}
+out = "out"
+supervision = "3d-gt"
+checkpoint_every = 2
+validate_frames = 2
+input = {{ width = 64, height = 64 }}
+{extra}
+[architecture]
+backbone = {{ kind = "compact", stem = 4, stages = [4, 6, 8, 8], pyramid = 4 }}
+head = {{ kind = "depthwise" }}
+heatmap = {{ beta = 1.0 }}
+depth = {{ activation = "exp", scale = 7.4 }}
+
+[[phases]]
+steps = 4
+batch = 3
+crop = 32
+learning_rate = 1e-3
+[[phases]]
+steps = 3
+batch = 2
+learning_rate = 1e-3
+"#
+    );
+    let path = scratch(name).join("run.toml");
+    std::fs::write(&path, text).unwrap();
+    path
+}
+
+fn start(path: &Path, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf, Error> {
+    run::start(run::read_config(path)?, &Device::flex(), observe)
+}
+
+#[test]
+fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
+    let whole = configuration("whole", "");
+    let card = start(&whole, &mut |_| {}).unwrap();
+    let expected = std::fs::read(card.with_extension("safetensors")).unwrap();
+    let log = |folder: &Path| std::fs::read_to_string(folder.join("out/log.jsonl")).unwrap().lines().count();
+    assert_eq!(log(whole.parent().unwrap()), 7);
+    for kill_after in [1, 3, 5, 6] {
+        let path = configuration(&format!("killed_{kill_after}"), "");
+        let folder = path.parent().unwrap().to_path_buf();
+        let mut observe = |progress: &Progress| assert!(progress.step < kill_after, "killed by the test");
+        catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
+        let card = run::resume(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
+        assert_eq!(std::fs::read(card.with_extension("safetensors")).unwrap(), expected, "killed after {kill_after}");
+        assert_eq!(log(&folder), 7);
+    }
+}
+
+#[test]
+fn a_finished_run_is_not_overwritten() {
+    let path = configuration("finished", "");
+    start(&path, &mut |_| {}).unwrap();
+    let error = start(&path, &mut |_| {}).unwrap_err();
+    assert!(error.to_string().contains("--resume"), "{error}");
+}
+
+#[test]
+fn senseless_configurations_are_refused_with_the_field() {
+    for (extra, named) in [
+        ("learning_rat = 1.0", "learning_rat"),
+        ("ema_decay = 1.5", "ema_decay"),
+        ("depth_weight = -1.0", "depth_weight"),
+        ("checkpoint_every = 0", "checkpoint_every"),
+        ("preset = \"huge\"", "huge"),
+    ] {
+        let path = configuration("senseless", "");
+        let text = std::fs::read_to_string(&path).unwrap();
+        let field = extra.split(' ').next().unwrap();
+        let kept: Vec<&str> = text.lines().filter(|line| !line.starts_with(field)).collect();
+        std::fs::write(&path, format!("{extra}\n{}", kept.join("\n"))).unwrap();
+        let error = run::read_config(&path).unwrap_err();
+        assert!(error.to_string().contains(named), "{extra}: {error}");
+    }
+    for (from, to, named) in [("crop = 32", "crop = 33", "crop"), ("supervision = \"3d-gt\"", "", "supervision")] {
+        let path = configuration("senseless", "");
+        let text = std::fs::read_to_string(&path).unwrap().replace(from, to);
+        std::fs::write(&path, text).unwrap();
+        let error = run::read_config(&path).unwrap_err();
+        assert!(error.to_string().contains(named), "{to}: {error}");
+    }
+}
+
+#[test]
+fn a_frame_without_3d_label_is_refused_by_name() {
+    let path = configuration("no_world", "");
+    let folder = path.parent().unwrap().join("clips");
+    std::fs::create_dir_all(&folder).unwrap();
+    let lines = std::fs::read_to_string(root().join("tests/samples/clips.jsonl")).unwrap();
+    let mut first: serde_json::Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
+    first["frames"][0].as_object_mut().unwrap().remove("world");
+    std::fs::write(folder.join("clips.jsonl"), first.to_string()).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen(&format!("{:?}", root().join("tests/samples")), "\"clips\"", 1)).unwrap();
+    let error = start(&path, &mut |_| {}).unwrap_err();
+    assert!(error.to_string().contains("world") && error.to_string().contains("000.png"), "{error}");
+}
+
+/// A batch of two pictures from the formula, balls inside.
+fn batch() -> Batch {
+    let pictures = formula("batch", 2 * 3 * 32 * 64).into_iter().map(|value| value as f32).collect();
+    Batch {
+        pictures,
+        size: [32, 64],
+        labels: Labels { image: vec![[20.3, 11.8], [47.1, 20.2]], depth: vec![7.0, 8.1] },
+    }
+}
+
+fn options(learning_rate: f64) -> StepOptions {
+    StepOptions {
+        heatmap_loss: HeatmapLoss::default(),
+        depth_weight: 0.2,
+        depth_transition: 0.05,
+        clip_norm: 5.0,
+        learning_rate,
+    }
+}
+
+#[test]
+fn repeated_steps_on_one_batch_learn_it() {
+    let device = Device::flex().autodiff();
+    device.seed(5);
+    let mut pen = Pen::new(&tiny(), &device).unwrap();
+    let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
+    let mut losses = Vec::new();
+    for _ in 0..60 {
+        let (next, report) = step(pen, &mut optimiser, batch(), &options(1e-2), &device);
+        pen = next;
+        losses.push(report.loss);
+    }
+    assert!(losses[59] < 0.6 * losses[0], "{} -> {}", losses[0], losses[59]);
+}
+
+#[test]
+fn a_diverging_step_reports_it_and_leaves_the_weights_alone() {
+    let device = Device::flex().autodiff();
+    let pen = Pen::new(&tiny(), &device).unwrap();
+    let before = save(&pen).unwrap();
+    let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
+    let mut bad = batch();
+    bad.pictures[7] = f32::NAN;
+    let (pen, report) = step(pen, &mut optimiser, bad, &options(1e-2), &device);
+    assert!(!report.loss.is_finite());
+    let (before, after) = (before, save(&pen).unwrap());
+    let read = |bytes: &[u8]| {
+        let file = safetensors::SafeTensors::deserialize(bytes).unwrap();
+        vector(&file.tensor("backbone.stem.conv.weight").unwrap())
+    };
+    assert_eq!(read(&before), read(&after));
+}
+
+/// Adds `by` to element `index` of the first parameter of rank `RANK`.
+struct Nudge<const RANK: usize> {
+    index: usize,
+    by: f32,
+    done: bool,
+}
+
+impl<const RANK: usize> ModuleMapper for Nudge<RANK> {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        if D != RANK || self.done {
+            return param;
+        }
+        self.done = true;
+        let (index, by) = (self.index, self.by);
+        param.map(|tensor| {
+            let data = tensor.to_data();
+            let mut values = data.to_vec::<f32>().unwrap();
+            values[index] += by;
+            Tensor::from_data(TensorData::new(values, tensor.dims()), &tensor.device()).require_grad()
+        })
+    }
+}
+
+#[test]
+fn the_losses_gradients_equal_central_differences() {
+    // On the maps themselves, where the loss is smooth: every cell's derivative by both losses.
+    let device = Device::flex().autodiff();
+    let maps = |name: &str, scale: f64, offset: f64| -> Vec<f32> {
+        formula(name, 2 * 8 * 16).into_iter().map(|value| (offset + scale * value) as f32).collect()
+    };
+    let (heatmap, depth) = (maps("heatmap", 1.0, 0.0), maps("depth", 0.5, 7.0));
+    let labels = batch().labels;
+    for loss in [HeatmapLoss::default(), HeatmapLoss::Mse { amplitude: 3.0, sigma: 4.0 }] {
+        let total = |heatmap: &Tensor<3>, depth: &Tensor<3>| {
+            let output = PenOutput { heatmap: heatmap.clone(), depth: depth.clone() };
+            let losses = labels_3d(output, &labels, &tiny(), loss, 0.05);
+            losses.heatmap + losses.depth.mul_scalar(0.2)
+        };
+        let tensor = |values: &[f32]| Tensor::<3>::from_data(TensorData::new(values.to_vec(), [2, 8, 16]), &device);
+        let (h, d) = (tensor(&heatmap).require_grad(), tensor(&depth).require_grad());
+        let gradients = total(&h, &d).backward();
+        let read = |tensor: Tensor<3>| tensor.into_data().to_vec::<f32>().unwrap();
+        let (dh, dd) = (read(h.grad(&gradients).unwrap()), read(d.grad(&gradients).unwrap()));
+        let at =
+            |heatmap: &[f32], depth: &[f32]| f64::from(total(&tensor(heatmap), &tensor(depth)).into_scalar::<f32>());
+        let step = 1e-2_f32;
+        for index in (0..256).step_by(17) {
+            let moved = |values: &[f32], by: f32| {
+                let mut values = values.to_vec();
+                values[index] += by;
+                values
+            };
+            let heat =
+                (at(&moved(&heatmap, step), &depth) - at(&moved(&heatmap, -step), &depth)) / f64::from(2.0 * step);
+            assert!((heat - f64::from(dh[index])).abs() < 2e-3, "{loss:?} heatmap {index}: {heat} {}", dh[index]);
+            let deep =
+                (at(&heatmap, &moved(&depth, step)) - at(&heatmap, &moved(&depth, -step))) / f64::from(2.0 * step);
+            assert!((deep - f64::from(dd[index])).abs() < 2e-3, "{loss:?} depth {index}: {deep} {}", dd[index]);
+        }
+    }
+}
+
+#[test]
+fn gradients_through_the_whole_network_equal_central_differences() {
+    // The first parameters of rank 4 and 1: the stem's convolution and its norm, the longest ways.
+    let device = Device::flex().autodiff();
+    device.seed(11);
+    let pen = Pen::new(&tiny(), &device).unwrap();
+    let loss_of = |pen: &Pen| {
+        let batch = batch();
+        let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 3, 32, 64]), &device);
+        let losses = labels_3d(pen.forward(pictures), &batch.labels, &tiny(), HeatmapLoss::default(), 0.5);
+        losses.heatmap + losses.depth.mul_scalar(0.2)
+    };
+    let gradients = burn::optim::GradientsParams::from_grads(loss_of(&pen).backward(), &pen);
+    struct First<'a, const RANK: usize>(&'a burn::optim::GradientsParams, Option<Vec<f32>>);
+    impl<const RANK: usize> burn::module::ModuleVisitor for First<'_, RANK> {
+        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+            if D == RANK && self.1.is_none() {
+                self.1 = Some(self.0.get::<D>(param.id).unwrap().into_data().to_vec().unwrap());
+            }
+        }
+    }
+    let mut kernel = First::<4>(&gradients, None);
+    pen.visit(&mut kernel);
+    let mut scale = First::<1>(&gradients, None);
+    pen.visit(&mut scale);
+    let by = 4e-3_f32;
+    let value = |pen: Pen| f64::from(loss_of(&pen).into_scalar::<f32>());
+    let close = |found: f64, expected: f32, what: &str| {
+        let expected = f64::from(expected);
+        assert!((found - expected).abs() < 0.02 + 0.05 * expected.abs(), "{what}: {found} {expected}");
+    };
+    for index in [0, 37, 142, 255] {
+        let moved = |by| value(pen.clone().map(&mut Nudge::<4> { index, by, done: false }));
+        close((moved(by) - moved(-by)) / f64::from(2.0 * by), kernel.1.as_ref().unwrap()[index], "kernel");
+    }
+    for index in 0..4 {
+        let moved = |by| value(pen.clone().map(&mut Nudge::<1> { index, by, done: false }));
+        close((moved(by) - moved(-by)) / f64::from(2.0 * by), scale.1.as_ref().unwrap()[index], "norm");
+    }
+}
+
+#[test]
+fn the_average_moves_by_its_decay_from_a_tenth_up() {
+    let device = Device::flex().autodiff();
+    device.seed(1);
+    let first = Pen::new(&tiny(), &device).unwrap();
+    let second = first.clone().map(&mut Nudge::<4> { index: 0, by: 1.0, done: false });
+    let stem = |pen: &Pen| {
+        let bytes = save(pen).unwrap();
+        let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+        vector(&file.tensor("backbone.stem.conv.weight").unwrap())[0]
+    };
+    let start = stem(&first);
+    for (updates, decay) in [(0, 0.1), (100_000, 0.998)] {
+        let mut ema = Ema::new(first.valid(), 0.998, updates);
+        ema.update(&second);
+        let moved = f64::from(stem(ema.model()) - start);
+        assert!((moved - (1.0 - decay)).abs() < 1e-3, "{updates}: {moved}");
+    }
+}
