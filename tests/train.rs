@@ -197,7 +197,7 @@ impl<const RANK: usize> ModuleMapper for Nudge<RANK> {
         let (index, by) = (self.index, self.by);
         param.map(|tensor| {
             let data = tensor.to_data();
-            let mut values = data.to_vec::<f32>().unwrap();
+            let mut values = data.try_to_vec::<f32>().unwrap();
             values[index] += by;
             Tensor::from_data(TensorData::new(values, tensor.dims()), &tensor.device()).require_grad()
         })
@@ -222,7 +222,7 @@ fn the_losses_gradients_equal_central_differences() {
         let tensor = |values: &[f32]| Tensor::<3>::from_data(TensorData::new(values.to_vec(), [2, 8, 16]), &device);
         let (h, d) = (tensor(&heatmap).require_grad(), tensor(&depth).require_grad());
         let gradients = total(&h, &d).backward();
-        let read = |tensor: Tensor<3>| tensor.into_data().to_vec::<f32>().unwrap();
+        let read = |tensor: Tensor<3>| tensor.into_data().try_to_vec::<f32>().unwrap();
         let (dh, dd) = (read(h.grad(&gradients).unwrap()), read(d.grad(&gradients).unwrap()));
         let at =
             |heatmap: &[f32], depth: &[f32]| f64::from(total(&tensor(heatmap), &tensor(depth)).into_scalar::<f32>());
@@ -260,7 +260,7 @@ fn gradients_through_the_whole_network_equal_central_differences() {
     impl<const RANK: usize> burn::module::ModuleVisitor for First<'_, RANK> {
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
             if D == RANK && self.1.is_none() {
-                self.1 = Some(self.0.get::<D>(param.id).unwrap().into_data().to_vec().unwrap());
+                self.1 = Some(self.0.get::<D>(param.id).unwrap().into_data().try_to_vec().unwrap());
             }
         }
     }

@@ -27,6 +27,10 @@ pub fn decode(output: PenOutput, config: &PenConfig) -> Decoded {
     let device = output.heatmap.device();
     let logits = output.heatmap.mul_scalar(config.heatmap.beta).reshape([batch, height * width]);
     let probability = softmax(logits, 1).reshape([batch, height, width]);
+    // Over tens of thousands of cells an f32 softmax sums to 1 only to some 1e-5, which would move
+    // coordinates and depth by as much: divide by the mass that is really there.
+    let mass = probability.clone().sum_dim(1).sum_dim(2); // [b, 1, 1]
+    let probability = probability / mass;
     let columns = probability.clone().sum_dim(1).reshape([batch, width]); // [b, w]
     let rows = probability.clone().sum_dim(2).reshape([batch, height]); // [b, h]
     let x = (columns * cell_centres(width, stride, &device)).sum_dim(1); // [b, 1]
