@@ -11,7 +11,6 @@
 //!
 //! The method is that of "Towards Learning Monocular 3D Object Localization From 2D Labels Using
 //! the Physical Laws of Motion"; "paper eq. (n)" in the documentation speaks of it.
-#![warn(missing_docs)]
 #![recursion_limit = "256"]
 
 pub mod camera;

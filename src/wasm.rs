@@ -157,9 +157,9 @@ mod webgpu {
         if let Some(device) = DEVICE.with(|device| device.borrow().clone()) {
             return Ok(device);
         }
-        let failed =
-            |error: burn::tensor::WgpuInitError| Error::Device { device: "webgpu".into(), reason: error.to_string() };
-        let device = Device::wgpu_options().tasks_max(TASKS_MAX).init_async().await.map_err(failed)?;
+        let initialised = Device::wgpu_options().tasks_max(TASKS_MAX).init_async().await;
+        let device =
+            initialised.map_err(|error| Error::Device { device: "webgpu".into(), reason: error.to_string() })?;
         DEVICE.with(|slot| *slot.borrow_mut() = Some(device.clone()));
         Ok(device)
     }

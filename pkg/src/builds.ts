@@ -17,6 +17,17 @@ function urlsOf(kind: DeviceKind): { glue: URL; wasm: URL } {
       };
 }
 
+let started: RawModule | undefined;
+
+/** What the build that was started last said when it trapped; empty if it did not. */
+export function lastPanic(): string {
+  try {
+    return started?.lastPanic() ?? "";
+  } catch {
+    return ""; // a core that trapped may not answer
+  }
+}
+
 /** Fetches and starts a build; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
 export async function loadBuild(kind: DeviceKind, onBytes: OnBytes): Promise<RawModule> {
   const { glue, wasm } = urlsOf(kind);
@@ -27,6 +38,7 @@ export async function loadBuild(kind: DeviceKind, onBytes: OnBytes): Promise<Raw
     fetchBytes(wasm.href, `the ${nameOf(kind)} build`, onBytes),
   ]);
   await module.default({ module_or_path: bytes });
+  started = module;
   return module;
 }
 

@@ -30,12 +30,15 @@ export function wordsOf(thrown: unknown): string {
   return thrown instanceof Error ? thrown.message || thrown.name : String(thrown);
 }
 
-/** Turns anything that was thrown into a {@link GravisightError}; what has no code of its own is `internal`. */
-export function gravisightErrorFrom(thrown: unknown): GravisightError {
+/**
+ * Turns anything that was thrown into a {@link GravisightError}; what has no code of its own is `internal`, and says
+ * `panic`, the core's last words, instead of the trap's where there are any.
+ */
+export function gravisightErrorFrom(thrown: unknown, panic = ""): GravisightError {
   if (thrown instanceof GravisightError) return thrown;
   // The core's errors are made in Rust: an `Error` with this name and a code, not this class.
   if (thrown instanceof Error && thrown.name === "GravisightError" && "code" in thrown) {
     return new GravisightError(String(thrown.code), thrown.message);
   }
-  return new GravisightError("internal", `The core stopped unexpectedly: ${wordsOf(thrown)}.`, { cause: thrown });
+  return new GravisightError("internal", `The core stopped unexpectedly: ${panic || wordsOf(thrown)}.`, { cause: thrown });
 }

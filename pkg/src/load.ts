@@ -1,5 +1,5 @@
 /** From a model's URL and a choice of device to a core that is ready. Runs in the Worker. */
-import { loadBuild, nameOf } from "./builds.js";
+import { lastPanic, loadBuild, nameOf } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
 import { fetchBytes, fetchOk } from "./fetch.js";
 import type { RawLocaliser } from "./raw.js";
@@ -33,7 +33,7 @@ export async function load(cardUrl: string, choice: DeviceChoice, onProgress: On
   try {
     return await start("webgpu", model, "auto: this browser has a WebGPU adapter", onProgress);
   } catch (thrown) {
-    const why = gravisightErrorFrom(thrown);
+    const why = gravisightErrorFrom(thrown, lastPanic());
     return start("cpu", model, `auto: WebGPU failed: ${why.message}`, onProgress);
   }
 }

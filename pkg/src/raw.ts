@@ -57,6 +57,8 @@ export interface RawLocaliser {
 /** The module that wasm-pack writes (`--target web`). */
 export interface RawModule {
   default(options: { module_or_path: BufferSource }): Promise<unknown>;
+  /** What the core said when it trapped; empty if it did not. */
+  lastPanic(): string;
   Localiser: {
     create(cardJson: string, weights: Uint8Array, device: "cpu" | "webgpu"): Promise<RawLocaliser>;
   };

@@ -1,4 +1,5 @@
 /** The Worker: holds the core, answers one request after the other. */
+import { lastPanic } from "./builds.js";
 import { GravisightError, gravisightErrorFrom, wordsOf } from "./error.js";
 import { load } from "./load.js";
 import type { Answers, FromWorker, PictureMessage, Requests, ToWorker } from "./protocol.js";
@@ -28,7 +29,7 @@ scope.onmessage = async ({ data }) => {
       scope.postMessage({ type: "done", id, answer }, maps);
     }
   } catch (thrown) {
-    const error = gravisightErrorFrom(thrown);
+    const error = gravisightErrorFrom(thrown, lastPanic());
     if (error.code === "internal") trapped = error;
     scope.postMessage({ type: "failed", id, code: error.code, message: error.message });
   }
