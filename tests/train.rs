@@ -4,9 +4,10 @@ mod common;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use burn::module::{Module as _, ModuleMapper, Param};
-use burn::optim::{AdamWConfig, ModuleOptimizer};
+use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
+use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{formula, root, scratch, vector};
 use gravisight::error::Error;
@@ -15,6 +16,12 @@ use gravisight::train::ema::Ema;
 use gravisight::train::loss::{HeatmapLoss, Labels, labels_3d};
 use gravisight::train::run::{self, Progress};
 use gravisight::train::step::{Batch, StepOptions, step};
+
+/// Held by each test that makes networks: Burn has one random generator for all threads.
+fn alone() -> MutexGuard<'static, ()> {
+    static ONE: Mutex<()> = Mutex::new(());
+    ONE.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
 fn tiny() -> PenConfig {
     let backbone = BackboneConfig::Compact { stem: 4, stages: [4, 6, 8, 8], pyramid: 4 };
@@ -63,6 +70,7 @@ fn start(path: &Path, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf, Err
 
 #[test]
 fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
+    let _alone = alone();
     let whole = configuration("whole", "");
     let card = start(&whole, &mut |_| {}).unwrap();
     let expected = std::fs::read(card.with_extension("safetensors")).unwrap();
@@ -74,13 +82,15 @@ fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
         let mut observe = |progress: &Progress| assert!(progress.step < kill_after, "killed by the test");
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
         let card = run::resume(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
-        assert_eq!(std::fs::read(card.with_extension("safetensors")).unwrap(), expected, "killed after {kill_after}");
+        let found = std::fs::read(card.with_extension("safetensors")).unwrap();
+        assert!(found == expected, "killed after {kill_after}");
         assert_eq!(log(&folder), 7);
     }
 }
 
 #[test]
 fn a_finished_run_is_not_overwritten() {
+    let _alone = alone();
     let path = configuration("finished", "");
     start(&path, &mut |_| {}).unwrap();
     let error = start(&path, &mut |_| {}).unwrap_err();
@@ -150,6 +160,7 @@ fn options(learning_rate: f64) -> StepOptions {
 
 #[test]
 fn repeated_steps_on_one_batch_learn_it() {
+    let _alone = alone();
     let device = Device::flex().autodiff();
     device.seed(5);
     let mut pen = Pen::new(&tiny(), &device).unwrap();
@@ -165,6 +176,7 @@ fn repeated_steps_on_one_batch_learn_it() {
 
 #[test]
 fn a_diverging_step_reports_it_and_leaves_the_weights_alone() {
+    let _alone = alone();
     let device = Device::flex().autodiff();
     let pen = Pen::new(&tiny(), &device).unwrap();
     let before = save(&pen).unwrap();
@@ -181,26 +193,31 @@ fn a_diverging_step_reports_it_and_leaves_the_weights_alone() {
     assert_eq!(read(&before), read(&after));
 }
 
-/// Adds `by` to element `index` of the first parameter of rank `RANK`.
-struct Nudge<const RANK: usize> {
-    index: usize,
-    by: f32,
-    done: bool,
-}
+/// Adds these numbers to the first parameter of rank `RANK`.
+struct Nudge<const RANK: usize>(Option<Vec<f32>>);
 
 impl<const RANK: usize> ModuleMapper for Nudge<RANK> {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        if D != RANK || self.done {
+        if D != RANK {
             return param;
         }
-        self.done = true;
-        let (index, by) = (self.index, self.by);
+        let Some(by) = self.0.take() else { return param };
         param.map(|tensor| {
-            let data = tensor.to_data();
-            let mut values = data.try_to_vec::<f32>().unwrap();
-            values[index] += by;
+            let values = tensor.to_data().try_to_vec::<f32>().unwrap();
+            let values: Vec<f32> = values.iter().zip(by).map(|(value, by)| value + by).collect();
             Tensor::from_data(TensorData::new(values, tensor.dims()), &tensor.device()).require_grad()
         })
+    }
+}
+
+/// The gradient of the first parameter of rank `RANK`.
+struct First<'a, const RANK: usize>(&'a GradientsParams, Option<Vec<f32>>);
+
+impl<const RANK: usize> ModuleVisitor for First<'_, RANK> {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        if D == RANK && self.1.is_none() {
+            self.1 = Some(self.0.get::<D>(param.id).unwrap().into_data().try_to_vec().unwrap());
+        }
     }
 }
 
@@ -245,51 +262,46 @@ fn the_losses_gradients_equal_central_differences() {
 
 #[test]
 fn gradients_through_the_whole_network_equal_central_differences() {
-    // The first parameters of rank 4 and 1: the stem's convolution and its norm, the longest ways.
+    // The stem's convolution (first of rank 4) and its norm (first of rank 1): the longest ways.
+    let _alone = alone();
     let device = Device::flex().autodiff();
     device.seed(11);
     let pen = Pen::new(&tiny(), &device).unwrap();
-    let loss_of = |pen: &Pen| {
-        let batch = batch();
-        let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 3, 32, 64]), &device);
-        let losses = labels_3d(pen.forward(pictures), &batch.labels, &tiny(), HeatmapLoss::default(), 0.5);
-        losses.heatmap + losses.depth.mul_scalar(0.2)
+    let gradients = GradientsParams::from_grads(loss_of(&pen, &device).backward(), &pen);
+    assert_slope::<4>(&pen, &gradients, &device);
+    assert_slope::<1>(&pen, &gradients, &device);
+}
+
+fn loss_of(pen: &Pen, device: &Device) -> Tensor<1> {
+    let batch = batch();
+    let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 3, 32, 64]), device);
+    let losses = labels_3d(pen.forward(pictures), &batch.labels, &tiny(), HeatmapLoss::default(), 0.5);
+    losses.heatmap + losses.depth.mul_scalar(0.2)
+}
+
+/// Along its own direction the gradient's slope is its norm. A short step: the network has many kinks.
+fn assert_slope<const RANK: usize>(pen: &Pen, gradients: &GradientsParams, device: &Device) {
+    let mut first = First::<RANK>(gradients, None);
+    pen.visit(&mut first);
+    let gradient = first.1.unwrap();
+    let norm = gradient.iter().map(|value| value * value).sum::<f32>().sqrt();
+    let step = 1e-4;
+    let at = |step: f32| {
+        let by = gradient.iter().map(|value| value * step / norm).collect();
+        let moved = pen.clone().map(&mut Nudge::<RANK>(Some(by)));
+        f64::from(loss_of(&moved, device).into_scalar::<f32>())
     };
-    let gradients = burn::optim::GradientsParams::from_grads(loss_of(&pen).backward(), &pen);
-    struct First<'a, const RANK: usize>(&'a burn::optim::GradientsParams, Option<Vec<f32>>);
-    impl<const RANK: usize> burn::module::ModuleVisitor for First<'_, RANK> {
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            if D == RANK && self.1.is_none() {
-                self.1 = Some(self.0.get::<D>(param.id).unwrap().into_data().try_to_vec().unwrap());
-            }
-        }
-    }
-    let mut kernel = First::<4>(&gradients, None);
-    pen.visit(&mut kernel);
-    let mut scale = First::<1>(&gradients, None);
-    pen.visit(&mut scale);
-    let by = 4e-3_f32;
-    let value = |pen: Pen| f64::from(loss_of(&pen).into_scalar::<f32>());
-    let close = |found: f64, expected: f32, what: &str| {
-        let expected = f64::from(expected);
-        assert!((found - expected).abs() < 0.02 + 0.05 * expected.abs(), "{what}: {found} {expected}");
-    };
-    for index in [0, 37, 142, 255] {
-        let moved = |by| value(pen.clone().map(&mut Nudge::<4> { index, by, done: false }));
-        close((moved(by) - moved(-by)) / f64::from(2.0 * by), kernel.1.as_ref().unwrap()[index], "kernel");
-    }
-    for index in 0..4 {
-        let moved = |by| value(pen.clone().map(&mut Nudge::<1> { index, by, done: false }));
-        close((moved(by) - moved(-by)) / f64::from(2.0 * by), scale.1.as_ref().unwrap()[index], "norm");
-    }
+    let slope = (at(step) - at(-step)) / f64::from(2.0 * step);
+    assert!((slope / f64::from(norm) - 1.0).abs() < 0.02, "rank {RANK}: {slope} {norm}");
 }
 
 #[test]
 fn the_average_moves_by_its_decay_from_a_tenth_up() {
+    let _alone = alone();
     let device = Device::flex().autodiff();
     device.seed(1);
     let first = Pen::new(&tiny(), &device).unwrap();
-    let second = first.clone().map(&mut Nudge::<4> { index: 0, by: 1.0, done: false });
+    let second = first.clone().map(&mut Nudge::<4>(Some(vec![1.0; 4 * 3 * 5 * 5])));
     let stem = |pen: &Pen| {
         let bytes = save(pen).unwrap();
         let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();

@@ -61,7 +61,12 @@ pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 /// [`Error::WeightsFile`] where the device cannot be read.
 pub fn save(pen: &Pen) -> Result<Vec<u8>> {
     let refuse = |error: SafetensorsStoreError| Error::WeightsFile { reason: error.to_string() };
-    let mut store = SafetensorsStore::from_bytes(None).with_to_adapter(BurnToPyTorchAdapter).skip_enum_variants(true);
+    // One entry of metadata: several are written in an order that changes from call to call.
+    let mut store = SafetensorsStore::from_bytes(None)
+        .with_to_adapter(BurnToPyTorchAdapter)
+        .skip_enum_variants(true)
+        .clear_metadata()
+        .metadata("format", "pt");
     store.collect_from(pen).map_err(refuse)?;
     store.get_bytes().map_err(refuse)
 }

@@ -1,6 +1,6 @@
 /** Which device is taken, and that both give the same maps. */
 import assert from "node:assert/strict";
-import { existsSync, readFileSync } from "node:fs";
+import { existsSync, readdirSync, readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { launch, open } from "./support/browser.js";
 import { located } from "./support/demo.js";
@@ -37,8 +37,10 @@ test("webgpu without an adapter is refused in words, and the CPU can be chosen",
   });
 });
 
-test("without the WebGPU build, auto takes the CPU, webgpu says what is missing, and the page stays on the CPU", { skip: hasWebGpuBuild && "the WebGPU build is there" }, async () => {
-  await inBrowser({ webgpu: true }, "?device=auto", async (page) => {
+test("without the WebGPU build, auto takes the CPU, webgpu says what is missing, and the page stays on the CPU", async () => {
+  await inBrowser({ webgpu: true }, "about:blank", async (page) => {
+    for (const asset of webGpuGlue()) await page.route(`**/${asset}`, (route) => route.fulfill({ status: 404 }));
+    await page.goto(`${server.url}?device=auto`);
     await located(page);
     assert.match(await page.getByTestId("device").textContent(), /CPU.*auto: WebGPU failed: .*build is not here/);
     await page.getByTestId("device-webgpu").check();
@@ -47,6 +49,9 @@ test("without the WebGPU build, auto takes the CPU, webgpu says what is missing,
     assert.ok(await page.getByTestId("device-auto").isChecked());
     await located(page);
   });
+  // The browser itself reports the file that was not there.
+  const missing = complaints.splice(0).filter((complaint) => !complaint.includes("404"));
+  assert.deepEqual(missing, []);
 });
 
 const skip = (!hasWebGpuBuild && "pkg/wasm/webgpu/gravisight_bg.wasm is not there") || (!hasTiny && "tests/golden/tiny.{json,safetensors} is not there");
@@ -74,10 +79,21 @@ test("nothing was reported to the console over the whole run", () => {
 async function inBrowser(options, path, body) {
   const browser = await launch(options);
   try {
-    await body(await open(browser, server.url + path, complaints));
+    await body(await open(browser, path === "about:blank" ? path : server.url + path, complaints));
   } finally {
     await browser.close();
   }
+}
+
+/** What the page's build calls the WebGPU build's glue; nothing where it was built without. */
+function webGpuGlue() {
+  if (!hasWebGpuBuild) return [];
+  const content = readFileSync(here("../../pkg/wasm/webgpu/gravisight.js"));
+  const assets = here("../../web/dist/assets/");
+  const isGlue = (name) => name.endsWith(".js") && readFileSync(new URL(name, assets)).equals(content);
+  const found = readdirSync(assets).filter(isGlue);
+  assert.equal(found.length, 1, "web/dist is older than pkg/wasm/webgpu: run `npm run build`");
+  return found;
 }
 
 // The function below runs in the page.
