@@ -11,6 +11,8 @@
 //!
 //! The method is that of "Towards Learning Monocular 3D Object Localization From 2D Labels Using
 //! the Physical Laws of Motion"; "paper eq. (n)" in the documentation speaks of it.
+#![warn(missing_docs, clippy::unwrap_used)]
+#![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
 pub mod camera;

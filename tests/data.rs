@@ -48,7 +48,8 @@ fn camera_and_scene_may_be_files() {
 
 #[test]
 fn bad_lines_are_refused_with_line_and_field() {
-    let cases: [(&str, &dyn Fn(&mut Value), &str); 7] = [
+    type Change = dyn Fn(&mut Value);
+    let cases: [(&str, &Change, &str); 7] = [
         ("unknown_field", &|line| line["colour"] = json!("red"), "colour"),
         ("unknown_frame_field", &|line| line["frames"][0]["blur"] = json!(1), "blur"),
         ("unknown_camera_field", &|line| line["camera"]["zoom"] = json!(1), "zoom"),

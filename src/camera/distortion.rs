@@ -7,6 +7,8 @@ use crate::error::{Error, Result};
 
 /// Newton iterations before the inverse gives up; a lens within its range needs three to six.
 const MAX_ITERATIONS: usize = 50;
+/// Halvings of a Newton step that does not lower the residual.
+const MAX_HALVINGS: i32 = 20;
 /// Residual at which the inverse is taken as found, normalised units (1e-12 is 1e-9 px at f = 1000 px).
 const TOLERANCE: f64 = 1e-13;
 /// Residual still accepted when Newton's steps no longer improve (rounding), normalised units.
@@ -67,39 +69,21 @@ impl Distortion {
         }
         let mut ideal = distorted;
         let (mut at, mut jacobian) = self.distort(ideal);
-        let mut residual = (at - distorted).norm();
         for _ in 0..MAX_ITERATIONS {
-            if residual <= TOLERANCE {
-                break;
-            }
-            let Some(inverse) = jacobian.try_inverse() else { break };
+            let residual = (at - distorted).norm();
+            let Some(inverse) = jacobian.try_inverse().filter(|_| residual > TOLERANCE) else { break };
             let step = inverse * (at - distorted);
-            let Some((next, next_at, next_jacobian, next_residual)) = self.shorter(ideal, step, distorted, residual)
-            else {
-                break;
-            };
-            (ideal, at, jacobian, residual) = (next, next_at, next_jacobian, next_residual);
+            let improves = |next: &Vector2<f64>| (self.distort(*next).0 - distorted).norm() < residual;
+            let shorter = (0..MAX_HALVINGS).map(|halvings| ideal - step * 0.5_f64.powi(halvings));
+            let Some(next) = shorter.into_iter().find(improves) else { break };
+            ideal = next;
+            (at, jacobian) = self.distort(ideal);
         }
         // Beyond the lens' range the image folds over: once (determinant) or twice (trace).
-        if residual.is_finite() && residual <= ACCEPTED && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0 {
+        let residual = (at - distorted).norm();
+        if residual <= ACCEPTED && jacobian.determinant() > 0.0 && jacobian.trace() > 0.0 {
             return Ok(ideal);
         }
         Err(Error::Distortion { x: distorted.x, y: distorted.y, residual, iterations: MAX_ITERATIONS })
-    }
-
-    /// The longest of `step`, `step`/2, … that lowers the residual.
-    #[allow(clippy::type_complexity)]
-    fn shorter(
-        &self,
-        ideal: Vector2<f64>,
-        step: Vector2<f64>,
-        distorted: Vector2<f64>,
-        residual: f64,
-    ) -> Option<(Vector2<f64>, Vector2<f64>, Matrix2<f64>, f64)> {
-        (0..20).map(|halvings| ideal - step * 0.5_f64.powi(halvings)).find_map(|next| {
-            let (at, jacobian) = self.distort(next);
-            let found = (at - distorted).norm();
-            (found < residual).then_some((next, at, jacobian, found))
-        })
     }
 }

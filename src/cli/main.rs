@@ -1,4 +1,5 @@
 //! The `gravisight` command.
+#![warn(clippy::unwrap_used)]
 
 mod device;
 mod evaluate;

@@ -14,6 +14,7 @@ const RESNET34_BLOCKS: [usize; 3] = [3, 4, 6];
 
 /// Feature extractor of either kind.
 #[derive(Module, Debug)]
+#[allow(clippy::large_enum_variant)] // there is one a network
 pub(super) enum Backbone {
     /// See [`BackboneConfig::ResNet34`].
     ResNet34(ResNet34),

@@ -143,7 +143,7 @@ impl<'a> Run<'a> {
         while let Some(progress) = self.next()? {
             let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;
             writeln!(self.log, "{line}").map_err(Error::format(LOG))?;
-            if self.state.step % self.config.checkpoint_every == 0 || progress.step == progress.steps {
+            if self.state.step.is_multiple_of(self.config.checkpoint_every) || progress.step == progress.steps {
                 self.checkpoint()?;
             }
             observe(&progress);
@@ -173,7 +173,7 @@ impl<'a> Run<'a> {
         self.ema.update(&model);
         self.state.model = model;
         let steps = self.config.steps();
-        let scores = self.state.step % self.config.validate_every == 0 || self.state.step == steps;
+        let scores = self.state.step.is_multiple_of(self.config.validate_every) || self.state.step == steps;
         Ok(Some(Progress {
             step: self.state.step,
             steps,
