@@ -63,7 +63,7 @@ impl Localiser {
     /// [`Error::WeightsFile`], [`Error::WeightsSha256`], [`Error::WeightsArchitecture`],
     /// [`Error::WeightsNotFinite`].
     pub fn new(card: Card, weights: Vec<u8>, device: &Device) -> Result<Self> {
-        card.check_sha256(&weights)?;
+        card.check_weights(&weights)?;
         let pen = model::load(&card.architecture, weights, device)?;
         Ok(Self { pen, card, device: device.clone() })
     }

@@ -172,12 +172,19 @@ fn nan_and_infinite_weights_are_refused_with_the_tensor() {
 }
 
 #[test]
-fn a_wrong_sha256_is_refused_with_both_sums() {
+fn weights_that_are_not_the_cards_are_refused_with_both_sums() {
     let card = common::tiny_card();
-    let error = card.check_sha256(b"other bytes").unwrap_err();
+    let weights = golden("tiny.safetensors");
+    card.check_weights(&weights).unwrap();
+    let mut altered = weights.clone();
+    *altered.last_mut().unwrap() ^= 1;
+    let error = card.check_weights(&altered).unwrap_err();
     let Error::WeightsSha256 { expected, found } = &error else { panic!("{error}") };
     assert_eq!(expected, &card.sha256);
-    assert_eq!(found, &model::sha256_hex(b"other bytes"));
+    assert_eq!(found, &model::sha256_hex(&altered));
+    // A download that broke off says so, not that it is another file.
+    let error = card.check_weights(&weights[..weights.len() / 2]).unwrap_err();
+    assert!(matches!(error, Error::WeightsFile { .. }), "{error}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use gravisight::Error;
 /// Where the network runs.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DeviceChoice {
-    /// The fastest device this build was compiled for: cuda, else wgpu, else cpu.
+    /// wgpu where this build has it and the machine an adapter, else cpu.
     Auto,
     /// All cores.
     Cpu,
@@ -21,9 +21,8 @@ impl DeviceChoice {
     /// The device.
     pub fn open(self) -> Result<Device, Error> {
         match self {
-            Self::Auto if cfg!(feature = "cuda") => cuda(),
-            Self::Auto if cfg!(feature = "wgpu") => wgpu(),
-            Self::Auto | Self::Cpu => Ok(Device::flex()),
+            Self::Auto => Ok(wgpu().unwrap_or_else(|_| Device::flex())),
+            Self::Cpu => Ok(Device::flex()),
             Self::Wgpu => wgpu(),
             Self::Cuda => cuda(),
         }

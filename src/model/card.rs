@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -91,11 +92,12 @@ impl Card {
         crate::files::write_whole(path, format!("{text}\n").as_bytes())
     }
 
-    /// Refuses weights whose SHA-256 is not the card's.
+    /// Refuses weights that are not those this card speaks of.
     ///
     /// # Errors
-    /// [`Error::WeightsSha256`].
-    pub fn check_sha256(&self, weights: &[u8]) -> Result<()> {
+    /// [`Error::WeightsFile`] for a file that is not whole, [`Error::WeightsSha256`] for another one.
+    pub fn check_weights(&self, weights: &[u8]) -> Result<()> {
+        SafeTensors::deserialize(weights).map_err(|error| Error::WeightsFile { reason: error.to_string() })?;
         let found = sha256_hex(weights);
         if found == self.sha256 {
             return Ok(());

@@ -15,6 +15,12 @@ use crate::model::{InputSize, PenConfig};
 pub struct TrainConfig {
     /// Name of the model made.
     pub name: String,
+    /// Name of the training data for the model's card; the folder's name where absent.
+    #[serde(default)]
+    pub data_name: Option<String>,
+    /// What users of the model should know, in words, for its card.
+    #[serde(default)]
+    pub description: String,
     /// Clips folder to train on.
     pub train: PathBuf,
     /// Clips folder that is scored while training, never trained on.

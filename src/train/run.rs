@@ -228,7 +228,13 @@ fn architecture(config: &TrainConfig, sampler: &Sampler) -> PenConfig {
 fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha256: String) -> Card {
     let [nearest, _, farthest] = sampler.depths();
     let Supervision::Labels3d = config.supervision;
-    let data = config.train.file_name().unwrap_or_default().to_string_lossy();
+    let folder = || config.train.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let data = config.data_name.clone().unwrap_or_else(folder);
+    let supervision = format!(
+        "Trained with 3D labels (the paper's baseline, not its method): {} steps, seed {}.",
+        config.steps(),
+        config.seed
+    );
     Card {
         name: config.name.clone(),
         weights: format!("{}.safetensors", config.name),
@@ -238,11 +244,7 @@ fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha25
         normalisation: config.normalisation,
         depth_range: [nearest, farthest],
         training_data: format!("{data}: {} labelled frames", sampler.len()),
-        description: format!(
-            "Trained with 3D labels (the paper's baseline, not its method): {} steps, seed {}.",
-            config.steps(),
-            config.seed
-        ),
+        description: format!("{} {supervision}", config.description).trim().to_string(),
         metrics: serde_json::Value::Null,
         licence: "MIT OR Apache-2.0".into(),
     }

@@ -1,6 +1,6 @@
 /** The demo page, as a user meets it. */
 import assert from "node:assert/strict";
-import { existsSync, readFileSync } from "node:fs";
+import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { launch, open } from "./support/browser.js";
 import { alertOf, drop, forget, jsonFile, located, ONE_PIXEL, pictureOf, pngFile, press, ready, samples, shown } from "./support/demo.js";
@@ -29,7 +29,7 @@ test("the first sample is localised without a click", async () => {
   assert.match(await page.getByTestId("device").textContent(), /CPU.*as asked for/);
 });
 
-test("a click on a sample gives the position that the command line gives", { skip: !existsSync(goldenFile) && "tests/golden/samples.json is not there" }, async () => {
+test("a click on a sample gives the position that the command line gives", async () => {
   const golden = JSON.parse(readFileSync(goldenFile, "utf8"));
   for (const [index, sample] of samples.entries()) {
     await press(page, index);
@@ -102,6 +102,12 @@ for (const [what, files] of Object.entries(refusals)) {
     assert.equal(await page.getByTestId("alert").textContent(), "");
   });
 }
+
+test("the page says what the model is for and how far off it is", async () => {
+  const note = page.getByTestId("model-note");
+  await note.filter({ hasText: "test pictures" }).waitFor();
+  assert.match(await note.textContent(), /compact-sd-s: .*one scene.*off by \d+\.\d ± \d+\.\d cm/);
+});
 
 test("the keyboard alone chooses a sample and an overlay", async () => {
   await page.getByTestId("sample-1").focus();
