@@ -13,12 +13,12 @@ pub type Result<T> = std::result::Result<T, Error>;
 #[non_exhaustive]
 pub enum Error {
     /// A file could not be read or written.
-    #[error("{path}: {source}", path = path.display())]
+    #[error("{path}: {cause}", path = path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
         /// What the operating system said.
-        source: std::io::Error,
+        cause: std::io::Error,
     },
     /// A JSON or TOML text does not have the expected form (unknown or missing field, wrong type).
     #[error("{what}: {message}")]
@@ -47,16 +47,20 @@ pub enum Error {
         message: String,
     },
     /// A number of a camera is outside its range, NaN or infinite.
-    #[error("camera: `{field}` {reason}")]
+    #[error("{what}: `{field}` {reason}")]
     CameraValue {
+        /// The file, or where the camera came from.
+        what: String,
         /// The field's name.
         field: &'static str,
         /// What is wrong with it.
         reason: String,
     },
     /// A matrix of a camera cannot be inverted.
-    #[error("camera: `{field}` is singular (determinant {determinant:e}); check its rows")]
+    #[error("{what}: `{field}` is singular (determinant {determinant:e}); check its rows")]
     CameraSingular {
+        /// The file, or where the camera came from.
+        what: String,
         /// `intrinsic` or `camera_from_world`.
         field: &'static str,
         /// The determinant found.
@@ -168,7 +172,7 @@ pub enum Error {
     },
     /// Training produced a loss that is not finite.
     #[error(
-        "training diverged: the loss at step {step} is {loss}; lower `learning_rate` and resume from the last checkpoint"
+        "training diverged: the loss at step {step} is {loss}; lower `learning_rate` in the run folder's run.toml and go on with --resume"
     )]
     Diverged {
         /// Optimiser step.
@@ -207,7 +211,7 @@ impl Error {
     /// An [`Error::Io`] at `path`, for `map_err`.
     pub(crate) fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
-        move |source| Self::Io { path, source }
+        move |cause| Self::Io { path, cause }
     }
 
     /// An [`Error::Format`] in `what`, for `map_err`.

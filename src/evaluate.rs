@@ -157,7 +157,10 @@ pub async fn score(
     for index in 0..count {
         let (clip, frame, image, world) = labelled[index * labelled.len() / count];
         let picture = clips.picture(clip, frame)?;
-        let found = localiser.localise(&picture, &clip.camera, false).await?;
+        let found = localiser.localise(&picture, &clip.camera, false).await.map_err(|error| Error::Data {
+            what: format!("clip `{}`, frame {}", clip.id, frame.file.display()),
+            reason: error.to_string(),
+        })?;
         let truth = Point3::from(world);
         let true_camera = clip.camera.camera_from_world(&truth);
         samples.push(Sample {

@@ -43,7 +43,8 @@ pub struct Localisation {
     pub maps: Option<Maps>,
 }
 
-/// The network's maps, stretched over the whole picture; row-major.
+/// The network's maps over the whole picture (where it was padded to the input's shape, to within a
+/// cell); row-major.
 #[derive(Debug, Clone)]
 pub struct Maps {
     /// Cells in a row.

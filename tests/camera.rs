@@ -160,6 +160,17 @@ fn a_pixel_outside_the_lens_model_is_refused() {
 }
 
 #[test]
+fn a_pixel_beyond_the_lens_fold_is_not_found_on_a_later_branch() {
+    // The image folds at a distorted radius of 0.6; the model grows again far outside.
+    let lens = Distortion { k1: -0.5, k2: 0.1, ..Distortion::default() };
+    assert!(lens.undistort([0.5, 0.0].into()).is_ok());
+    for radius in [0.62, 0.9, 1.34, 3.0] {
+        let error = lens.undistort([radius, 0.0].into()).unwrap_err();
+        assert!(matches!(error, Error::Distortion { .. }), "{radius}: {error}");
+    }
+}
+
+#[test]
 fn a_camera_of_another_size_is_scaled_if_the_aspect_ratio_agrees_and_refused_otherwise() {
     let camera = parse(&good()).unwrap();
     let scaled = camera.for_picture([448, 448]).unwrap();
@@ -171,7 +182,9 @@ fn a_camera_of_another_size_is_scaled_if_the_aspect_ratio_agrees_and_refused_oth
 
 #[test]
 fn bad_cameras_are_refused_with_the_field() {
-    let cases: [(&str, Value, &str); 10] = [
+    let cases: [(&str, Value, &str); 12] = [
+        ("/intrinsic/0/2", json!(1e308), "1e9"),
+        ("/camera_from_world/0/3", json!(1.7e308), "1e9"),
         ("/intrinsic/0/0", json!(0.0), "singular"),
         ("/intrinsic/0/0", json!(null), "invalid type"),
         ("/intrinsic/1/0", json!(3.0), "intrinsic"),
@@ -194,7 +207,7 @@ fn bad_cameras_are_refused_with_the_field() {
     assert!(Camera::from_json(&huge, "camera.json").unwrap_err().to_string().contains("range"));
     let infinite = Matrix3::new(f64::INFINITY, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0);
     let error = Camera::new([9, 9], infinite, Distortion::default(), Matrix3::identity(), Vector3::zeros());
-    assert!(error.unwrap_err().to_string().contains("NaN or infinity"));
+    assert!(error.unwrap_err().to_string().contains("NaN, infinity"));
 }
 
 #[test]

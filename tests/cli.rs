@@ -165,6 +165,7 @@ fn refused_input_is_one_line_and_status_1() {
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
         assert_eq!(message.lines().count(), 1, "{message}");
         assert!(message.contains(named), "{arguments:?}: {message}");
+        assert!(message.matches("os error").count() <= 1, "{message}");
         assert!(output.stdout.is_empty());
     }
 }

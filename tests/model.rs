@@ -132,6 +132,21 @@ fn saved_weights_load_back_to_the_same_network() {
 }
 
 #[test]
+fn half_precision_weights_are_refused_with_what_to_do() {
+    let bytes = formula_weights(&small(), &Device::flex());
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let zeros = vec![0_u8; 1 << 20];
+    let halves = file.tensors().into_iter().map(|(name, view)| {
+        let length = view.data().len() / 2;
+        let half =
+            safetensors::tensor::TensorView::new(safetensors::Dtype::F16, view.shape().to_vec(), &zeros[..length]);
+        (name, half.unwrap())
+    });
+    let error = load(&small(), safetensors::serialize(halves, None).unwrap(), &Device::flex()).unwrap_err();
+    assert!(error.to_string().contains("F16") && error.to_string().contains("F32"), "{error}");
+}
+
+#[test]
 fn truncated_weights_are_refused_as_such() {
     let device = Device::flex();
     let bytes = formula_weights(&small(), &device);

@@ -17,6 +17,8 @@ use gravisight::train::loss::{HeatmapLoss, Labels, labels_3d};
 use gravisight::train::run::{self, Progress};
 use gravisight::train::step::{Batch, StepOptions, step};
 
+const CROSS_ENTROPY: HeatmapLoss = HeatmapLoss::CrossEntropy { sigma: 4.0 };
+
 /// Held by each test that makes networks: Burn has one random generator for all threads.
 fn alone() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());
@@ -98,12 +100,51 @@ fn a_finished_run_is_not_overwritten() {
 }
 
 #[test]
+fn a_run_that_could_not_start_does_not_occupy_its_folder() {
+    let _alone = alone();
+    let path = configuration("could_not_start", "");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let wrong = path.with_file_name("wrong.toml");
+    let scale = "scale = 7.4";
+    std::fs::write(&wrong, text.replace(&format!("activation = \"exp\", {scale}"), "activation = \"exp\", scale = -1"))
+        .unwrap();
+    start(&wrong, &mut |_| {}).unwrap_err();
+    let no_clips = path.with_file_name("no_clips.toml");
+    std::fs::write(&no_clips, text.replacen("tests/samples", "tests/golden", 1)).unwrap();
+    start(&no_clips, &mut |_| {}).unwrap_err();
+    start(&path, &mut |_| {}).unwrap();
+}
+
+#[test]
+fn a_label_outside_the_picture_is_refused_by_name() {
+    let path = configuration("outside", "");
+    let error = start_on_first_clip(&path, |frame| frame["image"] = serde_json::json!([500.0, 20.0])).unwrap_err();
+    assert!(error.to_string().contains("500") && error.to_string().contains("000.png"), "{error}");
+}
+
+/// Starts the run on the samples' first clip with its first frame changed.
+fn start_on_first_clip(path: &Path, change: impl FnOnce(&mut serde_json::Value)) -> Result<PathBuf, Error> {
+    let folder = path.parent().unwrap().join("clips");
+    std::fs::create_dir_all(&folder).unwrap();
+    let lines = std::fs::read_to_string(root().join("tests/samples/clips.jsonl")).unwrap();
+    let mut first: serde_json::Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
+    change(&mut first["frames"][0]);
+    std::fs::write(folder.join("clips.jsonl"), first.to_string()).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    std::fs::write(path, text.replacen(&format!("{:?}", root().join("tests/samples")), "\"clips\"", 1)).unwrap();
+    start(path, &mut |_| {})
+}
+
+#[test]
 fn senseless_configurations_are_refused_with_the_field() {
     for (extra, named) in [
         ("learning_rat = 1.0", "learning_rat"),
         ("ema_decay = 1.5", "ema_decay"),
         ("depth_weight = -1.0", "depth_weight"),
         ("checkpoint_every = 0", "checkpoint_every"),
+        ("jitter = inf", "jitter"),
+        ("name = \"a/b\"", "name"),
+        ("heatmap_loss = { kind = \"cross_entropy\", sigma = 0.0 }", "sigma"),
         ("preset = \"huge\"", "huge"),
     ] {
         let path = configuration("senseless", "");
@@ -126,15 +167,7 @@ fn senseless_configurations_are_refused_with_the_field() {
 #[test]
 fn a_frame_without_3d_label_is_refused_by_name() {
     let path = configuration("no_world", "");
-    let folder = path.parent().unwrap().join("clips");
-    std::fs::create_dir_all(&folder).unwrap();
-    let lines = std::fs::read_to_string(root().join("tests/samples/clips.jsonl")).unwrap();
-    let mut first: serde_json::Value = serde_json::from_str(lines.lines().next().unwrap()).unwrap();
-    first["frames"][0].as_object_mut().unwrap().remove("world");
-    std::fs::write(folder.join("clips.jsonl"), first.to_string()).unwrap();
-    let text = std::fs::read_to_string(&path).unwrap();
-    std::fs::write(&path, text.replacen(&format!("{:?}", root().join("tests/samples")), "\"clips\"", 1)).unwrap();
-    let error = start(&path, &mut |_| {}).unwrap_err();
+    let error = start_on_first_clip(&path, |frame| drop(frame.as_object_mut().unwrap().remove("world"))).unwrap_err();
     assert!(error.to_string().contains("world") && error.to_string().contains("000.png"), "{error}");
 }
 
@@ -150,7 +183,7 @@ fn batch() -> Batch {
 
 fn options(learning_rate: f64) -> StepOptions {
     StepOptions {
-        heatmap_loss: HeatmapLoss::default(),
+        heatmap_loss: CROSS_ENTROPY,
         depth_weight: 0.2,
         depth_transition: 0.05,
         clip_norm: 5.0,
@@ -230,7 +263,7 @@ fn the_losses_gradients_equal_central_differences() {
     };
     let (heatmap, depth) = (maps("heatmap", 1.0, 0.0), maps("depth", 0.5, 7.0));
     let labels = batch().labels;
-    for loss in [HeatmapLoss::default(), HeatmapLoss::Mse { amplitude: 3.0, sigma: 4.0 }] {
+    for loss in [CROSS_ENTROPY, HeatmapLoss::Mse { amplitude: 3.0, sigma: 4.0 }] {
         let total = |heatmap: &Tensor<3>, depth: &Tensor<3>| {
             let output = PenOutput { heatmap: heatmap.clone(), depth: depth.clone() };
             let losses = labels_3d(output, &labels, &tiny(), loss, 0.05);
@@ -275,7 +308,7 @@ fn gradients_through_the_whole_network_equal_central_differences() {
 fn loss_of(pen: &Pen, device: &Device) -> Tensor<1> {
     let batch = batch();
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 3, 32, 64]), device);
-    let losses = labels_3d(pen.forward(pictures), &batch.labels, &tiny(), HeatmapLoss::default(), 0.5);
+    let losses = labels_3d(pen.forward(pictures), &batch.labels, &tiny(), CROSS_ENTROPY, 0.5);
     losses.heatmap + losses.depth.mul_scalar(0.2)
 }
 

@@ -1,5 +1,5 @@
 /** The page's end of the Worker: request ids, one request in flight, the others wait their turn. */
-import { GravisightError } from "./error.js";
+import { GravisightError, wordsOf } from "./error.js";
 import type { Answers, FromWorker, RequestName, Requests } from "./protocol.js";
 import type { Progress } from "./types.js";
 
@@ -85,8 +85,13 @@ export class Channel {
     if (this.#inFlight) return;
     const next = this.#waiting.shift();
     if (!next) return;
-    this.#inFlight = next;
-    this.#worker.postMessage({ type: next.type, id: next.id, ...next.request }, next.transfer);
+    try {
+      this.#worker.postMessage({ type: next.type, id: next.id, ...next.request }, next.transfer);
+      this.#inFlight = next;
+    } catch (thrown) {
+      next.reject(new GravisightError("worker", `The request cannot be sent: ${wordsOf(thrown)}.`, { cause: thrown }));
+      this.#sendNext();
+    }
   }
 
   #receive(message: FromWorker): void {

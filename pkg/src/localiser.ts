@@ -1,17 +1,20 @@
 import { Channel } from "./channel.js";
-import { GravisightError } from "./error.js";
+import { GravisightError, wordsOf } from "./error.js";
 import { pictureToSend } from "./picture.js";
 import type { RawOptions } from "./raw.js";
 import type {
   Camera,
   CreateOptions,
   Device,
+  DeviceChoice,
   DrawablePicture,
   FrameLocalisation,
   Localisation,
   LocaliseOptions,
   Picture,
 } from "./types.js";
+
+const DEVICES: readonly DeviceChoice[] = ["cpu", "webgpu", "auto"];
 
 /** Finds a ball's position in space in single pictures. All work is done in a Worker of its own. */
 export class Localiser {
@@ -33,6 +36,9 @@ export class Localiser {
   static async create(options: CreateOptions): Promise<Localiser> {
     const { device = "cpu", signal, onProgress } = options;
     signal?.throwIfAborted();
+    if (!DEVICES.includes(device)) {
+      throw new GravisightError("device", `"${device}" is no device; choose ${DEVICES.join(", ")}.`);
+    }
     const model = absoluteUrl(options.model);
     const channel = new Channel();
     try {
@@ -56,7 +62,8 @@ export class Localiser {
     const camera = jsonOf(options.camera);
     const { picture, transfer } = await pictureToSend(image);
     const raw: RawOptions = { maps: options.maps ?? false };
-    if (options.truth) raw.truth = options.truth;
+    // A copy: what a framework wraps in a Proxy cannot be sent.
+    if (options.truth) raw.truth = [...options.truth];
     const answer = await this.#channel.request("localise", { picture, camera, options: raw }, { transfer, signal });
     return { ...answer, device: this.device };
   }
@@ -100,10 +107,19 @@ function absoluteUrl(model: string | URL): string {
 
 /** JSON would silently turn NaN and infinity into null. */
 function jsonOf(camera: Camera): string {
-  return JSON.stringify(camera, (key, value: unknown) => {
+  const finite = (key: string, value: unknown) => {
     if (typeof value === "number" && !Number.isFinite(value)) {
       throw new GravisightError("camera-not-finite", `The camera holds ${value} at "${key}"; every number must be finite.`);
     }
     return value;
-  });
+  };
+  let json: string | undefined;
+  try {
+    json = JSON.stringify(camera, finite);
+  } catch (thrown) {
+    if (thrown instanceof GravisightError) throw thrown;
+    throw new GravisightError("camera-format", `The camera cannot be written as JSON: ${wordsOf(thrown)}.`, { cause: thrown });
+  }
+  if (json === undefined) throw new GravisightError("camera-format", `The camera is ${typeof camera}, not a camera.json object.`);
+  return json;
 }

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::{Camera, Distortion};
 use crate::error::{Error, Result};
 
+/// Largest number a camera of this world can hold (px, m): beyond it, products overflow.
+const MAX_ENTRY: f64 = 1e9;
 /// Largest entry of `RᵀR − 1` that rounding in a file explains.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
@@ -29,7 +31,7 @@ impl TryFrom<CameraFile> for Camera {
         let last = extrinsic.row(3);
         if last.iter().zip([0.0, 0.0, 0.0, 1.0]).any(|(&found, expected)| found != expected) {
             let reason = format!("must end with the row 0 0 0 1, not {:?}", file.camera_from_world[3]);
-            return Err(Error::CameraValue { field: "camera_from_world", reason });
+            return Err(Error::CameraValue { what: "camera".into(), field: "camera_from_world", reason });
         }
         Camera::new(
             [file.width, file.height],
@@ -81,9 +83,15 @@ impl Camera {
     /// # Errors
     /// [`Error::CameraFormat`] for a text of another form (the field is named), else as [`Camera::new`].
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
-        serde_json::from_str::<CameraFile>(text)
-            .map_err(|error| Error::CameraFormat { what: what.into(), message: error.to_string() })?
-            .try_into()
+        let file: CameraFile = serde_json::from_str(text)
+            .map_err(|error| Error::CameraFormat { what: what.into(), message: error.to_string() })?;
+        file.try_into().map_err(|error| match error {
+            Error::CameraValue { field, reason, .. } => Error::CameraValue { what: what.into(), field, reason },
+            Error::CameraSingular { field, determinant, .. } => {
+                Error::CameraSingular { what: what.into(), field, determinant }
+            }
+            other => other,
+        })
     }
 
     /// Reads a `camera.json` file.
@@ -104,19 +112,19 @@ pub(super) fn check(
     rotation: &Matrix3<f64>,
     translation: &Vector3<f64>,
 ) -> Result<()> {
-    let refuse = |field, reason| Err(Error::CameraValue { field, reason });
+    let refuse = |field, reason| Err(Error::CameraValue { what: "camera".into(), field, reason });
     if width == 0 || height == 0 {
         return refuse("width/height", format!("must be positive, not {width}×{height}"));
     }
     let Distortion { k1, k2, p1, p2, k3 } = *distortion;
-    let finite = |values: &[f64]| values.iter().all(|value| value.is_finite());
+    let sensible = |values: &[f64]| values.iter().all(|value| value.abs() <= MAX_ENTRY);
     for (field, fine) in [
-        ("intrinsic", finite(intrinsic.as_slice())),
-        ("camera_from_world", finite(rotation.as_slice()) && finite(translation.as_slice())),
-        ("distortion", finite(&[k1, k2, p1, p2, k3])),
+        ("intrinsic", sensible(intrinsic.as_slice())),
+        ("camera_from_world", sensible(rotation.as_slice()) && sensible(translation.as_slice())),
+        ("distortion", sensible(&[k1, k2, p1, p2, k3])),
     ] {
         if !fine {
-            return refuse(field, "holds NaN or infinity".into());
+            return refuse(field, format!("holds NaN, infinity or a number beyond {MAX_ENTRY:e}"));
         }
     }
     if intrinsic[(1, 0)] != 0.0 || intrinsic.row(2) != nalgebra::RowVector3::new(0.0, 0.0, 1.0) {
@@ -127,7 +135,7 @@ pub(super) fn check(
     }
     let determinant = rotation.determinant();
     if determinant.abs() < super::MIN_DETERMINANT {
-        return Err(Error::CameraSingular { field: "camera_from_world", determinant });
+        return Err(Error::CameraSingular { what: "camera".into(), field: "camera_from_world", determinant });
     }
     let off = (rotation.transpose() * rotation - Matrix3::identity()).amax();
     if off > ROTATION_TOLERANCE || determinant < 0.0 {

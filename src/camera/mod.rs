@@ -50,7 +50,10 @@ impl Camera {
         file::check([width, height], &intrinsic, &distortion, &rotation, &translation)?;
         let invert = |field, matrix: &Matrix3<f64>| match matrix.try_inverse() {
             Some(inverse) if matrix.determinant().abs() > MIN_DETERMINANT => Ok(inverse),
-            _ => Err(Error::CameraSingular { field, determinant: matrix.determinant() }),
+            _ => {
+                let determinant = matrix.determinant();
+                Err(Error::CameraSingular { what: "camera".into(), field, determinant })
+            }
         };
         Ok(Self {
             width,

@@ -2,15 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use super::device::DeviceChoice;
+use super::progress::Progress;
+use super::{model, print_line};
 use anyhow::{Result, bail};
 use clap::Args;
 use gravisight::data::Clips;
 use gravisight::evaluate::{Bins, Metrics, Statistic, score};
 use gravisight::model::Card;
-use indicatif::ProgressBar;
-
-use super::device::DeviceChoice;
-use super::model;
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
 #[derive(Args)]
@@ -42,33 +41,34 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
+    let given = [arguments.z_min, arguments.z_max].map(|edge| edge.is_none_or(f64::is_finite));
+    let ordered = arguments.z_min.zip(arguments.z_max).is_none_or(|(low, high)| low < high);
+    if given != [true; 2] || !ordered {
+        bail!("--z-min must be below --z-max, and both finite numbers");
+    }
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     let clips = Clips::read(&arguments.data)?;
-    let bar = ProgressBar::new(0);
-    let samples = pollster::block_on(score(&localiser, &clips, None, &mut |done, all| {
-        bar.set_length(all as u64);
-        bar.set_position(done as u64);
-    }))?;
-    bar.finish_and_clear();
+    let mut progress = Progress::new();
+    let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures");
+    let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
+    progress.finish();
     let depths = || samples.iter().map(|sample| sample.true_depth);
     let bins = Bins {
         count: arguments.bins.into(),
         z_min: arguments.z_min.unwrap_or_else(|| depths().fold(f64::INFINITY, f64::min)),
         z_max: arguments.z_max.unwrap_or_else(|| depths().fold(0.0, f64::max)),
     };
-    if !(bins.z_min.is_finite() && bins.z_max.is_finite() && bins.z_min <= bins.z_max) {
-        bail!("--z-min {} must be below --z-max {}", bins.z_min, bins.z_max);
+    if bins.z_min > bins.z_max {
+        bail!("no ball lies between --z-min {} and --z-max {} (m)", bins.z_min, bins.z_max);
     }
     let metrics = Metrics::of(&samples, bins);
     if let Some(model) = arguments.model.filter(|_| arguments.record) {
         record(&model::card_path(&model), &metrics)?;
     }
-    if arguments.json {
-        println!("{}", serde_json::to_string(&metrics)?);
-    } else {
-        print(&metrics, bins);
+    match arguments.json {
+        true => Ok(print_line(serde_json::to_string(&metrics)?)?),
+        false => print(&metrics, bins),
     }
-    Ok(())
 }
 
 /// Writes the metrics into the card at `path`.
@@ -78,23 +78,26 @@ fn record(path: &Path, metrics: &Metrics) -> Result<()> {
     Ok(card.write(path)?)
 }
 
-fn print(metrics: &Metrics, bins: Bins) {
+fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
     let row = |name: &str, statistic: &Statistic, factor: f64, unit: &str| match statistic {
         Statistic { mean: Some(mean), std: Some(std), median: Some(median), n } => {
             let [mean, std, median] = [mean, std, median].map(|value| value * factor);
-            println!("{name:<22} {mean:>8.2} ± {std:>6.2} {unit:<2}  median {median:>7.2} {unit:<2}  n {n}");
+            print_line(format_args!(
+                "{name:<22} {mean:>8.2} ± {std:>6.2} {unit:<2}  median {median:>7.2} {unit:<2}  n {n}"
+            ))
         }
-        _ => println!("{name:<22} no pictures"),
+        _ => print_line(format_args!("{name:<22} no pictures")),
     };
-    row("DtG", &metrics.dtg, 100.0, "cm");
-    row("DtG / distance", &metrics.dtg_relative, 100.0, "%");
-    row("2D error", &metrics.image_error_px, 1.0, "px");
+    row("DtG", &metrics.dtg, 100.0, "cm")?;
+    row("DtG / distance", &metrics.dtg_relative, 100.0, "%")?;
+    row("2D error", &metrics.image_error_px, 1.0, "px")?;
     let width = (bins.z_max - bins.z_min) / bins.count as f64;
     for (index, statistic) in metrics.dtg_binned.iter().enumerate() {
         let low = bins.z_min + index as f64 * width;
-        row(&format!("DtG at {low:.2}–{:.2} m", low + width), statistic, 100.0, "cm");
+        row(&format!("DtG at {low:.2}–{:.2} m", low + width), statistic, 100.0, "cm")?;
     }
     for (name, statistic) in metrics.per_environment.iter().chain(&metrics.per_camera) {
-        row(&format!("DtG {name}"), statistic, 100.0, "cm");
+        row(&format!("DtG {name}"), statistic, 100.0, "cm")?;
     }
+    Ok(())
 }

@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gravisight::{Camera, Localisation, Picture};
-use serde_json::json;
 
 use super::device::DeviceChoice;
-use super::{model, overlay};
+use super::{model, overlay, print_line};
 
 /// Find the ball's 3D position in pictures.
 #[derive(Args)]
@@ -36,6 +35,10 @@ pub struct Arguments {
 pub fn run(arguments: Arguments) -> Result<()> {
     let several = arguments.images.len() > 1;
     ensure!(!(several && arguments.overlay.is_some()), "--overlay takes one picture, {} given", arguments.images.len());
+    if let Some(out) = &arguments.overlay {
+        let png = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+        ensure!(png, "--overlay writes a PNG: {} should end in .png", out.display());
+    }
     let camera = Camera::from_file(&arguments.camera)?;
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     for path in &arguments.images {
@@ -53,26 +56,27 @@ pub fn run(arguments: Arguments) -> Result<()> {
         if arguments.json {
             let mut object = serde_json::to_value(&found)?;
             if several {
-                object["file"] = json!(path);
+                object["file"] = path.to_string_lossy().into();
             }
-            println!("{object}");
+            print_line(object)?;
         } else {
-            print(several.then(name), &found);
+            print(several.then(name), &found)?;
         }
     }
     Ok(())
 }
 
-fn print(name: Option<String>, found: &Localisation) {
+fn print(name: Option<String>, found: &Localisation) -> Result<()> {
     if let Some(name) = name {
-        println!("{name}");
+        print_line(name)?;
     }
     let Localisation { image: [u, v], depth, camera, world, confidence, .. } = found;
     let point = |[x, y, z]: &[f64; 3]| format!("x {x:8.3}  y {y:8.3}  z {z:8.3} m");
-    println!("world       {}", point(world));
-    println!("camera      {}", point(camera));
-    println!("image       {u:.2}, {v:.2} px   depth {depth:.3} m   confidence {confidence:.2}");
+    print_line(format_args!("world       {}", point(world)))?;
+    print_line(format_args!("camera      {}", point(camera)))?;
+    print_line(format_args!("image       {u:.2}, {v:.2} px   depth {depth:.3} m   confidence {confidence:.2}"))?;
     for note in &found.notes {
-        println!("note        {note}");
+        print_line(format_args!("note        {note}"))?;
     }
+    Ok(())
 }

@@ -34,6 +34,6 @@ pub fn open(model: Option<&Path>, device: &Device) -> Result<Localiser> {
     let path = card_path(model);
     let card = Card::from_file(&path)?;
     let weights = path.with_file_name(&card.weights);
-    let bytes = std::fs::read(&weights).map_err(|source| Error::Io { path: weights.clone(), source })?;
+    let bytes = std::fs::read(&weights).map_err(|cause| Error::Io { path: weights.clone(), cause })?;
     Localiser::new(card, bytes, device).with_context(|| weights.display().to_string())
 }

@@ -4,13 +4,11 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use gravisight::train::run::{self, Progress};
-use indicatif::{ProgressBar, ProgressStyle};
+use gravisight::train::run::{self, Validation};
 
 use super::device::DeviceChoice;
-
-/// Steps between lines where there is no terminal to draw a bar on.
-const LINE_EVERY: usize = 20;
+use super::print_line;
+use super::progress::Progress;
 
 /// Train a model on labelled clips.
 ///
@@ -34,53 +32,37 @@ pub struct Arguments {
 
 pub fn run(arguments: Arguments) -> Result<()> {
     let device = arguments.device.open()?;
-    let bar = ProgressBar::new(0);
-    bar.set_style(ProgressStyle::with_template("{bar:30} {pos}/{len} [{elapsed}<{eta}] {msg}")?);
-    let mut observe = |progress: &Progress| show(&bar, progress);
+    let mut progress = Progress::new();
+    let mut observe = |now: &run::Progress| show(&mut progress, now);
     let card = match (arguments.config, arguments.resume) {
         (Some(config), _) => run::start(run::read_config(&config)?, &device, &mut observe)?,
         (None, Some(folder)) => run::resume(&folder, &device, &mut observe)?,
         (None, None) => unreachable!("clap requires one of them"),
     };
-    bar.finish_and_clear();
+    progress.finish();
+    let path = card.display();
     if arguments.json {
-        println!("{}", serde_json::json!({ "card": card }));
-    } else {
-        println!("model written: {}", card.display());
-        println!("score it on data it never saw: gravisight evaluate --data DIR --model {} --record", card.display());
+        return Ok(print_line(serde_json::json!({ "card": path.to_string() }))?);
     }
+    print_line(format_args!("model written: {path}"))?;
+    print_line(format_args!("score it on data it never saw: gravisight evaluate --data DIR --model {path} --record"))?;
     Ok(())
 }
 
-fn show(bar: &ProgressBar, progress: &Progress) {
-    let Progress { step, steps, loss, heatmap, depth, seconds, .. } = *progress;
-    let losses = format!("loss {loss:.4} (heatmap {heatmap:.4}, depth {depth:.4} m)");
-    bar.set_length(steps as u64);
-    if bar.position() == 0 {
-        // Steps done before a resume do not count towards the estimate.
-        bar.reset_eta();
-    }
-    bar.set_position(step as u64);
-    bar.set_message(losses.clone());
-    let score = progress.validation.as_ref().map(|score| {
-        let centimetres = |metres: Option<f64>| metres.unwrap_or(f64::NAN) * 100.0;
-        format!(
-            "step {step}: validation DtG {:.1} cm (median {:.1}), 2D error {:.2} px",
-            centimetres(score.dtg.mean),
-            centimetres(score.dtg.median),
-            score.image_error_px.median.unwrap_or(f64::NAN),
-        )
-    });
-    if !bar.is_hidden() {
-        if let Some(score) = score {
-            bar.println(score);
+fn show(progress: &mut Progress, now: &run::Progress) {
+    let run::Progress { step, steps, loss, heatmap, depth, seconds, .. } = *now;
+    let losses = format!("loss {loss:.4} (heatmap {heatmap:.4}, depth {depth:.4} m), {seconds:.2} s a step");
+    progress.set(step as u64, steps as u64, &losses);
+    match &now.validation {
+        Some(Validation::Score { dtg, image_error_px }) => {
+            let centimetres = |metres: Option<f64>| metres.unwrap_or(f64::NAN) * 100.0;
+            let (mean, median) = (centimetres(dtg.mean), centimetres(dtg.median));
+            let pixels = image_error_px.median.unwrap_or(f64::NAN);
+            progress.say(&format!(
+                "step {step}: validation DtG {mean:.1} cm (median {median:.1}), 2D error {pixels:.2} px"
+            ));
         }
-        return;
-    }
-    if step % LINE_EVERY == 0 || step == steps {
-        eprintln!("step {step}/{steps}: {losses}, {seconds:.2} s a step");
-    }
-    if let Some(score) = score {
-        eprintln!("{score}");
+        Some(Validation::Failed { failed }) => progress.say(&format!("step {step}: validation failed: {failed}")),
+        None => {}
     }
 }

@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use image::{ColorType, DynamicImage, ImageDecoder, ImageReader, Limits, Rgb, RgbImage};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb, RgbImage};
 
 use super::{MAX_PIXELS, Picture, check_size};
 use crate::error::{Error, Result};
@@ -21,8 +21,11 @@ impl Picture {
         let refuse = |error: image::ImageError| Error::ImageDecode { reason: error.to_string() };
         let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
         let reader = reader.map_err(|error| Error::ImageDecode { reason: error.to_string() })?;
-        if reader.format().is_none() {
+        let Some(format) = reader.format() else {
             return Err(Error::ImageDecode { reason: "these bytes are no picture of a known format".into() });
+        };
+        if !is_whole(bytes, format) {
+            return Err(Error::ImageDecode { reason: "the file breaks off before its end".into() });
         }
         let mut decoder = reader.into_decoder().map_err(refuse)?;
         let (width, height) = decoder.dimensions();
@@ -65,6 +68,21 @@ impl Picture {
             Rgb([red, green, blue].map(|channel| over_black(channel, alpha)))
         });
         Self { rgb, notes }
+    }
+}
+
+/// Whether a file reaches its end. PNG's decoder sees to that itself; the others would fill the rest with grey.
+fn is_whole(bytes: &[u8], format: ImageFormat) -> bool {
+    let last = |marker: [u8; 2]| bytes.windows(2).rposition(|pair| pair == marker);
+    match format {
+        // The end of the image after the last start of a scan.
+        ImageFormat::Jpeg => last([0xff, 0xd9]) > last([0xff, 0xda]),
+        // RIFF: the length of what follows, little-endian, in bytes 4 to 7.
+        ImageFormat::WebP => bytes
+            .get(4..8)
+            .and_then(|length| length.try_into().ok())
+            .is_some_and(|length| u64::from(u32::from_le_bytes(length)) + 8 <= bytes.len() as u64),
+        _ => true,
     }
 }
 

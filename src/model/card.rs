@@ -58,17 +58,10 @@ impl Card {
     /// [`Error::Format`] or [`Error::Value`] with the field.
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
         let card: Self = serde_json::from_str(text).map_err(Error::format(what))?;
-        card.architecture.check()?;
-        let multiple = card.architecture.input_multiple();
-        for side in [card.input.width, card.input.height] {
-            if side == 0 || side % multiple != 0 || side > MAX_INPUT_SIDE {
-                let reason = format!("sides must be multiples of {multiple} up to {MAX_INPUT_SIDE}, not {side}");
-                return Err(Error::value(what, "input", reason));
-            }
-        }
-        let Normalisation { mean, std } = card.normalisation;
-        if mean.iter().any(|value| !value.is_finite()) || std.iter().any(|value| !(value.is_finite() && *value > 0.0)) {
-            return Err(Error::value(what, "normalisation", "needs finite means and positive deviations"));
+        check_input(&card.architecture, card.input, &card.normalisation, what)?;
+        let [nearest, farthest] = card.depth_range;
+        if !(nearest.is_finite() && farthest.is_finite() && 0.0 < nearest && nearest <= farthest) {
+            return Err(Error::value(what, "depth_range", "must be two positive depths, the nearest first"));
         }
         Ok(card)
     }
@@ -104,6 +97,31 @@ impl Card {
         }
         Err(Error::WeightsSha256 { expected: self.sha256.clone(), found })
     }
+}
+
+/// Refuses an architecture, input size and normalisation that do not go together.
+///
+/// # Errors
+/// [`Error::Value`] with the field, in `what`.
+pub fn check_input(
+    architecture: &PenConfig,
+    input: InputSize,
+    normalisation: &Normalisation,
+    what: &str,
+) -> Result<()> {
+    architecture.check()?;
+    let multiple = architecture.input_multiple();
+    for side in [input.width, input.height] {
+        if side == 0 || side % multiple != 0 || side > MAX_INPUT_SIDE {
+            let reason = format!("sides must be multiples of {multiple} up to {MAX_INPUT_SIDE}, not {side}");
+            return Err(Error::value(what, "input", reason));
+        }
+    }
+    let Normalisation { mean, std } = normalisation;
+    if mean.iter().any(|value| !value.is_finite()) || std.iter().any(|value| !(value.is_finite() && *value > 0.0)) {
+        return Err(Error::value(what, "normalisation", "needs finite means and positive deviations"));
+    }
+    Ok(())
 }
 
 /// SHA-256 of `bytes`, lower-case hexadecimal.

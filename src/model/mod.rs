@@ -11,7 +11,7 @@ mod layers;
 mod pen;
 mod weights;
 
-pub use self::card::{Card, InputSize, sha256_hex};
+pub use self::card::{Card, InputSize, check_input, sha256_hex};
 pub use self::config::{BackboneConfig, DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
 pub use self::decode::{Decoded, confidence, decode};
 #[cfg(feature = "train")]

@@ -4,7 +4,7 @@ use burn::store::{
     BurnToPyTorchAdapter, KeyRemapper, ModuleStore, PyTorchToBurnAdapter, SafetensorsStore, SafetensorsStoreError,
     bridge,
 };
-use burn::tensor::Device;
+use burn::tensor::{DType, Device};
 
 use super::config::{BackboneConfig, PenConfig};
 use super::pen::Pen;
@@ -80,6 +80,10 @@ fn checked_store(bytes: Vec<u8>) -> Result<SafetensorsStore> {
         .allow_partial(true);
     let file = |reason: String| Error::WeightsFile { reason };
     for (name, tensor) in store.get_all_tensors().map_err(|error| file(error.to_string()))? {
+        if tensor.dtype.is_float() && tensor.dtype != DType::F32 {
+            let reason = format!("tensor `{name}` is {:?}; convert the file to F32", tensor.dtype);
+            return Err(Error::WeightsArchitecture { reason });
+        }
         let data = bridge::to_data(tensor).map_err(|error| file(error.to_string()))?;
         if data.iter::<f32>().any(|value| !value.is_finite()) {
             return Err(Error::WeightsNotFinite { tensor: name.clone() });

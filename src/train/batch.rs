@@ -14,6 +14,9 @@ use crate::error::{Error, Result};
 /// the same pixels in the same cells as the whole picture.
 const CROP_GRID: u32 = 32;
 
+/// Share of the picture's side by which a label may lie outside (a ball cut by the edge).
+const LABEL_MARGIN: f64 = 0.05;
+
 /// Training frames with 3D labels.
 pub struct Sampler {
     clips: Clips,
@@ -33,6 +36,7 @@ impl Sampler {
         let mut frames = Vec::new();
         for (clip_index, clip) in clips.clips.iter().enumerate() {
             for (frame_index, frame) in clip.frames.iter().enumerate().filter(|(_, frame)| frame.visible) {
+                check_label(clip, frame)?;
                 frames.push((clip_index, frame_index, true_depth(clip, frame)?));
             }
         }
@@ -109,9 +113,26 @@ impl Sampler {
     }
 }
 
+/// Refuses a 2D label so far outside the picture that no cell of the heatmap is near it.
+fn check_label(clip: &Clip, frame: &Frame) -> Result<()> {
+    let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
+    let [x, y] = frame.image.unwrap_or_default();
+    let near = |at: f64, side: f64| (-LABEL_MARGIN * side..side * (1.0 + LABEL_MARGIN)).contains(&at);
+    if near(x, size[0]) && near(y, size[1]) {
+        return Ok(());
+    }
+    let reason = format!("its `image` label ({x}, {y}) lies outside the {}×{} picture", size[0], size[1]);
+    Err(Error::Data { what: name(clip, frame), reason })
+}
+
+/// Name of a frame for errors.
+fn name(clip: &Clip, frame: &Frame) -> String {
+    format!("clip `{}`, frame {}", clip.id, frame.file.display())
+}
+
 /// Depth (camera z) of a frame's 3D label, m.
 fn true_depth(clip: &Clip, frame: &Frame) -> Result<f64> {
-    let what = || format!("clip `{}`, frame {}", clip.id, frame.file.display());
+    let what = || name(clip, frame);
     let Some(world) = frame.world else {
         let reason = "has no `world` label, which supervision \"3d-gt\" needs".into();
         return Err(Error::Data { what: what(), reason });

@@ -43,13 +43,17 @@ impl Checkpoint {
         self.model.clone().into_record().save(at(MODEL)).map_err(record(&at(MODEL)))?;
         self.average.clone().into_record().save(at(AVERAGE)).map_err(record(&at(AVERAGE)))?;
         self.optimiser.save(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?;
+        for file in [MODEL, AVERAGE, OPTIMISER] {
+            std::fs::File::open(at(file)).and_then(|file| file.sync_all()).map_err(Error::io(at(file)))?;
+        }
         if target.exists() {
             std::fs::remove_dir_all(&target).map_err(Error::io(&target))?;
         }
         std::fs::rename(&temporary, &target).map_err(Error::io(&target))?;
         let all = list(folder)?;
-        for (_, old) in all.iter().rev().skip(KEPT) {
-            std::fs::remove_dir_all(old).map_err(Error::io(old))?;
+        let outdated = all.into_iter().rev().skip(KEPT).map(|(_, path)| path);
+        for old in outdated.chain(unfinished(folder)?) {
+            std::fs::remove_dir_all(&old).map_err(Error::io(&old))?;
         }
         Ok(())
     }
@@ -93,11 +97,23 @@ fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>> {
     Ok(found)
 }
 
+/// What runs that were killed while they wrote have left behind.
+fn unfinished(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).map_err(Error::io(folder))?;
+    let paths = entries.flatten().map(|entry| entry.path());
+    let is_left = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with(&format!(".{PREFIX}")) && name.ends_with(".tmp")
+    };
+    Ok(paths.filter(is_left).collect())
+}
+
 fn record(path: &Path) -> impl FnOnce(RecordError) -> Error {
     let path = path.to_path_buf();
     move |error| damaged(&path, error)
 }
 
 fn damaged(path: &Path, error: impl std::fmt::Display) -> Error {
-    Error::Data { what: path.display().to_string(), reason: error.to_string() }
+    let reason = format!("{error}; without its folder, --resume takes the checkpoint before it");
+    Error::Data { what: path.display().to_string(), reason }
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::loss::HeatmapLoss;
 use crate::error::{Error, Result};
 use crate::image::Normalisation;
-use crate::model::{InputSize, PenConfig};
+use crate::model::{InputSize, PenConfig, check_input};
 
 /// A training run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -73,12 +73,15 @@ pub struct TrainConfig {
     /// Normalisation of the network's input.
     #[serde(default)]
     pub normalisation: Normalisation,
+    /// A file with timm's `resnet34` weights (ImageNet, say) for the backbone to start from.
+    #[serde(default)]
+    pub backbone_weights: Option<PathBuf>,
     /// Architecture, where no preset fits.
     #[serde(default)]
     pub architecture: Option<PenConfig>,
-    /// Heatmap loss.
+    /// Heatmap loss; where absent, the published one for `paper` and cross-entropy for `compact`.
     #[serde(default)]
-    pub heatmap_loss: HeatmapLoss,
+    pub heatmap_loss: Option<HeatmapLoss>,
     /// What is done, in order.
     pub phases: Vec<Phase>,
 }
@@ -166,7 +169,11 @@ impl TrainConfig {
         if self.phases.is_empty() {
             return refuse("phases", "needs at least one [[phases]]".into());
         }
+        check_input(&self.architecture(1.0), self.input, &self.normalisation, "run configuration")?;
         let multiple = self.architecture(1.0).input_multiple();
+        if self.name.is_empty() || self.name.contains(['/', '\\']) {
+            return refuse("name", format!("must be a file name, not `{}`", self.name));
+        }
         for (index, phase) in self.phases.iter().enumerate() {
             let field = |name: &str| format!("phases[{index}].{name}");
             if phase.steps == 0 || phase.batch == 0 {
@@ -175,15 +182,14 @@ impl TrainConfig {
             if !(phase.learning_rate.is_finite() && phase.learning_rate > 0.0) {
                 return refuse(&field("learning_rate"), format!("must be positive, not {}", phase.learning_rate));
             }
+            if !(0.0..=phase.learning_rate).contains(&phase.final_learning_rate) {
+                let reason = format!("must be from 0 to the learning rate, not {}", phase.final_learning_rate);
+                return refuse(&field("final_learning_rate"), reason);
+            }
             let largest = self.input.width.min(self.input.height);
             if let Some(side) = phase.crop.filter(|&side| side == 0 || side % multiple != 0 || side > largest) {
                 let reason = format!("must be a multiple of {multiple} up to {largest}, not {side}");
                 return refuse(&field("crop"), reason);
-            }
-        }
-        for side in [self.input.width, self.input.height] {
-            if side == 0 || side % multiple != 0 {
-                return refuse("input", format!("sides must be multiples of {multiple}, not {side}"));
             }
         }
         if !(0.0..1.0).contains(&self.ema_decay) {
@@ -196,12 +202,29 @@ impl TrainConfig {
             ("depth_weight", self.depth_weight),
             ("depth_transition", self.depth_transition),
             ("clip_norm", self.clip_norm),
+            ("prior_depth", self.prior_depth.unwrap_or(1.0)),
+            ("heatmap_loss.sigma", self.heatmap_loss().sigma()),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(field, format!("must be positive, not {value}"));
             }
         }
-        self.architecture(1.0).check()
+        for (field, value) in
+            [("jitter", f64::from(self.jitter)), ("noise", f64::from(self.noise)), ("weight_decay", self.weight_decay)]
+        {
+            if !(0.0..=1.0).contains(&value) {
+                return refuse(field, format!("must be from 0 to 1, not {value}"));
+            }
+        }
+        Ok(())
+    }
+
+    /// The heatmap loss of the run.
+    pub fn heatmap_loss(&self) -> HeatmapLoss {
+        self.heatmap_loss.unwrap_or(match self.preset {
+            Preset::Compact => HeatmapLoss::CrossEntropy { sigma: 4.0 },
+            Preset::Paper => HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 },
+        })
     }
 
     /// The architecture, with `prior_depth` in m where the preset takes one.

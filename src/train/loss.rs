@@ -24,9 +24,12 @@ pub enum HeatmapLoss {
     },
 }
 
-impl Default for HeatmapLoss {
-    fn default() -> Self {
-        Self::CrossEntropy { sigma: 4.0 }
+impl HeatmapLoss {
+    /// Standard deviation of the target, input px.
+    pub fn sigma(&self) -> f64 {
+        match *self {
+            Self::CrossEntropy { sigma } | Self::Mse { sigma, .. } => sigma,
+        }
     }
 }
 
@@ -55,10 +58,7 @@ pub struct Losses {
 pub fn labels_3d(output: PenOutput, labels: &Labels, config: &PenConfig, loss: HeatmapLoss, transition: f64) -> Losses {
     let [batch, height, width] = output.heatmap.dims();
     let device = output.heatmap.device();
-    let sigma = match loss {
-        HeatmapLoss::CrossEntropy { sigma } | HeatmapLoss::Mse { sigma, .. } => sigma,
-    };
-    let target = gaussians(&labels.image, [height, width], config.output_stride(), sigma, &device);
+    let target = gaussians(&labels.image, [height, width], config.output_stride(), loss.sigma(), &device);
     // [batch, 1, 1]; a Gaussian around a label in the picture never sums to zero
     let mass = target.clone().reshape([batch, height * width]).sum_dim(1).reshape([batch, 1, 1]);
     let share = target.clone() / mass;

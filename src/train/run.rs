@@ -51,11 +51,20 @@ pub struct Progress {
 
 /// Score of the averaged weights on validation frames.
 #[derive(Debug, Clone, Serialize)]
-pub struct Validation {
-    /// Distance to ground truth, m.
-    pub dtg: Statistic,
-    /// 2D error, px.
-    pub image_error_px: Statistic,
+#[serde(untagged)]
+pub enum Validation {
+    /// It was scored.
+    Score {
+        /// Distance to ground truth, m.
+        dtg: Statistic,
+        /// 2D error, px.
+        image_error_px: Statistic,
+    },
+    /// A frame could not be scored. Training goes on: early networks do that.
+    Failed {
+        /// Why, in words.
+        failed: String,
+    },
 }
 
 /// A run in progress.
@@ -85,9 +94,14 @@ pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(&
     }
     std::fs::create_dir_all(&config.out).map_err(Error::io(&config.out))?;
     config.out = std::fs::canonicalize(&config.out).map_err(Error::io(&config.out))?;
+    if let Some(weights) = &mut config.backbone_weights {
+        *weights = std::fs::canonicalize(&*weights).map_err(Error::io(&*weights))?;
+    }
     let text = toml::to_string(&config).map_err(Error::format(saved.display().to_string()))?;
+    // A run that cannot start leaves nothing that would have to be resumed.
+    let run = Run::new(&config, device)?;
     write_whole(&saved, text.as_bytes())?;
-    Run::new(&config, device)?.finish(observe)
+    run.finish(observe)
 }
 
 /// Goes on with the run in folder `out` from its last checkpoint (from the start where there is
@@ -111,7 +125,8 @@ pub fn read_config(path: &Path) -> Result<TrainConfig> {
     let mut config: TrainConfig = toml::from_str(&text).map_err(Error::format(path.display().to_string()))?;
     config.check()?;
     let folder = path.parent().unwrap_or(Path::new("."));
-    for relative in [&mut config.train, &mut config.validation, &mut config.out] {
+    let paths = [&mut config.train, &mut config.validation, &mut config.out];
+    for relative in paths.into_iter().chain(&mut config.backbone_weights) {
         *relative = folder.join(&*relative);
     }
     Ok(config)
@@ -131,7 +146,10 @@ impl<'a> Run<'a> {
         let folder = config.out.join(CHECKPOINTS);
         let state = match Checkpoint::load_last(&folder, &blank, optimiser.clone())? {
             Some(state) => state,
-            None => Checkpoint { step: 0, average: blank.valid(), model: blank, optimiser },
+            None => {
+                let model = with_backbone(blank, config)?;
+                Checkpoint { step: 0, average: model.valid(), model, optimiser }
+            }
         };
         let ema = Ema::new(state.average.clone(), config.ema_decay, state.step);
         let log = log_until(&config.out.join(LOG), state.step)?;
@@ -157,7 +175,7 @@ impl<'a> Run<'a> {
         let began = Instant::now();
         let batch = self.sampler.batch(self.config, phase, self.state.step)?;
         let options = StepOptions {
-            heatmap_loss: self.config.heatmap_loss,
+            heatmap_loss: self.config.heatmap_loss(),
             depth_weight: self.config.depth_weight,
             depth_transition: self.config.depth_transition,
             clip_norm: self.config.clip_norm,
@@ -183,21 +201,23 @@ impl<'a> Run<'a> {
             gradient_norm,
             learning_rate: options.learning_rate,
             seconds: began.elapsed().as_secs_f64(),
-            validation: if scores { Some(self.validate()?) } else { None },
+            validation: scores.then(|| self.validate()),
         }))
     }
 
     /// Scores the averaged weights.
-    fn validate(&self) -> Result<Validation> {
+    fn validate(&self) -> Validation {
         let device = self.device.clone().without_autodiff();
         let card = card(self.config, &self.sampler, self.ema.model().config(), String::new());
         let localiser = Localiser::from_pen(self.ema.model().clone(), card, &device);
         let limit = Some(self.config.validate_frames);
-        let samples = pollster::block_on(evaluate::score(&localiser, &self.validation, limit, &mut |_, _| {}))?;
-        Ok(Validation {
-            dtg: Statistic::of(samples.iter().map(evaluate::Sample::dtg)),
-            image_error_px: Statistic::of(samples.iter().map(evaluate::Sample::image_error)),
-        })
+        match pollster::block_on(evaluate::score(&localiser, &self.validation, limit, &mut |_, _| {})) {
+            Ok(samples) => Validation::Score {
+                dtg: Statistic::of(samples.iter().map(evaluate::Sample::dtg)),
+                image_error_px: Statistic::of(samples.iter().map(evaluate::Sample::image_error)),
+            },
+            Err(error) => Validation::Failed { failed: error.to_string() },
+        }
     }
 
     /// Log first: a line too many is dropped on resume, a missing one could not be made up.
@@ -216,6 +236,12 @@ impl<'a> Run<'a> {
         card.write(&path)?;
         Ok(path)
     }
+}
+
+/// The fresh network with the backbone weights of the configuration, where it names some.
+fn with_backbone(pen: Pen, config: &TrainConfig) -> Result<Pen> {
+    let Some(path) = &config.backbone_weights else { return Ok(pen) };
+    model::load_backbone_timm(pen, std::fs::read(path).map_err(Error::io(path))?)
 }
 
 /// The run's architecture, with the prior depth of its data.

@@ -85,6 +85,27 @@ test("a camera that holds NaN is refused by name", async () => {
   assert.match(thrown.message, /width/);
 });
 
+test("what is no camera, and no device, is refused, and the localiser goes on", async () => {
+  const { codes, found } = await page.evaluate(async ({ model, camera }) => {
+    const { Localiser } = window.gravisight;
+    const codes = [await Localiser.create({ model, device: "gpu" }).catch((each) => each.code)];
+    const localiser = await Localiser.create({ model });
+    const picture = new ImageData(224, 224);
+    const circular = { ...camera };
+    circular.self = circular;
+    for (const wrong of [undefined, () => {}, 3, circular]) {
+      codes.push(await localiser.localise(picture, { camera: wrong }).catch((each) => each.code));
+    }
+    // As a framework hands it over.
+    const truth = new Proxy([0, 0, 0], {});
+    const found = await localiser.localise(picture, { camera, truth });
+    localiser.dispose();
+    return { codes, found };
+  }, { model: CARD, camera: samples[0].camera });
+  assert.deepEqual(codes, ["device", "camera-format", "camera-format", "camera-format", "camera-format"]);
+  assert.ok(found.dtg > 0);
+});
+
 test("weights that are not the card's are refused", async () => {
   const weights = Buffer.from(modelFile("compact-sd-s.safetensors"));
   weights[weights.length - 1] ^= 1;
