@@ -149,8 +149,10 @@ mod webgpu {
         let on_cpu = Localiser::new(card.clone(), weights.clone(), &Device::flex())?;
         let localiser = Localiser::new(card, weights, &device)?;
         localiser.check_against(&on_cpu).await?;
-        let adapter = device.identity().map_or_else(|| "unnamed adapter".into(), |identity| identity.name.to_string());
-        Ok(JsLocaliser { localiser, device_name: format!("WebGPU ({adapter})") })
+        // Browsers keep the adapter's name to themselves, as a rule.
+        let adapter = device.identity().map(|identity| identity.name.to_string()).filter(|name| !name.is_empty());
+        let device_name = adapter.map_or_else(|| "WebGPU".into(), |name| format!("WebGPU ({name})"));
+        Ok(JsLocaliser { localiser, device_name })
     }
 
     async fn device() -> Result<Device> {

@@ -86,6 +86,14 @@ fn the_built_in_model_finds_the_samples_within_half_a_metre_and_two_pixels() {
 }
 
 #[test]
+fn a_picture_without_a_ball_gives_little_confidence() {
+    let flat = scratch("flat").join("flat.png");
+    image::RgbImage::from_pixel(224, 224, image::Rgb([90, 90, 90])).save(&flat).unwrap();
+    let found = json(&gravisight(&["localise", text(&flat), "--camera", text(&samples()[0].1), "--json"]));
+    assert!(found["confidence"].as_f64().unwrap() < 0.2, "{found}");
+}
+
+#[test]
 fn several_pictures_give_one_object_a_line_with_their_files() {
     let samples = samples();
     let (a, b, camera) = (text(&samples[0].0), text(&samples[1].0), text(&samples[0].1));
