@@ -156,7 +156,7 @@ fn refused_input_is_one_line_and_status_1() {
     let mut weights = std::fs::read(root().join("models/compact-sd-s.safetensors")).unwrap();
     *weights.last_mut().unwrap() ^= 1;
     std::fs::write(altered.with_extension("safetensors"), &weights).unwrap();
-    let cases: [(&[&str], &str); 9] = [
+    let cases: [(&[&str], &str); 10] = [
         (&["localise", "no.png", "--camera", camera], "no.png"),
         (&["localise", file, "--camera", "no.json"], "no.json"),
         (&["localise", file, "--camera", text(&nonsense)], "height"),
@@ -166,6 +166,7 @@ fn refused_input_is_one_line_and_status_1() {
         (&["localise", file, file, "--camera", camera, "--overlay", "x.png"], "--overlay"),
         (&["evaluate", "--data", "no-folder"], "no-folder"),
         (&["train", "--config", "no.toml"], "no.toml"),
+        (&["train", "--resume", "tests/samples"], "holds no run"),
     ];
     for (arguments, named) in cases {
         let output = gravisight(arguments);

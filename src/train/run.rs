@@ -111,6 +111,10 @@ pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(&
 /// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
 /// [`Error::Diverged`] for a loss that is not finite.
 pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf> {
+    if !out.join(CONFIG).exists() {
+        let reason = format!("holds no run (no {CONFIG}); start one with `train --config`");
+        return Err(Error::Data { what: out.display().to_string(), reason });
+    }
     let mut config = read_config(&out.join(CONFIG))?;
     config.out = out.to_path_buf();
     Run::new(&config, device)?.finish(observe)
