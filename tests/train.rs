@@ -9,9 +9,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{formula, root, scratch, vector};
+use common::{formula, formula_tensor, root, safetensors_of, scratch, vector};
 use gravisight::error::Error;
-use gravisight::model::{BackboneConfig, Pen, PenConfig, PenOutput, save};
+use gravisight::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
 use gravisight::train::ema::Ema;
 use gravisight::train::loss::{HeatmapLoss, Labels, labels_3d};
 use gravisight::train::run::{self, Progress};
@@ -205,6 +205,35 @@ fn repeated_steps_on_one_batch_learn_it() {
         losses.push(report.loss);
     }
     assert!(losses[59] < 0.6 * losses[0], "{} -> {}", losses[0], losses[59]);
+}
+
+#[test]
+fn a_backbone_from_timm_weights_goes_on_learning() {
+    let _alone = alone();
+    let device = Device::flex().autodiff();
+    device.seed(2);
+    let head = HeadConfig::Paper { channels: [4, 4, 4] };
+    let config = PenConfig { backbone: BackboneConfig::ResNet34 { width: 4 }, head, ..PenConfig::paper() };
+    let pen = Pen::new(&config, &device).unwrap();
+    let bytes = save(&pen).unwrap();
+    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    let timm = file.tensors().into_iter().filter_map(|(name, view)| {
+        let name = name.strip_prefix("backbone.")?.to_string();
+        let values = formula_tensor(&name, view.shape());
+        Some((name, view.shape().to_vec(), values))
+    });
+    let pen = load_backbone_timm(pen, safetensors_of(timm.collect())).unwrap();
+    let kernel = |pen: &Pen| {
+        let bytes = save(pen).unwrap();
+        vector(&safetensors::SafeTensors::deserialize(&bytes).unwrap().tensor("backbone.conv1.weight").unwrap())
+    };
+    let before = kernel(&pen);
+    assert_eq!(before, formula_tensor("conv1.weight", &[4, 3, 7, 7]));
+    let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
+    let (pen, report) = step(pen, &mut optimiser, batch(), &options(1e-2), &device);
+    assert!(report.loss.is_finite());
+    let moved = kernel(&pen).iter().zip(&before).filter(|(after, before)| after != before).count();
+    assert!(moved > before.len() / 2, "{moved} of {}", before.len());
 }
 
 #[test]

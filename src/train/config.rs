@@ -21,6 +21,9 @@ pub struct TrainConfig {
     /// What users of the model should know, in words, for its card.
     #[serde(default)]
     pub description: String,
+    /// Licence of the model, for its card.
+    #[serde(default = "default_licence")]
+    pub licence: String,
     /// Clips folder to train on.
     pub train: PathBuf,
     /// Clips folder that is scored while training, never trained on.
@@ -125,6 +128,9 @@ pub struct Phase {
     pub warm_up: usize,
 }
 
+fn default_licence() -> String {
+    "not stated".into()
+}
 fn default_seed() -> u64 {
     1
 }

@@ -276,7 +276,7 @@ fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha25
         training_data: format!("{data}: {} labelled frames", sampler.len()),
         description: format!("{} {supervision}", config.description).trim().to_string(),
         metrics: serde_json::Value::Null,
-        licence: "MIT OR Apache-2.0".into(),
+        licence: config.licence.clone(),
     }
 }
 
