@@ -1,4 +1,4 @@
-//! Arrows between the rooms run downward only (DESIGN: ARCHITECTURE.md).
+//! What the documents promise: arrows between the rooms run downward only, the README's numbers are measured.
 
 mod common;
 
@@ -95,5 +95,21 @@ fn the_typescript_computes_no_geometry() {
                 assert!(!text.contains(sign), "{} has {sign}", path.display());
             }
         }
+    }
+}
+
+#[test]
+fn the_readmes_numbers_are_those_that_evaluate_wrote_into_the_card() {
+    let read = |path| std::fs::read_to_string(common::root().join(path)).unwrap();
+    let card: serde_json::Value = serde_json::from_str(&read("models/compact-sd-s.json")).unwrap();
+    let number = |metric: &str, field: &str| card["metrics"][metric][field].as_f64().unwrap();
+    let [dtg, deviation, median] = ["mean", "std", "median"].map(|field| number("dtg", field) * 100.0);
+    let [error, spread, middle] = ["mean", "std", "median"].map(|field| number("image_error_px", field));
+    let readme = read("README.md");
+    for claim in [
+        format!("{dtg:.1} ± {deviation:.1} cm, median {median:.1}"),
+        format!("{error:.2} ± {spread:.2} px, median {middle:.2}"),
+    ] {
+        assert!(readme.contains(&claim), "README.md lacks `{claim}`");
     }
 }
