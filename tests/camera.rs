@@ -32,10 +32,9 @@ fn good() -> Value {
            "camera_from_world": [[1.0, 0.0, 0.0, 0.5], [0.0, 0.0, -1.0, 0.0], [0.0, 1.0, 0.0, 4.0], [0.0, 0.0, 0.0, 1.0]]})
 }
 
-/// Largest difference, relative for numbers above one.
 fn assert_close(found: &[f64], expected: &[f64], what: &str) {
     for (found, expected) in found.iter().zip(expected) {
-        assert!((found - expected).abs() <= TOLERANCE * expected.abs().max(1.0), "{what}: {found} {expected}");
+        assert!((found - expected).abs() <= TOLERANCE, "{what}: {found} {expected}");
     }
 }
 

@@ -88,7 +88,7 @@ impl Clips {
     /// The picture of `frame`, checked to have the camera's size.
     ///
     /// # Errors
-    /// As [`Picture::open`] with the path in front; [`Error::Data`] for a picture of another size
+    /// [`Error::Io`] and [`Error::Data`] with the path: for a picture that [`Picture::open`] refuses, and for a picture of another size
     /// than the clip's camera, since its labels would be wrong.
     pub fn picture(&self, clip: &Clip, frame: &Frame) -> Result<Picture> {
         let path = self.folder.join(&frame.file);
@@ -103,13 +103,6 @@ impl Clips {
             return Err(Error::Data { what, reason });
         }
         Ok(picture)
-    }
-
-    /// All frames whose label says the ball is visible, with their clips.
-    pub fn visible(&self) -> impl Iterator<Item = (&Clip, &Frame)> {
-        self.clips
-            .iter()
-            .flat_map(|clip| clip.frames.iter().filter(|frame| frame.visible).map(move |frame| (clip, frame)))
     }
 }
 

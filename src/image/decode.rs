@@ -42,7 +42,7 @@ impl Picture {
     /// Decodes a picture file.
     ///
     /// # Errors
-    /// [`Error::Io`], else as [`Picture::decode`] with the path in front.
+    /// [`Error::Io`] with the path, else as [`Picture::decode`], which does not know it.
     pub fn open(path: &std::path::Path) -> Result<Self> {
         Self::decode(&std::fs::read(path).map_err(Error::io(path))?)
     }

@@ -91,12 +91,6 @@ impl Picture {
         let scaled = image::imageops::resize(&self.rgb, content[0], content[1], FilterType::Triangle);
         normalised(&scaled, size, normalisation)
     }
-
-    /// The `width`×`height` px part whose first pixel is `(left, top)`, which must lie inside.
-    pub fn cropped(&self, [left, top]: [u32; 2], [width, height]: [u32; 2]) -> Self {
-        let rgb = image::imageops::crop_imm(&self.rgb, left, top, width, height).to_image();
-        Self { rgb, notes: self.notes.clone() }
-    }
 }
 
 /// Largest size of the aspect ratio of `picture` that fits `frame`, px.

@@ -48,13 +48,8 @@ impl Sampler {
     }
 
     /// Number of frames.
-    pub fn len(&self) -> usize {
+    pub fn frame_count(&self) -> usize {
         self.frames.len()
-    }
-
-    /// Never true.
-    pub fn is_empty(&self) -> bool {
-        self.frames.is_empty()
     }
 
     /// Smallest, mean and largest depth, m.

@@ -273,7 +273,7 @@ fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha25
         input: config.input,
         normalisation: config.normalisation,
         depth_range: [nearest, farthest],
-        training_data: format!("{data}: {} labelled frames", sampler.len()),
+        training_data: format!("{data}: {} labelled frames", sampler.frame_count()),
         description: format!("{} {supervision}", config.description).trim().to_string(),
         metrics: serde_json::Value::Null,
         licence: config.licence.clone(),
