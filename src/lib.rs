@@ -24,6 +24,7 @@ pub mod files;
 pub mod image;
 pub mod localise;
 pub mod model;
+pub mod physics;
 #[cfg(feature = "train")]
 pub mod train;
 #[cfg(target_arch = "wasm32")]

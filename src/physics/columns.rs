@@ -1,0 +1,77 @@
+//! The state and its sensitivities, side by side.
+
+use nalgebra::{Matrix6, Vector3};
+
+/// Position, velocity, spin: m, m/s, rad/s.
+pub(crate) type Column = [f64; 9];
+
+/// Column 0 is the state; with `M` = 7, column 1 + k is its derivative by component k of the start
+/// (position, velocity).
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Columns<const M: usize>(pub [Column; M]);
+
+/// Columns with the sensitivities.
+pub(crate) const WITH_JACOBIAN: usize = 7;
+
+/// Components 3·`part`… of a column: 0 position, 1 velocity, 2 spin.
+#[inline(always)]
+pub(crate) fn part(column: &Column, part: usize) -> Vector3<f64> {
+    Vector3::new(column[3 * part], column[3 * part + 1], column[3 * part + 2])
+}
+
+/// A column of its three parts.
+#[inline(always)]
+pub(crate) fn column(position: Vector3<f64>, velocity: Vector3<f64>, spin: Vector3<f64>) -> Column {
+    [position.x, position.y, position.z, velocity.x, velocity.y, velocity.z, spin.x, spin.y, spin.z]
+}
+
+impl<const M: usize> Columns<M> {
+    /// A start, its sensitivities the identity.
+    pub fn start(position: Vector3<f64>, velocity: Vector3<f64>, spin: Vector3<f64>) -> Self {
+        let mut columns = Self([[0.0; 9]; M]);
+        columns.0[0] = column(position, velocity, spin);
+        for (component, sensitivity) in columns.0.iter_mut().skip(1).enumerate() {
+            sensitivity[component] = 1.0;
+        }
+        columns
+    }
+
+    /// `self + Σ factor·slope`.
+    #[inline(always)]
+    pub fn plus<const K: usize>(&self, terms: [(f64, &Self); K]) -> Self {
+        let mut sum = *self;
+        for (target, column) in sum.0.iter_mut().enumerate().map(|(index, column)| (column, index)) {
+            for (component, value) in target.iter_mut().enumerate() {
+                for (factor, slope) in terms {
+                    *value += factor * slope.0[column][component];
+                }
+            }
+        }
+        sum
+    }
+
+    #[inline(always)]
+    pub fn position(&self) -> Vector3<f64> {
+        part(&self.0[0], 0)
+    }
+
+    #[inline(always)]
+    pub fn velocity(&self) -> Vector3<f64> {
+        part(&self.0[0], 1)
+    }
+
+    #[inline(always)]
+    pub fn spin(&self) -> Vector3<f64> {
+        part(&self.0[0], 2)
+    }
+
+    /// d(position, velocity)/d(start); zero without sensitivities.
+    pub fn jacobian(&self) -> Matrix6<f64> {
+        Matrix6::from_fn(|row, column| self.0.get(column + 1).map_or(0.0, |sensitivity| sensitivity[row]))
+    }
+
+    /// Whether every number is finite.
+    pub fn is_finite(&self) -> bool {
+        self.0.iter().flatten().all(|value| value.is_finite())
+    }
+}

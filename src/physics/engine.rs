@@ -1,0 +1,499 @@
+//! The run of one trajectory: free flight, soft contact, impacts, being carried.
+
+use nalgebra::Vector3;
+
+use super::arc::{Arc, STILL, TOUCH, first_contact};
+use super::columns::{Column, Columns, part};
+use super::field::{Field, Flow};
+use super::forecast::{Impact, Options, Status};
+use super::impact::{Rigid, contact_time_change};
+use super::integrate::{Method as _, Step};
+use super::obstacle::{Obstacle, Shape, into_box};
+use super::rest::{Carried, ROLLING_SLIP, Support, normal_reaction};
+use super::scene::Contact;
+
+/// Normal speed after an impact below which a ball that is pressed on stays, m/s: its next bounces
+/// would be lower than 0.1 µm. What ends the infinitely many bounces of a ball that comes to rest.
+const REST_SPEED: f64 = 1e-3;
+/// Where a slide is stopped, as a share of the way to its end: at the end itself its direction is lost.
+const SLIDE_END: f64 = 1.0 - 1e-7;
+/// Gap within which a carried ball touches, m.
+const CARRIED_GAP: f64 = 1e-8;
+/// Widths of a soft wall that one step may cross unseen.
+const SOFT_WALL_WIDTHS: f64 = 8.0;
+/// Relative accuracy of a located crossing within its step.
+const CROSSING_TOLERANCE: f64 = 1e-14;
+/// Value at which a located crossing is exact, m or (m/s)².
+const CROSSING_VALUE: f64 = 1e-15;
+
+/// What the ball is doing.
+enum Phase {
+    /// In potentials without events (`penalty`, or nothing to touch).
+    Smooth,
+    /// Touching nothing.
+    Flight,
+    /// Pressing on soft obstacles (`spring`): which.
+    Pressed(Vec<bool>),
+    /// Carried by obstacles (`bounce`).
+    Carried(Support),
+}
+
+/// One run. Times go forwards; backward forecasts come with their field reversed.
+pub(crate) struct Engine<'a, const M: usize> {
+    pub field: &'a Field,
+    pub obstacles: &'a [Obstacle],
+    pub contact: &'a Contact,
+    pub rigid: Rigid,
+    pub options: &'a Options,
+    pub backwards: bool,
+    /// Ascending, not negative, s.
+    pub times: &'a [f64],
+    pub y: Columns<M>,
+    pub t: f64,
+    /// Step that the error allowed last, s.
+    pub h: f64,
+    pub steps: usize,
+    pub out: Vec<Columns<M>>,
+    pub impacts: Vec<Impact>,
+    pub irreversible: Option<f64>,
+}
+
+impl<const M: usize> Engine<'_, M> {
+    /// Runs to the last time, or to what stops it.
+    pub fn run(&mut self) -> Status {
+        let mut phase = self.first_phase();
+        while self.out.len() < self.times.len() {
+            if !self.y.is_finite() {
+                return Status::NotFinite { time: self.t };
+            }
+            if self.y.position().norm() > self.options.region {
+                return Status::LeftRegion { time: self.t };
+            }
+            if self.steps >= self.options.step_limit {
+                return Status::StepLimit { time: self.t };
+            }
+            self.steps += 1;
+            phase = match phase {
+                Phase::Smooth => self.smooth(),
+                Phase::Flight => self.flight(),
+                Phase::Pressed(active) => self.pressed(active),
+                Phase::Carried(support) => self.carried(support),
+            };
+        }
+        match (self.out.last().is_none_or(Columns::is_finite), self.irreversible) {
+            (false, _) => Status::NotFinite { time: self.t },
+            (true, Some(time)) => Status::Irreversible { time },
+            (true, None) => Status::Ok,
+        }
+    }
+
+    fn first_phase(&self) -> Phase {
+        match self.contact {
+            Contact::Penalty { .. } => Phase::Smooth,
+            Contact::Bounce { .. } => Phase::Flight,
+            Contact::Spring { .. } => {
+                let r = self.y.position();
+                let active: Vec<_> = self.obstacles.iter().map(|o| o.distance(&r) < self.rigid.radius - TOUCH).collect();
+                if active.contains(&true) { Phase::Pressed(active) } else { Phase::Flight }
+            }
+        }
+    }
+
+    /// Time left to the next output, s.
+    fn to_next(&self) -> f64 {
+        self.times.get(self.out.len()).map_or(0.0, |time| time - self.t)
+    }
+
+    /// Moves to the end of `step`; hands out the state where a time asked for is reached.
+    fn commit(&mut self, step: &Step<M>) {
+        let next = self.times[self.out.len()];
+        let lands = step.h >= (next - self.t) * (1.0 - 1e-13);
+        self.t = if lands { next } else { self.t + step.h };
+        self.y = step.end;
+        self.emit();
+    }
+
+    fn emit(&mut self) {
+        while self.times.get(self.out.len()).is_some_and(|&time| time <= self.t) {
+            self.out.push(self.y);
+        }
+    }
+
+    /// A step of at most `longest` s whose error is in bounds, or `None` where no step is small enough.
+    fn trial(&mut self, flow: &impl Flow, longest: f64) -> Option<Step<M>> {
+        let integrator = self.options.integrator;
+        let slope = flow.derivative(&self.y);
+        let cap = longest.min(self.options.max_step).min(integrator.max_step()).min(self.to_next());
+        let mut h = self.h.min(cap);
+        loop {
+            let step = integrator.step(flow, &self.y, &slope, h);
+            if step.error <= 1.0 {
+                let next = h * integrator.growth(step.error);
+                // a step cut short by an output says nothing about the error
+                self.h = if h < self.h { self.h.max(next) } else { next };
+                return Some(step);
+            }
+            self.steps += 1;
+            let smaller = if step.error.is_finite() { h * integrator.growth(step.error) } else { h * 0.1 };
+            if self.t + smaller <= self.t || self.steps >= self.options.step_limit {
+                return None;
+            }
+            h = smaller;
+            self.h = h;
+        }
+    }
+
+    /// The step again, only as far as `theta` of it.
+    fn shortened(&self, flow: &impl Flow, step: Step<M>, theta: f64) -> Step<M> {
+        if theta >= 1.0 {
+            return step;
+        }
+        let slope = flow.derivative(&self.y);
+        self.options.integrator.step(flow, &self.y, &slope, (step.h * theta).max(f64::MIN_POSITIVE))
+    }
+
+    /// Gives up: no step is small enough.
+    fn stuck(&mut self) {
+        self.steps = self.options.step_limit;
+    }
+
+    fn smooth(&mut self) -> Phase {
+        // No step may jump over a wall: the ball must see it on the way.
+        let r = self.y.position();
+        let clear = self.obstacles.iter().map(|o| o.distance(&r)).fold(f64::INFINITY, f64::min);
+        let sharpness = match *self.contact {
+            Contact::Penalty { beta, beta_box, .. } => beta.min(beta_box),
+            _ => 1.0,
+        };
+        let longest = (clear.max(0.0) + SOFT_WALL_WIDTHS / sharpness) / self.y.velocity().norm();
+        let field = self.field;
+        match self.trial(field, longest) {
+            Some(step) => self.commit(&step),
+            None => self.stuck(),
+        }
+        Phase::Smooth
+    }
+
+    fn flight(&mut self) -> Phase {
+        if matches!(self.contact, Contact::Bounce { .. }) && let Some(support) = self.support(false) {
+            return Phase::Carried(support);
+        }
+        let (field, v) = (self.field, self.y.velocity());
+        let a = part(&field.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
+        let closed = if self.options.closed_forms { field.linear(&self.y.spin()) } else { None };
+        if let Some(linear) = closed {
+            let arc = Arc { linear, spin_decay: field.spin_decay() };
+            let (start, begin) = (self.y, self.t);
+            let duration = self.times.last().map_or(0.0, |last| last - begin);
+            let bound = arc.acceleration_bound(&start.position(), &v);
+            let head = Columns([start.0[0]]);
+            let path = |t: f64| arc.state_at(&head, t);
+            let contact = first_contact(self.obstacles, &[], self.rigid.radius, path, &a, bound, duration);
+            let until = begin + contact.map_or(duration, |(t, _)| t);
+            while let Some(&time) = self.times.get(self.out.len()).filter(|&&time| time <= until) {
+                self.out.push(arc.at(&start, time - begin));
+            }
+            self.y = arc.at(&start, until - begin);
+            self.t = until;
+            return contact.map_or(Phase::Flight, |(_, obstacle)| self.touch(obstacle));
+        }
+        let Some(step) = self.trial(field, f64::INFINITY) else {
+            self.stuck();
+            return Phase::Flight;
+        };
+        let path = |t: f64| {
+            let y = step.at(t / step.h);
+            (part(&y, 0), part(&y, 1))
+        };
+        let bound = step.acceleration_bound();
+        let contact = first_contact(self.obstacles, &[], self.rigid.radius, path, &a, bound, step.h);
+        let Some((time, obstacle)) = contact else {
+            self.commit(&step);
+            return Phase::Flight;
+        };
+        if time > 0.0 {
+            let theta = time / step.h;
+            let step = self.shortened(field, step, theta);
+            self.commit(&step);
+        }
+        self.touch(obstacle)
+    }
+
+    /// The ball touches `obstacle` now.
+    fn touch(&mut self, obstacle: usize) -> Phase {
+        self.record(obstacle);
+        if matches!(self.contact, Contact::Spring { .. }) {
+            let mut active = vec![false; self.obstacles.len()];
+            active[obstacle] = true;
+            return Phase::Pressed(active);
+        }
+        if self.backwards && self.irreversible.is_none() && (self.rigid.friction > 0.0 || self.rigid.restitution.is_infinite())
+        {
+            self.irreversible = Some(self.t);
+        }
+        let rigid = match self.backwards {
+            // What a stuck or rubbing contact did cannot be told from its result: undone without friction.
+            true => Rigid { friction: 0.0, restitution: self.rigid.restitution.min(1e3), ..self.rigid },
+            false => self.rigid,
+        };
+        let near = self.obstacles[obstacle].nearest(&self.y.position());
+        let field = self.field;
+        let before = field.derivative(&Columns::<1>([self.y.0[0]]));
+        self.y = rigid.reflect(&self.y, &near, &before, |after| field.derivative(after));
+        let leaving = near.normal.dot(&self.y.velocity());
+        let a = part(&field.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
+        let pressed = normal_reaction(&near, &a, &self.y.velocity()) > 0.0;
+        if leaving <= STILL || (leaving <= REST_SPEED && pressed) {
+            // stays on the surface, exactly
+            let support = Support { contacts: vec![obstacle], rolling: false };
+            self.y = self.carrier(&support).project(&self.y);
+            return self.support(true).map_or(Phase::Flight, Phase::Carried);
+        }
+        Phase::Flight
+    }
+
+    fn record(&mut self, obstacle: usize) {
+        let near = self.obstacles[obstacle].nearest(&self.y.position());
+        let closing = near.normal.dot(&self.y.velocity());
+        let gradient = |component: usize| match self.y.0.get(component + 1) {
+            Some(column) => contact_time_change(column, &near.normal, closing),
+            None => 0.0,
+        };
+        let time_gradient = std::array::from_fn(gradient);
+        let surface = self.obstacles[obstacle].surface;
+        self.impacts.push(Impact { time: self.t, surface, position: self.y.position(), speed: -closing, time_gradient });
+    }
+
+    fn pressed(&mut self, mut active: Vec<bool>) -> Phase {
+        let field = self.field;
+        let Some(step) = self.trial(field, f64::INFINITY) else {
+            self.stuck();
+            return Phase::Pressed(active);
+        };
+        let radius = self.rigid.radius;
+        let end = step.end.position();
+        let mut first: Option<(f64, usize)> = None;
+        for (index, obstacle) in self.obstacles.iter().enumerate() {
+            if (obstacle.distance(&end) < radius) == active[index] {
+                continue;
+            }
+            let gap = |theta: f64| obstacle.distance(&part(&step.at(theta), 0)) - radius;
+            let theta = crossing(gap, active[index]);
+            if first.is_none_or(|(earliest, _)| theta < earliest) {
+                first = Some((theta, index));
+            }
+        }
+        let Some((theta, index)) = first else {
+            self.commit(&step);
+            return Phase::Pressed(active);
+        };
+        let step = self.shortened(field, step, theta);
+        self.commit(&step);
+        active[index] = !active[index];
+        if active[index] {
+            self.record(index);
+        }
+        if active.contains(&true) { Phase::Pressed(active) } else { Phase::Flight }
+    }
+
+    fn carrier<'s>(&'s self, support: &'s Support) -> Carried<'s> {
+        Carried { field: self.field, obstacles: self.obstacles, support, rigid: self.rigid }
+    }
+
+    /// What carries the ball now: the surfaces it touches, does not leave and is pressed on.
+    fn support(&self, still: bool) -> Option<Support> {
+        let (r, v) = (self.y.position(), self.y.velocity());
+        let closeness = if still { CARRIED_GAP } else { TOUCH.max(CARRIED_GAP) };
+        let touching: Vec<_> = self
+            .obstacles
+            .iter()
+            .enumerate()
+            .filter(|(_, obstacle)| obstacle.distance(&r) - self.rigid.radius <= closeness)
+            .map(|(index, obstacle)| (index, obstacle.nearest(&r)))
+            .filter(|(_, near)| near.normal.dot(&v).abs() <= REST_SPEED)
+            .collect();
+        if touching.is_empty() {
+            return None;
+        }
+        let mut a = part(&self.field.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
+        let mut normals: Vec<Vector3<f64>> = Vec::new();
+        let mut contacts = Vec::new();
+        while let Some((index, near)) = touching
+            .iter()
+            .filter(|(index, _)| !contacts.contains(index))
+            .find(|(_, near)| normal_reaction(near, &a, &v) > STILL && contacts.len() < 3)
+        {
+            contacts.push(*index);
+            normals.push(near.normal);
+            a = super::rest::free_directions(&normals) * a;
+        }
+        (!contacts.is_empty()).then_some(Support { contacts, rolling: false })
+    }
+
+    fn carried(&mut self, before: Support) -> Phase {
+        let Some(mut support) = self.support(true) else { return Phase::Flight };
+        if self.backwards && self.irreversible.is_none() {
+            self.irreversible = Some(self.t);
+        }
+        self.y = self.carrier(&support).project(&self.y);
+        let slip = self.carrier(&support).slip(&self.y.position(), &self.y.velocity(), &self.y.spin());
+        support.rolling = slip.is_some_and(|slip| {
+            slip.norm() <= ROLLING_SLIP || (before.rolling && before.contacts == support.contacts)
+        });
+        let carrier = Carried {
+            field: self.field,
+            obstacles: self.obstacles,
+            support: &support.clone(),
+            rigid: self.rigid,
+        };
+        let Some(step) = self.trial(&carrier, f64::INFINITY) else {
+            self.stuck();
+            return Phase::Carried(support);
+        };
+        let slides = slip.filter(|_| !support.rolling);
+        let mut end = 1.0_f64;
+        let mut stops = false;
+        if let Some(slip) = slides {
+            let along = |y: &Column| {
+                let now = carrier.slip(&part(y, 0), &part(y, 1), &part(y, 2));
+                now.map_or(0.0, |now| now.dot(&slip))
+            };
+            if along(&step.end.0[0]) <= 0.0 {
+                end = crossing(|theta| along(&step.at(theta)), false) * SLIDE_END;
+                stops = true;
+            }
+        }
+        if let Some(theta) = self.leaves_face(&support, &step).filter(|&theta| theta < end) {
+            (end, stops) = (theta, false);
+        }
+        let a = part(&carrier.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
+        let path = |t: f64| {
+            let y = step.at(t / step.h);
+            (part(&y, 0), part(&y, 1))
+        };
+        let (skip, bound) = (&support.contacts, step.acceleration_bound());
+        let hit = first_contact(self.obstacles, skip, self.rigid.radius, path, &a, bound, step.h * end);
+        if let Some((time, obstacle)) = hit {
+            if time > 0.0 {
+                let theta = time / step.h;
+                let step = self.shortened(&carrier, step, theta);
+                self.commit(&step);
+            }
+            return self.touch(obstacle);
+        }
+        let short = self.shortened(&carrier, step, end);
+        let slope_before = carrier.derivative(&Columns::<1>([short.end.0[0]]));
+        self.commit(&short);
+        if stops {
+            self.start_rolling(&mut support, &slope_before);
+        } else if end < 1.0 {
+            self.pass_edge(&support, &slope_before);
+        }
+        Phase::Carried(support)
+    }
+
+    /// Where within the step the sphere's centre passes the rim of the face that carries it.
+    fn leaves_face(&self, support: &Support, step: &Step<M>) -> Option<f64> {
+        let [index] = support.contacts.as_slice() else { return None };
+        let Shape::Cuboid { centre, half, cos, sin } = &self.obstacles[*index].shape else { return None };
+        let beyond = |y: &Column| into_box(part(y, 0) - centre, *cos, *sin).abs() - half;
+        let (before, after) = (beyond(&step.start), beyond(&step.end.0[0]));
+        let passed = (0..3).filter(|&axis| before[axis] < 0.0 && after[axis] > 0.0);
+        let times = passed.map(|axis| crossing(|theta| beyond(&step.at(theta))[axis], true));
+        times.min_by(f64::total_cmp)
+    }
+
+    /// The forces jump where a face ends in an edge: columns meet the rim at other times.
+    fn pass_edge(&mut self, support: &Support, before: &Columns<1>) {
+        let Some(&index) = support.contacts.first() else { return };
+        let Shape::Cuboid { centre, half, cos, sin } = &self.obstacles[index].shape else { return };
+        let local = into_box(self.y.position() - centre, *cos, *sin);
+        // the rim just reached
+        let beyond = local.abs() - half;
+        let Some(axis) = (0..3).min_by(|&a, &b| beyond[a].abs().total_cmp(&beyond[b].abs())) else { return };
+        let mut out = Vector3::zeros();
+        out[axis] = local[axis].signum();
+        let out = super::obstacle::out_of_box(out, *cos, *sin);
+        // a hair beyond, where the edge's curvature counts
+        let mut ahead = self.y;
+        let nudge = out * (beyond[axis].abs() + 1e-12);
+        for (value, by) in ahead.0[0].iter_mut().zip(nudge.iter()) {
+            *value += by;
+        }
+        let after = self.carrier(support).derivative(&Columns::<1>([ahead.0[0]]));
+        let speed = out.dot(&self.y.velocity());
+        if speed > STILL {
+            self.shift_columns(|column| -out.dot(&part(column, 0)) / speed, before, &after);
+        }
+        self.y.0[0] = ahead.0[0];
+    }
+
+    /// A slide has ended in rolling.
+    fn start_rolling(&mut self, support: &mut Support, before: &Columns<1>) {
+        support.rolling = true;
+        let near = self.obstacles[support.contacts[0]].nearest(&self.y.position());
+        let (n, rigid) = (near.normal, self.rigid);
+        let slip = rigid.slip(&n, &self.y.velocity(), &self.y.spin());
+        let slip_change = rigid.slip(&n, &part(&before.0[0], 1), &part(&before.0[0], 2));
+        let speed = slip.norm().max(f64::MIN_POSITIVE);
+        let rate = slip_change.dot(&slip) / speed;
+        let after = self.carrier(support).derivative(&Columns::<1>([self.y.0[0]]));
+        self.shift_columns(
+            |column| -rigid.slip(&n, &part(column, 1), &part(column, 2)).dot(&slip) / (speed * rate),
+            before,
+            &after,
+        );
+        // what is left of the slip is taken away by a sticking contact
+        for values in &mut self.y.0 {
+            let left = rigid.slip(&n, &part(values, 1), &part(values, 2));
+            let impulse = -left / rigid.mobility();
+            let spin = rigid.spin_change(&n, &impulse);
+            for axis in 0..3 {
+                values[3 + axis] += impulse[axis];
+                values[6 + axis] += spin[axis];
+            }
+        }
+    }
+
+    /// Moves each sensitivity through an event whose time it changes by `time_change`.
+    fn shift_columns(&mut self, time_change: impl Fn(&Column) -> f64, before: &Columns<1>, after: &Columns<1>) {
+        for column in self.y.0.iter_mut().skip(1) {
+            let dt = time_change(column);
+            for (value, (b, a)) in column.iter_mut().zip(before.0[0].iter().zip(&after.0[0])) {
+                *value += (b - a) * dt;
+            }
+        }
+    }
+}
+
+/// Where in [0, 1] `f` changes sign, given that it does (`rising`: from negative to positive):
+/// regula falsi with Illinois' halving, and a bisection wherever that is slow.
+fn crossing(f: impl Fn(f64) -> f64, rising: bool) -> f64 {
+    let sign = if rising { 1.0 } else { -1.0 };
+    let f = |theta| sign * f(theta);
+    let (mut low, mut high) = (0.0, 1.0);
+    let (mut at_low, mut at_high) = (f(low).min(0.0), f(high).max(0.0));
+    let mut side = 0;
+    for iteration in 0..100 {
+        if high - low <= CROSSING_TOLERANCE || at_high == 0.0 {
+            break;
+        }
+        let secant = high - at_high * (high - low) / (at_high - at_low);
+        let inside = secant > low && secant < high && iteration % 8 != 7;
+        let theta = if inside { secant } else { 0.5 * (low + high) };
+        let value = f(theta);
+        if value.abs() < CROSSING_VALUE {
+            return theta;
+        }
+        if value < 0.0 {
+            (low, at_low) = (theta, value);
+            at_high *= if side == -1 { 0.5 } else { 1.0 };
+            side = -1;
+        } else {
+            (high, at_high) = (theta, value);
+            at_low *= if side == 1 { 0.5 } else { 1.0 };
+            side = 1;
+        }
+    }
+    high
+}

@@ -1,0 +1,119 @@
+//! Starts inside an obstacle.
+//!
+//! A soft wall launches whatever starts deep inside it (the paper's: from rest 5 cm below the floor
+//! to 4.8 m in half a second), and predictions early in training are such starts. Rule: a start that
+//! no ordinary contact explains is moved out, along the shortest way that leads out of everything,
+//! to where the ball rests against the obstacle; its velocity stays. Ordinary are:
+//! - `spring`: a ball squashed by up to half its radius; moved to touching;
+//! - `penalty`: as deep as a ball of 5 m/s gets; moved to where wall and gravity balance;
+//! - `bounce`: not at all; moved to touching.
+//!
+//! The Jacobian is the move's own derivative: it passes what happens along the wall, and loses what
+//! happens across it. So it is bounded by one.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::columns::{Columns, part};
+use super::obstacle::{Obstacle, Shape, Surface, into_box, out_of_box};
+use super::scene::{Contact, Scene};
+
+/// Speed whose depth in the paper's soft wall is still ordinary, m/s.
+const PENALTY_SPEED: f64 = 5.0;
+/// Share of the radius by which a ball may be squashed.
+const SQUASHED: f64 = 0.5;
+/// Depth that rounding explains, m.
+const ROUNDING: f64 = 1e-9;
+/// Moves before a ball that is shut in stays where it is.
+const MAX_MOVES: usize = 8;
+
+/// A start that was moved out of an obstacle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Moved {
+    /// The first obstacle it was in.
+    pub surface: Surface,
+    /// How deep: m below the distance at which the ball touches it.
+    pub depth: f64,
+    /// By how much the start was moved, m.
+    pub by: Vector3<f64>,
+    /// Whether it is out of everything now.
+    pub clear: bool,
+}
+
+/// How deep is ordinary, and where deeper starts are put; distances from an obstacle's surface, m.
+struct Rule {
+    lowest: f64,
+    target: f64,
+    touching: f64,
+}
+
+fn rule(scene: &Scene, obstacle: &Obstacle) -> Rule {
+    let radius = scene.ball.radius;
+    match scene.contact {
+        Contact::Bounce { .. } => Rule { lowest: radius - ROUNDING, target: radius, touching: radius },
+        Contact::Spring { .. } => Rule { lowest: radius * (1.0 - SQUASHED), target: radius, touching: radius },
+        Contact::Penalty { c, beta, beta_box } => {
+            let sharpness = if matches!(obstacle.shape, Shape::Plane { .. }) { beta } else { beta_box };
+            let gravity = Vector3::from(scene.gravity).norm();
+            let ratio = (c / gravity.max(c * 1e-3)).max(1.0);
+            let lowest = -PENALTY_SPEED * PENALTY_SPEED / (2.0 * c.max(f64::MIN_POSITIVE));
+            Rule { lowest, target: ratio.ln() / sharpness, touching: 0.0 }
+        }
+    }
+}
+
+/// The ways out of an obstacle for a ball at `r`: direction, shift along it, and the shift's derivative.
+fn ways_out(obstacle: &Obstacle, r: &Vector3<f64>, target: f64) -> Vec<(Vector3<f64>, Matrix3<f64>)> {
+    let along = |n: Vector3<f64>, distance: f64| ((target - distance) * n, -n * n.transpose());
+    match &obstacle.shape {
+        Shape::Cuboid { centre, half, cos, sin } if obstacle.distance(r) <= 0.0 => {
+            let local = into_box(r - centre, *cos, *sin);
+            let faces = (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]);
+            let mut ways: Vec<_> = faces
+                .map(|(axis, sign)| {
+                    let n = out_of_box(Vector3::ith(axis, sign), *cos, *sin);
+                    along(n, sign * local[axis] - half[axis])
+                })
+                .collect();
+            ways.sort_by(|(a, _), (b, _)| a.norm().total_cmp(&b.norm()));
+            ways
+        }
+        _ => {
+            let near = obstacle.nearest(r);
+            let (shift, change) = along(near.normal, near.distance);
+            vec![(shift, change + (target - near.distance) * near.curvature)]
+        }
+    }
+}
+
+/// Moves a start out of the obstacles, as the module's rule says.
+pub(crate) fn moved_out<const M: usize>(
+    scene: &Scene,
+    obstacles: &[Obstacle],
+    start: &Columns<M>,
+) -> (Columns<M>, Option<Moved>) {
+    let inside = |r: &Vector3<f64>| {
+        let depths = obstacles.iter().map(|obstacle| (obstacle, rule(scene, obstacle), obstacle.distance(r)));
+        let too_deep = depths.filter(|(_, rule, distance)| *distance < rule.lowest);
+        too_deep.max_by(|(_, a, x), (_, b, y)| (a.lowest - x).total_cmp(&(b.lowest - y)))
+    };
+    let mut y = *start;
+    let mut moved: Option<Moved> = None;
+    for _ in 0..MAX_MOVES {
+        let r = y.position();
+        let Some((obstacle, rule, distance)) = inside(&r) else { break };
+        let ways = ways_out(obstacle, &r, rule.target);
+        let clear = ways.iter().find(|(shift, _)| inside(&(r + shift)).is_none());
+        let Some((shift, change)) = clear.or(ways.first()) else { break };
+        for (index, values) in y.0.iter_mut().enumerate() {
+            let by = if index == 0 { *shift } else { change * part(values, 0) };
+            values[0] += by.x;
+            values[1] += by.y;
+            values[2] += by.z;
+        }
+        let depth = rule.touching - distance;
+        let first = moved.unwrap_or(Moved { surface: obstacle.surface, depth, by: Vector3::zeros(), clear: false });
+        moved = Some(Moved { by: first.by + shift, ..first });
+    }
+    let clear = inside(&y.position()).is_none();
+    (y, moved.map(|moved| Moved { clear, ..moved }))
+}

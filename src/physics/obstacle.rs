@@ -1,0 +1,140 @@
+//! What a ball can touch: exact distances to planes and boxes, with their derivatives.
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::scene::Scene;
+
+/// Names an obstacle of a scene.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Surface {
+    /// The floor.
+    Floor,
+    /// `walls[index]`.
+    Wall(usize),
+    /// `boxes[index]`.
+    Box(usize),
+}
+
+impl std::fmt::Display for Surface {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Floor => write!(f, "floor"),
+            Self::Wall(index) => write!(f, "walls[{index}]"),
+            Self::Box(index) => write!(f, "boxes[{index}]"),
+        }
+    }
+}
+
+/// A convex obstacle. Signed distances are negative inside.
+#[derive(Debug, Clone)]
+pub(crate) struct Obstacle {
+    pub surface: Surface,
+    pub shape: Shape,
+}
+
+#[derive(Debug, Clone)]
+pub(crate) enum Shape {
+    /// The half-space below `normal · r = offset`.
+    Plane { normal: Vector3<f64>, offset: f64 },
+    /// A box; `cos`, `sin` of its yaw.
+    Cuboid { centre: Vector3<f64>, half: Vector3<f64>, cos: f64, sin: f64 },
+}
+
+/// The nearest point of an obstacle, seen from a point r.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Nearest {
+    /// Signed distance d(r), m.
+    pub distance: f64,
+    /// ∇d: from the obstacle to r, unit length.
+    pub normal: Vector3<f64>,
+    /// ∂normal/∂r, the Hessian of d, 1/m: zero at a face, 1/d across an edge, and at a corner.
+    pub curvature: Matrix3<f64>,
+}
+
+impl Obstacle {
+    /// The obstacles of a scene: floor, walls, boxes.
+    pub fn of(scene: &Scene) -> Vec<Self> {
+        let floor = scene.floor.iter().map(|floor| Self {
+            surface: Surface::Floor,
+            shape: Shape::Plane { normal: Vector3::z(), offset: floor.height },
+        });
+        let walls = scene.walls.iter().enumerate().map(|(index, wall)| {
+            let normal = Vector3::from(wall.normal).normalize();
+            let offset = normal.dot(&Vector3::from(wall.point));
+            Self { surface: Surface::Wall(index), shape: Shape::Plane { normal, offset } }
+        });
+        let boxes = scene.boxes.iter().enumerate().map(|(index, cuboid)| {
+            let (sin, cos) = cuboid.yaw.sin_cos();
+            let (centre, half) = (cuboid.position.into(), cuboid.half_size.into());
+            Self { surface: Surface::Box(index), shape: Shape::Cuboid { centre, half, cos, sin } }
+        });
+        floor.chain(walls).chain(boxes).collect()
+    }
+
+    /// Signed distance of `r`, m.
+    #[inline]
+    pub fn distance(&self, r: &Vector3<f64>) -> f64 {
+        match &self.shape {
+            Shape::Plane { normal, offset } => normal.dot(r) - offset,
+            Shape::Cuboid { centre, half, cos, sin } => {
+                let beyond = into_box(r - centre, *cos, *sin).abs() - half;
+                let outside = beyond.map(|d| d.max(0.0)).norm();
+                if outside > 0.0 { outside } else { beyond.max() }
+            }
+        }
+    }
+
+    /// Distance, normal and curvature at `r`.
+    #[inline]
+    pub fn nearest(&self, r: &Vector3<f64>) -> Nearest {
+        match &self.shape {
+            Shape::Plane { normal, offset } => {
+                Nearest { distance: normal.dot(r) - offset, normal: *normal, curvature: Matrix3::zeros() }
+            }
+            Shape::Cuboid { centre, half, cos, sin } => {
+                let local = into_box(r - centre, *cos, *sin);
+                let beyond = local.abs() - half;
+                let outside = beyond.map(|d| d.max(0.0));
+                let distance = outside.norm();
+                let sign = |axis: usize| if local[axis] < 0.0 { -1.0 } else { 1.0 };
+                if distance <= 0.0 {
+                    let axis = beyond.imax();
+                    let mut normal = Vector3::zeros();
+                    normal[axis] = sign(axis);
+                    let normal = out_of_box(normal, *cos, *sin);
+                    return Nearest { distance: beyond[axis], normal, curvature: Matrix3::zeros() };
+                }
+                let n = Vector3::from_fn(|axis, _| sign(axis) * outside[axis] / distance);
+                let normal = out_of_box(n, *cos, *sin);
+                let crossed = outside.iter().filter(|&&d| d > 0.0).count();
+                let curvature = match crossed {
+                    1 => Matrix3::zeros(),
+                    _ => {
+                        let across = Matrix3::from_diagonal(&outside.map(|d| f64::from(u8::from(d > 0.0))));
+                        let turn = rotation(*cos, *sin);
+                        turn * ((across - n * n.transpose()) / distance) * turn.transpose()
+                    }
+                };
+                Nearest { distance, normal, curvature }
+            }
+        }
+    }
+}
+
+/// Box axes from world axes.
+#[inline]
+pub(crate) fn into_box(v: Vector3<f64>, cos: f64, sin: f64) -> Vector3<f64> {
+    Vector3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z)
+}
+
+/// World axes from box axes.
+#[inline]
+pub(crate) fn out_of_box(v: Vector3<f64>, cos: f64, sin: f64) -> Vector3<f64> {
+    Vector3::new(cos * v.x - sin * v.y, cos * v.y + sin * v.x, v.z)
+}
+
+/// world_from_box.
+#[inline]
+pub(crate) fn rotation(cos: f64, sin: f64) -> Matrix3<f64> {
+    Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+}

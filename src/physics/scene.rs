@@ -1,0 +1,267 @@
+//! `scene.json` (FORMATS.md): what the physics needs to know of a place and its ball.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+
+/// Largest number a scene can hold (SI units): beyond it, products overflow.
+const MAX_ENTRY: f64 = 1e9;
+
+/// A place: gravity, a ball, what it can touch. World frame, z up; SI units, radians.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Gravitational acceleration, m/s².
+    pub gravity: [f64; 3],
+    /// The ball.
+    pub ball: Ball,
+    /// What happens when the ball touches something.
+    #[serde(default)]
+    pub contact: Contact,
+    /// A horizontal floor.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor: Option<Floor>,
+    /// Infinite planes.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub walls: Vec<Wall>,
+    /// Boxes that stand upright.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub boxes: Vec<Cuboid>,
+    /// A linear spring between the ball's centre and a fixed point.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spring: Option<Spring>,
+}
+
+/// The ball's own properties.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ball {
+    /// Radius, m.
+    pub radius: f64,
+    /// Mass, kg.
+    #[serde(default = "one")]
+    pub mass: f64,
+    /// C_d of the drag ½·ρ·A·C_d·|v|·v.
+    #[serde(default)]
+    pub drag_coefficient: f64,
+    /// C_l of the Magnus force ½·ρ·A·R·C_l·ω×v: lift coefficient per unit of the spin parameter R|ω|/|v|.
+    #[serde(default)]
+    pub lift_coefficient: f64,
+    /// Density of the air ρ, kg/m³.
+    #[serde(default = "air_density")]
+    pub air_density: f64,
+    /// Angular velocity ω at time 0, world axes, rad/s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub spin: [f64; 3],
+    /// Rate at which the spin decays in flight, 1/s; 0: constant.
+    #[serde(default)]
+    pub spin_decay: f64,
+    /// Moment of inertia / (mass·radius²): 2/5 for a solid ball, 2/3 for a hollow one.
+    #[serde(default = "solid_ball")]
+    pub inertia_factor: f64,
+}
+
+/// The contact models.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "model", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Contact {
+    /// The paper's soft potentials (its eq. for V_F, V_W, V_O, signs as derived from them); the ball is a point.
+    Penalty {
+        /// Acceleration of the soft walls, m/s².
+        #[serde(default = "penalty_c")]
+        c: f64,
+        /// Sharpness of floor, walls and gravity's ReLU, 1/m.
+        #[serde(default = "penalty_beta")]
+        beta: f64,
+        /// Sharpness of the boxes, 1/m.
+        #[serde(default = "penalty_beta_box")]
+        beta_box: f64,
+    },
+    /// A sphere pushed out along the contact normal by `stiffness` times its penetration.
+    Spring {
+        /// Stiffness per unit mass, 1/s².
+        #[serde(default = "sphere_stiffness")]
+        stiffness: f64,
+    },
+    /// A rigid sphere, reflected at the instant of contact.
+    Bounce {
+        /// Normal speed after / before.
+        #[serde(default = "one")]
+        restitution: f64,
+        /// Coulomb's coefficient for the tangential impulse at the contact point.
+        #[serde(default)]
+        friction: f64,
+    },
+}
+
+/// A horizontal plane; the ball is above it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Floor {
+    /// Its z, m.
+    pub height: f64,
+}
+
+/// An infinite plane; the ball is on the side that `normal` points to.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wall {
+    /// A point of the plane, m.
+    pub point: [f64; 3],
+    /// Its normal, of any length.
+    pub normal: [f64; 3],
+}
+
+/// A box, turned about z.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Cuboid {
+    /// Its centre, m.
+    pub position: [f64; 3],
+    /// Half its extent along its own axes, m.
+    pub half_size: [f64; 3],
+    /// Angle from world x to its own x, about z, rad.
+    #[serde(default)]
+    pub yaw: f64,
+}
+
+/// A spring that obeys Hooke's law.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spring {
+    /// Stiffness k, N/m.
+    pub stiffness: f64,
+    /// Where it is fixed, m.
+    #[serde(default)]
+    pub anchor: [f64; 3],
+}
+
+impl Default for Contact {
+    /// The ideal: rigid, without loss or friction.
+    fn default() -> Self {
+        Self::Bounce { restitution: 1.0, friction: 0.0 }
+    }
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+/// The standard atmosphere's, at 20 °C.
+fn air_density() -> f64 {
+    1.2
+}
+
+fn solid_ball() -> f64 {
+    0.4
+}
+
+/// The paper's c, m/s².
+fn penalty_c() -> f64 {
+    1000.0
+}
+
+/// The published value for the real data set, 1/m.
+fn penalty_beta() -> f64 {
+    200.0
+}
+
+/// The paper's β_o, 1/m.
+fn penalty_beta_box() -> f64 {
+    66.0
+}
+
+/// What the synthetic data set's simulator uses, 1/s².
+fn sphere_stiffness() -> f64 {
+    1000.0
+}
+
+fn is_zero(vector: &[f64; 3]) -> bool {
+    *vector == [0.0; 3]
+}
+
+impl Scene {
+    /// Reads the text of a `scene.json`; `what` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for a text of another form (the field is named), else as [`Self::check`].
+    pub fn from_json(text: &str, what: &str) -> Result<Self> {
+        let scene: Self = serde_json::from_str(text).map_err(Error::format(what))?;
+        scene.check(what)?;
+        Ok(scene)
+    }
+
+    /// Reads a `scene.json` file.
+    ///
+    /// # Errors
+    /// [`Error::Io`], else as [`Self::from_json`].
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn from_file(path: &std::path::Path) -> Result<Self> {
+        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        Self::from_json(&text, &path.display().to_string())
+    }
+
+    /// Whether every number is finite and in its range; `what` names the scene in errors.
+    ///
+    /// # Errors
+    /// [`Error::Value`] with the field.
+    pub fn check(&self, what: &str) -> Result<()> {
+        let finite = |field: String, values: &[f64]| match values.iter().find(|value| !(value.abs() <= MAX_ENTRY)) {
+            Some(bad) => Err(Error::value(what, field, format!("must be a number up to ±{MAX_ENTRY:e}, not {bad}"))),
+            None => Ok(()),
+        };
+        let within = |field: String, value: f64, low: f64, high: f64, words: &str| {
+            finite(field.clone(), &[value])?;
+            match (low..=high).contains(&value) {
+                true => Ok(()),
+                false => Err(Error::value(what, field, format!("must be {words}, not {value}"))),
+            }
+        };
+        let positive =
+            |field: String, value: f64| within(field, value, f64::MIN_POSITIVE, MAX_ENTRY, "greater than zero");
+        let not_negative = |field: String, value: f64| within(field, value, 0.0, MAX_ENTRY, "zero or greater");
+        finite("gravity".into(), &self.gravity)?;
+        let ball = &self.ball;
+        positive("ball.radius".into(), ball.radius)?;
+        positive("ball.mass".into(), ball.mass)?;
+        not_negative("ball.drag_coefficient".into(), ball.drag_coefficient)?;
+        finite("ball.lift_coefficient".into(), &[ball.lift_coefficient])?;
+        not_negative("ball.air_density".into(), ball.air_density)?;
+        finite("ball.spin".into(), &ball.spin)?;
+        not_negative("ball.spin_decay".into(), ball.spin_decay)?;
+        within("ball.inertia_factor".into(), ball.inertia_factor, 1e-3, 1.0, "between 0.001 and 1")?;
+        match self.contact {
+            Contact::Penalty { c, beta, beta_box } => {
+                not_negative("contact.c".into(), c)?;
+                positive("contact.beta".into(), beta)?;
+                positive("contact.beta_box".into(), beta_box)?;
+            }
+            Contact::Spring { stiffness } => positive("contact.stiffness".into(), stiffness)?,
+            Contact::Bounce { restitution, friction } => {
+                within("contact.restitution".into(), restitution, 0.0, 1.0, "between 0 and 1")?;
+                not_negative("contact.friction".into(), friction)?;
+            }
+        }
+        if let Some(floor) = &self.floor {
+            finite("floor.height".into(), &[floor.height])?;
+        }
+        for (index, wall) in self.walls.iter().enumerate() {
+            finite(format!("walls[{index}].point"), &wall.point)?;
+            finite(format!("walls[{index}].normal"), &wall.normal)?;
+            let length = wall.normal.iter().map(|n| n * n).sum::<f64>().sqrt();
+            positive(format!("walls[{index}].normal (its length)"), length)?;
+        }
+        for (index, cuboid) in self.boxes.iter().enumerate() {
+            finite(format!("boxes[{index}].position"), &cuboid.position)?;
+            finite(format!("boxes[{index}].yaw"), &[cuboid.yaw])?;
+            for half in cuboid.half_size {
+                positive(format!("boxes[{index}].half_size"), half)?;
+            }
+        }
+        if let Some(spring) = &self.spring {
+            not_negative("spring.stiffness".into(), spring.stiffness)?;
+            finite("spring.anchor".into(), &spring.anchor)?;
+        }
+        Ok(())
+    }
+}
