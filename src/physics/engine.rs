@@ -4,12 +4,12 @@ use nalgebra::Vector3;
 
 use super::arc::{Arc, STILL, TOUCH, first_contact};
 use super::columns::{Column, Columns, part};
-use super::field::{Field, Flow};
+use super::field::{Field, Flow, Pressing};
 use super::forecast::{Impact, Options, Status};
 use super::impact::{Rigid, contact_time_change};
 use super::integrate::{Method as _, Step};
 use super::obstacle::{Obstacle, Shape, into_box};
-use super::rest::{Carried, ROLLING_SLIP, Support, normal_reaction};
+use super::rest::{Carried, Support, normal_reaction};
 use super::scene::Contact;
 
 /// Normal speed after an impact below which a ball that is pressed on stays, m/s: its next bounces
@@ -175,11 +175,11 @@ impl<const M: usize> Engine<'_, M> {
     }
 
     fn flight(&mut self) -> Phase {
-        if matches!(self.contact, Contact::Bounce { .. }) && let Some(support) = self.support(false) {
+        if matches!(self.contact, Contact::Bounce { .. }) && let Some(support) = self.support() {
             return Phase::Carried(support);
         }
         let (field, v) = (self.field, self.y.velocity());
-        let a = part(&field.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
+        let a = part(&field.derivative(&self.head()).0[0], 1);
         let closed = if self.options.closed_forms { field.linear(&self.y.spin()) } else { None };
         if let Some(linear) = closed {
             let arc = Arc { linear, spin_decay: field.spin_decay() };
@@ -238,18 +238,30 @@ impl<const M: usize> Engine<'_, M> {
         };
         let near = self.obstacles[obstacle].nearest(&self.y.position());
         let field = self.field;
-        let before = field.derivative(&Columns::<1>([self.y.0[0]]));
+        let before = field.derivative(&self.head());
+        let closing = near.normal.dot(&self.y.velocity());
+        let time_changes = self.y.0.map(|column| contact_time_change(&column, &near.normal, closing));
         self.y = rigid.reflect(&self.y, &near, &before, |after| field.derivative(after));
         let leaving = near.normal.dot(&self.y.velocity());
-        let a = part(&field.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
-        let pressed = normal_reaction(&near, &a, &self.y.velocity()) > 0.0;
-        if leaving <= STILL || (leaving <= REST_SPEED && pressed) {
-            // stays on the surface, exactly
-            let support = Support { contacts: vec![obstacle], rolling: false };
-            self.y = self.carrier(&support).project(&self.y);
-            return self.support(true).map_or(Phase::Flight, Phase::Carried);
+        let free = field.derivative(&self.head());
+        let pressed = normal_reaction(&near, &part(&free.0[0], 1), &self.y.velocity()) > 0.0;
+        if leaving > STILL && !(leaving <= REST_SPEED && pressed) {
+            return Phase::Flight;
         }
-        Phase::Flight
+        // Stays on the surface, exactly; from here on the support acts, too.
+        self.y = self.carrier(&Support { contacts: vec![obstacle], rolling: false }).project(&self.y);
+        let Some(mut support) = self.support() else { return Phase::Flight };
+        support.rolling = self.carrier(&support).rolls(&self.y);
+        self.y = self.carrier(&support).project(&self.y);
+        let carried = self.carrier(&support).derivative(&self.head());
+        self.shift_columns(time_changes, &free, &carried);
+        self.y = self.carrier(&support).project(&self.y);
+        Phase::Carried(support)
+    }
+
+    /// The state without its sensitivities.
+    fn head(&self) -> Columns<1> {
+        Columns([self.y.0[0]])
     }
 
     fn record(&mut self, obstacle: usize) {
@@ -265,8 +277,10 @@ impl<const M: usize> Engine<'_, M> {
     }
 
     fn pressed(&mut self, mut active: Vec<bool>) -> Phase {
-        let field = self.field;
-        let Some(step) = self.trial(field, f64::INFINITY) else {
+        let Contact::Spring { stiffness } = *self.contact else { return Phase::Flight };
+        let now = active.clone();
+        let pressing = Pressing { field: self.field, active: &now, stiffness };
+        let Some(step) = self.trial(&pressing, f64::INFINITY) else {
             self.stuck();
             return Phase::Pressed(active);
         };
@@ -287,7 +301,7 @@ impl<const M: usize> Engine<'_, M> {
             self.commit(&step);
             return Phase::Pressed(active);
         };
-        let step = self.shortened(field, step, theta);
+        let step = self.shortened(&pressing, step, theta);
         self.commit(&step);
         active[index] = !active[index];
         if active[index] {
@@ -301,21 +315,20 @@ impl<const M: usize> Engine<'_, M> {
     }
 
     /// What carries the ball now: the surfaces it touches, does not leave and is pressed on.
-    fn support(&self, still: bool) -> Option<Support> {
+    fn support(&self) -> Option<Support> {
         let (r, v) = (self.y.position(), self.y.velocity());
-        let closeness = if still { CARRIED_GAP } else { TOUCH.max(CARRIED_GAP) };
         let touching: Vec<_> = self
             .obstacles
             .iter()
             .enumerate()
-            .filter(|(_, obstacle)| obstacle.distance(&r) - self.rigid.radius <= closeness)
+            .filter(|(_, obstacle)| obstacle.distance(&r) - self.rigid.radius <= CARRIED_GAP)
             .map(|(index, obstacle)| (index, obstacle.nearest(&r)))
             .filter(|(_, near)| near.normal.dot(&v).abs() <= REST_SPEED)
             .collect();
         if touching.is_empty() {
             return None;
         }
-        let mut a = part(&self.field.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
+        let mut a = part(&self.field.derivative(&self.head()).0[0], 1);
         let mut normals: Vec<Vector3<f64>> = Vec::new();
         let mut contacts = Vec::new();
         while let Some((index, near)) = touching
@@ -331,21 +344,17 @@ impl<const M: usize> Engine<'_, M> {
     }
 
     fn carried(&mut self, before: Support) -> Phase {
-        let Some(mut support) = self.support(true) else { return Phase::Flight };
+        let Some(mut support) = self.support() else { return Phase::Flight };
         if self.backwards && self.irreversible.is_none() {
             self.irreversible = Some(self.t);
         }
         self.y = self.carrier(&support).project(&self.y);
         let slip = self.carrier(&support).slip(&self.y.position(), &self.y.velocity(), &self.y.spin());
-        support.rolling = slip.is_some_and(|slip| {
-            slip.norm() <= ROLLING_SLIP || (before.rolling && before.contacts == support.contacts)
-        });
-        let carrier = Carried {
-            field: self.field,
-            obstacles: self.obstacles,
-            support: &support.clone(),
-            rigid: self.rigid,
-        };
+        let kept = before.rolling && before.contacts == support.contacts;
+        support.rolling = kept || self.carrier(&support).rolls(&self.y);
+        let (field, obstacles, rigid) = (self.field, self.obstacles, self.rigid);
+        let now = support.clone();
+        let carrier = Carried { field, obstacles, support: &now, rigid };
         let Some(step) = self.trial(&carrier, f64::INFINITY) else {
             self.stuck();
             return Phase::Carried(support);
@@ -366,7 +375,7 @@ impl<const M: usize> Engine<'_, M> {
         if let Some(theta) = self.leaves_face(&support, &step).filter(|&theta| theta < end) {
             (end, stops) = (theta, false);
         }
-        let a = part(&carrier.derivative(&Columns::<1>([self.y.0[0]])).0[0], 1);
+        let a = part(&carrier.derivative(&self.head()).0[0], 1);
         let path = |t: f64| {
             let y = step.at(t / step.h);
             (part(&y, 0), part(&y, 1))
@@ -423,7 +432,7 @@ impl<const M: usize> Engine<'_, M> {
         let after = self.carrier(support).derivative(&Columns::<1>([ahead.0[0]]));
         let speed = out.dot(&self.y.velocity());
         if speed > STILL {
-            self.shift_columns(|column| -out.dot(&part(column, 0)) / speed, before, &after);
+            self.shift_columns(self.y.0.map(|column| -out.dot(&part(&column, 0)) / speed), before, &after);
         }
         self.y.0[0] = ahead.0[0];
     }
@@ -437,12 +446,9 @@ impl<const M: usize> Engine<'_, M> {
         let slip_change = rigid.slip(&n, &part(&before.0[0], 1), &part(&before.0[0], 2));
         let speed = slip.norm().max(f64::MIN_POSITIVE);
         let rate = slip_change.dot(&slip) / speed;
-        let after = self.carrier(support).derivative(&Columns::<1>([self.y.0[0]]));
-        self.shift_columns(
-            |column| -rigid.slip(&n, &part(column, 1), &part(column, 2)).dot(&slip) / (speed * rate),
-            before,
-            &after,
-        );
+        let after = self.carrier(support).derivative(&self.head());
+        let change = |column: Column| -rigid.slip(&n, &part(&column, 1), &part(&column, 2)).dot(&slip) / (speed * rate);
+        self.shift_columns(self.y.0.map(change), before, &after);
         // what is left of the slip is taken away by a sticking contact
         for values in &mut self.y.0 {
             let left = rigid.slip(&n, &part(values, 1), &part(values, 2));
@@ -455,10 +461,9 @@ impl<const M: usize> Engine<'_, M> {
         }
     }
 
-    /// Moves each sensitivity through an event whose time it changes by `time_change`.
-    fn shift_columns(&mut self, time_change: impl Fn(&Column) -> f64, before: &Columns<1>, after: &Columns<1>) {
-        for column in self.y.0.iter_mut().skip(1) {
-            let dt = time_change(column);
+    /// Moves each sensitivity through an event whose time it changes by `time_changes`, at which the slope jumps.
+    fn shift_columns(&mut self, time_changes: [f64; M], before: &Columns<1>, after: &Columns<1>) {
+        for (column, dt) in self.y.0.iter_mut().zip(time_changes).skip(1) {
             for (value, (b, a)) in column.iter_mut().zip(before.0[0].iter().zip(&after.0[0])) {
                 *value += (b - a) * dt;
             }

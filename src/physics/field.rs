@@ -154,27 +154,12 @@ impl Field {
         a
     }
 
-    /// Gravity and the soft contact forces.
+    /// Gravity and the paper's soft potentials.
     #[inline]
     fn contacts<const PARTIALS: bool>(&self, r: &Vector3<f64>, partials: &mut Partials) -> Vector3<f64> {
         match self.contact {
-            Contact::Bounce { .. } => self.gravity,
-            Contact::Spring { stiffness } => {
-                let mut a = self.gravity;
-                for obstacle in &self.obstacles {
-                    if obstacle.distance(r) >= self.radius {
-                        continue;
-                    }
-                    let near = obstacle.nearest(r);
-                    let depth = self.radius - near.distance;
-                    a += stiffness * depth * near.normal;
-                    if PARTIALS {
-                        partials.position +=
-                            stiffness * (near.curvature * depth - near.normal * near.normal.transpose());
-                    }
-                }
-                a
-            }
+            // impacts, and soft contacts while they last (`Pressing`), are not forces of the field
+            Contact::Bounce { .. } | Contact::Spring { .. } => self.gravity,
             Contact::Penalty { c, beta, beta_box } => {
                 let mut a = self.gravity;
                 for obstacle in &self.obstacles {
@@ -255,19 +240,53 @@ impl Field {
     }
 }
 
+/// A field with the obstacles that a soft sphere presses on.
+///
+/// Which ones is fixed for the length of a contact, so that forces are smooth within it.
+pub(crate) struct Pressing<'a> {
+    pub field: &'a Field,
+    /// One flag an obstacle.
+    pub active: &'a [bool],
+    /// Per unit mass, 1/s².
+    pub stiffness: f64,
+}
+
 impl Flow for Field {
     #[inline]
     fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
         let mut partials = Partials::zero();
         let (r, v, w) = (y.position(), y.velocity(), y.spin());
-        let mut slope = Columns([[0.0; 9]; M]);
-        if M == 1 {
-            let a = self.acceleration::<false>(&r, &v, &w, &mut partials);
-            slope.0[0] = column(v, a, -self.spin_decay * w);
-            return slope;
+        let a = match M {
+            1 => self.acceleration::<false>(&r, &v, &w, &mut partials),
+            _ => self.acceleration::<true>(&r, &v, &w, &mut partials),
+        };
+        self.slope(y, a, &partials)
+    }
+}
+
+impl Flow for Pressing<'_> {
+    #[inline]
+    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
+        let mut partials = Partials::zero();
+        let (r, v, w) = (y.position(), y.velocity(), y.spin());
+        let mut a = self.field.acceleration::<true>(&r, &v, &w, &mut partials);
+        let pressed = self.field.obstacles.iter().zip(self.active).filter(|(_, active)| **active);
+        for (obstacle, _) in pressed {
+            let near = obstacle.nearest(&r);
+            let depth = self.field.radius - near.distance;
+            a += self.stiffness * depth * near.normal;
+            partials.position += self.stiffness * (near.curvature * depth - near.normal * near.normal.transpose());
         }
-        let a = self.acceleration::<true>(&r, &v, &w, &mut partials);
-        slope.0[0] = column(v, a, -self.spin_decay * w);
+        self.field.slope(y, a, &partials)
+    }
+}
+
+impl Field {
+    /// The slope of state and sensitivities under an acceleration and its partials.
+    #[inline]
+    pub fn slope<const M: usize>(&self, y: &Columns<M>, a: Vector3<f64>, partials: &Partials) -> Columns<M> {
+        let mut slope = Columns([[0.0; 9]; M]);
+        slope.0[0] = column(y.velocity(), a, -self.spin_decay * y.spin());
         for (out, sensitivity) in slope.0.iter_mut().zip(&y.0).skip(1) {
             let (dr, dv, dw) = (part(sensitivity, 0), part(sensitivity, 1), part(sensitivity, 2));
             let da = partials.position * dr + partials.velocity * dv + partials.spin * dw;

@@ -8,7 +8,7 @@ use super::impact::Rigid;
 use super::obstacle::{Nearest, Obstacle};
 
 /// Slip below which a carried sphere rolls, m/s.
-pub(crate) const ROLLING_SLIP: f64 = 1e-7;
+const ROLLING_SLIP: f64 = 1e-7;
 
 /// What carries the sphere: one surface (with friction on faces), two (it moves along their
 /// common line) or three (it does not move).
@@ -62,6 +62,11 @@ impl Carried<'_> {
             [near] if self.rubs(near) => Some(self.rigid.slip(&near.normal, v, w)),
             _ => None,
         }
+    }
+
+    /// Whether friction acts and the sphere does not slip.
+    pub fn rolls<const M: usize>(&self, y: &Columns<M>) -> bool {
+        self.slip(&y.position(), &y.velocity(), &y.spin()).is_some_and(|slip| slip.norm() <= ROLLING_SLIP)
     }
 
     /// Puts the state exactly on its supports and the sensitivities into their tangent space.
@@ -147,14 +152,9 @@ impl Flow for Carried<'_> {
             return self.on_surface(near, y, a, &partials);
         }
         let free = free_directions(&near.iter().map(|near| near.normal).collect::<Vec<_>>());
-        let decay = self.field.spin_decay();
-        let mut slope = Columns([[0.0; 9]; M]);
-        slope.0[0] = column(v, free * a, -decay * w);
-        for (out, sensitivity) in slope.0.iter_mut().zip(&y.0).skip(1) {
-            let (dr, dv, dw) = (part(sensitivity, 0), part(sensitivity, 1), part(sensitivity, 2));
-            let da = partials.position * dr + partials.velocity * dv + partials.spin * dw;
-            *out = column(dv, free * da, -decay * dw);
-        }
-        slope
+        partials.position = free * partials.position;
+        partials.velocity = free * partials.velocity;
+        partials.spin = free * partials.spin;
+        self.field.slope(y, free * a, &partials)
     }
 }
