@@ -170,6 +170,12 @@ pub enum Error {
         /// What is missing.
         reason: String,
     },
+    /// A track cannot be fitted.
+    #[error("fit: {reason}")]
+    Fit {
+        /// Why, and what to do.
+        reason: String,
+    },
     /// Training produced a loss that is not finite.
     #[error(
         "training diverged: the loss at step {step} is {loss}; lower `learning_rate` in the run folder's run.toml and go on with --resume"
@@ -204,6 +210,7 @@ impl Error {
             Self::OutputNotFinite { .. } => "output-not-finite",
             Self::Device { .. } => "device",
             Self::Data { .. } => "data",
+            Self::Fit { .. } => "fit",
             Self::Diverged { .. } => "diverged",
         }
     }

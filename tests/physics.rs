@@ -228,3 +228,39 @@ fn jacobians_through_rigid_bounces_are_their_differences() {
         .prop_map(|(restitution, friction)| Contact::Bounce { restitution, friction });
     jacobians_agree(contact.boxed(), 50, 1e-6);
 }
+
+// -- the simulator's truth ---------------------------------------------------------------------------------------
+
+#[derive(serde::Deserialize)]
+struct Track {
+    id: String,
+    world: Vec<[f64; 3]>,
+    velocity: Vec<[f64; 3]>,
+    scene: Value,
+}
+
+fn tracks() -> Vec<Track> {
+    serde_json::from_slice(&common::golden("tracks.json")).unwrap()
+}
+
+#[test]
+fn mujocos_ball_is_where_the_forecast_says_to_a_centimetre_after_fifteen_frames() {
+    let times: Vec<f64> = (1..=15).map(|frame| f64::from(frame) / 15.0).collect();
+    let mut errors: [Vec<f64>; 15] = Default::default();
+    for track in tracks() {
+        let forecaster = Forecaster::new(&Scene::from_json(&track.scene.to_string(), &track.id).unwrap()).unwrap();
+        let start = |frame: usize| state(track.world[frame].into(), track.velocity[frame].into());
+        let last = track.world.len() - 15;
+        let starts: Vec<State> = (0..last).map(start).collect();
+        for (frame, forecast) in forecaster.forecast_batch(&starts, &times).into_iter().enumerate() {
+            assert_eq!(forecast.status, Status::Ok, "{} {frame}", track.id);
+            for (ahead, state) in forecast.states.iter().enumerate() {
+                let truth = Vector3::from(track.world[frame + ahead + 1]);
+                errors[ahead].push((state.position.coords - truth).norm());
+            }
+        }
+    }
+    let mean = |errors: &Vec<f64>| errors.iter().sum::<f64>() / errors.len() as f64;
+    println!("mean error after 4, 8, 15 frames: {:.5} {:.5} {:.5} m", mean(&errors[3]), mean(&errors[7]), mean(&errors[14]));
+    assert!(mean(&errors[14]) < 0.01, "{}", mean(&errors[14]));
+}

@@ -111,8 +111,19 @@ impl Field {
         if self.drag != 0.0 || magnus || self.potential.is_some() || matches!(self.contact, Contact::Penalty { .. }) {
             return None;
         }
+        Some(self.linear_part())
+    }
+
+    /// The forces that have a closed form.
+    pub fn linear_part(&self) -> Linear {
         let (stiffness, anchor) = self.spring.unwrap_or((0.0, Vector3::zeros()));
-        Some(Linear { pull: self.gravity + stiffness * anchor, stiffness })
+        Linear { pull: self.gravity + stiffness * anchor, stiffness }
+    }
+
+    /// The forces that have none, soft walls left out, m/s².
+    pub fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
+        let potential = self.potential.as_ref().map_or(Vector3::zeros(), |potential| potential.gradient(r));
+        self.lift * w.cross(v) - self.drag * v.norm() * v - potential
     }
 
     /// Acceleration, m/s²; its partials are added to `partials`.

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, Point3, Vector3};
+use nalgebra::{Matrix6, Point3, SMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::columns::{Columns, WITH_JACOBIAN};
+use super::columns::{Column, Columns, WITH_JACOBIAN, part};
 use super::engine::Engine;
-use super::field::{Field, Potential};
+use super::field::{Field, Linear, Potential};
 use super::guard::{Moved, moved_out};
 use super::impact::Rigid;
 use super::integrate::Integrator;
@@ -19,8 +19,22 @@ use crate::error::{Error, Result};
 const MAX_STEP: f64 = 1.0 / 15.0;
 /// Distance from the origin at which a ball is lost, m.
 const REGION: f64 = 1e4;
+/// Widths (1/β) of a soft wall within which the ball is in contact with it.
+const SOFT_WALL_WIDTHS: f64 = 8.0;
 /// Steps after which a trajectory is given up.
 const STEP_LIMIT: usize = 100_000;
+
+/// d(position, velocity, spin)/d(position, velocity, spin).
+pub(super) type Matrix9 = SMatrix<f64, 9, 9>;
+
+/// How a state moves on.
+#[derive(Debug, Clone)]
+pub(super) struct Transition {
+    pub end: Column,
+    pub jacobian: Matrix9,
+    /// Whether anything is touched on the way.
+    pub contact: bool,
+}
 
 /// A ball at one instant, in the world frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -244,6 +258,53 @@ impl Forecaster {
         starts.iter().map(|start| self.forecast_with_jacobians(start, times)).collect()
     }
 
+    /// Position, velocity and spin `dt` s later (negative: earlier), with the 9×9 Jacobian; `None` where
+    /// the forecast stops before.
+    pub(super) fn transition(&self, start: &Column, dt: f64) -> Option<Transition> {
+        if !start.iter().all(|value| value.is_finite()) {
+            return None;
+        }
+        let parts = [0, 1, 2].map(|index| part(start, index));
+        let columns = Columns::<10>::start(parts[0], parts[1], parts[2]);
+        let (columns, _) = moved_out(&self.scene, &self.obstacles, &columns);
+        let times = [dt.abs()];
+        let backwards = dt < 0.0;
+        let mut engine = self.engine(&columns, &times, backwards);
+        let status = engine.run();
+        if !status.is_whole() {
+            return None;
+        }
+        let contact = !engine.impacts.is_empty();
+        let end = engine.out.first().map(|y| if backwards { mirrored(y) } else { *y })?;
+        let touches = |column: &Column| self.touches(&part(column, 0));
+        Some(Transition {
+            contact: contact || touches(start) || touches(&end.0[0]),
+            end: end.0[0],
+            // backwards, the start's velocity and spin count with the other sign, too: `mirrored` has seen to it
+            jacobian: Matrix9::from_fn(|row, column| end.0[column + 1][row]),
+        })
+    }
+
+    /// Whether a ball here is in contact with anything.
+    fn touches(&self, position: &Vector3<f64>) -> bool {
+        let reach = match self.scene.contact {
+            Contact::Penalty { beta, beta_box, .. } => SOFT_WALL_WIDTHS / beta.min(beta_box),
+            _ => self.scene.ball.radius + 1e-9,
+        };
+        self.obstacles.iter().any(|obstacle| obstacle.distance(position) < reach)
+    }
+
+    /// Accelerations that have a closed form; contacts, drag, spin and the user's potential left out.
+    pub(super) fn linear_part(&self) -> Linear {
+        self.forwards.linear_part()
+    }
+
+    /// The accelerations that [`Self::linear_part`] leaves out, contacts excepted, m/s².
+    pub(super) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+        let spin = self.scene.ball.spin.into();
+        self.forwards.nonlinear_acceleration(r, v, &spin)
+    }
+
     /// Runs forwards and backwards as `times` ask, and puts the states into their order.
     fn both_ways<const M: usize>(&self, start: &State, times: &[f64]) -> Forecast {
         let empty = Forecast {
@@ -284,14 +345,14 @@ impl Forecaster {
         forecast
     }
 
-    fn one_way<const M: usize>(&self, start: &Columns<M>, times: &[f64], backwards: bool) -> Forecast {
+    fn engine<'a, const M: usize>(&'a self, start: &Columns<M>, times: &'a [f64], backwards: bool) -> Engine<'a, M> {
         let ball = &self.scene.ball;
         let (restitution, friction) = match self.scene.contact {
             Contact::Bounce { restitution, friction } => (restitution, friction),
             _ => (1.0, 0.0),
         };
         let restitution = if backwards { 1.0 / restitution } else { restitution };
-        let mut engine = Engine {
+        Engine {
             field: if backwards { &self.backwards } else { &self.forwards },
             obstacles: &self.obstacles,
             contact: &self.scene.contact,
@@ -306,7 +367,11 @@ impl Forecaster {
             out: Vec::with_capacity(times.len()),
             impacts: vec![],
             irreversible: None,
-        };
+        }
+    }
+
+    fn one_way<const M: usize>(&self, start: &Columns<M>, times: &[f64], backwards: bool) -> Forecast {
+        let mut engine = self.engine(start, times, backwards);
         let status = engine.run();
         engine.out.retain(Columns::is_finite);
         let sign = if backwards { -1.0 } else { 1.0 };

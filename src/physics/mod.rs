@@ -8,6 +8,7 @@ mod arc;
 mod columns;
 mod engine;
 mod field;
+mod fit;
 mod forecast;
 mod guard;
 mod impact;
@@ -17,6 +18,7 @@ mod rest;
 mod scene;
 
 pub use self::field::Potential;
+pub use self::fit::{Fit, FitOptions, FittedFrame, Observation};
 pub use self::forecast::{Forecast, Forecaster, Impact, Options, State, Status};
 pub use self::guard::Moved;
 pub use self::integrate::Integrator;

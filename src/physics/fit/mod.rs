@@ -1,0 +1,289 @@
+//! From a 2D track of one camera to the 3D trajectory that explains it best.
+//!
+//! Gravity (or any known force) gives the scale: a free flight's images determine position and
+//! velocity linearly ([`seed`]). From there the trajectory grows frame by frame through contacts,
+//! refined all along ([`chain`]); several starts are grown, and the best parts of all are joined.
+
+mod chain;
+mod problem;
+mod seed;
+
+use nalgebra::{Matrix3, Point2, Point3, Vector2};
+
+use self::chain::{Chain, Loss};
+use self::problem::{Matrix9, Problem};
+use super::columns::{Column, part};
+use super::forecast::{Forecaster, State};
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+
+/// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
+const FEWEST: usize = 4;
+/// Smallest standard deviation of labels that is believed, px.
+const SMALLEST_NOISE: f64 = 0.03;
+/// Frames that a trajectory grows by between two refinements.
+const GROWTH: usize = 4;
+/// Frames behind the growing end that are refined with it.
+const REACH: usize = 45;
+/// Loss while growing and at the end, in standard deviations.
+const GROWING: Loss = Loss::Huber(3.0);
+const FINAL: Loss = Loss::Cauchy(3.0);
+/// Residual, in standard deviations, of an outlier.
+const OUTLIER: f64 = 4.0;
+/// Cost of an interval across which two trajectories are joined that the laws do not join, at most.
+const JOIN: f64 = 60.0;
+/// Standard deviation of a known spin, rad/s.
+const KNOWN_SPIN: f64 = 1e-3;
+/// Standard deviation of a spin that is to be estimated, rad/s.
+const UNKNOWN_SPIN: f64 = 200.0;
+/// Rounds in which the labels' noise is estimated anew.
+const NOISE_ROUNDS: usize = 2;
+
+/// One frame of a track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// s.
+    pub time: f64,
+    /// The ball's centre in the picture, px; `None` where it was not seen.
+    pub image: Option<Point2<f64>>,
+}
+
+/// How a track is fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitOptions {
+    /// Standard deviation of the 2D labels, px; estimated from the track where `None`.
+    pub noise_px: Option<f64>,
+    /// Starts that are grown to whole trajectories.
+    pub starts: usize,
+    /// Whether the spin at the first frame is unknown.
+    pub estimate_spin: bool,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self { noise_px: None, starts: 6, estimate_spin: false }
+    }
+}
+
+/// The fitted ball at one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FittedFrame {
+    /// s.
+    pub time: f64,
+    /// Position and velocity in the world.
+    pub state: State,
+    /// Covariance of the position, m²: the labels' noise and the laws' own uncertainty, and the
+    /// spread of other trajectories that explain the track nearly as well.
+    pub covariance: Matrix3<f64>,
+    /// Projection minus label, px.
+    pub residual_px: Option<Vector2<f64>>,
+    /// Whether the label does not belong to the trajectory.
+    pub outlier: bool,
+}
+
+impl FittedFrame {
+    /// Root mean square error of the position to expect, m.
+    pub fn sigma(&self) -> f64 {
+        self.covariance.trace().max(0.0).sqrt()
+    }
+}
+
+/// A fitted trajectory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// One a frame of the track, seen or not.
+    pub frames: Vec<FittedFrame>,
+    /// Standard deviation of the labels, px: the one given, or found.
+    pub noise_px: f64,
+    /// Root mean square residual of the labels that are no outliers, px.
+    pub rms_px: f64,
+    /// Spin at the first frame, rad/s.
+    pub spin: [f64; 3],
+}
+
+impl Forecaster {
+    /// The trajectory through `observations` (by time) that the scene's physics allows and whose image
+    /// explains them best.
+    ///
+    /// # Errors
+    /// [`Error::Fit`] for times that do not ascend, fewer than four observations, or a track that no
+    /// trajectory in front of the camera explains; the camera's errors for a label outside its lens model.
+    pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
+        check(observations)?;
+        let spin_sigma = if options.estimate_spin { UNKNOWN_SPIN } else { KNOWN_SPIN };
+        let noise = options.noise_px.unwrap_or_else(|| noise_of(observations)).max(SMALLEST_NOISE);
+        let mut problem = Problem::new(self, camera, observations, noise, spin_sigma)?;
+        let seeds = seed::seeds(&problem, options.starts);
+        let mut chains: Vec<Chain> = seeds
+            .into_iter()
+            .map(|seed| Chain { first: seed.first, states: seed.states })
+            .filter_map(|chain| grown(&problem, chain))
+            .collect();
+        let unexplained = || Error::Fit {
+            reason: "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps".into(),
+        };
+        let mut best = joined(&problem, &chains).ok_or_else(unexplained)?;
+        for _ in 0..NOISE_ROUNDS {
+            if options.noise_px.is_none() {
+                problem.sigma = residual_noise(&problem, &best).max(SMALLEST_NOISE);
+            }
+            best.refine(&problem, (0, problem.len()), FINAL, 30);
+        }
+        for chain in &mut chains {
+            chain.refine(&problem, (0, problem.len()), FINAL, 8);
+        }
+        finished(&problem, &best, &chains).ok_or_else(unexplained)
+    }
+}
+
+fn check(observations: &[Observation]) -> Result<()> {
+    let refuse = |reason: String| Err(Error::Fit { reason });
+    if let Some(index) = (1..observations.len()).find(|&i| !(observations[i].time > observations[i - 1].time)) {
+        let times = [observations[index - 1].time, observations[index].time];
+        return refuse(format!("times must ascend, but {} s is followed by {} s", times[0], times[1]));
+    }
+    let seen = observations.iter().filter(|observation| observation.image.is_some()).count();
+    let finite = |o: &Observation| o.time.is_finite() && o.image.is_none_or(|p| p.x.is_finite() && p.y.is_finite());
+    if !observations.iter().all(finite) {
+        return refuse("the track holds NaN or infinity".into());
+    }
+    match seen {
+        FEWEST.. => Ok(()),
+        _ => refuse(format!("the ball is seen in {seen} frames; at least {FEWEST} are needed")),
+    }
+}
+
+/// Noise of labels on a smooth track, from its third differences, px.
+fn noise_of(observations: &[Observation]) -> f64 {
+    let mut sizes: Vec<f64> = observations
+        .windows(4)
+        .filter_map(|four| {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| four[i].image);
+            let third = (d?.coords - a?.coords) + 3.0 * (b?.coords - c?.coords);
+            Some([third.x.abs(), third.y.abs()])
+        })
+        .flatten()
+        .collect();
+    sizes.sort_by(f64::total_cmp);
+    // median of |N(0, σ√20)|
+    sizes.get(sizes.len() / 2).map_or(1.0, |median| median / 0.6745 / 20.0_f64.sqrt())
+}
+
+/// Noise of the labels around a trajectory, from the residuals' median, px.
+fn residual_noise(problem: &Problem, chain: &Chain) -> f64 {
+    let residuals = (0..problem.len()).filter_map(|frame| Some(chain.observed(problem, frame, FINAL)?.2));
+    let mut sizes: Vec<f64> = residuals.flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
+    sizes.sort_by(f64::total_cmp);
+    sizes.get(sizes.len() / 2).map_or(1.0, |median| median / 0.6745)
+}
+
+/// A chain grown over the whole track.
+fn grown(problem: &Problem, mut chain: Chain) -> Option<Chain> {
+    let end = problem.len() - 1;
+    chain.refine(problem, (chain.first, chain.last()), GROWING, 20);
+    while chain.first > 0 || chain.last() < end {
+        for _ in 0..GROWTH {
+            if chain.last() < end {
+                let last = chain.states[chain.states.len() - 1];
+                let next = problem.forecaster.transition(&last, problem.interval(chain.last()))?;
+                chain.states.push(next.end);
+            }
+            if chain.first > 0 {
+                let before = problem.forecaster.transition(&chain.states[0], -problem.interval(chain.first - 1))?;
+                chain.states.insert(0, before.end);
+                chain.first -= 1;
+            }
+        }
+        if chain.states.len() <= 2 * REACH {
+            chain.refine(problem, (chain.first, chain.last()), GROWING, 8);
+        } else {
+            chain.refine(problem, (chain.last() - REACH, chain.last()), GROWING, 8);
+            chain.refine(problem, (chain.first, chain.first + REACH), GROWING, 8);
+        }
+    }
+    chain.refine(problem, (0, end), GROWING, 20);
+    chain.refine(problem, (0, end), FINAL, 20);
+    Some(chain)
+}
+
+/// The cheapest way through the chains' states (dynamic programming), refined.
+fn joined(problem: &Problem, chains: &[Chain]) -> Option<Chain> {
+    let best = chains.iter().min_by(|a, b| a.total_cost(problem, FINAL).total_cmp(&b.total_cost(problem, FINAL)))?;
+    let mut cost: Vec<f64> = chains.iter().map(|chain| observed_cost(problem, chain, 0)).collect();
+    let mut from: Vec<Vec<usize>> = Vec::new();
+    for frame in 1..problem.len() {
+        let ends: Vec<Option<(Column, bool)>> = chains
+            .iter()
+            .map(|chain| problem.forecaster.transition(chain.at(frame - 1)?, problem.interval(frame - 1)))
+            .map(|transition| transition.map(|transition| (transition.end, transition.contact)))
+            .collect();
+        let step = |into: usize, out: usize| -> f64 {
+            let (Some((end, contact)), Some(state)) = (ends[out], chains[into].at(frame)) else { return JOIN };
+            let precision = problem.precision(frame - 1, contact.then_some([1.0, 1.0]));
+            let square: f64 = (0..9).map(|i| precision[i] * (state[i] - end[i]).powi(2)).sum();
+            if into == out { square.min(JOIN) } else { square.min(JOIN) + 1.0 }
+        };
+        let mut next = Vec::with_capacity(chains.len());
+        let mut origins = Vec::with_capacity(chains.len());
+        for into in 0..chains.len() {
+            let total = |out: usize| cost[out] + step(into, out);
+            let origin = (0..chains.len()).min_by(|&a, &b| total(a).total_cmp(&total(b)))?;
+            next.push(total(origin) + observed_cost(problem, &chains[into], frame));
+            origins.push(origin);
+        }
+        cost = next;
+        from.push(origins);
+    }
+    let mut at = (0..chains.len()).min_by(|&a, &b| cost[a].total_cmp(&cost[b]))?;
+    let mut states = vec![*chains[at].at(problem.len() - 1)?];
+    for (frame, origins) in from.iter().enumerate().rev() {
+        at = origins[at];
+        states.insert(0, *chains[at].at(frame)?);
+    }
+    let mut path = Chain { first: 0, states };
+    path.refine(problem, (0, problem.len()), GROWING, 20);
+    path.refine(problem, (0, problem.len()), FINAL, 20);
+    let better = path.total_cost(problem, FINAL) < best.total_cost(problem, FINAL);
+    Some(if better { path } else { best.clone() })
+}
+
+fn observed_cost(problem: &Problem, chain: &Chain, frame: usize) -> f64 {
+    chain.observed(problem, frame, FINAL).map_or(0.0, |(cost, _, _)| cost)
+}
+
+/// The result, with covariances.
+fn finished(problem: &Problem, best: &Chain, chains: &[Chain]) -> Option<Fit> {
+    let covariances = best.covariances(problem, FINAL)?;
+    let cost = best.total_cost(problem, FINAL);
+    // Other trajectories count by how well they explain the track.
+    let others: Vec<(f64, &Chain)> = chains
+        .iter()
+        .map(|chain| ((-0.5 * (chain.total_cost(problem, FINAL) - cost)).min(0.0).exp(), chain))
+        .filter(|(weight, _)| *weight > 1e-6)
+        .collect();
+    let all = 1.0 + others.iter().map(|(weight, _)| weight).sum::<f64>();
+    let mut squares = Vec::new();
+    let frames = (0..problem.len())
+        .map(|frame| {
+            let state = best.at(frame)?;
+            let own: &Matrix9 = &covariances[frame];
+            let mut covariance = own.fixed_view::<3, 3>(0, 0).into_owned();
+            for (weight, other) in &others {
+                let off = part(other.at(frame)?, 0) - part(state, 0);
+                covariance += off * off.transpose() * (*weight / all);
+            }
+            let residual_px = best.observed(problem, frame, FINAL).map(|(_, _, residual)| residual);
+            let outlier = residual_px.is_some_and(|residual| residual.norm() > OUTLIER * problem.sigma);
+            squares.extend(residual_px.filter(|_| !outlier).map(|residual| residual.norm_squared() / 2.0));
+            Some(FittedFrame {
+                time: problem.observations[frame].time,
+                state: State { position: Point3::from(part(state, 0)), velocity: part(state, 1) },
+                covariance,
+                residual_px,
+                outlier,
+            })
+        })
+        .collect::<Option<Vec<_>>>()?;
+    let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    Some(Fit { frames, noise_px: problem.sigma, rms_px, spin: part(best.at(0)?, 2).into() })
+}
