@@ -12,6 +12,8 @@ pub(crate) struct Columns<const M: usize>(pub [Column; M]);
 
 /// Columns with the sensitivities.
 pub(crate) const WITH_JACOBIAN: usize = 7;
+/// Columns with the sensitivities to the spin at the start, too.
+pub(crate) const WITH_SPIN_JACOBIAN: usize = 10;
 
 /// Components 3·`part`… of a column: 0 position, 1 velocity, 2 spin.
 #[inline(always)]

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix6, Point3, SMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::columns::{Column, Columns, WITH_JACOBIAN, part};
+use super::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
 use super::engine::Engine;
 use super::field::{Field, Linear, Potential};
 use super::guard::{Moved, moved_out};
@@ -24,14 +24,11 @@ const SOFT_WALL_WIDTHS: f64 = 8.0;
 /// Steps after which a trajectory is given up.
 const STEP_LIMIT: usize = 100_000;
 
-/// d(position, velocity, spin)/d(position, velocity, spin).
-pub(super) type Matrix9 = SMatrix<f64, 9, 9>;
-
-/// How a state moves on.
+/// How a state moves on; the Jacobian is that of its first `D` components.
 #[derive(Debug, Clone)]
-pub(super) struct Transition {
+pub(super) struct Transition<const D: usize> {
     pub end: Column,
-    pub jacobian: Matrix9,
+    pub jacobian: SMatrix<f64, D, D>,
     /// Whether anything is touched on the way.
     pub contact: bool,
 }
@@ -258,18 +255,26 @@ impl Forecaster {
         starts.iter().map(|start| self.forecast_with_jacobians(start, times)).collect()
     }
 
-    /// Position, velocity and spin `dt` s later (negative: earlier), with the 9×9 Jacobian; `None` where
-    /// the forecast stops before.
-    pub(super) fn transition(&self, start: &Column, dt: f64) -> Option<Transition> {
+    /// Position, velocity and spin `dt` s later (negative: earlier), with the Jacobian of the first `D`
+    /// components (6 or 9); `None` where the forecast stops before.
+    pub(super) fn transition<const D: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
+        match D {
+            6 => self.transition_of::<D, WITH_JACOBIAN>(start, dt),
+            _ => self.transition_of::<D, WITH_SPIN_JACOBIAN>(start, dt),
+        }
+    }
+
+    fn transition_of<const D: usize, const M: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
         if !start.iter().all(|value| value.is_finite()) {
             return None;
         }
         let parts = [0, 1, 2].map(|index| part(start, index));
-        let columns = Columns::<10>::start(parts[0], parts[1], parts[2]);
+        let columns = Columns::<M>::start(parts[0], parts[1], parts[2]);
         let (columns, _) = moved_out(&self.scene, &self.obstacles, &columns);
         let times = [dt.abs()];
         let backwards = dt < 0.0;
-        let mut engine = self.engine(&columns, &times, backwards);
+        let columns = if backwards { mirrored(&columns) } else { columns };
+        let mut engine = self.engine(columns, &times, backwards);
         let status = engine.run();
         if !status.is_whole() {
             return None;
@@ -280,8 +285,7 @@ impl Forecaster {
         Some(Transition {
             contact: contact || touches(start) || touches(&end.0[0]),
             end: end.0[0],
-            // backwards, the start's velocity and spin count with the other sign, too: `mirrored` has seen to it
-            jacobian: Matrix9::from_fn(|row, column| end.0[column + 1][row]),
+            jacobian: SMatrix::from_fn(|row, column| end.0[column + 1][row]),
         })
     }
 
@@ -345,7 +349,7 @@ impl Forecaster {
         forecast
     }
 
-    fn engine<'a, const M: usize>(&'a self, start: &Columns<M>, times: &'a [f64], backwards: bool) -> Engine<'a, M> {
+    fn engine<'a, const M: usize>(&'a self, start: Columns<M>, times: &'a [f64], backwards: bool) -> Engine<'a, M> {
         let ball = &self.scene.ball;
         let (restitution, friction) = match self.scene.contact {
             Contact::Bounce { restitution, friction } => (restitution, friction),
@@ -360,7 +364,7 @@ impl Forecaster {
             options: &self.options,
             backwards,
             times,
-            y: if backwards { mirrored(start) } else { *start },
+            y: start,
             t: 0.0,
             h: self.options.max_step,
             steps: 0,
@@ -371,6 +375,7 @@ impl Forecaster {
     }
 
     fn one_way<const M: usize>(&self, start: &Columns<M>, times: &[f64], backwards: bool) -> Forecast {
+        let start = if backwards { mirrored(start) } else { *start };
         let mut engine = self.engine(start, times, backwards);
         let status = engine.run();
         engine.out.retain(Columns::is_finite);

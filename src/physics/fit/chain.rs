@@ -5,17 +5,20 @@
 //! sensitive to it that no solver finds it; neighbouring states are only a frame apart, and small
 //! errors of the laws (a contact that is not quite the model's) stay where they arise.
 
-use nalgebra::{Cholesky, Const, Vector2};
+use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector2};
 
-use super::problem::{Matrix9, Problem, Transition, Vector9};
+use super::problem::{Problem, Transition};
 use crate::physics::columns::Column;
 
 /// Longest change of a position in one iteration, m.
 const LONGEST_STEP: f64 = 1.5;
 /// Relative decrease of the cost below which an iteration is the last.
-const CONVERGED: f64 = 1e-5;
+const CONVERGED: f64 = 1e-4;
 /// Cost of a state whose observation cannot be projected, in squared standard deviations.
 const UNSEEN: f64 = 1e8;
+/// Where the loss of a contact's defect turns, in standard deviations: most contacts are the model's to
+/// millimetres, some (an edge, a spin nobody knows) are far from it.
+const CONTACT_SCALE: f64 = 4.0;
 /// Largest damping before a search is given up.
 const MAX_DAMPING: f64 = 1e8;
 
@@ -29,6 +32,15 @@ pub(super) enum Loss {
 }
 
 impl Loss {
+    /// The same kind of loss for the defect of an interval; one without contact costs its square.
+    fn of_defect(self, square: f64, contact: bool) -> (f64, f64) {
+        match self {
+            _ if !contact => (square, 1.0),
+            Self::Huber(_) => Self::Huber(CONTACT_SCALE).of(square),
+            Self::Cauchy(_) => Self::Cauchy(CONTACT_SCALE).of(square),
+        }
+    }
+
     /// Cost of a squared residual, and its derivative.
     fn of(self, square: f64) -> (f64, f64) {
         match self {
@@ -46,27 +58,36 @@ impl Loss {
 }
 
 /// A trajectory over frames `first..first + states.len()`.
+///
+/// `D` components of each state are free: position and velocity (6), or spin, too (9).
 #[derive(Debug, Clone)]
-pub(super) struct Chain {
+pub(super) struct Chain<const D: usize> {
     pub first: usize,
     pub states: Vec<Column>,
 }
 
+/// How far the laws of motion are trusted over an interval.
+struct Trust<const D: usize> {
+    /// 1/variance of position, velocity and spin.
+    precision: SVector<f64, D>,
+    contact: bool,
+}
+
 /// The normal equations' blocks.
-struct Normal {
-    diagonal: Vec<Matrix9>,
+struct Normal<const D: usize> {
+    diagonal: Vec<SMatrix<f64, D, D>>,
     /// Block (k, k + 1).
-    upper: Vec<Matrix9>,
-    gradient: Vec<Vector9>,
+    upper: Vec<SMatrix<f64, D, D>>,
+    gradient: Vec<SVector<f64, D>>,
 }
 
 /// A chain's states with how they move on, and what it all costs.
-struct Evaluation {
+struct Evaluation<const D: usize> {
     cost: f64,
-    transitions: Vec<Transition>,
+    transitions: Vec<Transition<D>>,
 }
 
-impl Chain {
+impl<const D: usize> Chain<D> {
     pub fn last(&self) -> usize {
         self.first + self.states.len() - 1
     }
@@ -93,16 +114,16 @@ impl Chain {
         let mut damping = 1e-3;
         let Some(first) = self.transitions(problem, range) else { return f64::INFINITY };
         // Which intervals hold contacts, and so how far each is trusted, is fixed while the cost is compared.
-        let precisions = self.precisions(problem, range, &first);
-        let mut now = Evaluation { cost: self.cost(problem, range, &first, &precisions, loss), transitions: first };
+        let trusts = self.trusts(problem, range, &first);
+        let mut now = Evaluation { cost: self.cost(problem, range, &first, &trusts, loss), transitions: first };
         for _ in 0..iterations {
-            let normal = self.normal(problem, range, &now.transitions, &precisions, loss);
+            let normal = self.normal(problem, range, &now.transitions, &trusts, loss);
             let before = now.cost;
             loop {
                 let trial = normal.solve(damping).and_then(|step| {
                     let moved = self.moved(range, &step);
                     let transitions = moved.transitions(problem, range)?;
-                    let cost = moved.cost(problem, range, &transitions, &precisions, loss);
+                    let cost = moved.cost(problem, range, &transitions, &trusts, loss);
                     (cost < now.cost).then_some((moved, Evaluation { cost, transitions }))
                 });
                 if let Some((moved, evaluation)) = trial {
@@ -126,16 +147,37 @@ impl Chain {
     pub fn total_cost(&self, problem: &Problem, loss: Loss) -> f64 {
         let range = (self.first, self.last());
         let Some(transitions) = self.transitions(problem, range) else { return f64::INFINITY };
-        let precisions = self.precisions(problem, range, &transitions);
-        self.cost(problem, range, &transitions, &precisions, loss)
+        let trusts = self.trusts(problem, range, &transitions);
+        self.cost(problem, range, &transitions, &trusts, loss)
     }
 
     /// Covariance of each state.
-    pub fn covariances(&self, problem: &Problem, loss: Loss) -> Option<Vec<Matrix9>> {
+    pub fn covariances(&self, problem: &Problem, loss: Loss) -> Option<Vec<SMatrix<f64, D, D>>> {
         let range = (self.first, self.last());
         let transitions = self.transitions(problem, range)?;
-        let precisions = self.precisions(problem, range, &transitions);
-        self.normal(problem, range, &transitions, &precisions, loss).covariances()
+        let trusts = self.trusts(problem, range, &transitions);
+        self.normal(problem, range, &transitions, &trusts, loss).covariances()
+    }
+
+    /// The chain moved by `by` standard deviations along the least certain direction of the position at
+    /// `frame`, its other states following.
+    pub fn shifted(&self, problem: &Problem, frame: usize, by: f64, loss: Loss) -> Option<Self> {
+        let range = (self.first, self.last());
+        let transitions = self.transitions(problem, range)?;
+        let trusts = self.trusts(problem, range, &transitions);
+        let mut normal = self.normal(problem, range, &transitions, &trusts, loss);
+        let slot = frame - self.first;
+        let covariance = normal.covariances()?[slot].fixed_view::<3, 3>(0, 0).into_owned();
+        let eigen = covariance.symmetric_eigen();
+        let (axis, variance) = eigen.eigenvalues.argmax();
+        for (index, gradient) in normal.gradient.iter_mut().enumerate() {
+            gradient.fill(0.0);
+            if index == slot {
+                let along = eigen.eigenvectors.column(axis) * (-by / variance.max(f64::MIN_POSITIVE).sqrt());
+                gradient.fixed_rows_mut::<3>(0).copy_from(&along);
+            }
+        }
+        Some(self.moved(range, &normal.solve(1e-12)?))
     }
 
     /// Intervals whose start or end is in `range`: index of the first state, number.
@@ -145,7 +187,7 @@ impl Chain {
         from..to
     }
 
-    fn transitions(&self, problem: &Problem, range: (usize, usize)) -> Option<Vec<Transition>> {
+    fn transitions(&self, problem: &Problem, range: (usize, usize)) -> Option<Vec<Transition<D>>> {
         let intervals = self.intervals(range);
         let move_on = |index: usize| {
             problem.forecaster.transition(&self.states[index], problem.interval(self.first + index))
@@ -154,40 +196,46 @@ impl Chain {
     }
 
     /// How far the laws are trusted: less where there is a contact, or may be one a frame earlier or later.
-    fn precisions(&self, problem: &Problem, range: (usize, usize), transitions: &[Transition]) -> Vec<Vector9> {
+    fn trusts(&self, problem: &Problem, range: (usize, usize), transitions: &[Transition<D>]) -> Vec<Trust<D>> {
         let intervals = self.intervals(range);
         let change = |offset: usize, part: usize| {
             let (start, end) = (&self.states[intervals.start + offset], &transitions[offset].end);
             (3 * part..3 * part + 3).map(|i| (end[i] - start[i]).powi(2)).sum::<f64>().sqrt()
         };
-        let precision = |offset: usize| {
+        let trust = |offset: usize| {
             let near = offset.saturating_sub(1)..(offset + 2).min(transitions.len());
             let contacts = near.filter(|&near| transitions[near].contact);
             let contact = contacts.map(|near| [change(near, 1), change(near, 2)]).max_by(|a, b| a[0].total_cmp(&b[0]));
-            problem.precision(self.first + intervals.start + offset, contact)
+            let precision = problem.precision(self.first + intervals.start + offset, contact);
+            Trust { precision, contact: contact.is_some() }
         };
-        (0..transitions.len()).map(precision).collect()
+        (0..transitions.len()).map(trust).collect()
     }
 
     fn cost(
         &self,
         problem: &Problem,
         range: (usize, usize),
-        transitions: &[Transition],
-        precisions: &[Vector9],
+        transitions: &[Transition<D>],
+        trusts: &[Trust<D>],
         loss: Loss,
     ) -> f64 {
         let observed = (range.0..=range.1).filter_map(|frame| Some(self.observed(problem, frame, loss)?.0));
-        let intervals = self.intervals(range).zip(transitions.iter().zip(precisions));
-        let moved = intervals.map(|(index, (transition, precision))| {
-            (0..9).map(|i| precision[i] * (self.states[index + 1][i] - transition.end[i]).powi(2)).sum::<f64>()
-        });
+        let intervals = self.intervals(range).zip(transitions.iter().zip(trusts));
+        let moved = intervals.map(|(index, (transition, trust))| self.defect(index, transition, trust, loss).0);
         observed.sum::<f64>() + moved.sum::<f64>() + self.spin_prior(problem, range).map_or(0.0, |(cost, _)| cost)
+    }
+
+    /// Cost of the interval after state `index`, the weight of its square, and the defect.
+    fn defect(&self, index: usize, transition: &Transition<D>, trust: &Trust<D>, loss: Loss) -> (f64, f64, SVector<f64, D>) {
+        let off = SVector::<f64, D>::from_fn(|i, _| self.states[index + 1][i] - transition.end[i]);
+        let (cost, weight) = loss.of_defect(trust.precision.component_mul(&off).dot(&off), trust.contact);
+        (cost, weight, off)
     }
 
     /// What is known of the first state's spin: cost and residual.
     fn spin_prior(&self, problem: &Problem, range: (usize, usize)) -> Option<(f64, nalgebra::Vector3<f64>)> {
-        if range.0 != self.first {
+        if range.0 != self.first || D < 9 {
             return None;
         }
         let off = crate::physics::columns::part(&self.states[0], 2) - problem.spin_at(self.first);
@@ -198,15 +246,15 @@ impl Chain {
         &self,
         problem: &Problem,
         range: (usize, usize),
-        transitions: &[Transition],
-        precisions: &[Vector9],
+        transitions: &[Transition<D>],
+        trusts: &[Trust<D>],
         loss: Loss,
-    ) -> Normal {
+    ) -> Normal<D> {
         let count = range.1 - range.0 + 1;
         let mut normal = Normal {
-            diagonal: vec![Matrix9::zeros(); count],
-            upper: vec![Matrix9::zeros(); count.saturating_sub(1)],
-            gradient: vec![Vector9::zeros(); count],
+            diagonal: vec![SMatrix::<f64, D, D>::zeros(); count],
+            upper: vec![SMatrix::<f64, D, D>::zeros(); count.saturating_sub(1)],
+            gradient: vec![SVector::<f64, D>::zeros(); count],
         };
         for frame in range.0..=range.1 {
             let Some((_, weight, residual)) = self.observed(problem, frame, loss) else { continue };
@@ -218,14 +266,15 @@ impl Chain {
             let mut part = normal.gradient[slot].fixed_rows_mut::<3>(0);
             part += jacobian.transpose() * residual * weight;
         }
-        for (index, (transition, precision)) in self.intervals(range).zip(transitions.iter().zip(precisions)) {
+        for (index, (transition, trust)) in self.intervals(range).zip(transitions.iter().zip(trusts)) {
             let frame = self.first + index;
-            let off = Vector9::from_fn(|i, _| self.states[index + 1][i] - transition.end[i]);
+            let (_, weight, off) = self.defect(index, transition, trust, loss);
+            let precision = trust.precision * weight;
             let weighted = precision.component_mul(&off);
-            let trusted = Matrix9::from_fn(|row, column| precision[row] * transition.jacobian[(row, column)]);
+            let trusted = SMatrix::<f64, D, D>::from_fn(|row, column| precision[row] * transition.jacobian[(row, column)]);
             if frame + 1 <= range.1 {
                 let slot = frame + 1 - range.0;
-                normal.diagonal[slot] += Matrix9::from_diagonal(precision);
+                normal.diagonal[slot] += SMatrix::<f64, D, D>::from_diagonal(&precision);
                 normal.gradient[slot] += weighted;
             }
             if frame >= range.0 {
@@ -247,7 +296,7 @@ impl Chain {
         normal
     }
 
-    fn moved(&self, range: (usize, usize), step: &[Vector9]) -> Self {
+    fn moved(&self, range: (usize, usize), step: &[SVector<f64, D>]) -> Self {
         let longest = step.iter().map(|step| step.fixed_rows::<3>(0).norm()).fold(0.0, f64::max);
         let share = (LONGEST_STEP / longest.max(f64::MIN_POSITIVE)).min(1.0);
         let mut out = self.clone();
@@ -260,13 +309,13 @@ impl Chain {
     }
 }
 
-impl Normal {
+impl<const D: usize> Normal<D> {
     /// Cholesky factors of the pivots of block elimination.
-    fn pivots(&self, damping: f64) -> Option<Vec<Cholesky<f64, Const<9>>>> {
-        let mut pivots: Vec<Cholesky<f64, Const<9>>> = Vec::with_capacity(self.diagonal.len());
+    fn pivots(&self, damping: f64) -> Option<Vec<Cholesky<f64, Const<D>>>> {
+        let mut pivots: Vec<Cholesky<f64, Const<D>>> = Vec::with_capacity(self.diagonal.len());
         for (index, diagonal) in self.diagonal.iter().enumerate() {
             let mut pivot = *diagonal;
-            for i in 0..9 {
+            for i in 0..D {
                 pivot[(i, i)] += damping * diagonal[(i, i)];
             }
             if let (Some(before), Some(upper)) = (pivots.last(), index.checked_sub(1).map(|i| &self.upper[i])) {
@@ -279,9 +328,9 @@ impl Normal {
     }
 
     /// The damped step.
-    fn solve(&self, damping: f64) -> Option<Vec<Vector9>> {
+    fn solve(&self, damping: f64) -> Option<Vec<SVector<f64, D>>> {
         let pivots = self.pivots(damping)?;
-        let mut step: Vec<Vector9> = self.gradient.iter().map(|gradient| -gradient).collect();
+        let mut step: Vec<SVector<f64, D>> = self.gradient.iter().map(|gradient| -gradient).collect();
         for index in 1..step.len() {
             let before = self.upper[index - 1].transpose() * pivots[index - 1].solve(&step[index - 1]);
             step[index] -= before;
@@ -297,9 +346,9 @@ impl Normal {
     }
 
     /// Diagonal blocks of the inverse.
-    fn covariances(&self) -> Option<Vec<Matrix9>> {
+    fn covariances(&self) -> Option<Vec<SMatrix<f64, D, D>>> {
         let pivots = self.pivots(1e-12)?;
-        let mut out: Vec<Matrix9> = pivots.iter().map(Cholesky::inverse).collect();
+        let mut out: Vec<SMatrix<f64, D, D>> = pivots.iter().map(Cholesky::inverse).collect();
         for index in (0..out.len().saturating_sub(1)).rev() {
             let gain = pivots[index].solve(&self.upper[index]);
             out[index] = out[index] + gain * out[index + 1] * gain.transpose();

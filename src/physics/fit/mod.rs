@@ -11,9 +11,10 @@ mod seed;
 use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
 use self::chain::{Chain, Loss};
-use self::problem::{Matrix9, Problem};
+use self::problem::Problem;
 use super::columns::{Column, part};
 use super::forecast::{Forecaster, State};
+use super::scene::Contact;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 
@@ -25,6 +26,10 @@ const SMALLEST_NOISE: f64 = 0.03;
 const GROWTH: usize = 4;
 /// Frames behind the growing end that are refined with it.
 const REACH: usize = 45;
+/// Mean cost of the frames at an end (2 is to be expected) above which other continuations are tried.
+const BAD_END: f64 = 5.0;
+/// How far, in standard deviations of the end's position.
+const SHIFTS: [f64; 6] = [-1.0, 1.0, -2.0, 2.0, -3.5, 3.5];
 /// Loss while growing and at the end, in standard deviations.
 const GROWING: Loss = Loss::Huber(3.0);
 const FINAL: Loss = Loss::Cauchy(3.0);
@@ -36,6 +41,12 @@ const JOIN: f64 = 60.0;
 const KNOWN_SPIN: f64 = 1e-3;
 /// Standard deviation of a spin that is to be estimated, rad/s.
 const UNKNOWN_SPIN: f64 = 200.0;
+/// Difference of cost below which two trajectories explain the track equally well.
+const SAME: f64 = 2.0;
+/// How far the best is moved in search of a better one, in standard deviations.
+const POLISH: [f64; 2] = [-2.5, 2.5];
+/// Cost, in units of what noise alone costs, at which a trajectory explains its track.
+const EXPLAINED: f64 = 1.3;
 /// Rounds in which the labels' noise is estimated anew.
 const NOISE_ROUNDS: usize = 2;
 
@@ -53,7 +64,7 @@ pub struct Observation {
 pub struct FitOptions {
     /// Standard deviation of the 2D labels, px; estimated from the track where `None`.
     pub noise_px: Option<f64>,
-    /// Starts that are grown to whole trajectories.
+    /// Starts that are grown to whole trajectories, at most.
     pub starts: usize,
     /// Whether the spin at the first frame is unknown.
     pub estimate_spin: bool,
@@ -61,7 +72,7 @@ pub struct FitOptions {
 
 impl Default for FitOptions {
     fn default() -> Self {
-        Self { noise_px: None, starts: 6, estimate_spin: false }
+        Self { noise_px: None, starts: 16, estimate_spin: false }
     }
 }
 
@@ -97,6 +108,9 @@ pub struct Fit {
     pub noise_px: f64,
     /// Root mean square residual of the labels that are no outliers, px.
     pub rms_px: f64,
+    /// Whether the trajectory explains the labels to about their noise. If not, a force is unknown, the
+    /// scene or the camera wrong, or the right trajectory was not found.
+    pub explained: bool,
     /// Spin at the first frame, rad/s.
     pub spin: [f64; 3],
 }
@@ -110,30 +124,82 @@ impl Forecaster {
     /// trajectory in front of the camera explains; the camera's errors for a label outside its lens model.
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
+        // The spin matters where air or friction turns it into forces.
+        let ball = &self.scene().ball;
+        let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
+        match ball.lift_coefficient != 0.0 || rubs {
+            true => self.fit_chain::<9>(camera, observations, options),
+            false => self.fit_chain::<6>(camera, observations, options),
+        }
+    }
+
+    fn fit_chain<const D: usize>(
+        &self,
+        camera: &Camera,
+        observations: &[Observation],
+        options: &FitOptions,
+    ) -> Result<Fit> {
         let spin_sigma = if options.estimate_spin { UNKNOWN_SPIN } else { KNOWN_SPIN };
         let noise = options.noise_px.unwrap_or_else(|| noise_of(observations)).max(SMALLEST_NOISE);
         let mut problem = Problem::new(self, camera, observations, noise, spin_sigma)?;
-        let seeds = seed::seeds(&problem, options.starts);
-        let mut chains: Vec<Chain> = seeds
-            .into_iter()
-            .map(|seed| Chain { first: seed.first, states: seed.states })
-            .filter_map(|chain| grown(&problem, chain))
-            .collect();
         let unexplained = || Error::Fit {
             reason: "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps".into(),
         };
-        let mut best = joined(&problem, &chains).ok_or_else(unexplained)?;
+        let mut chains: Vec<Chain<D>> = Vec::new();
+        for seed in seed::seeds(&problem, options.starts) {
+            chains.extend(grown(&problem, Chain { first: seed.first, states: seed.states }));
+            if settled(&problem, &chains) {
+                break;
+            }
+        }
+        chains.extend(joined(&problem, &chains));
+        if let Some((best, _)) = best_of(&problem, &chains) {
+            chains.push(polished(&problem, chains[best].clone()));
+        }
         for _ in 0..NOISE_ROUNDS {
             if options.noise_px.is_none() {
-                problem.sigma = residual_noise(&problem, &best).max(SMALLEST_NOISE);
+                let (best, _) = best_of(&problem, &chains).ok_or_else(unexplained)?;
+                problem.sigma = residual_noise(&problem, &chains[best]).max(SMALLEST_NOISE);
             }
-            best.refine(&problem, (0, problem.len()), FINAL, 30);
+            for chain in &mut chains {
+                chain.refine(&problem, (0, problem.len()), FINAL, 15);
+            }
         }
-        for chain in &mut chains {
-            chain.refine(&problem, (0, problem.len()), FINAL, 8);
-        }
-        finished(&problem, &best, &chains).ok_or_else(unexplained)
+        finished(&problem, &chains).ok_or_else(unexplained)
     }
+}
+
+/// Whether a trajectory that explains the labels to their noise was found from two starts.
+fn settled<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> bool {
+    let Some((best, excess)) = best_of(problem, chains) else { return false };
+    let cost = |chain: &Chain<D>| chain.total_cost(problem, FINAL);
+    let as_good = chains.iter().filter(|chain| cost(chain) < cost(&chains[best]) + SAME).count();
+    excess < EXPLAINED && as_good >= 2
+}
+
+/// The chain, or a cheaper one found from it moved along what it knows least.
+fn polished<const D: usize>(problem: &Problem, mut best: Chain<D>) -> Chain<D> {
+    let mut cost = best.total_cost(problem, FINAL);
+    let last = problem.len() - 1;
+    for frame in [0, last / 4, last / 2, 3 * last / 4, last] {
+        for by in POLISH {
+            let Some(mut chain) = best.shifted(problem, frame, by, FINAL) else { continue };
+            chain.refine(problem, (0, last), FINAL, 12);
+            let found = chain.total_cost(problem, FINAL);
+            if found < cost - SAME {
+                (best, cost) = (chain, found);
+            }
+        }
+    }
+    best
+}
+
+/// The cheapest chain, and its cost in units of what noise alone costs.
+fn best_of<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<(usize, f64)> {
+    let costs = chains.iter().map(|chain| chain.total_cost(problem, FINAL)).enumerate();
+    let (best, cost) = costs.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+    let seen = problem.rays.iter().flatten().count();
+    Some((best, cost / (2 * seen) as f64))
 }
 
 fn check(observations: &[Observation]) -> Result<()> {
@@ -170,7 +236,7 @@ fn noise_of(observations: &[Observation]) -> f64 {
 }
 
 /// Noise of the labels around a trajectory, from the residuals' median, px.
-fn residual_noise(problem: &Problem, chain: &Chain) -> f64 {
+fn residual_noise<const D: usize>(problem: &Problem, chain: &Chain<D>) -> f64 {
     let residuals = (0..problem.len()).filter_map(|frame| Some(chain.observed(problem, frame, FINAL)?.2));
     let mut sizes: Vec<f64> = residuals.flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
     sizes.sort_by(f64::total_cmp);
@@ -178,49 +244,79 @@ fn residual_noise(problem: &Problem, chain: &Chain) -> f64 {
 }
 
 /// A chain grown over the whole track.
-fn grown(problem: &Problem, mut chain: Chain) -> Option<Chain> {
+///
+/// Where the frames just reached are explained badly (the ball met a box that the chain passes, or the
+/// other way round), the chain is also tried some standard deviations nearer and farther.
+fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>) -> Option<Chain<D>> {
     let end = problem.len() - 1;
     chain.refine(problem, (chain.first, chain.last()), GROWING, 20);
     while chain.first > 0 || chain.last() < end {
-        for _ in 0..GROWTH {
-            if chain.last() < end {
-                let last = chain.states[chain.states.len() - 1];
-                let next = problem.forecaster.transition(&last, problem.interval(chain.last()))?;
-                chain.states.push(next.end);
-            }
-            if chain.first > 0 {
-                let before = problem.forecaster.transition(&chain.states[0], -problem.interval(chain.first - 1))?;
-                chain.states.insert(0, before.end);
-                chain.first -= 1;
+        let mut next = extended(problem, &chain)?;
+        let ends = [next.last(), next.first];
+        let worst = ends.map(|end| misfit(problem, &next, end));
+        if worst[0].max(worst[1]) > BAD_END {
+            let frame = if worst[0] > worst[1] { chain.last() } else { chain.first };
+            let shifted = SHIFTS.iter().filter_map(|&by| chain.shifted(problem, frame, by, GROWING));
+            let others: Vec<Chain<D>> = shifted.filter_map(|chain| extended(problem, &chain)).collect();
+            let cost = |chain: &Chain<D>| chain.total_cost(problem, GROWING);
+            if let Some(best) = others.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
+                && cost(&best) < cost(&next)
+            {
+                next = best;
             }
         }
-        if chain.states.len() <= 2 * REACH {
-            chain.refine(problem, (chain.first, chain.last()), GROWING, 8);
-        } else {
-            chain.refine(problem, (chain.last() - REACH, chain.last()), GROWING, 8);
-            chain.refine(problem, (chain.first, chain.first + REACH), GROWING, 8);
-        }
+        chain = next;
     }
-    chain.refine(problem, (0, end), GROWING, 20);
-    chain.refine(problem, (0, end), FINAL, 20);
+    chain.refine(problem, (0, end), GROWING, 10);
+    chain.refine(problem, (0, end), FINAL, 10);
     Some(chain)
 }
 
+/// The chain some frames longer at both ends, and refined there.
+fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>) -> Option<Chain<D>> {
+    let mut chain = chain.clone();
+    for _ in 0..GROWTH {
+        if chain.last() + 1 < problem.len() {
+            let last = chain.states[chain.states.len() - 1];
+            let next = problem.forecaster.transition::<D>(&last, problem.interval(chain.last()))?;
+            chain.states.push(next.end);
+        }
+        if chain.first > 0 {
+            let before = problem.forecaster.transition::<D>(&chain.states[0], -problem.interval(chain.first - 1))?;
+            chain.states.insert(0, before.end);
+            chain.first -= 1;
+        }
+    }
+    if chain.states.len() <= 2 * REACH {
+        chain.refine(problem, (chain.first, chain.last()), GROWING, 8);
+    } else {
+        chain.refine(problem, (chain.last() - REACH, chain.last()), GROWING, 8);
+        chain.refine(problem, (chain.first, chain.first + REACH), GROWING, 8);
+    }
+    Some(chain)
+}
+
+/// Mean cost of the observations near one end of a chain.
+fn misfit<const D: usize>(problem: &Problem, chain: &Chain<D>, end: usize) -> f64 {
+    let near = end.saturating_sub(2 * GROWTH).max(chain.first)..=(end + 2 * GROWTH).min(chain.last());
+    let costs: Vec<f64> = near.filter_map(|frame| Some(chain.observed(problem, frame, GROWING)?.0)).collect();
+    costs.iter().sum::<f64>() / costs.len().max(1) as f64
+}
+
 /// The cheapest way through the chains' states (dynamic programming), refined.
-fn joined(problem: &Problem, chains: &[Chain]) -> Option<Chain> {
-    let best = chains.iter().min_by(|a, b| a.total_cost(problem, FINAL).total_cmp(&b.total_cost(problem, FINAL)))?;
+fn joined<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<Chain<D>> {
     let mut cost: Vec<f64> = chains.iter().map(|chain| observed_cost(problem, chain, 0)).collect();
     let mut from: Vec<Vec<usize>> = Vec::new();
     for frame in 1..problem.len() {
         let ends: Vec<Option<(Column, bool)>> = chains
             .iter()
-            .map(|chain| problem.forecaster.transition(chain.at(frame - 1)?, problem.interval(frame - 1)))
+            .map(|chain| problem.forecaster.transition::<D>(chain.at(frame - 1)?, problem.interval(frame - 1)))
             .map(|transition| transition.map(|transition| (transition.end, transition.contact)))
             .collect();
         let step = |into: usize, out: usize| -> f64 {
             let (Some((end, contact)), Some(state)) = (ends[out], chains[into].at(frame)) else { return JOIN };
-            let precision = problem.precision(frame - 1, contact.then_some([1.0, 1.0]));
-            let square: f64 = (0..9).map(|i| precision[i] * (state[i] - end[i]).powi(2)).sum();
+            let precision = problem.precision::<D>(frame - 1, contact.then_some([1.0, 1.0]));
+            let square: f64 = (0..D).map(|i| precision[i] * (state[i] - end[i]).powi(2)).sum();
             if into == out { square.min(JOIN) } else { square.min(JOIN) + 1.0 }
         };
         let mut next = Vec::with_capacity(chains.len());
@@ -243,31 +339,34 @@ fn joined(problem: &Problem, chains: &[Chain]) -> Option<Chain> {
     let mut path = Chain { first: 0, states };
     path.refine(problem, (0, problem.len()), GROWING, 20);
     path.refine(problem, (0, problem.len()), FINAL, 20);
-    let better = path.total_cost(problem, FINAL) < best.total_cost(problem, FINAL);
-    Some(if better { path } else { best.clone() })
+    Some(path)
 }
 
-fn observed_cost(problem: &Problem, chain: &Chain, frame: usize) -> f64 {
+fn observed_cost<const D: usize>(problem: &Problem, chain: &Chain<D>, frame: usize) -> f64 {
     chain.observed(problem, frame, FINAL).map_or(0.0, |(cost, _, _)| cost)
 }
 
 /// The result, with covariances.
-fn finished(problem: &Problem, best: &Chain, chains: &[Chain]) -> Option<Fit> {
+fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<Fit> {
+    let (best, excess) = best_of(problem, chains)?;
+    let best = &chains[best];
     let covariances = best.covariances(problem, FINAL)?;
     let cost = best.total_cost(problem, FINAL);
-    // Other trajectories count by how well they explain the track.
-    let others: Vec<(f64, &Chain)> = chains
+    // Where even the best explains badly, its own covariance says little, and more of the others count.
+    let explained = excess < EXPLAINED * EXPLAINED;
+    let temperature = if explained { 1.0 } else { excess * excess };
+    let others: Vec<(f64, &Chain<D>)> = chains
         .iter()
-        .map(|chain| ((-0.5 * (chain.total_cost(problem, FINAL) - cost)).min(0.0).exp(), chain))
+        .map(|chain| ((-0.5 * (chain.total_cost(problem, FINAL) - cost) / temperature).min(0.0).exp(), chain))
         .filter(|(weight, _)| *weight > 1e-6)
         .collect();
-    let all = 1.0 + others.iter().map(|(weight, _)| weight).sum::<f64>();
+    let all = others.iter().map(|(weight, _)| weight).sum::<f64>();
     let mut squares = Vec::new();
     let frames = (0..problem.len())
         .map(|frame| {
             let state = best.at(frame)?;
-            let own: &Matrix9 = &covariances[frame];
-            let mut covariance = own.fixed_view::<3, 3>(0, 0).into_owned();
+            let own = &covariances[frame];
+            let mut covariance = own.fixed_view::<3, 3>(0, 0) * temperature;
             for (weight, other) in &others {
                 let off = part(other.at(frame)?, 0) - part(state, 0);
                 covariance += off * off.transpose() * (*weight / all);
@@ -285,5 +384,5 @@ fn finished(problem: &Problem, best: &Chain, chains: &[Chain]) -> Option<Fit> {
         })
         .collect::<Option<Vec<_>>>()?;
     let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-    Some(Fit { frames, noise_px: problem.sigma, rms_px, spin: part(best.at(0)?, 2).into() })
+    Some(Fit { frames, noise_px: problem.sigma, rms_px, explained, spin: part(best.at(0)?, 2).into() })
 }

@@ -1,6 +1,6 @@
 //! What is to be explained, and by what: track, camera, laws of motion, and how far each is trusted.
 
-use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, SVector, Vector2, Vector3};
 
 use super::Observation;
 use crate::camera::Camera;
@@ -12,16 +12,15 @@ use crate::physics::forecast::Forecaster;
 const FLIGHT_ERROR: f64 = 0.002;
 /// Uncertainty of a position from frame to frame, m.
 const POSITION_ERROR: f64 = 1e-4;
-/// Uncertainty of a contact: m, share of the change of velocity, m/s, share of the change of spin.
+/// Uncertainty of a contact: m, m/s, share of the change of velocity, share of the change of spin.
 const CONTACT_POSITION_ERROR: f64 = 2e-3;
-const CONTACT_VELOCITY_SHARE: f64 = 0.01;
-const CONTACT_VELOCITY_ERROR: f64 = 0.01;
+const CONTACT_VELOCITY_ERROR: f64 = 2e-3;
+const CONTACT_VELOCITY_SHARE: f64 = 2e-3;
 const CONTACT_SPIN_SHARE: f64 = 0.05;
 /// Uncertainty of the spin from frame to frame, rad/s.
 const SPIN_ERROR: f64 = 0.01;
 
-pub(super) use crate::physics::forecast::{Matrix9, Transition};
-pub(super) type Vector9 = SMatrix<f64, 9, 1>;
+pub(super) use crate::physics::forecast::Transition;
 
 /// A track to fit.
 pub(super) struct Problem<'a> {
@@ -107,7 +106,7 @@ impl<'a> Problem<'a> {
 
     /// Precision (1/variance) of the laws of motion over the interval after `frame`; with a contact, by
     /// the velocity and spin that it changes.
-    pub fn precision(&self, frame: usize, contact: Option<[f64; 2]>) -> Vector9 {
+    pub fn precision<const D: usize>(&self, frame: usize, contact: Option<[f64; 2]>) -> SVector<f64, D> {
         let dt = self.interval(frame);
         let gravity = Vector3::from(self.forecaster.scene().gravity).norm().max(1.0);
         let flight = FLIGHT_ERROR * gravity * dt;
@@ -119,7 +118,7 @@ impl<'a> Problem<'a> {
                 SPIN_ERROR + CONTACT_SPIN_SHARE * spin,
             ],
         };
-        Vector9::from_fn(|row, _| sigmas[row / 3].powi(-2))
+        SVector::from_fn(|row, _| sigmas[row / 3].powi(-2))
     }
 
     /// Double and single integral of the accelerations that no closed form knows, along a path at `times`.

@@ -33,7 +33,7 @@ pub(super) struct Seed {
     pub misfit: f64,
 }
 
-/// Seeds, the best-determined first; none overlaps a better one by more than half.
+/// At most `count` seeds, the best-determined first.
 pub(super) fn seeds(problem: &Problem, count: usize) -> Vec<Seed> {
     let seen: Vec<usize> = (0..problem.len()).filter(|&frame| problem.observations[frame].image.is_some()).collect();
     let mut all = Vec::new();
@@ -48,16 +48,18 @@ pub(super) fn seeds(problem: &Problem, count: usize) -> Vec<Seed> {
     // A window with a contact in it fits badly; where all do, the least bad ones come first.
     let penalty = |seed: &Seed| seed.depth_sigma * (seed.misfit / ACCEPTED).max(1.0).powi(3);
     all.sort_by(|a, b| penalty(a).total_cmp(&penalty(b)));
+    // Best first, but those that share most of their frames with a better one after all others.
     let mut chosen: Vec<Seed> = Vec::new();
+    let mut similar: Vec<Seed> = Vec::new();
     for seed in all {
         let overlap = |other: &Seed| {
             let shared = (seed.last.min(other.last) + 1).saturating_sub(seed.first.max(other.first));
             2 * shared > seed.last + 1 - seed.first
         };
-        if chosen.len() < count && !chosen.iter().any(overlap) {
-            chosen.push(seed);
-        }
+        if chosen.iter().any(overlap) { similar.push(seed) } else { chosen.push(seed) }
     }
+    chosen.extend(similar);
+    chosen.truncate(count);
     chosen
 }
 
