@@ -19,6 +19,10 @@ const UNSEEN: f64 = 1e8;
 /// Where the loss of a contact's defect turns, in standard deviations: most contacts are the model's to
 /// millimetres, some (an edge, a spin nobody knows) are far from it.
 const CONTACT_SCALE: f64 = 4.0;
+/// Precision of a contact that is to let go.
+const LOOSE: f64 = 1e-6;
+/// Intervals of a flight that is worth moving.
+const SHORTEST_FLIGHT: usize = 4;
 /// Largest damping before a search is given up.
 const MAX_DAMPING: f64 = 1e8;
 
@@ -160,11 +164,15 @@ impl<const D: usize> Chain<D> {
     }
 
     /// The chain moved by `by` standard deviations along the least certain direction of the position at
-    /// `frame`, its other states following.
-    pub fn shifted(&self, problem: &Problem, frame: usize, by: f64, loss: Loss) -> Option<Self> {
+    /// `frame`, its other states following. With `loose` contacts, the flight around `frame` moves by
+    /// what it knows on its own.
+    pub fn shifted(&self, problem: &Problem, frame: usize, by: f64, loose: bool, loss: Loss) -> Option<Self> {
         let range = (self.first, self.last());
         let transitions = self.transitions(problem, range)?;
-        let trusts = self.trusts(problem, range, &transitions);
+        let mut trusts = self.trusts(problem, range, &transitions);
+        for trust in trusts.iter_mut().filter(|trust| loose && trust.contact) {
+            trust.precision *= LOOSE;
+        }
         let mut normal = self.normal(problem, range, &transitions, &trusts, loss);
         let slot = frame - self.first;
         let covariance = normal.covariances()?[slot].fixed_view::<3, 3>(0, 0).into_owned();
@@ -178,6 +186,22 @@ impl<const D: usize> Chain<D> {
             }
         }
         Some(self.moved(range, &normal.solve(1e-12)?))
+    }
+
+    /// The middle frames of the flights between contacts.
+    pub fn flights(&self, problem: &Problem) -> Vec<usize> {
+        let Some(transitions) = self.transitions(problem, (self.first, self.last())) else { return vec![] };
+        let mut flights = Vec::new();
+        let mut begin = 0;
+        for index in 0..=transitions.len() {
+            if transitions.get(index).is_none_or(|transition| transition.contact) {
+                if index >= begin + SHORTEST_FLIGHT {
+                    flights.push(self.first + (begin + index) / 2);
+                }
+                begin = index + 1;
+            }
+        }
+        flights
     }
 
     /// Intervals whose start or end is in `range`: index of the first state, number.

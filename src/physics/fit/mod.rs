@@ -22,14 +22,18 @@ use crate::error::{Error, Result};
 const FEWEST: usize = 4;
 /// Smallest standard deviation of labels that is believed, px.
 const SMALLEST_NOISE: f64 = 0.03;
-/// Frames that a trajectory grows by between two refinements.
-const GROWTH: usize = 4;
+/// Frames that a trajectory grows by between two refinements; where one choice fails, the next may not.
+const GROWTH: [usize; 3] = [4, 7, 2];
+/// Frames near an end that tell whether it is right.
+const END: usize = 8;
 /// Frames behind the growing end that are refined with it.
 const REACH: usize = 45;
 /// Mean cost of the frames at an end (2 is to be expected) above which other continuations are tried.
-const BAD_END: f64 = 5.0;
+const BAD_END: f64 = 3.5;
+/// Mean cost at which a chain grows no further.
+const LOST_END: f64 = 25.0;
 /// How far, in standard deviations of the end's position.
-const SHIFTS: [f64; 6] = [-1.0, 1.0, -2.0, 2.0, -3.5, 3.5];
+const SHIFTS: [f64; 10] = [-0.3, 0.3, -0.7, 0.7, -1.2, 1.2, -2.0, 2.0, -3.2, 3.2];
 /// Loss while growing and at the end, in standard deviations.
 const GROWING: Loss = Loss::Huber(3.0);
 const FINAL: Loss = Loss::Cauchy(3.0);
@@ -44,7 +48,7 @@ const UNKNOWN_SPIN: f64 = 200.0;
 /// Difference of cost below which two trajectories explain the track equally well.
 const SAME: f64 = 2.0;
 /// How far the best is moved in search of a better one, in standard deviations.
-const POLISH: [f64; 2] = [-2.5, 2.5];
+const POLISH: [f64; 4] = [-1.0, 1.0, -2.5, 2.5];
 /// Cost, in units of what noise alone costs, at which a trajectory explains its track.
 const EXPLAINED: f64 = 1.3;
 /// Rounds in which the labels' noise is estimated anew.
@@ -72,7 +76,7 @@ pub struct FitOptions {
 
 impl Default for FitOptions {
     fn default() -> Self {
-        Self { noise_px: None, starts: 16, estimate_spin: false }
+        Self { noise_px: None, starts: 24, estimate_spin: false }
     }
 }
 
@@ -146,13 +150,30 @@ impl Forecaster {
             reason: "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps".into(),
         };
         let mut chains: Vec<Chain<D>> = Vec::new();
-        for seed in seed::seeds(&problem, options.starts) {
-            chains.extend(grown(&problem, Chain { first: seed.first, states: seed.states }));
-            if settled(&problem, &chains) {
-                break;
+        let seeds = seed::seeds(&problem, options.starts);
+        'search: for growth in GROWTH {
+            for seed in &seeds {
+                let chain = Chain { first: seed.first, states: seed.states.clone() };
+                chains.extend(grown(&problem, chain, growth, LOST_END));
+                if settled(&problem, &chains) {
+                    break 'search;
+                }
             }
         }
+        if let Ok(text) = std::fs::read_to_string("/tmp/truth.json") {
+            let t: Vec<[f64; 6]> = serde_json::from_str(&text).unwrap();
+            let mut c: Chain<D> = Chain { first: 0, states: t.iter().map(|s| std::array::from_fn(|i| if i < 6 { s[i] } else { 0.0 })).collect() };
+            let c0 = c.total_cost(&problem, FINAL);
+            let obs: Vec<f64> = (0..problem.len()).map(|f| observed_cost(&problem, &c, f)).collect();
+            c.refine(&problem, (0, 200), FINAL, 40);
+            eprintln!("TRUTH cost {c0:.1} (obs {:.1}) refined {:.1}; chains {:?}", obs.iter().sum::<f64>(), c.total_cost(&problem, FINAL), chains.iter().map(|c| format!("{:.1}", c.total_cost(&problem, FINAL))).collect::<Vec<_>>());
+        }
         chains.extend(joined(&problem, &chains));
+        if best_of(&problem, &chains).is_none() {
+            // nothing explains the whole track: the longest piece, come what may
+            let longest = chains.iter().max_by_key(|chain| chain.states.len()).cloned();
+            chains.extend(longest.and_then(|chain| grown(&problem, chain, GROWTH[0], f64::INFINITY)));
+        }
         if let Some((best, _)) = best_of(&problem, &chains) {
             chains.push(polished(&problem, chains[best].clone()));
         }
@@ -161,8 +182,9 @@ impl Forecaster {
                 let (best, _) = best_of(&problem, &chains).ok_or_else(unexplained)?;
                 problem.sigma = residual_noise(&problem, &chains[best]).max(SMALLEST_NOISE);
             }
-            for chain in &mut chains {
-                chain.refine(&problem, (0, problem.len()), FINAL, 15);
+            let whole = chains.iter_mut().filter(|chain| chain.states.len() == observations.len());
+            for chain in whole {
+                chain.refine(&problem, (0, observations.len()), FINAL, 15);
             }
         }
         finished(&problem, &chains).ok_or_else(unexplained)
@@ -173,18 +195,20 @@ impl Forecaster {
 fn settled<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> bool {
     let Some((best, excess)) = best_of(problem, chains) else { return false };
     let cost = |chain: &Chain<D>| chain.total_cost(problem, FINAL);
-    let as_good = chains.iter().filter(|chain| cost(chain) < cost(&chains[best]) + SAME).count();
+    let whole = chains.iter().filter(|chain| chain.states.len() == problem.len());
+    let as_good = whole.filter(|chain| cost(chain) < cost(&chains[best]) + SAME).count();
     excess < EXPLAINED && as_good >= 2
 }
 
-/// The chain, or a cheaper one found from it moved along what it knows least.
+/// The chain, or a cheaper one found by moving its flights along what they know least.
 fn polished<const D: usize>(problem: &Problem, mut best: Chain<D>) -> Chain<D> {
     let mut cost = best.total_cost(problem, FINAL);
     let last = problem.len() - 1;
-    for frame in [0, last / 4, last / 2, 3 * last / 4, last] {
+    for frame in best.flights(problem) {
         for by in POLISH {
-            let Some(mut chain) = best.shifted(problem, frame, by, FINAL) else { continue };
-            chain.refine(problem, (0, last), FINAL, 12);
+            let Some(mut chain) = best.shifted(problem, frame, by, true, FINAL) else { continue };
+            chain.refine(problem, (0, last), GROWING, 8);
+            chain.refine(problem, (0, last), FINAL, 8);
             let found = chain.total_cost(problem, FINAL);
             if found < cost - SAME {
                 (best, cost) = (chain, found);
@@ -196,7 +220,8 @@ fn polished<const D: usize>(problem: &Problem, mut best: Chain<D>) -> Chain<D> {
 
 /// The cheapest chain, and its cost in units of what noise alone costs.
 fn best_of<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<(usize, f64)> {
-    let costs = chains.iter().map(|chain| chain.total_cost(problem, FINAL)).enumerate();
+    let whole = chains.iter().enumerate().filter(|(_, chain)| chain.states.len() == problem.len());
+    let costs = whole.map(|(index, chain)| (index, chain.total_cost(problem, FINAL)));
     let (best, cost) = costs.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
     let seen = problem.rays.iter().flatten().count();
     Some((best, cost / (2 * seen) as f64))
@@ -246,18 +271,19 @@ fn residual_noise<const D: usize>(problem: &Problem, chain: &Chain<D>) -> f64 {
 /// A chain grown over the whole track.
 ///
 /// Where the frames just reached are explained badly (the ball met a box that the chain passes, or the
-/// other way round), the chain is also tried some standard deviations nearer and farther.
-fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>) -> Option<Chain<D>> {
+/// other way round), the chain is also tried some standard deviations nearer and farther. Where none
+/// of these explains them to `patience` (mean cost), the chain ends there; its good part may still be joined to others.
+fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>, growth: usize, patience: f64) -> Option<Chain<D>> {
     let end = problem.len() - 1;
     chain.refine(problem, (chain.first, chain.last()), GROWING, 20);
     while chain.first > 0 || chain.last() < end {
-        let mut next = extended(problem, &chain)?;
+        let mut next = extended(problem, &chain, growth)?;
         let ends = [next.last(), next.first];
         let worst = ends.map(|end| misfit(problem, &next, end));
         if worst[0].max(worst[1]) > BAD_END {
             let frame = if worst[0] > worst[1] { chain.last() } else { chain.first };
-            let shifted = SHIFTS.iter().filter_map(|&by| chain.shifted(problem, frame, by, GROWING));
-            let others: Vec<Chain<D>> = shifted.filter_map(|chain| extended(problem, &chain)).collect();
+            let shifted = SHIFTS.iter().filter_map(|&by| chain.shifted(problem, frame, by, false, GROWING));
+            let others: Vec<Chain<D>> = shifted.filter_map(|chain| extended(problem, &chain, growth)).collect();
             let cost = |chain: &Chain<D>| chain.total_cost(problem, GROWING);
             if let Some(best) = others.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
                 && cost(&best) < cost(&next)
@@ -265,7 +291,11 @@ fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>) -> Option<Chain
                 next = best;
             }
         }
+        let lost = misfit(problem, &next, next.last()).max(misfit(problem, &next, next.first)) > patience;
         chain = next;
+        if lost {
+            return Some(chain);
+        }
     }
     chain.refine(problem, (0, end), GROWING, 10);
     chain.refine(problem, (0, end), FINAL, 10);
@@ -273,9 +303,9 @@ fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>) -> Option<Chain
 }
 
 /// The chain some frames longer at both ends, and refined there.
-fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>) -> Option<Chain<D>> {
+fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>, growth: usize) -> Option<Chain<D>> {
     let mut chain = chain.clone();
-    for _ in 0..GROWTH {
+    for _ in 0..growth {
         if chain.last() + 1 < problem.len() {
             let last = chain.states[chain.states.len() - 1];
             let next = problem.forecaster.transition::<D>(&last, problem.interval(chain.last()))?;
@@ -298,7 +328,7 @@ fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>) -> Option<Chain
 
 /// Mean cost of the observations near one end of a chain.
 fn misfit<const D: usize>(problem: &Problem, chain: &Chain<D>, end: usize) -> f64 {
-    let near = end.saturating_sub(2 * GROWTH).max(chain.first)..=(end + 2 * GROWTH).min(chain.last());
+    let near = end.saturating_sub(END).max(chain.first)..=(end + END).min(chain.last());
     let costs: Vec<f64> = near.filter_map(|frame| Some(chain.observed(problem, frame, GROWING)?.0)).collect();
     costs.iter().sum::<f64>() / costs.len().max(1) as f64
 }
@@ -342,7 +372,11 @@ fn joined<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<Chai
     Some(path)
 }
 
+/// Cost of a frame's observation; infinite where the chain does not reach.
 fn observed_cost<const D: usize>(problem: &Problem, chain: &Chain<D>, frame: usize) -> f64 {
+    if chain.at(frame).is_none() {
+        return f64::INFINITY;
+    }
     chain.observed(problem, frame, FINAL).map_or(0.0, |(cost, _, _)| cost)
 }
 
@@ -357,6 +391,7 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<Fi
     let temperature = if explained { 1.0 } else { excess * excess };
     let others: Vec<(f64, &Chain<D>)> = chains
         .iter()
+        .filter(|chain| chain.states.len() == problem.len())
         .map(|chain| ((-0.5 * (chain.total_cost(problem, FINAL) - cost) / temperature).min(0.0).exp(), chain))
         .filter(|(weight, _)| *weight > 1e-6)
         .collect();

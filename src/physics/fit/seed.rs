@@ -4,13 +4,15 @@ use nalgebra::{Matrix6, Point2, Vector3, Vector6};
 
 use super::problem::Problem;
 use crate::physics::arc::Arc;
-use crate::physics::columns::{Columns, WITH_JACOBIAN, column};
+use crate::physics::columns::{Columns, WITH_JACOBIAN, column, part};
 
 /// Lengths of the windows, in observations seen.
 const LENGTHS: [usize; 5] = [8, 12, 18, 26, 36];
 /// Rounds of reweighting: by depth (pixels, not metres, are what is measured), by outliers, by forces
 /// that are not linear.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 9;
+/// Rounds of these that are linear in the label's rays.
+const LINEAR_ROUNDS: usize = 2;
 /// Residual, in standard deviations, beyond which an observation counts less.
 const OUTLIER: f64 = 3.0;
 /// Largest root mean square residual of a window in free flight, in standard deviations of the labels.
@@ -27,8 +29,8 @@ pub(super) struct Seed {
     pub last: usize,
     /// State at each of them.
     pub states: Vec<[f64; 9]>,
-    /// Standard deviation of the depth at its middle, m: how much the window knows.
-    pub depth_sigma: f64,
+    /// Standard deviation of 1/depth at its middle, 1/m: how little the window knows, wherever it believes the ball.
+    pub inverse_depth_sigma: f64,
     /// Root mean square residual / standard deviation of the labels.
     pub misfit: f64,
 }
@@ -46,7 +48,7 @@ pub(super) fn seeds(problem: &Problem, count: usize) -> Vec<Seed> {
         all.extend(seed(problem, &seen));
     }
     // A window with a contact in it fits badly; where all do, the least bad ones come first.
-    let penalty = |seed: &Seed| seed.depth_sigma * (seed.misfit / ACCEPTED).max(1.0).powi(3);
+    let penalty = |seed: &Seed| seed.inverse_depth_sigma * (seed.misfit / ACCEPTED).max(1.0).powi(3);
     all.sort_by(|a, b| penalty(a).total_cmp(&penalty(b)));
     // Best first, but those that share most of their frames with a better one after all others.
     let mut chosen: Vec<Seed> = Vec::new();
@@ -94,11 +96,18 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
         for ((index, ray), weight) in rays.iter().zip(&weights) {
             let jacobian = moved[*index].jacobian();
             let known = moved[*index].position() + extra[*index].0;
+            let camera = problem.camera_coordinates(&state(&solution, &extra[*index], *index).0);
             for axis in 0..2 {
-                // (row_axis − ray·row_depth)·camera_from_world(r) = 0
-                let (row, offset) = problem.ray_equation(axis, ray[axis]);
+                // (row_axis − ray·row_depth)·camera_from_world(r) = 0 with the label's ray is linear, but noise
+                // in the ray draws the solution to the camera; once there is a solution, Gauss–Newton on the
+                // reprojection, whose coefficients have the predicted ray, does without.
+                let predicted = camera[axis] / camera.z;
+                let ((row, offset), left) = match round < LINEAR_ROUNDS {
+                    true => (problem.ray_equation(axis, ray[axis]), 0.0),
+                    false => (problem.ray_equation(axis, predicted), camera.z * (ray[axis] - predicted)),
+                };
                 let a = jacobian.fixed_view::<3, 6>(0, 0).transpose() * row;
-                let b = -(row.dot(&known) + offset);
+                let b = left - (row.dot(&known) + offset);
                 normal += a * a.transpose() * *weight;
                 right += a * b * *weight;
             }
@@ -133,6 +142,8 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
     let along = problem.depth_direction();
     let jacobian = moved[middle].jacobian().fixed_view::<3, 6>(0, 0).transpose() * along;
     let depth_variance = jacobian.dot(&normal.cholesky()?.solve(&jacobian));
+    let depth = problem.camera_coordinates(&part(&states[middle], 0)).z;
     let misfit = (squares / (2.0 * rays.len() as f64 - 6.0).max(1.0)).sqrt();
-    Some(Seed { first, last, states, depth_sigma: depth_variance.max(0.0).sqrt(), misfit })
+    let inverse_depth_sigma = depth_variance.max(0.0).sqrt() / (depth * depth);
+    Some(Seed { first, last, states, inverse_depth_sigma, misfit })
 }
