@@ -15,33 +15,68 @@ const MIN_ADVANCE: f64 = 1e-7;
 /// Evaluations of a distance before the search gives up on an obstacle that is only grazed.
 const MAX_EVALUATIONS: usize = 2000;
 
-/// `r̈ = pull − stiffness·r`, solved.
+/// `r̈ = pull − stiffness·r`, solved; where the ball presses on a face, with that face's force.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Arc {
     pub linear: Linear,
     pub spin_decay: f64,
+    pub press: Option<Press>,
+}
+
+/// The force of a soft face: `stiffness·(level − normal·r)` along its normal.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Press {
+    pub normal: Vector3<f64>,
+    pub stiffness: f64,
+    /// `normal·r` at which the ball just touches, m.
+    pub level: f64,
+}
+
+/// Weights of `ẍ = pull − stiffness·x` after a time: `x = c·x₀ + s·v₀ + forced·pull`.
+struct Weights {
+    stiffness: f64,
+    c: f64,
+    s: f64,
+    forced: f64,
+}
+
+impl Weights {
+    fn new(stiffness: f64, t: f64) -> Self {
+        let omega = stiffness.sqrt();
+        // sin(ωt)/ω and (1 − cos ωt)/ω² without dividing by a small ω²
+        let small = omega * t.abs() < 1e-9;
+        let s = if small { t } else { (omega * t).sin() / omega };
+        let half = if small { t / 2.0 } else { (0.5 * omega * t).sin() / omega };
+        Self { stiffness, c: (omega * t).cos(), s, forced: 2.0 * half * half }
+    }
+
+    fn of(&self, r: Vector3<f64>, v: Vector3<f64>, pull: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let moved = self.c * r + self.s * v + self.forced * pull;
+        (moved, self.c * v - self.stiffness * self.s * r + self.s * pull)
+    }
 }
 
 impl Arc {
     /// State and sensitivities after `t` s.
     pub fn at<const M: usize>(&self, start: &Columns<M>, t: f64) -> Columns<M> {
         let Linear { pull, stiffness } = self.linear;
-        let omega = stiffness.sqrt();
-        let (sine, cosine) = (omega * t).sin_cos();
-        // sin(ωt)/ω and (1 − cos ωt)/ω² without dividing by a small ω²
-        let s = if omega * t.abs() < 1e-9 { t } else { sine / omega };
-        let half = if omega * t.abs() < 1e-9 { t / 2.0 } else { (0.5 * omega * t).sin() / omega };
-        let forced = 2.0 * half * half;
+        let free = Weights::new(stiffness, t);
+        let pressed = self.press.map(|press| (press, Weights::new(stiffness + press.stiffness, t)));
         let decay = if self.spin_decay == 0.0 { 1.0 } else { (-self.spin_decay * t).exp() };
         let mut out = *start;
         for (index, values) in out.0.iter_mut().enumerate() {
             let (r, v, w) = (part(values, 0), part(values, 1), part(values, 2));
-            let pull = if index == 0 { pull } else { Vector3::zeros() };
-            *values = column(
-                cosine * r + s * v + forced * pull,
-                cosine * v - stiffness * s * r + s * pull,
-                decay * w,
-            );
+            let is_state = f64::from(u8::from(index == 0));
+            let (mut r_moved, mut v_moved) = free.of(r, v, is_state * pull);
+            if let Some((press, weights)) = &pressed {
+                // along the normal, the stiffer motion instead
+                let along = |x: Vector3<f64>| press.normal * press.normal.dot(&x);
+                let pull = is_state * (along(pull) + press.stiffness * press.level * press.normal);
+                let (r_pressed, v_pressed) = weights.of(along(r), along(v), pull);
+                r_moved += r_pressed - along(r_moved);
+                v_moved += v_pressed - along(v_moved);
+            }
+            *values = column(r_moved, v_moved, decay * w);
         }
         out
     }
@@ -52,10 +87,36 @@ impl Arc {
         (y.position(), y.velocity())
     }
 
-    /// Bound of the acceleration's size, m/s².
+    /// Acceleration, m/s².
+    pub fn acceleration(&self, r: &Vector3<f64>) -> Vector3<f64> {
+        let press = self.press.map_or(Vector3::zeros(), |press| {
+            press.stiffness * (press.level - press.normal.dot(r)) * press.normal
+        });
+        self.linear.pull - self.linear.stiffness * r + press
+    }
+
+    /// Bound of the acceleration's size along the way, m/s².
     pub fn acceleration_bound(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
-        let Linear { pull, stiffness } = self.linear;
-        (pull - stiffness * r).norm() + stiffness.sqrt() * v.norm()
+        let stiffest = self.linear.stiffness + self.press.map_or(0.0, |press| press.stiffness);
+        self.acceleration(r).norm() + stiffest.sqrt() * v.norm()
+    }
+
+    /// When a pressing ball leaves the face (its force back at zero, outwards), s, and how deep it gets, m.
+    pub fn release(&self, start: &Columns<1>, press: &Press) -> (f64, f64) {
+        let stiffness = self.linear.stiffness + press.stiffness;
+        let omega = stiffness.sqrt();
+        let centre = (press.normal.dot(&self.linear.pull) + press.stiffness * press.level) / stiffness;
+        let (x, v) = (press.normal.dot(&start.position()) - centre, press.normal.dot(&start.velocity()) / omega);
+        let (amplitude, phase) = (x.hypot(v), v.atan2(x));
+        let depth = press.level - (centre - amplitude);
+        let height = (press.level - centre) / amplitude;
+        if height.is_nan() || height.abs() > 1.0 {
+            return (f64::INFINITY, depth); // pressed down for good
+        }
+        let turn = std::f64::consts::TAU;
+        let angle = (phase - height.acos()).rem_euclid(turn);
+        // a start at the very release is a whole turn away
+        (if angle < 1e-9 { angle + turn } else { angle } / omega, depth)
     }
 }
 

@@ -1,10 +1,10 @@
 //! The run of one trajectory: free flight, soft contact, impacts, being carried.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-use super::arc::{Arc, STILL, TOUCH, first_contact};
+use super::arc::{Arc, Press, STILL, TOUCH, first_contact};
 use super::columns::{Column, Columns, part};
-use super::field::{Field, Flow, Pressing};
+use super::field::{Field, Flow, Linear, Pressing};
 use super::forecast::{Impact, Options, Status};
 use super::impact::{Rigid, contact_time_change};
 use super::integrate::{Method as _, Step};
@@ -19,6 +19,8 @@ const REST_SPEED: f64 = 1e-3;
 const SLIDE_END: f64 = 1.0 - 1e-7;
 /// Gap within which a carried ball touches, m.
 const CARRIED_GAP: f64 = 1e-8;
+/// Time by which a ball that presses on is let pass a face's rim, s.
+const EDGE_HAIR: f64 = 1e-12;
 /// Widths of a soft wall that one step may cross unseen.
 const SOFT_WALL_WIDTHS: f64 = 8.0;
 /// Relative accuracy of a located crossing within its step.
@@ -174,28 +176,81 @@ impl<const M: usize> Engine<'_, M> {
         Phase::Smooth
     }
 
+    fn closed_form(&self) -> Option<Linear> {
+        self.options.closed_forms.then(|| self.field.linear(&self.y.spin())).flatten()
+    }
+
+    /// Follows an arc for `duration` s, or to the first contact with an obstacle not in `skip`, and returns that.
+    fn follow(&mut self, arc: &Arc, skip: &[usize], duration: f64) -> Option<usize> {
+        let (start, begin, head) = (self.y, self.t, self.head());
+        let (r, v) = (start.position(), start.velocity());
+        let path = |t: f64| arc.state_at(&head, t);
+        let (a, bound) = (arc.acceleration(&r), arc.acceleration_bound(&r, &v));
+        let contact = first_contact(self.obstacles, skip, self.rigid.radius, path, &a, bound, duration);
+        let passed = contact.map_or(duration, |(t, _)| t);
+        let until = begin + passed;
+        while let Some(&time) = self.times.get(self.out.len()).filter(|&&time| time <= until) {
+            self.out.push(arc.at(&start, time - begin));
+        }
+        self.y = arc.at(&start, passed);
+        self.t = until;
+        contact.map(|(_, obstacle)| obstacle)
+    }
+
+    /// A soft ball on one face, in closed form; `None` where there is none, or it may leave the face's region.
+    fn pressed_on_face(&mut self, stiffness: f64, active: &[bool]) -> Option<Phase> {
+        let linear = self.closed_form()?;
+        let mut pressed = (0..active.len()).filter(|&index| active[index]);
+        let (index, None) = (pressed.next()?, pressed.next()) else { return None };
+        let (obstacle, r, radius) = (&self.obstacles[index], self.y.position(), self.rigid.radius);
+        let near = obstacle.nearest(&r);
+        if near.curvature != Matrix3::zeros() {
+            return None;
+        }
+        let level = near.normal.dot(&r) - near.distance + radius;
+        let press = Press { normal: near.normal, stiffness, level };
+        let arc = Arc { linear, spin_decay: self.field.spin_decay(), press: Some(press) };
+        let head = self.head();
+        let (release, depth) = arc.release(&head, &press);
+        if depth >= radius {
+            return None; // the centre enters, where another face may be nearer
+        }
+        let last = self.times.last().map_or(0.0, |last| last - self.t);
+        let mut duration = release.min(last);
+        if let Shape::Cuboid { centre, half, cos, sin } = &obstacle.shape {
+            let beyond = |t: f64| into_box(arc.state_at(&head, t).0 - centre, *cos, *sin).abs() - half;
+            let (before, after) = (beyond(0.0), beyond(duration));
+            for axis in (0..3).filter(|&axis| before[axis] < 0.0 && after[axis] > 0.0) {
+                duration = duration.min(duration * crossing(|theta| beyond(duration * theta)[axis], true));
+            }
+        }
+        let released = duration == release;
+        let mut active = active.to_vec();
+        if let Some(other) = self.follow(&arc, &[index], duration) {
+            active[other] = true;
+            self.record(other);
+        } else if released {
+            active[index] = false;
+            return Some(Phase::Flight);
+        } else {
+            // on over the rim: a hair beyond it, so that the edge is what is nearest
+            self.y = arc.at(&self.y, EDGE_HAIR);
+            self.t += EDGE_HAIR;
+            self.emit();
+        }
+        Some(Phase::Pressed(active))
+    }
+
     fn flight(&mut self) -> Phase {
         if matches!(self.contact, Contact::Bounce { .. }) && let Some(support) = self.support() {
             return Phase::Carried(support);
         }
-        let (field, v) = (self.field, self.y.velocity());
+        let field = self.field;
         let a = part(&field.derivative(&self.head()).0[0], 1);
-        let closed = if self.options.closed_forms { field.linear(&self.y.spin()) } else { None };
-        if let Some(linear) = closed {
-            let arc = Arc { linear, spin_decay: field.spin_decay() };
-            let (start, begin) = (self.y, self.t);
-            let duration = self.times.last().map_or(0.0, |last| last - begin);
-            let bound = arc.acceleration_bound(&start.position(), &v);
-            let head = Columns([start.0[0]]);
-            let path = |t: f64| arc.state_at(&head, t);
-            let contact = first_contact(self.obstacles, &[], self.rigid.radius, path, &a, bound, duration);
-            let until = begin + contact.map_or(duration, |(t, _)| t);
-            while let Some(&time) = self.times.get(self.out.len()).filter(|&&time| time <= until) {
-                self.out.push(arc.at(&start, time - begin));
-            }
-            self.y = arc.at(&start, until - begin);
-            self.t = until;
-            return contact.map_or(Phase::Flight, |(_, obstacle)| self.touch(obstacle));
+        if let Some(linear) = self.closed_form() {
+            let arc = Arc { linear, spin_decay: field.spin_decay(), press: None };
+            let duration = self.times.last().map_or(0.0, |last| last - self.t);
+            return self.follow(&arc, &[], duration).map_or(Phase::Flight, |obstacle| self.touch(obstacle));
         }
         let Some(step) = self.trial(field, f64::INFINITY) else {
             self.stuck();
@@ -278,6 +333,9 @@ impl<const M: usize> Engine<'_, M> {
 
     fn pressed(&mut self, mut active: Vec<bool>) -> Phase {
         let Contact::Spring { stiffness } = *self.contact else { return Phase::Flight };
+        if let Some(phase) = self.pressed_on_face(stiffness, &active) {
+            return phase;
+        }
         let now = active.clone();
         let pressing = Pressing { field: self.field, active: &now, stiffness };
         let Some(step) = self.trial(&pressing, f64::INFINITY) else {

@@ -27,7 +27,7 @@ const GROWTH: [usize; 3] = [4, 7, 2];
 /// Frames near an end that tell whether it is right.
 const END: usize = 8;
 /// Frames behind the growing end that are refined with it.
-const REACH: usize = 45;
+const REACH: usize = 30;
 /// Mean cost of the frames at an end (2 is to be expected) above which other continuations are tried.
 const BAD_END: f64 = 3.5;
 /// Mean cost at which a chain grows no further.
@@ -160,14 +160,6 @@ impl Forecaster {
                 }
             }
         }
-        if let Ok(text) = std::fs::read_to_string("/tmp/truth.json") {
-            let t: Vec<[f64; 6]> = serde_json::from_str(&text).unwrap();
-            let mut c: Chain<D> = Chain { first: 0, states: t.iter().map(|s| std::array::from_fn(|i| if i < 6 { s[i] } else { 0.0 })).collect() };
-            let c0 = c.total_cost(&problem, FINAL);
-            let obs: Vec<f64> = (0..problem.len()).map(|f| observed_cost(&problem, &c, f)).collect();
-            c.refine(&problem, (0, 200), FINAL, 40);
-            eprintln!("TRUTH cost {c0:.1} (obs {:.1}) refined {:.1}; chains {:?}", obs.iter().sum::<f64>(), c.total_cost(&problem, FINAL), chains.iter().map(|c| format!("{:.1}", c.total_cost(&problem, FINAL))).collect::<Vec<_>>());
-        }
         chains.extend(joined(&problem, &chains));
         if best_of(&problem, &chains).is_none() {
             // nothing explains the whole track: the longest piece, come what may
@@ -277,18 +269,19 @@ fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>, growth: usize, 
     let end = problem.len() - 1;
     chain.refine(problem, (chain.first, chain.last()), GROWING, 20);
     while chain.first > 0 || chain.last() < end {
-        let mut next = extended(problem, &chain, growth)?;
+        let mut next = extended(problem, &chain, growth, 8)?;
         let ends = [next.last(), next.first];
         let worst = ends.map(|end| misfit(problem, &next, end));
         if worst[0].max(worst[1]) > BAD_END {
             let frame = if worst[0] > worst[1] { chain.last() } else { chain.first };
             let shifted = SHIFTS.iter().filter_map(|&by| chain.shifted(problem, frame, by, false, GROWING));
-            let others: Vec<Chain<D>> = shifted.filter_map(|chain| extended(problem, &chain, growth)).collect();
+            let others: Vec<Chain<D>> = shifted.filter_map(|chain| extended(problem, &chain, growth, 5)).collect();
             let cost = |chain: &Chain<D>| chain.total_cost(problem, GROWING);
             if let Some(best) = others.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
                 && cost(&best) < cost(&next)
             {
                 next = best;
+                next.refine(problem, (next.first, next.last()), GROWING, 8);
             }
         }
         let lost = misfit(problem, &next, next.last()).max(misfit(problem, &next, next.first)) > patience;
@@ -303,7 +296,7 @@ fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>, growth: usize, 
 }
 
 /// The chain some frames longer at both ends, and refined there.
-fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>, growth: usize) -> Option<Chain<D>> {
+fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>, growth: usize, iterations: usize) -> Option<Chain<D>> {
     let mut chain = chain.clone();
     for _ in 0..growth {
         if chain.last() + 1 < problem.len() {
@@ -318,10 +311,10 @@ fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>, growth: usize) 
         }
     }
     if chain.states.len() <= 2 * REACH {
-        chain.refine(problem, (chain.first, chain.last()), GROWING, 8);
+        chain.refine(problem, (chain.first, chain.last()), GROWING, iterations);
     } else {
-        chain.refine(problem, (chain.last() - REACH, chain.last()), GROWING, 8);
-        chain.refine(problem, (chain.first, chain.first + REACH), GROWING, 8);
+        chain.refine(problem, (chain.last() - REACH, chain.last()), GROWING, iterations);
+        chain.refine(problem, (chain.first, chain.first + REACH), GROWING, iterations);
     }
     Some(chain)
 }

@@ -71,7 +71,7 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
     let (first, last) = (*seen.first()?, *seen.last()?);
     let start_time = problem.observations[first].time;
     let times: Vec<f64> = (first..=last).map(|frame| problem.observations[frame].time - start_time).collect();
-    let arc = Arc { linear: problem.forecaster.linear_part(), spin_decay: 0.0 };
+    let arc = Arc { linear: problem.forecaster.linear_part(), spin_decay: 0.0, press: None };
     let unit = Columns::<WITH_JACOBIAN>::start(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
     let moved: Vec<_> = times.iter().map(|&time| arc.at(&unit, time)).collect();
     let rays: Vec<(usize, Point2<f64>)> =
