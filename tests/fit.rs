@@ -5,7 +5,7 @@ mod common;
 use std::time::Instant;
 
 use gravisight::Camera;
-use gravisight::physics::{Fit, FitOptions, Forecaster, Observation, Scene};
+use gravisight::physics::{Estimate, Fit, FitOptions, Forecaster, Observation, Parameter, Scene};
 use nalgebra::{Point2, Vector3};
 use serde_json::Value;
 
@@ -18,7 +18,6 @@ struct Track {
     image: Vec<[f64; 2]>,
     visible: Vec<bool>,
     world: Vec<[f64; 3]>,
-    velocity: Vec<[f64; 3]>,
 }
 
 fn tracks() -> Vec<Track> {
@@ -55,16 +54,18 @@ struct Score {
     slowest: f64,
 }
 
-fn score(tracks: &[Track], sigma: f64, gaps: f64) -> Score {
+fn score(tracks: &[Track], sigma: f64, gaps: f64, options: &FitOptions) -> Score {
     let mut score = Score { errors: vec![], sigmas: vec![], slowest: 0.0 };
-    for track in tracks.iter().filter(|t| std::env::var("ONLY").map_or(true, |o| t.id.contains(&o))) {
+    for track in tracks {
         let camera = Camera::from_json(&track.camera.to_string(), &track.id).unwrap();
         let forecaster = Forecaster::new(&Scene::from_json(&track.scene.to_string(), &track.id).unwrap()).unwrap();
-        let t: Vec<Vec<f64>> = track.world.iter().zip(&track.velocity).map(|(r, v)| r.iter().chain(v).copied().collect()).collect();
-        std::fs::write("/tmp/truth.json", serde_json::to_string(&t).unwrap()).unwrap();
         let begin = Instant::now();
-        let fit = forecaster.fit(&camera, &observed(track, sigma, gaps), &FitOptions::default()).unwrap();
+        let fit = forecaster.fit(&camera, &observed(track, sigma, gaps), options).unwrap();
         let took = begin.elapsed().as_secs_f64();
+        for Estimate { parameter, value, sigma } in &fit.estimates {
+            println!("{} {parameter:?} {value:.3} ± {sigma:.3}", track.id);
+        }
+        println!("{} spin {:?} {:?}", track.id, fit.spin, track.scene["ball"]["spin"]);
         let errors = errors(&fit, &track.world);
         let sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();
         println!(
@@ -97,17 +98,48 @@ fn median(values: &[f64]) -> f64 {
 
 #[test]
 fn exact_labels_give_whole_clips_to_half_a_centimetre() {
-    let score = score(&tracks(), 0.0, 0.0);
+    let score = score(&tracks(), 0.0, 0.0, &FitOptions::default());
     assert!(mean(&score.errors) < 0.005, "{}", mean(&score.errors));
 }
 
 #[test]
 fn noisy_labels_with_gaps_give_two_centimetres_and_say_where_they_do_not() {
-    let score = score(&tracks(), 1.0, 0.1);
+    let score = score(&tracks(), 1.0, 0.1, &FitOptions::default());
     assert!(median(&score.errors) < 0.02, "{}", median(&score.errors));
     let sure: Vec<f64> =
         score.errors.iter().zip(&score.sigmas).filter(|(_, sigma)| **sigma < 0.1).map(|(error, _)| *error).collect();
     let share = sure.len() as f64 / score.errors.len() as f64;
     println!("sure of {:.1} %: mean {:.2} cm", 100.0 * share, 100.0 * mean(&sure));
     assert!(share > 0.85 && mean(&sure) < 0.03, "{share} {}", mean(&sure));
+}
+
+fn table_tennis() -> Vec<Track> {
+    serde_json::from_slice(&common::golden("table_tennis.json")).unwrap()
+}
+
+#[test]
+fn table_tennis_with_known_spin_is_found_to_three_centimetres() {
+    let score = score(&table_tennis(), 1.0, 0.0, &FitOptions::default());
+    assert!(median(&score.errors) < 0.03, "{}", median(&score.errors));
+}
+
+#[test]
+fn table_tennis_with_unknown_spin_is_found_to_three_centimetres() {
+    let mut tracks = table_tennis();
+    for track in &mut tracks {
+        track.scene["ball"]["spin"] = serde_json::json!([0, 0, 0]);
+    }
+    let score = score(&tracks, 1.0, 0.0, &FitOptions { estimate: vec![Parameter::Spin], ..FitOptions::default() });
+    assert!(median(&score.errors) < 0.03, "{}", median(&score.errors));
+}
+
+#[test]
+fn restitution_and_drag_are_estimated() {
+    let mut tracks = table_tennis();
+    for track in &mut tracks {
+        track.scene["contact"]["restitution"] = serde_json::json!(0.75);
+        track.scene["ball"]["drag_coefficient"] = serde_json::json!(0.2);
+    }
+    let estimate = vec![Parameter::Restitution, Parameter::Drag];
+    score(&tracks, 0.3, 0.0, &FitOptions { estimate, ..FitOptions::default() });
 }

@@ -95,6 +95,11 @@ impl Field {
         }
     }
 
+    /// The user's own potential.
+    pub fn potential(&self) -> Option<&Arc<dyn Potential>> {
+        self.potential.as_ref()
+    }
+
     /// 1/s.
     pub fn spin_decay(&self) -> f64 {
         self.spin_decay

@@ -217,6 +217,18 @@ impl Forecaster {
         self
     }
 
+    /// The same laws in another scene, options and the user's potential kept.
+    ///
+    /// # Errors
+    /// As [`Scene::check`].
+    pub fn in_scene(&self, scene: &Scene) -> Result<Self> {
+        let other = Self { options: self.options, ..Self::new(scene)? };
+        Ok(match self.forwards.potential() {
+            Some(potential) => other.with_potential(potential.clone()),
+            None => other,
+        })
+    }
+
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene

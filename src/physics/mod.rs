@@ -18,7 +18,7 @@ mod rest;
 mod scene;
 
 pub use self::field::Potential;
-pub use self::fit::{Fit, FitOptions, FittedFrame, Observation};
+pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Observation, Parameter};
 pub use self::forecast::{Forecast, Forecaster, Impact, Options, State, Status};
 pub use self::guard::Moved;
 pub use self::integrate::Integrator;

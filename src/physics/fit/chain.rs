@@ -214,7 +214,7 @@ impl<const D: usize> Chain<D> {
     fn transitions(&self, problem: &Problem, range: (usize, usize)) -> Option<Vec<Transition<D>>> {
         let intervals = self.intervals(range);
         let move_on = |index: usize| {
-            problem.forecaster.transition(&self.states[index], problem.interval(self.first + index))
+            problem.transition(&self.states[index], problem.interval(self.first + index))
         };
         intervals.map(move_on).collect()
     }

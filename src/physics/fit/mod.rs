@@ -5,12 +5,14 @@
 //! refined all along ([`chain`]); several starts are grown, and the best parts of all are joined.
 
 mod chain;
+mod parameters;
 mod problem;
 mod seed;
 
 use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
 use self::chain::{Chain, Loss};
+pub use self::parameters::{Estimate, Parameter};
 use self::problem::Problem;
 use super::columns::{Column, part};
 use super::forecast::{Forecaster, State};
@@ -45,6 +47,8 @@ const JOIN: f64 = 60.0;
 const KNOWN_SPIN: f64 = 1e-3;
 /// Standard deviation of a spin that is to be estimated, rad/s.
 const UNKNOWN_SPIN: f64 = 200.0;
+/// Transitions a frame, on average, after which no more starts are grown.
+const SEARCH: usize = 7000;
 /// Difference of cost below which two trajectories explain the track equally well.
 const SAME: f64 = 2.0;
 /// How far the best is moved in search of a better one, in standard deviations.
@@ -70,13 +74,13 @@ pub struct FitOptions {
     pub noise_px: Option<f64>,
     /// Starts that are grown to whole trajectories, at most.
     pub starts: usize,
-    /// Whether the spin at the first frame is unknown.
-    pub estimate_spin: bool,
+    /// What is unknown of the ball: the scene's value is where the search for it starts.
+    pub estimate: Vec<Parameter>,
 }
 
 impl Default for FitOptions {
     fn default() -> Self {
-        Self { noise_px: None, starts: 24, estimate_spin: false }
+        Self { noise_px: None, starts: 24, estimate: vec![] }
     }
 }
 
@@ -115,7 +119,9 @@ pub struct Fit {
     /// Whether the trajectory explains the labels to about their noise. If not, a force is unknown, the
     /// scene or the camera wrong, or the right trajectory was not found.
     pub explained: bool,
-    /// Spin at the first frame, rad/s.
+    /// The numbers of the scene that were to be estimated.
+    pub estimates: Vec<Estimate>,
+    /// Spin at the first frame, rad/s: the scene's, or the one found.
     pub spin: [f64; 3],
 }
 
@@ -131,7 +137,7 @@ impl Forecaster {
         // The spin matters where air or friction turns it into forces.
         let ball = &self.scene().ball;
         let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
-        match ball.lift_coefficient != 0.0 || rubs {
+        match ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin) {
             true => self.fit_chain::<9>(camera, observations, options),
             false => self.fit_chain::<6>(camera, observations, options),
         }
@@ -143,7 +149,7 @@ impl Forecaster {
         observations: &[Observation],
         options: &FitOptions,
     ) -> Result<Fit> {
-        let spin_sigma = if options.estimate_spin { UNKNOWN_SPIN } else { KNOWN_SPIN };
+        let spin_sigma = if options.estimate.contains(&Parameter::Spin) { UNKNOWN_SPIN } else { KNOWN_SPIN };
         let noise = options.noise_px.unwrap_or_else(|| noise_of(observations)).max(SMALLEST_NOISE);
         let mut problem = Problem::new(self, camera, observations, noise, spin_sigma)?;
         let unexplained = || Error::Fit {
@@ -155,7 +161,7 @@ impl Forecaster {
             for seed in &seeds {
                 let chain = Chain { first: seed.first, states: seed.states.clone() };
                 chains.extend(grown(&problem, chain, growth, LOST_END));
-                if settled(&problem, &chains) {
+                if settled(&problem, &chains) || problem.tired(SEARCH) {
                     break 'search;
                 }
             }
@@ -179,7 +185,18 @@ impl Forecaster {
                 chain.refine(&problem, (0, observations.len()), FINAL, 15);
             }
         }
-        finished(&problem, &chains).ok_or_else(unexplained)
+        let numbers: Vec<Parameter> = options.estimate.iter().copied().filter(|&p| p != Parameter::Spin).collect();
+        if numbers.is_empty() {
+            return finished(&problem, &chains, vec![]).ok_or_else(unexplained);
+        }
+        let (best, _) = best_of(&problem, &chains).ok_or_else(unexplained)?;
+        let (forecaster, chain, estimates) = parameters::estimated(&problem, chains[best].clone(), &numbers)?;
+        let mut problem = problem.with(&forecaster);
+        if options.noise_px.is_none() {
+            problem.sigma = residual_noise(&problem, &chain).max(SMALLEST_NOISE);
+        }
+        let chain = polished(&problem, chain);
+        finished(&problem, &[chain], estimates).ok_or_else(unexplained)
     }
 }
 
@@ -301,11 +318,11 @@ fn extended<const D: usize>(problem: &Problem, chain: &Chain<D>, growth: usize, 
     for _ in 0..growth {
         if chain.last() + 1 < problem.len() {
             let last = chain.states[chain.states.len() - 1];
-            let next = problem.forecaster.transition::<D>(&last, problem.interval(chain.last()))?;
+            let next = problem.transition::<D>(&last, problem.interval(chain.last()))?;
             chain.states.push(next.end);
         }
         if chain.first > 0 {
-            let before = problem.forecaster.transition::<D>(&chain.states[0], -problem.interval(chain.first - 1))?;
+            let before = problem.transition::<D>(&chain.states[0], -problem.interval(chain.first - 1))?;
             chain.states.insert(0, before.end);
             chain.first -= 1;
         }
@@ -333,7 +350,7 @@ fn joined<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<Chai
     for frame in 1..problem.len() {
         let ends: Vec<Option<(Column, bool)>> = chains
             .iter()
-            .map(|chain| problem.forecaster.transition::<D>(chain.at(frame - 1)?, problem.interval(frame - 1)))
+            .map(|chain| problem.transition::<D>(chain.at(frame - 1)?, problem.interval(frame - 1)))
             .map(|transition| transition.map(|transition| (transition.end, transition.contact)))
             .collect();
         let step = |into: usize, out: usize| -> f64 {
@@ -374,7 +391,7 @@ fn observed_cost<const D: usize>(problem: &Problem, chain: &Chain<D>, frame: usi
 }
 
 /// The result, with covariances.
-fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<Fit> {
+fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: Vec<Estimate>) -> Option<Fit> {
     let (best, excess) = best_of(problem, chains)?;
     let best = &chains[best];
     let covariances = best.covariances(problem, FINAL)?;
@@ -412,5 +429,6 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>]) -> Option<Fi
         })
         .collect::<Option<Vec<_>>>()?;
     let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
-    Some(Fit { frames, noise_px: problem.sigma, rms_px, explained, spin: part(best.at(0)?, 2).into() })
+    let spin = part(best.at(0)?, 2).into();
+    Some(Fit { frames, noise_px: problem.sigma, rms_px, explained, estimates, spin })
 }

@@ -1,5 +1,7 @@
 //! What is to be explained, and by what: track, camera, laws of motion, and how far each is trusted.
 
+use std::cell::Cell;
+
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, SVector, Vector2, Vector3};
 
 use super::Observation;
@@ -37,6 +39,8 @@ pub(super) struct Problem<'a> {
     pub focal: f64,
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
+    /// Transitions computed so far: the measure of work.
+    work: Cell<usize>,
 }
 
 impl<'a> Problem<'a> {
@@ -63,11 +67,31 @@ impl<'a> Problem<'a> {
             focal: 0.5 * (camera.intrinsic()[(0, 0)] + camera.intrinsic()[(1, 1)]),
             rotation: Matrix3::from_columns(&[axis(0), axis(1), axis(2)]),
             translation: origin.coords,
+            work: Cell::new(0),
         })
+    }
+
+    /// The same track under other laws.
+    pub fn with<'b>(&self, forecaster: &'b Forecaster) -> Problem<'b>
+    where
+        'a: 'b,
+    {
+        Problem { forecaster, rays: self.rays.clone(), work: self.work.clone(), ..*self }
     }
 
     pub fn len(&self) -> usize {
         self.observations.len()
+    }
+
+    /// The state of `frame` moved on by `dt` s.
+    pub fn transition<const D: usize>(&self, state: &Column, dt: f64) -> Option<Transition<D>> {
+        self.work.set(self.work.get() + 1);
+        self.forecaster.transition(state, dt)
+    }
+
+    /// Whether more than `limit` transitions a frame were computed.
+    pub fn tired(&self, limit: usize) -> bool {
+        self.work.get() > limit * self.len()
     }
 
     pub fn camera_coordinates(&self, r: &Vector3<f64>) -> Vector3<f64> {
