@@ -71,18 +71,18 @@ pub(super) struct Chain<const D: usize> {
 }
 
 /// How far the laws of motion are trusted over an interval.
-struct Trust<const D: usize> {
+pub(super) struct Trust<const D: usize> {
     /// 1/variance of position, velocity and spin.
-    precision: SVector<f64, D>,
-    contact: bool,
+    pub precision: SVector<f64, D>,
+    pub contact: bool,
 }
 
 /// The normal equations' blocks.
-struct Normal<const D: usize> {
-    diagonal: Vec<SMatrix<f64, D, D>>,
+pub(super) struct Normal<const D: usize> {
+    pub diagonal: Vec<SMatrix<f64, D, D>>,
     /// Block (k, k + 1).
     upper: Vec<SMatrix<f64, D, D>>,
-    gradient: Vec<SVector<f64, D>>,
+    pub gradient: Vec<SVector<f64, D>>,
 }
 
 /// A chain's states with how they move on, and what it all costs.
@@ -211,7 +211,7 @@ impl<const D: usize> Chain<D> {
         from..to
     }
 
-    fn transitions(&self, problem: &Problem, range: (usize, usize)) -> Option<Vec<Transition<D>>> {
+    pub fn transitions(&self, problem: &Problem, range: (usize, usize)) -> Option<Vec<Transition<D>>> {
         let intervals = self.intervals(range);
         let move_on = |index: usize| {
             problem.transition(&self.states[index], problem.interval(self.first + index))
@@ -220,7 +220,7 @@ impl<const D: usize> Chain<D> {
     }
 
     /// How far the laws are trusted: less where there is a contact, or may be one a frame earlier or later.
-    fn trusts(&self, problem: &Problem, range: (usize, usize), transitions: &[Transition<D>]) -> Vec<Trust<D>> {
+    pub fn trusts(&self, problem: &Problem, range: (usize, usize), transitions: &[Transition<D>]) -> Vec<Trust<D>> {
         let intervals = self.intervals(range);
         let change = |offset: usize, part: usize| {
             let (start, end) = (&self.states[intervals.start + offset], &transitions[offset].end);
@@ -236,7 +236,7 @@ impl<const D: usize> Chain<D> {
         (0..transitions.len()).map(trust).collect()
     }
 
-    fn cost(
+    pub fn cost(
         &self,
         problem: &Problem,
         range: (usize, usize),
@@ -251,7 +251,7 @@ impl<const D: usize> Chain<D> {
     }
 
     /// Cost of the interval after state `index`, the weight of its square, and the defect.
-    fn defect(&self, index: usize, transition: &Transition<D>, trust: &Trust<D>, loss: Loss) -> (f64, f64, SVector<f64, D>) {
+    pub fn defect(&self, index: usize, transition: &Transition<D>, trust: &Trust<D>, loss: Loss) -> (f64, f64, SVector<f64, D>) {
         let off = SVector::<f64, D>::from_fn(|i, _| self.states[index + 1][i] - transition.end[i]);
         let (cost, weight) = loss.of_defect(trust.precision.component_mul(&off).dot(&off), trust.contact);
         (cost, weight, off)
@@ -266,7 +266,7 @@ impl<const D: usize> Chain<D> {
         Some((off.norm_squared() / problem.spin_sigma.powi(2), off))
     }
 
-    fn normal(
+    pub fn normal(
         &self,
         problem: &Problem,
         range: (usize, usize),
@@ -320,7 +320,7 @@ impl<const D: usize> Chain<D> {
         normal
     }
 
-    fn moved(&self, range: (usize, usize), step: &[SVector<f64, D>]) -> Self {
+    pub fn moved(&self, range: (usize, usize), step: &[SVector<f64, D>]) -> Self {
         let longest = step.iter().map(|step| step.fixed_rows::<3>(0).norm()).fold(0.0, f64::max);
         let share = (LONGEST_STEP / longest.max(f64::MIN_POSITIVE)).min(1.0);
         let mut out = self.clone();
@@ -335,7 +335,7 @@ impl<const D: usize> Chain<D> {
 
 impl<const D: usize> Normal<D> {
     /// Cholesky factors of the pivots of block elimination.
-    fn pivots(&self, damping: f64) -> Option<Vec<Cholesky<f64, Const<D>>>> {
+    pub fn pivots(&self, damping: f64) -> Option<Vec<Cholesky<f64, Const<D>>>> {
         let mut pivots: Vec<Cholesky<f64, Const<D>>> = Vec::with_capacity(self.diagonal.len());
         for (index, diagonal) in self.diagonal.iter().enumerate() {
             let mut pivot = *diagonal;
@@ -354,19 +354,24 @@ impl<const D: usize> Normal<D> {
     /// The damped step.
     fn solve(&self, damping: f64) -> Option<Vec<SVector<f64, D>>> {
         let pivots = self.pivots(damping)?;
-        let mut step: Vec<SVector<f64, D>> = self.gradient.iter().map(|gradient| -gradient).collect();
-        for index in 1..step.len() {
-            let before = self.upper[index - 1].transpose() * pivots[index - 1].solve(&step[index - 1]);
-            step[index] -= before;
-        }
-        for index in (0..step.len()).rev() {
-            if index + 1 < step.len() {
-                let after = self.upper[index] * step[index + 1];
-                step[index] -= after;
-            }
-            step[index] = pivots[index].solve(&step[index]);
-        }
+        let step = self.substituted(&pivots, self.gradient.iter().map(|gradient| -gradient).collect());
         step.iter().all(|step| step.iter().all(|value| value.is_finite())).then_some(step)
+    }
+
+    /// The solution for a right side.
+    pub fn substituted(&self, pivots: &[Cholesky<f64, Const<D>>], mut x: Vec<SVector<f64, D>>) -> Vec<SVector<f64, D>> {
+        for index in 1..x.len() {
+            let before = self.upper[index - 1].transpose() * pivots[index - 1].solve(&x[index - 1]);
+            x[index] -= before;
+        }
+        for index in (0..x.len()).rev() {
+            if index + 1 < x.len() {
+                let after = self.upper[index] * x[index + 1];
+                x[index] -= after;
+            }
+            x[index] = pivots[index].solve(&x[index]);
+        }
+        x
     }
 
     /// Diagonal blocks of the inverse.

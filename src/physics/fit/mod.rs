@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
 use self::chain::{Chain, Loss};
 pub use self::parameters::{Estimate, Parameter};
-use self::problem::Problem;
+use self::problem::{Problem, Slack};
 use super::columns::{Column, part};
 use super::forecast::{Forecaster, State};
 use super::scene::Contact;
@@ -152,6 +152,8 @@ impl Forecaster {
         let spin_sigma = if options.estimate.contains(&Parameter::Spin) { UNKNOWN_SPIN } else { KNOWN_SPIN };
         let noise = options.noise_px.unwrap_or_else(|| noise_of(observations)).max(SMALLEST_NOISE);
         let mut problem = Problem::new(self, camera, observations, noise, spin_sigma)?;
+        let numbers: Vec<Parameter> = options.estimate.iter().copied().filter(|&p| p != Parameter::Spin).collect();
+        problem.slack = parameters::slack(&numbers);
         let unexplained = || Error::Fit {
             reason: "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps".into(),
         };
@@ -185,18 +187,32 @@ impl Forecaster {
                 chain.refine(&problem, (0, observations.len()), FINAL, 15);
             }
         }
-        let numbers: Vec<Parameter> = options.estimate.iter().copied().filter(|&p| p != Parameter::Spin).collect();
         if numbers.is_empty() {
             return finished(&problem, &chains, vec![]).ok_or_else(unexplained);
         }
         let (best, _) = best_of(&problem, &chains).ok_or_else(unexplained)?;
-        let (forecaster, chain, estimates) = parameters::estimated(&problem, chains[best].clone(), &numbers)?;
-        let mut problem = problem.with(&forecaster);
-        if options.noise_px.is_none() {
-            problem.sigma = residual_noise(&problem, &chain).max(SMALLEST_NOISE);
+        // Coarsely first, with the laws as little trusted as they are known; then as the laws are.
+        let mut found = None;
+        for start in parameters::starts(self, &numbers)? {
+            let coarse = parameters::estimated(&problem, &start, chains[best].clone(), &numbers)?;
+            let mut strict = problem.with(self);
+            strict.slack = Slack::default();
+            let fine = parameters::estimated(&strict, &coarse.forecaster, coarse.chain, &numbers)?;
+            if found.as_ref().is_none_or(|found: &parameters::Estimated<D>| fine.cost < found.cost) {
+                found = Some(fine);
+            }
         }
-        let chain = polished(&problem, chain);
-        finished(&problem, &[chain], estimates).ok_or_else(unexplained)
+        let mut found = found.ok_or_else(unexplained)?;
+        problem.slack = Slack::default();
+        if options.noise_px.is_none() {
+            problem.sigma = residual_noise(&problem, &found.chain).max(SMALLEST_NOISE);
+        }
+        found = parameters::estimated(&problem, &found.forecaster, found.chain, &numbers)?;
+        let mut fit = finished(&problem.with(&found.forecaster), &[found.chain], found.estimates).ok_or_else(unexplained)?;
+        for (frame, spread) in fit.frames.iter_mut().zip(found.spread) {
+            frame.covariance += spread;
+        }
+        Ok(fit)
     }
 }
 

@@ -24,6 +24,15 @@ const SPIN_ERROR: f64 = 0.01;
 
 pub(super) use crate::physics::forecast::Transition;
 
+/// How much less the laws are trusted while their numbers are unknown.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Slack {
+    /// Uncertainty of the acceleration in flight, m/s².
+    pub acceleration: f64,
+    /// Of the velocity after a contact, as a share of its change.
+    pub contact: f64,
+}
+
 /// A track to fit.
 pub(super) struct Problem<'a> {
     pub forecaster: &'a Forecaster,
@@ -33,6 +42,8 @@ pub(super) struct Problem<'a> {
     pub sigma: f64,
     /// Standard deviation of the spin at the first frame, rad/s.
     pub spin_sigma: f64,
+    /// What is not known of the laws yet.
+    pub slack: Slack,
     /// Ideal (undistorted, normalised) image points.
     pub rays: Vec<Option<Point2<f64>>>,
     /// px per unit of the ideal image.
@@ -63,6 +74,7 @@ impl<'a> Problem<'a> {
             observations,
             sigma,
             spin_sigma,
+            slack: Slack::default(),
             rays: observations.iter().map(ray).collect::<Result<_>>()?,
             focal: 0.5 * (camera.intrinsic()[(0, 0)] + camera.intrinsic()[(1, 1)]),
             rotation: Matrix3::from_columns(&[axis(0), axis(1), axis(2)]),
@@ -133,12 +145,12 @@ impl<'a> Problem<'a> {
     pub fn precision<const D: usize>(&self, frame: usize, contact: Option<[f64; 2]>) -> SVector<f64, D> {
         let dt = self.interval(frame);
         let gravity = Vector3::from(self.forecaster.scene().gravity).norm().max(1.0);
-        let flight = FLIGHT_ERROR * gravity * dt;
+        let flight = (FLIGHT_ERROR * gravity + self.slack.acceleration) * dt;
         let sigmas = match contact {
             None => [POSITION_ERROR + flight * dt, flight, SPIN_ERROR],
             Some([velocity, spin]) => [
                 CONTACT_POSITION_ERROR,
-                CONTACT_VELOCITY_ERROR + CONTACT_VELOCITY_SHARE * velocity,
+                CONTACT_VELOCITY_ERROR + (CONTACT_VELOCITY_SHARE + self.slack.contact) * velocity,
                 SPIN_ERROR + CONTACT_SPIN_SHARE * spin,
             ],
         };
