@@ -2,7 +2,9 @@
 
 mod common;
 
-use gravisight::physics::{Contact, Cuboid, Floor, Forecaster, Integrator, Options, Scene, Spring, State, Status, Wall};
+use gravisight::physics::{
+    Contact, Cuboid, Floor, Forecaster, Integrator, Options, Scene, Spring, State, Status, Wall,
+};
 use nalgebra::{Matrix6, Point3, Vector3};
 use proptest::prelude::*;
 use proptest::strategy::ValueTree;
@@ -192,7 +194,8 @@ fn drawn<T>(count: usize, strategy: impl Strategy<Value = T>) -> Vec<T> {
 fn jacobians_agree(contact: BoxedStrategy<Contact>, contacts: usize, h: f64) {
     let (mut with_contact, mut compared) = (0, 0);
     for (scene, start, time) in drawn(400, (scenes(contact), starts(), 0.3..1.5)) {
-        let options = Options { integrator: Integrator::DormandPrince { rtol: 1e-11, atol: 1e-12 }, ..Options::default() };
+        let options =
+            Options { integrator: Integrator::DormandPrince { rtol: 1e-11, atol: 1e-12 }, ..Options::default() };
         let forecaster = Forecaster::new(&scene).unwrap().with_options(options).unwrap();
         let forecast = forecaster.forecast_with_jacobians(&start, &[time]);
         if forecast.status != Status::Ok {
@@ -200,7 +203,12 @@ fn jacobians_agree(contact: BoxedStrategy<Contact>, contacts: usize, h: f64) {
         }
         let Some(expected) = differences(&forecaster, &start, time, h) else { continue };
         let off = (forecast.jacobians[0] - expected).norm() / expected.norm();
-        assert!(off < 1e-4, "{off:e}\n{}\n{expected}\n{scene:?}\n{start:?} {time} {:?}", forecast.jacobians[0], forecast.impacts);
+        assert!(
+            off < 1e-4,
+            "{off:e}\n{}\n{expected}\n{scene:?}\n{start:?} {time} {:?}",
+            forecast.jacobians[0],
+            forecast.impacts
+        );
         compared += 1;
         with_contact += usize::from(!forecast.impacts.is_empty());
     }
@@ -261,6 +269,11 @@ fn mujocos_ball_is_where_the_forecast_says_to_a_centimetre_after_fifteen_frames(
         }
     }
     let mean = |errors: &Vec<f64>| errors.iter().sum::<f64>() / errors.len() as f64;
-    println!("mean error after 4, 8, 15 frames: {:.5} {:.5} {:.5} m", mean(&errors[3]), mean(&errors[7]), mean(&errors[14]));
+    println!(
+        "mean error after 4, 8, 15 frames: {:.5} {:.5} {:.5} m",
+        mean(&errors[3]),
+        mean(&errors[7]),
+        mean(&errors[14])
+    );
     assert!(mean(&errors[14]) < 0.01, "{}", mean(&errors[14]));
 }

@@ -89,9 +89,9 @@ impl Arc {
 
     /// Acceleration, m/s².
     pub fn acceleration(&self, r: &Vector3<f64>) -> Vector3<f64> {
-        let press = self.press.map_or(Vector3::zeros(), |press| {
-            press.stiffness * (press.level - press.normal.dot(r)) * press.normal
-        });
+        let press = self
+            .press
+            .map_or(Vector3::zeros(), |press| press.stiffness * (press.level - press.normal.dot(r)) * press.normal);
         self.linear.pull - self.linear.stiffness * r + press
     }
 

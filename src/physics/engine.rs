@@ -95,7 +95,8 @@ impl<const M: usize> Engine<'_, M> {
             Contact::Bounce { .. } => Phase::Flight,
             Contact::Spring { .. } => {
                 let r = self.y.position();
-                let active: Vec<_> = self.obstacles.iter().map(|o| o.distance(&r) < self.rigid.radius - TOUCH).collect();
+                let active: Vec<_> =
+                    self.obstacles.iter().map(|o| o.distance(&r) < self.rigid.radius - TOUCH).collect();
                 if active.contains(&true) { Phase::Pressed(active) } else { Phase::Flight }
             }
         }
@@ -242,7 +243,9 @@ impl<const M: usize> Engine<'_, M> {
     }
 
     fn flight(&mut self) -> Phase {
-        if matches!(self.contact, Contact::Bounce { .. }) && let Some(support) = self.support() {
+        if matches!(self.contact, Contact::Bounce { .. })
+            && let Some(support) = self.support()
+        {
             return Phase::Carried(support);
         }
         let field = self.field;
@@ -282,7 +285,9 @@ impl<const M: usize> Engine<'_, M> {
             active[obstacle] = true;
             return Phase::Pressed(active);
         }
-        if self.backwards && self.irreversible.is_none() && (self.rigid.friction > 0.0 || self.rigid.restitution.is_infinite())
+        if self.backwards
+            && self.irreversible.is_none()
+            && (self.rigid.friction > 0.0 || self.rigid.restitution.is_infinite())
         {
             self.irreversible = Some(self.t);
         }
@@ -328,7 +333,13 @@ impl<const M: usize> Engine<'_, M> {
         };
         let time_gradient = std::array::from_fn(gradient);
         let surface = self.obstacles[obstacle].surface;
-        self.impacts.push(Impact { time: self.t, surface, position: self.y.position(), speed: -closing, time_gradient });
+        self.impacts.push(Impact {
+            time: self.t,
+            surface,
+            position: self.y.position(),
+            speed: -closing,
+            time_gradient,
+        });
     }
 
     fn pressed(&mut self, mut active: Vec<bool>) -> Phase {

@@ -392,8 +392,7 @@ impl Forecaster {
         let status = engine.run();
         engine.out.retain(Columns::is_finite);
         let sign = if backwards { -1.0 } else { 1.0 };
-        let out: Vec<Columns<M>> =
-            engine.out.iter().map(|y| if backwards { mirrored(y) } else { *y }).collect();
+        let out: Vec<Columns<M>> = engine.out.iter().map(|y| if backwards { mirrored(y) } else { *y }).collect();
         let impacts = engine.impacts.iter().map(|impact| Impact {
             time: sign * impact.time,
             time_gradient: impact.time_gradient.map(|by| sign * by),

@@ -98,14 +98,8 @@ mod tableau {
         [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
     ];
     /// Fifth minus fourth order, slopes 1, 3, 4, 5, 6, 7.
-    pub const E: [f64; 6] = [
-        71.0 / 57600.0,
-        -71.0 / 16695.0,
-        71.0 / 1920.0,
-        -17253.0 / 339200.0,
-        22.0 / 525.0,
-        -1.0 / 40.0,
-    ];
+    pub const E: [f64; 6] =
+        [71.0 / 57600.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0];
     /// Dense output, slopes 1, 3, 4, 5, 6, 7.
     pub const D: [f64; 6] = [
         -12715105075.0 / 11282082432.0,
@@ -130,8 +124,7 @@ impl Method for DormandPrince {
         let k3 = &flow.derivative(&y.plus([(a[1][0], k1), (a[1][1], k2)]));
         let k4 = &flow.derivative(&y.plus([(a[2][0], k1), (a[2][1], k2), (a[2][2], k3)]));
         let k5 = &flow.derivative(&y.plus([(a[3][0], k1), (a[3][1], k2), (a[3][2], k3), (a[3][3], k4)]));
-        let k6 =
-            &flow.derivative(&y.plus([(a[4][0], k1), (a[4][1], k2), (a[4][2], k3), (a[4][3], k4), (a[4][4], k5)]));
+        let k6 = &flow.derivative(&y.plus([(a[4][0], k1), (a[4][1], k2), (a[4][2], k3), (a[4][3], k4), (a[4][4], k5)]));
         let end = y.plus([(a[5][0], k1), (a[5][2], k3), (a[5][3], k4), (a[5][4], k5), (a[5][5], k6)]);
         let last = flow.derivative(&end);
         let slopes = [k1, k3, k4, k5, k6, &last];

@@ -90,7 +90,13 @@ impl Carried<'_> {
     }
 
     /// Motion on a single surface: reaction, friction, and what they do to the sensitivities.
-    fn on_surface<const M: usize>(&self, near: &Nearest, y: &Columns<M>, a: Vector3<f64>, partials: &Partials) -> Columns<M> {
+    fn on_surface<const M: usize>(
+        &self,
+        near: &Nearest,
+        y: &Columns<M>,
+        a: Vector3<f64>,
+        partials: &Partials,
+    ) -> Columns<M> {
         let (v, w) = (y.velocity(), y.spin());
         let (n, curvature, rigid) = (&near.normal, &near.curvature, &self.rigid);
         let bend = v.dot(&(curvature * v));

@@ -29,7 +29,7 @@ const MAX_DAMPING: f64 = 1e8;
 /// What a large residual costs.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Loss {
-    /// Linear beyond this many standard deviations: pulls from afar.
+    /// Linear beyond this many standard deviations: pulls from afar; for labels trusted from the start.
     Huber(f64),
     /// Logarithmic beyond this many standard deviations: lets go of outliers.
     Cauchy(f64),
@@ -104,6 +104,9 @@ impl<const D: usize> Chain<D> {
     /// Cost of the observation at `frame`, its derivative by the squared residual, the residual (px).
     pub fn observed(&self, problem: &Problem, frame: usize, loss: Loss) -> Option<(f64, f64, Vector2<f64>)> {
         let image = problem.observations[frame].image?;
+        if matches!(loss, Loss::Huber(_)) && problem.rays[frame].is_none() {
+            return None;
+        }
         let Some((projected, _)) = problem.project(self.at(frame)?) else {
             return Some((UNSEEN, 0.0, Vector2::repeat(f64::INFINITY)));
         };
@@ -213,9 +216,7 @@ impl<const D: usize> Chain<D> {
 
     pub fn transitions(&self, problem: &Problem, range: (usize, usize)) -> Option<Vec<Transition<D>>> {
         let intervals = self.intervals(range);
-        let move_on = |index: usize| {
-            problem.transition(&self.states[index], problem.interval(self.first + index))
-        };
+        let move_on = |index: usize| problem.transition(&self.states[index], problem.interval(self.first + index));
         intervals.map(move_on).collect()
     }
 
@@ -251,7 +252,13 @@ impl<const D: usize> Chain<D> {
     }
 
     /// Cost of the interval after state `index`, the weight of its square, and the defect.
-    pub fn defect(&self, index: usize, transition: &Transition<D>, trust: &Trust<D>, loss: Loss) -> (f64, f64, SVector<f64, D>) {
+    pub fn defect(
+        &self,
+        index: usize,
+        transition: &Transition<D>,
+        trust: &Trust<D>,
+        loss: Loss,
+    ) -> (f64, f64, SVector<f64, D>) {
         let off = SVector::<f64, D>::from_fn(|i, _| self.states[index + 1][i] - transition.end[i]);
         let (cost, weight) = loss.of_defect(trust.precision.component_mul(&off).dot(&off), trust.contact);
         (cost, weight, off)
@@ -295,7 +302,8 @@ impl<const D: usize> Chain<D> {
             let (_, weight, off) = self.defect(index, transition, trust, loss);
             let precision = trust.precision * weight;
             let weighted = precision.component_mul(&off);
-            let trusted = SMatrix::<f64, D, D>::from_fn(|row, column| precision[row] * transition.jacobian[(row, column)]);
+            let trusted =
+                SMatrix::<f64, D, D>::from_fn(|row, column| precision[row] * transition.jacobian[(row, column)]);
             if frame + 1 <= range.1 {
                 let slot = frame + 1 - range.0;
                 normal.diagonal[slot] += SMatrix::<f64, D, D>::from_diagonal(&precision);

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
 use self::chain::{Chain, Loss};
 pub use self::parameters::{Estimate, Parameter};
-use self::problem::{Problem, Slack};
+use self::problem::Problem;
 use super::columns::{Column, part};
 use super::forecast::{Forecaster, State};
 use super::scene::Contact;
@@ -48,13 +48,15 @@ const KNOWN_SPIN: f64 = 1e-3;
 /// Standard deviation of a spin that is to be estimated, rad/s.
 const UNKNOWN_SPIN: f64 = 200.0;
 /// Transitions a frame, on average, after which no more starts are grown.
-const SEARCH: usize = 7000;
+const SEARCH: usize = 6000;
 /// Difference of cost below which two trajectories explain the track equally well.
 const SAME: f64 = 2.0;
 /// How far the best is moved in search of a better one, in standard deviations.
 const POLISH: [f64; 4] = [-1.0, 1.0, -2.5, 2.5];
 /// Cost, in units of what noise alone costs, at which a trajectory explains its track.
 const EXPLAINED: f64 = 1.3;
+/// Distance from the neighbours' line, in units of its median, beyond which a label is not used to start with.
+const SUSPECT: f64 = 10.0;
 /// Rounds in which the labels' noise is estimated anew.
 const NOISE_ROUNDS: usize = 2;
 
@@ -150,70 +152,61 @@ impl Forecaster {
         options: &FitOptions,
     ) -> Result<Fit> {
         let spin_sigma = if options.estimate.contains(&Parameter::Spin) { UNKNOWN_SPIN } else { KNOWN_SPIN };
-        let noise = options.noise_px.unwrap_or_else(|| noise_of(observations)).max(SMALLEST_NOISE);
-        let mut problem = Problem::new(self, camera, observations, noise, spin_sigma)?;
+        let trusted = trusted(observations);
+        let noise = options.noise_px.unwrap_or_else(|| noise_of(&trusted)).max(SMALLEST_NOISE);
+        let mut problem = Problem::new(self, camera, observations, &trusted, noise, spin_sigma)?;
         let numbers: Vec<Parameter> = options.estimate.iter().copied().filter(|&p| p != Parameter::Spin).collect();
         problem.slack = parameters::slack(&numbers);
-        let unexplained = || Error::Fit {
-            reason: "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps".into(),
-        };
-        let mut chains: Vec<Chain<D>> = Vec::new();
-        let seeds = seed::seeds(&problem, options.starts);
-        'search: for growth in GROWTH {
-            for seed in &seeds {
-                let chain = Chain { first: seed.first, states: seed.states.clone() };
-                chains.extend(grown(&problem, chain, growth, LOST_END));
-                if settled(&problem, &chains) || problem.tired(SEARCH) {
-                    break 'search;
-                }
-            }
-        }
-        chains.extend(joined(&problem, &chains));
-        if best_of(&problem, &chains).is_none() {
-            // nothing explains the whole track: the longest piece, come what may
-            let longest = chains.iter().max_by_key(|chain| chain.states.len()).cloned();
-            chains.extend(longest.and_then(|chain| grown(&problem, chain, GROWTH[0], f64::INFINITY)));
-        }
-        if let Some((best, _)) = best_of(&problem, &chains) {
-            chains.push(polished(&problem, chains[best].clone()));
-        }
-        for _ in 0..NOISE_ROUNDS {
-            if options.noise_px.is_none() {
-                let (best, _) = best_of(&problem, &chains).ok_or_else(unexplained)?;
-                problem.sigma = residual_noise(&problem, &chains[best]).max(SMALLEST_NOISE);
-            }
-            let whole = chains.iter_mut().filter(|chain| chain.states.len() == observations.len());
-            for chain in whole {
-                chain.refine(&problem, (0, observations.len()), FINAL, 15);
-            }
-        }
+        let chains = searched::<D>(&mut problem, options)?;
         if numbers.is_empty() {
             return finished(&problem, &chains, vec![]).ok_or_else(unexplained);
         }
-        let (best, _) = best_of(&problem, &chains).ok_or_else(unexplained)?;
-        // Coarsely first, with the laws as little trusted as they are known; then as the laws are.
-        let mut found = None;
-        for start in parameters::starts(self, &numbers)? {
-            let coarse = parameters::estimated(&problem, &start, chains[best].clone(), &numbers)?;
-            let mut strict = problem.with(self);
-            strict.slack = Slack::default();
-            let fine = parameters::estimated(&strict, &coarse.forecaster, coarse.chain, &numbers)?;
-            if found.as_ref().is_none_or(|found: &parameters::Estimated<D>| fine.cost < found.cost) {
-                found = Some(fine);
-            }
-        }
-        let mut found = found.ok_or_else(unexplained)?;
-        problem.slack = Slack::default();
-        if options.noise_px.is_none() {
-            problem.sigma = residual_noise(&problem, &found.chain).max(SMALLEST_NOISE);
-        }
-        found = parameters::estimated(&problem, &found.forecaster, found.chain, &numbers)?;
-        let mut fit = finished(&problem.with(&found.forecaster), &[found.chain], found.estimates).ok_or_else(unexplained)?;
+        let found = parameters::searched(&mut problem, &chains, &numbers, options.noise_px.is_none())?;
+        let problem = problem.with(&found.forecaster);
+        let mut fit = finished(&problem, &[found.chain], found.estimates).ok_or_else(unexplained)?;
         for (frame, spread) in fit.frames.iter_mut().zip(found.spread) {
             frame.covariance += spread;
         }
         Ok(fit)
     }
+}
+
+fn unexplained() -> Error {
+    let reason = "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps";
+    Error::Fit { reason: reason.into() }
+}
+
+/// Trajectories that explain the track, and pieces of such; finds the labels' noise where it is not given.
+fn searched<const D: usize>(problem: &mut Problem, options: &FitOptions) -> Result<Vec<Chain<D>>> {
+    let mut chains: Vec<Chain<D>> = Vec::new();
+    let seeds = seed::seeds(problem, options.starts);
+    'search: for growth in GROWTH {
+        for seed in &seeds {
+            let chain = Chain { first: seed.first, states: seed.states.clone() };
+            chains.extend(grown(problem, chain, growth, LOST_END));
+            if settled(problem, &chains) || problem.tired(SEARCH) {
+                break 'search;
+            }
+        }
+    }
+    chains.extend(joined(problem, &chains));
+    if best_of(problem, &chains).is_none() {
+        // nothing explains the whole track: the longest piece, come what may
+        let longest = chains.iter().max_by_key(|chain| chain.states.len()).cloned();
+        chains.extend(longest.and_then(|chain| grown(problem, chain, GROWTH[0], f64::INFINITY)));
+    }
+    let (best, _) = best_of(problem, &chains).ok_or_else(unexplained)?;
+    chains.push(polished(problem, chains[best].clone()));
+    for _ in 0..NOISE_ROUNDS {
+        if options.noise_px.is_none() {
+            let (best, _) = best_of(problem, &chains).ok_or_else(unexplained)?;
+            problem.sigma = residual_noise(problem, &chains[best]);
+        }
+        for chain in chains.iter_mut().filter(|chain| chain.states.len() == problem.len()) {
+            chain.refine(problem, (0, problem.len()), FINAL, 15);
+        }
+    }
+    Ok(chains)
 }
 
 /// Whether a trajectory that explains the labels to their noise was found from two starts.
@@ -269,9 +262,40 @@ fn check(observations: &[Observation]) -> Result<()> {
     }
 }
 
+/// Observations without those that lie far off the line of their neighbours in the picture: a first look,
+/// for starts and growth. At the end all labels count, and the loss lets go of outliers.
+fn trusted(observations: &[Observation]) -> Vec<Observation> {
+    let seen: Vec<usize> = (0..observations.len()).filter(|&frame| observations[frame].image.is_some()).collect();
+    let at = |index: usize| observations[seen[index]].image.map_or(Vector2::zeros(), |image| image.coords);
+    let line = |index: usize, i: usize, j: usize| {
+        let [t, from, to] = [index, i, j].map(|index| observations[seen[index]].time);
+        at(i) + (at(j) - at(i)) * ((t - from) / (to - from))
+    };
+    // the median of what pairs of neighbours say
+    let deviation = |index: usize| {
+        let pairs = [(-1, 1), (-2, 2), (-2, -1), (1, 2), (-1, 2), (-2, 1)].into_iter();
+        let neighbour = |by: isize| index.checked_add_signed(by).filter(|&other| other < seen.len());
+        let said: Vec<_> = pairs.filter_map(|(i, j)| Some(line(index, neighbour(i)?, neighbour(j)?))).collect();
+        let along = |axis: usize| median(said.iter().map(|point| point[axis]).collect());
+        (at(index) - Vector2::new(along(0), along(1))).norm()
+    };
+    let deviations: Vec<f64> = (0..seen.len()).map(deviation).collect();
+    let limit = SUSPECT * median(deviations.clone()).max(SMALLEST_NOISE);
+    let mut out = observations.to_vec();
+    for (index, _) in deviations.iter().enumerate().filter(|(_, deviation)| **deviation > limit) {
+        out[seen[index]].image = None;
+    }
+    out
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// Noise of labels on a smooth track, from its third differences, px.
 fn noise_of(observations: &[Observation]) -> f64 {
-    let mut sizes: Vec<f64> = observations
+    let sizes: Vec<f64> = observations
         .windows(4)
         .filter_map(|four| {
             let [a, b, c, d] = [0, 1, 2, 3].map(|i| four[i].image);
@@ -280,17 +304,15 @@ fn noise_of(observations: &[Observation]) -> f64 {
         })
         .flatten()
         .collect();
-    sizes.sort_by(f64::total_cmp);
     // median of |N(0, σ√20)|
-    sizes.get(sizes.len() / 2).map_or(1.0, |median| median / 0.6745 / 20.0_f64.sqrt())
+    if sizes.is_empty() { 1.0 } else { median(sizes) / 0.6745 / 20.0_f64.sqrt() }
 }
 
-/// Noise of the labels around a trajectory, from the residuals' median, px.
+/// Noise of the labels around a trajectory, from the residuals' median, px; not smaller than is believed.
 fn residual_noise<const D: usize>(problem: &Problem, chain: &Chain<D>) -> f64 {
     let residuals = (0..problem.len()).filter_map(|frame| Some(chain.observed(problem, frame, FINAL)?.2));
-    let mut sizes: Vec<f64> = residuals.flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
-    sizes.sort_by(f64::total_cmp);
-    sizes.get(sizes.len() / 2).map_or(1.0, |median| median / 0.6745)
+    let sizes: Vec<f64> = residuals.flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
+    if sizes.is_empty() { 1.0 } else { (median(sizes) / 0.6745).max(SMALLEST_NOISE) }
 }
 
 /// A chain grown over the whole track.

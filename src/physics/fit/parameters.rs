@@ -3,7 +3,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, SVector};
 
-use super::FINAL;
+use super::{FINAL, residual_noise, unexplained};
 use super::chain::Chain;
 use super::problem::{Problem, Slack};
 use crate::error::{Error, Result};
@@ -16,6 +16,8 @@ const ITERATIONS: usize = 40;
 const CONVERGED: f64 = 1e-6;
 /// Largest damping before the search ends.
 const MAX_DAMPING: f64 = 1e8;
+/// Trajectories that the search starts from.
+const CHAINS: usize = 4;
 /// Uncertainty of a drag that is to be estimated, as an acceleration, m/s².
 const UNKNOWN_DRAG: f64 = 1.0;
 /// Uncertainty of a restitution that is to be estimated.
@@ -89,8 +91,38 @@ pub(super) fn slack(parameters: &[Parameter]) -> Slack {
     }
 }
 
+/// The best trajectory and parameters, from the best of the chains; finds the labels' noise if `noise`.
+pub(super) fn searched<const D: usize>(
+    problem: &mut Problem,
+    chains: &[Chain<D>],
+    parameters: &[Parameter],
+    noise: bool,
+) -> Result<Estimated<D>> {
+    let mut whole: Vec<_> = chains.iter().filter(|chain| chain.states.len() == problem.len()).collect();
+    whole.sort_by(|a, b| a.total_cost(problem, FINAL).total_cmp(&b.total_cost(problem, FINAL)));
+    let mut found: Option<Estimated<D>> = None;
+    for start in starts(problem.forecaster, parameters)? {
+        for chain in whole.iter().take(CHAINS) {
+            // Coarsely first, with the laws as little trusted as they are known; then as the laws are.
+            let coarse = estimated(problem, &start, (*chain).clone(), parameters)?;
+            let mut strict = problem.with(problem.forecaster);
+            strict.slack = Slack::default();
+            let fine = estimated(&strict, &coarse.forecaster, coarse.chain, parameters)?;
+            if found.as_ref().is_none_or(|found| fine.cost < found.cost) {
+                found = Some(fine);
+            }
+        }
+    }
+    let found = found.ok_or_else(unexplained)?;
+    problem.slack = Slack::default();
+    if noise {
+        problem.sigma = residual_noise(problem, &found.chain);
+    }
+    estimated(problem, &found.forecaster, found.chain, parameters)
+}
+
 /// Where the search begins: with the scene's own numbers, with larger and with smaller ones.
-pub(super) fn starts(forecaster: &Forecaster, parameters: &[Parameter]) -> Result<Vec<Forecaster>> {
+fn starts(forecaster: &Forecaster, parameters: &[Parameter]) -> Result<Vec<Forecaster>> {
     let start = |by: f64| {
         let value = |parameter: &Parameter| {
             let (_, low, high) = parameter.range();
@@ -121,7 +153,7 @@ pub(super) struct Estimated<const D: usize> {
 }
 
 /// `base` with `parameters` (numbers of its scene) at their best, and the trajectory in it.
-pub(super) fn estimated<const D: usize>(
+fn estimated<const D: usize>(
     problem: &Problem,
     base: &Forecaster,
     mut chain: Chain<D>,
@@ -182,12 +214,7 @@ struct Bordered<const D: usize> {
 }
 
 impl<const D: usize> Bordered<D> {
-    fn new(
-        problem: &Problem,
-        chain: &Chain<D>,
-        parameters: &[Parameter],
-        values: &[f64],
-    ) -> Result<Option<Self>> {
+    fn new(problem: &Problem, chain: &Chain<D>, parameters: &[Parameter], values: &[f64]) -> Result<Option<Self>> {
         let range = (0, problem.len() - 1);
         let Some(transitions) = chain.transitions(problem, range) else { return Ok(None) };
         let trusts = chain.trusts(problem, range, &transitions);
@@ -256,7 +283,9 @@ impl<const D: usize> Bordered<D> {
         });
         let by = schur.cholesky()?.solve(&right);
         let states = (0..own.len())
-            .map(|k| -own[k] - solved.iter().zip(by.iter()).map(|(column, by)| column[k] * *by).sum::<SVector<f64, D>>())
+            .map(|k| {
+                -own[k] - solved.iter().zip(by.iter()).map(|(column, by)| column[k] * *by).sum::<SVector<f64, D>>()
+            })
             .collect();
         Some((states, by))
     }

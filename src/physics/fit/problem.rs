@@ -44,7 +44,7 @@ pub(super) struct Problem<'a> {
     pub spin_sigma: f64,
     /// What is not known of the laws yet.
     pub slack: Slack,
-    /// Ideal (undistorted, normalised) image points.
+    /// Ideal (undistorted, normalised) image points of the labels that are trusted from the start.
     pub rays: Vec<Option<Point2<f64>>>,
     /// px per unit of the ideal image.
     pub focal: f64,
@@ -59,6 +59,7 @@ impl<'a> Problem<'a> {
         forecaster: &'a Forecaster,
         camera: &'a Camera,
         observations: &'a [Observation],
+        trusted: &[Observation],
         sigma: f64,
         spin_sigma: f64,
     ) -> Result<Self> {
@@ -75,7 +76,7 @@ impl<'a> Problem<'a> {
             sigma,
             spin_sigma,
             slack: Slack::default(),
-            rays: observations.iter().map(ray).collect::<Result<_>>()?,
+            rays: trusted.iter().map(ray).collect::<Result<_>>()?,
             focal: 0.5 * (camera.intrinsic()[(0, 0)] + camera.intrinsic()[(1, 1)]),
             rotation: Matrix3::from_columns(&[axis(0), axis(1), axis(2)]),
             translation: origin.coords,

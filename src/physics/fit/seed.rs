@@ -37,7 +37,7 @@ pub(super) struct Seed {
 
 /// At most `count` seeds, the best-determined first.
 pub(super) fn seeds(problem: &Problem, count: usize) -> Vec<Seed> {
-    let seen: Vec<usize> = (0..problem.len()).filter(|&frame| problem.observations[frame].image.is_some()).collect();
+    let seen: Vec<usize> = (0..problem.len()).filter(|&frame| problem.rays[frame].is_some()).collect();
     let mut all = Vec::new();
     for length in LENGTHS.into_iter().filter(|&length| length <= seen.len()) {
         let stride = (length / 4).max(1);
