@@ -3,9 +3,9 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, SVector};
 
-use super::{FINAL, residual_noise, unexplained};
 use super::chain::Chain;
 use super::problem::{Problem, Slack};
+use super::{FINAL, residual_noise, unexplained};
 use crate::error::{Error, Result};
 use crate::physics::forecast::Forecaster;
 use crate::physics::scene::{Contact, Scene};
