@@ -6,21 +6,22 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error` is open to all.
-const ARROWS: [(&str, &[&str]); 9] = [
+const ARROWS: [(&str, &[&str]); 10] = [
     ("error", &[]),
     ("files", &[]),
     ("camera", &[]),
     ("image", &[]),
     ("model", &["image", "files"]),
-    ("data", &["camera", "image"]),
+    ("physics", &["camera"]),
+    ("data", &["camera", "image", "physics"]),
     ("localise", &["camera", "image", "model"]),
     ("evaluate", &["camera", "data", "image", "localise"]),
-    ("train", &["camera", "data", "evaluate", "files", "image", "localise", "model"]),
+    ("train", &["camera", "data", "evaluate", "files", "image", "localise", "model", "physics"]),
 ];
 /// The browser's boundary, above everything but training's files.
 const WASM: (&str, &[&str]) = ("wasm", &["camera", "evaluate", "image", "localise", "model"]);
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 5] = ["error", "files", "camera", "image", "data"];
+const WITHOUT_BURN: [&str; 6] = ["error", "files", "camera", "image", "physics", "data"];
 
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());

@@ -3,6 +3,8 @@
 
 mod device;
 mod evaluate;
+mod fit;
+mod forecast;
 mod localise;
 mod model;
 mod overlay;
@@ -27,6 +29,8 @@ enum Command {
     Localise(localise::Arguments),
     Evaluate(evaluate::Arguments),
     Train(train::Arguments),
+    Forecast(forecast::Arguments),
+    Fit(fit::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -34,6 +38,8 @@ fn main() -> ExitCode {
         Command::Localise(arguments) => localise::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
         Command::Train(arguments) => train::run(arguments),
+        Command::Forecast(arguments) => forecast::run(arguments),
+        Command::Fit(arguments) => fit::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -8,6 +8,7 @@ use serde_json::Value;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
+use crate::physics::Scene;
 
 /// Name of the index in a clips folder.
 const INDEX: &str = "clips.jsonl";
@@ -30,8 +31,8 @@ pub struct Clip {
     pub fps: f64,
     /// The camera that took it.
     pub camera: Camera,
-    /// `scene.json`, kept as it is: only the physics reads it.
-    pub scene: Option<Value>,
+    /// The place and its ball.
+    pub scene: Option<Scene>,
     /// The frames.
     pub frames: Vec<Frame>,
 }
@@ -111,13 +112,16 @@ impl Clip {
         let mut fields: serde_json::Map<String, Value> = serde_json::from_str(line).map_err(Error::format(what))?;
         let missing = || Error::Format { what: what.into(), message: "missing field `camera`".into() };
         let (camera, where_from) = inlined(fields.remove("camera").ok_or_else(missing)?, folder, what, "camera")?;
-        let scene = fields.remove("scene").map(|scene| inlined(scene, folder, what, "scene")).transpose()?;
+        let scene = fields.remove("scene").map(|scene| -> Result<Scene> {
+            let (scene, where_from) = inlined(scene, folder, what, "scene")?;
+            Scene::from_json(&scene.to_string(), &where_from)
+        });
         let line: ClipLine = serde_json::from_value(Value::Object(fields)).map_err(Error::format(what))?;
         let clip = Self {
             id: line.id,
             fps: line.fps,
             camera: Camera::from_json(&camera.to_string(), &where_from)?,
-            scene: scene.map(|(scene, _)| scene),
+            scene: scene.transpose()?,
             frames: line.frames,
         };
         clip.check(what)?;

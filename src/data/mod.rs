@@ -1,5 +1,7 @@
-//! Clips: pictures with their labels, cameras and scenes.
+//! Clips (pictures with their labels, cameras and scenes) and 2D tracks.
 
 mod clips;
+mod track;
 
 pub use self::clips::{Clip, Clips, Frame};
+pub use self::track::{Track, TrackPoint, trajectory_csv};

@@ -172,7 +172,7 @@ pub(crate) fn first_contact(
                 false => f64::INFINITY,
             };
             t += if gap <= TOUCH { advance.max(MIN_ADVANCE) } else { advance };
-            if !(t < limit) {
+            if t.is_nan() || t >= limit {
                 break;
             }
         }

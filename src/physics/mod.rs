@@ -5,11 +5,14 @@
 //! Jacobians by the start, contacts included.
 
 mod arc;
+mod carried;
+mod cases;
 mod columns;
 mod engine;
 mod field;
 mod fit;
 mod forecast;
+mod forecaster;
 mod guard;
 mod impact;
 mod integrate;
@@ -17,9 +20,11 @@ mod obstacle;
 mod rest;
 mod scene;
 
+pub use self::cases::Case;
 pub use self::field::Potential;
 pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Observation, Parameter};
-pub use self::forecast::{Forecast, Forecaster, Impact, Options, State, Status};
+pub use self::forecast::{Forecast, Impact, Options, State, Status};
+pub use self::forecaster::Forecaster;
 pub use self::guard::Moved;
 pub use self::integrate::Integrator;
 pub use self::obstacle::Surface;

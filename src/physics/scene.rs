@@ -181,6 +181,21 @@ fn is_zero(vector: &[f64; 3]) -> bool {
 }
 
 impl Scene {
+    /// Nothing but a ball of 1 kg under gravity (m/s²); `radius` in m.
+    pub fn new(gravity: [f64; 3], radius: f64) -> Self {
+        let ball = Ball {
+            radius,
+            mass: one(),
+            drag_coefficient: 0.0,
+            lift_coefficient: 0.0,
+            air_density: air_density(),
+            spin: [0.0; 3],
+            spin_decay: 0.0,
+            inertia_factor: solid_ball(),
+        };
+        Self { gravity, ball, contact: Contact::default(), floor: None, walls: vec![], boxes: vec![], spring: None }
+    }
+
     /// Reads the text of a `scene.json`; `what` names it in errors.
     ///
     /// # Errors
@@ -206,7 +221,10 @@ impl Scene {
     /// # Errors
     /// [`Error::Value`] with the field.
     pub fn check(&self, what: &str) -> Result<()> {
-        let finite = |field: String, values: &[f64]| match values.iter().find(|value| !(value.abs() <= MAX_ENTRY)) {
+        let finite = |field: String, values: &[f64]| match values
+            .iter()
+            .find(|value| value.is_nan() || value.abs() > MAX_ENTRY)
+        {
             Some(bad) => Err(Error::value(what, field, format!("must be a number up to ±{MAX_ENTRY:e}, not {bad}"))),
             None => Ok(()),
         };

@@ -304,7 +304,7 @@ impl<const D: usize> Chain<D> {
             let weighted = precision.component_mul(&off);
             let trusted =
                 SMatrix::<f64, D, D>::from_fn(|row, column| precision[row] * transition.jacobian[(row, column)]);
-            if frame + 1 <= range.1 {
+            if frame < range.1 {
                 let slot = frame + 1 - range.0;
                 normal.diagonal[slot] += SMatrix::<f64, D, D>::from_diagonal(&precision);
                 normal.gradient[slot] += weighted;
@@ -313,7 +313,7 @@ impl<const D: usize> Chain<D> {
                 let slot = frame - range.0;
                 normal.diagonal[slot] += transition.jacobian.transpose() * trusted;
                 normal.gradient[slot] -= transition.jacobian.transpose() * weighted;
-                if frame + 1 <= range.1 {
+                if frame < range.1 {
                     normal.upper[slot] -= trusted.transpose();
                 }
             }

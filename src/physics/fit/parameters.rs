@@ -4,10 +4,12 @@
 use nalgebra::{DMatrix, DVector, Matrix3, SVector};
 
 use super::chain::Chain;
+use super::labels::residual_noise;
 use super::problem::{Problem, Slack};
-use super::{FINAL, residual_noise, unexplained};
+use super::search::FINAL;
+use super::unexplained;
 use crate::error::{Error, Result};
-use crate::physics::forecast::Forecaster;
+use crate::physics::forecaster::Forecaster;
 use crate::physics::scene::{Contact, Scene};
 
 /// Iterations, at most.
@@ -202,13 +204,16 @@ fn estimated<const D: usize>(
     Ok(Estimated { cost, forecaster, chain, estimates: (0..values.len()).map(estimate).collect(), spread })
 }
 
+/// One vector a state.
+type Steps<const D: usize> = Vec<SVector<f64, D>>;
+
 /// The normal equations of states and parameters.
 struct Bordered<const D: usize> {
     cost: f64,
     states: super::chain::Normal<D>,
     trusts: Vec<super::chain::Trust<D>>,
     /// One column a parameter: blocks (state, parameter).
-    border: Vec<Vec<SVector<f64, D>>>,
+    border: Vec<Steps<D>>,
     corner: DMatrix<f64>,
     gradient: DVector<f64>,
 }
@@ -223,7 +228,7 @@ impl<const D: usize> Bordered<D> {
         let count = parameters.len();
         let mut border = vec![vec![SVector::<f64, D>::zeros(); problem.len()]; count];
         let (mut corner, mut gradient) = (DMatrix::zeros(count, count), DVector::zeros(count));
-        let mut slopes: Vec<Vec<SVector<f64, D>>> = Vec::with_capacity(count);
+        let mut slopes: Vec<Steps<D>> = Vec::with_capacity(count);
         for (index, parameter) in parameters.iter().enumerate() {
             let (step, _, _) = parameter.range();
             let ends = |by: f64| -> Result<Option<Vec<_>>> {
@@ -259,8 +264,8 @@ impl<const D: usize> Bordered<D> {
         transitions.map_or(f64::INFINITY, |transitions| chain.cost(problem, range, &transitions, &self.trusts, FINAL))
     }
 
-    /// H⁻¹·border and the Schur complement.
-    fn reduced(&self, damping: f64) -> Option<(Vec<Vec<SVector<f64, D>>>, DMatrix<f64>, Vec<SVector<f64, D>>)> {
+    /// H⁻¹·border, the Schur complement, and H⁻¹·gradient of the states.
+    fn reduced(&self, damping: f64) -> Option<(Vec<Steps<D>>, DMatrix<f64>, Steps<D>)> {
         let pivots = self.states.pivots(damping)?;
         let solved: Vec<_> =
             self.border.iter().map(|column| self.states.substituted(&pivots, column.clone())).collect();
@@ -276,7 +281,7 @@ impl<const D: usize> Bordered<D> {
     }
 
     /// Damped step of states and parameters.
-    fn step(&self, damping: f64) -> Option<(Vec<SVector<f64, D>>, DVector<f64>)> {
+    fn step(&self, damping: f64) -> Option<(Steps<D>, DVector<f64>)> {
         let (solved, schur, own) = self.reduced(damping)?;
         let right = DVector::from_fn(solved.len(), |p, _| {
             self.border[p].iter().zip(&own).map(|(a, b)| a.dot(b)).sum::<f64>() - self.gradient[p]

@@ -8,7 +8,7 @@ use super::Observation;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::columns::Column;
-use crate::physics::forecast::Forecaster;
+use crate::physics::forecaster::Forecaster;
 
 /// Uncertainty of the laws of motion in flight: share of gravity (or of 1 m/s², where there is less).
 const FLIGHT_ERROR: f64 = 0.002;
@@ -22,7 +22,7 @@ const CONTACT_SPIN_SHARE: f64 = 0.05;
 /// Uncertainty of the spin from frame to frame, rad/s.
 const SPIN_ERROR: f64 = 0.01;
 
-pub(super) use crate::physics::forecast::Transition;
+pub(super) use crate::physics::forecaster::Transition;
 
 /// How much less the laws are trusted while their numbers are unknown.
 #[derive(Debug, Clone, Copy, Default)]

@@ -1,0 +1,113 @@
+//! Files of forecast cases: systems in the paper's own terms, starts and times (the schema of the
+//! reference trajectories).
+
+use nalgebra::{Point3, Vector3};
+use serde::Deserialize;
+
+use super::forecast::State;
+use super::scene::{Contact, Cuboid, Floor, Scene, Spring, Wall};
+use crate::error::{Error, Result};
+
+/// Radius of the ball, m: it is a point to the paper's potentials, but a scene has one.
+const RADIUS: f64 = 0.2;
+
+/// One case: where a ball starts and when it is asked for.
+#[derive(Debug, Clone)]
+pub struct Case {
+    /// Its name.
+    pub name: String,
+    /// The paper's system as a scene with the `penalty` contact model.
+    pub scene: Scene,
+    /// State at t = 0.
+    pub start: State,
+    /// s.
+    pub times: Vec<f64>,
+}
+
+/// A case as written. Its other fields (the reference's results) are not read.
+#[derive(Deserialize)]
+struct CaseFile {
+    name: String,
+    system: System,
+    r0: [f64; 3],
+    v0: [f64; 3],
+    times: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct System {
+    g: f64,
+    c: f64,
+    beta: f64,
+    beta_o: f64,
+    floor: bool,
+    wall_x: Option<f64>,
+    wall_y: Option<f64>,
+    obstacles: Vec<Block>,
+    spring: Option<SpringFile>,
+}
+
+/// `r_o = R·(r − p)`, from −l, −w, 0 to l, w, h.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Block {
+    l: f64,
+    w: f64,
+    h: f64,
+    #[serde(rename = "R")]
+    rotation: [[f64; 3]; 3],
+    p: [f64; 3],
+}
+
+#[derive(Deserialize)]
+struct SpringFile {
+    k: f64,
+    m: f64,
+}
+
+#[derive(Deserialize)]
+struct CasesFile {
+    cases: Vec<CaseFile>,
+}
+
+impl Case {
+    /// Reads a file of cases; `what` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Format`], [`Error::Value`] with the case and the field.
+    pub fn all_from_json(text: &str, what: &str) -> Result<Vec<Self>> {
+        let file: CasesFile = serde_json::from_str(text).map_err(Error::format(what))?;
+        file.cases.into_iter().map(|case| Self::from_file(case, what)).collect()
+    }
+
+    fn from_file(case: CaseFile, what: &str) -> Result<Self> {
+        let system = &case.system;
+        let boxes = system.obstacles.iter().map(|block| {
+            let [x, y, z] = block.p;
+            // world_from_box is the transposed rotation
+            let yaw = block.rotation[0][1].atan2(block.rotation[0][0]);
+            Cuboid { position: [x, y, z + block.h / 2.0], half_size: [block.l, block.w, block.h / 2.0], yaw }
+        });
+        let wall = |position: f64, axis: usize, sign: f64| {
+            let (mut point, mut normal) = ([0.0; 3], [0.0; 3]);
+            (point[axis], normal[axis]) = (position, sign);
+            Wall { point, normal }
+        };
+        let x = system.wall_x.map(|x| wall(x, 0, 1.0));
+        let y = system.wall_y.map(|y| wall(y, 1, -1.0));
+        let mut scene = Scene::new([0.0, 0.0, -system.g], RADIUS);
+        scene.contact = Contact::Penalty { c: system.c, beta: system.beta, beta_box: system.beta_o };
+        // the paper's spring hangs in empty space
+        scene.floor = (system.floor && system.spring.is_none()).then_some(Floor { height: 0.0 });
+        scene.walls = x.into_iter().chain(y).collect();
+        scene.boxes = boxes.collect();
+        if let Some(spring) = &system.spring {
+            scene.ball.mass = spring.m;
+            scene.spring = Some(Spring { stiffness: spring.k, anchor: [0.0; 3] });
+        }
+        scene.check(&format!("{what}: case `{}`", case.name))?;
+        let start = State { position: Point3::from(case.r0), velocity: Vector3::from(case.v0) };
+        Ok(Self { name: case.name, scene, start, times: case.times })
+    }
+}

@@ -1,0 +1,66 @@
+//! The labels themselves: which to start with, and how noisy they are.
+
+use nalgebra::Vector2;
+
+use super::Observation;
+use super::chain::Chain;
+use super::problem::Problem;
+use super::search::FINAL;
+
+/// Smallest standard deviation of labels that is believed, px.
+pub(super) const SMALLEST_NOISE: f64 = 0.03;
+/// Distance from the neighbours' line, in units of its median, beyond which a label is not used to start with.
+const SUSPECT: f64 = 10.0;
+
+/// Observations without those that lie far off the line of their neighbours in the picture: a first look,
+/// for starts and growth. At the end all labels count, and the loss lets go of outliers.
+pub(super) fn trusted(observations: &[Observation]) -> Vec<Observation> {
+    let seen: Vec<usize> = (0..observations.len()).filter(|&frame| observations[frame].image.is_some()).collect();
+    let at = |index: usize| observations[seen[index]].image.map_or(Vector2::zeros(), |image| image.coords);
+    let line = |index: usize, i: usize, j: usize| {
+        let [t, from, to] = [index, i, j].map(|index| observations[seen[index]].time);
+        at(i) + (at(j) - at(i)) * ((t - from) / (to - from))
+    };
+    // the median of what pairs of neighbours say
+    let deviation = |index: usize| {
+        let pairs = [(-1, 1), (-2, 2), (-2, -1), (1, 2), (-1, 2), (-2, 1)].into_iter();
+        let neighbour = |by: isize| index.checked_add_signed(by).filter(|&other| other < seen.len());
+        let said: Vec<_> = pairs.filter_map(|(i, j)| Some(line(index, neighbour(i)?, neighbour(j)?))).collect();
+        let along = |axis: usize| median(said.iter().map(|point| point[axis]).collect());
+        (at(index) - Vector2::new(along(0), along(1))).norm()
+    };
+    let deviations: Vec<f64> = (0..seen.len()).map(deviation).collect();
+    let limit = SUSPECT * median(deviations.clone()).max(SMALLEST_NOISE);
+    let mut out = observations.to_vec();
+    for (index, _) in deviations.iter().enumerate().filter(|(_, deviation)| **deviation > limit) {
+        out[seen[index]].image = None;
+    }
+    out
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Noise of labels on a smooth track, from its third differences, px.
+pub(super) fn noise_of(observations: &[Observation]) -> f64 {
+    let sizes: Vec<f64> = observations
+        .windows(4)
+        .filter_map(|four| {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|i| four[i].image);
+            let third = (d?.coords - a?.coords) + 3.0 * (b?.coords - c?.coords);
+            Some([third.x.abs(), third.y.abs()])
+        })
+        .flatten()
+        .collect();
+    // median of |N(0, σ√20)|
+    if sizes.is_empty() { 1.0 } else { median(sizes) / 0.6745 / 20.0_f64.sqrt() }
+}
+
+/// Noise of the labels around a trajectory, from the residuals' median, px; not smaller than is believed.
+pub(super) fn residual_noise<const D: usize>(problem: &Problem, chain: &Chain<D>) -> f64 {
+    let residuals = (0..problem.len()).filter_map(|frame| Some(chain.observed(problem, frame, FINAL)?.2));
+    let sizes: Vec<f64> = residuals.flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
+    if sizes.is_empty() { 1.0 } else { (median(sizes) / 0.6745).max(SMALLEST_NOISE) }
+}

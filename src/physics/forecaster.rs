@@ -1,0 +1,314 @@
+//! The forecaster (PAF): where a ball will be, and how that depends on its start.
+
+use std::sync::Arc;
+
+use nalgebra::{Point3, SMatrix, Vector3};
+
+use super::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
+use super::engine::Engine;
+use super::field::{Field, Linear, Partials, Potential};
+use super::forecast::{Forecast, Impact, Options, State, Status};
+use super::guard::moved_out;
+use super::impact::Rigid;
+use super::integrate::Integrator;
+use super::obstacle::Obstacle;
+use super::scene::{Contact, Scene};
+use crate::error::{Error, Result};
+
+/// Widths (1/β) of a soft wall within which the ball is in contact with it.
+const SOFT_WALL_WIDTHS: f64 = 8.0;
+
+/// How a state moves on; the Jacobian is that of its first `D` components.
+#[derive(Debug, Clone)]
+pub(super) struct Transition<const D: usize> {
+    pub end: Column,
+    pub jacobian: SMatrix<f64, D, D>,
+    /// Whether anything is touched on the way.
+    pub contact: bool,
+}
+
+/// The laws of motion in a scene: the paper's physics-aware forecaster.
+///
+/// ```
+/// use gravisight::physics::{Forecaster, Scene, State};
+/// use nalgebra::{Point3, Vector3};
+///
+/// let scene = Scene::from_json(
+///     r#"{"gravity": [0, 0, -9.81], "ball": {"radius": 0.03}, "floor": {"height": 0},
+///         "contact": {"model": "bounce", "restitution": 0.75}}"#, "scene")?;
+/// let start = State { position: Point3::new(0.0, 0.0, 1.0), velocity: Vector3::new(1.0, 0.0, 0.0) };
+/// let forecast = Forecaster::new(&scene)?.forecast_with_jacobians(&start, &[0.1, 0.6]);
+/// assert!(forecast.status.is_whole());
+/// assert_eq!(forecast.impacts.len(), 1);
+/// # Ok::<(), gravisight::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Forecaster {
+    scene: Scene,
+    options: Options,
+    obstacles: Vec<Obstacle>,
+    forwards: Field,
+    backwards: Field,
+}
+
+impl Forecaster {
+    /// The forecaster of a scene, with default options.
+    ///
+    /// # Errors
+    /// As [`Scene::check`].
+    pub fn new(scene: &Scene) -> Result<Self> {
+        scene.check("scene")?;
+        let obstacles = Obstacle::of(scene);
+        let forwards = Field::new(scene, &obstacles, None);
+        let backwards = forwards.reversed();
+        Ok(Self { scene: scene.clone(), options: Options::default(), obstacles, forwards, backwards })
+    }
+
+    /// The same with other options.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a tolerance, step or limit that is not positive.
+    pub fn with_options(mut self, options: Options) -> Result<Self> {
+        let positive = |field: &str, value: f64| match value > 0.0 {
+            true => Ok(()),
+            false => Err(Error::value("forecast options", field, format!("must be greater than zero, not {value}"))),
+        };
+        match options.integrator {
+            Integrator::DormandPrince { rtol, atol } => {
+                positive("rtol", rtol)?;
+                positive("atol", atol)?;
+            }
+            Integrator::RungeKutta4 { step } | Integrator::VelocityVerlet { step } => positive("step", step)?,
+        }
+        positive("max_step", options.max_step)?;
+        positive("region", options.region)?;
+        self.options = options;
+        Ok(self)
+    }
+
+    /// The same with a potential of the user's own on top of the scene's forces.
+    pub fn with_potential(mut self, potential: Arc<dyn Potential>) -> Self {
+        self.forwards = Field::new(&self.scene, &self.obstacles, Some(potential));
+        self.backwards = self.forwards.reversed();
+        self
+    }
+
+    /// The same laws in another scene, options and the user's potential kept.
+    ///
+    /// # Errors
+    /// As [`Scene::check`].
+    pub fn in_scene(&self, scene: &Scene) -> Result<Self> {
+        let other = Self { options: self.options, ..Self::new(scene)? };
+        Ok(match self.forwards.potential() {
+            Some(potential) => other.with_potential(potential.clone()),
+            None => other,
+        })
+    }
+
+    /// The scene.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// Kinetic and potential energy per unit mass, J/kg, without the spin's.
+    pub fn energy(&self, state: &State) -> f64 {
+        0.5 * state.velocity.norm_squared() + self.forwards.potential_energy(&state.position.coords)
+    }
+
+    /// Acceleration of a ball in this state with the scene's spin, m/s².
+    pub fn acceleration(&self, state: &State) -> Vector3<f64> {
+        let spin = self.scene.ball.spin.into();
+        let mut partials = Partials::zero();
+        self.forwards.acceleration::<false>(&state.position.coords, &state.velocity, &spin, &mut partials)
+    }
+
+    /// States at `times`, s after the start (negative: before it), in any order.
+    pub fn forecast(&self, start: &State, times: &[f64]) -> Forecast {
+        self.both_ways::<1>(start, times)
+    }
+
+    /// [`Self::forecast`] with the 6×6 Jacobian of each state by the start, by forward sensitivities.
+    pub fn forecast_with_jacobians(&self, start: &State, times: &[f64]) -> Forecast {
+        self.both_ways::<WITH_JACOBIAN>(start, times)
+    }
+
+    /// [`Self::forecast_with_jacobians`] of many starts; natively in parallel.
+    pub fn forecast_batch(&self, starts: &[State], times: &[f64]) -> Vec<Forecast> {
+        #[cfg(not(target_arch = "wasm32"))]
+        {
+            use rayon::prelude::*;
+            starts.par_iter().map(|start| self.forecast_with_jacobians(start, times)).collect()
+        }
+        #[cfg(target_arch = "wasm32")]
+        starts.iter().map(|start| self.forecast_with_jacobians(start, times)).collect()
+    }
+
+    /// Position, velocity and spin `dt` s later (negative: earlier), with the Jacobian of the first `D`
+    /// components (6 or 9); `None` where the forecast stops before.
+    pub(super) fn transition<const D: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
+        match D {
+            6 => self.transition_of::<D, WITH_JACOBIAN>(start, dt),
+            _ => self.transition_of::<D, WITH_SPIN_JACOBIAN>(start, dt),
+        }
+    }
+
+    fn transition_of<const D: usize, const M: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
+        if !start.iter().all(|value| value.is_finite()) {
+            return None;
+        }
+        let parts = [0, 1, 2].map(|index| part(start, index));
+        let columns = Columns::<M>::start(parts[0], parts[1], parts[2]);
+        let (columns, _) = moved_out(&self.scene, &self.obstacles, &columns);
+        let times = [dt.abs()];
+        let backwards = dt < 0.0;
+        let columns = if backwards { mirrored(&columns) } else { columns };
+        let mut engine = self.engine(columns, &times, backwards);
+        let status = engine.run();
+        if !status.is_whole() {
+            return None;
+        }
+        let contact = !engine.impacts.is_empty();
+        let end = engine.out.first().map(|y| if backwards { mirrored(y) } else { *y })?;
+        let touches = |column: &Column| self.touches(&part(column, 0));
+        Some(Transition {
+            contact: contact || touches(start) || touches(&end.0[0]),
+            end: end.0[0],
+            jacobian: SMatrix::from_fn(|row, column| end.0[column + 1][row]),
+        })
+    }
+
+    /// Whether a ball here is in contact with anything.
+    fn touches(&self, position: &Vector3<f64>) -> bool {
+        let reach = match self.scene.contact {
+            Contact::Penalty { beta, beta_box, .. } => SOFT_WALL_WIDTHS / beta.min(beta_box),
+            _ => self.scene.ball.radius + 1e-9,
+        };
+        self.obstacles.iter().any(|obstacle| obstacle.distance(position) < reach)
+    }
+
+    /// Accelerations that have a closed form; contacts, drag, spin and the user's potential left out.
+    pub(super) fn linear_part(&self) -> Linear {
+        self.forwards.linear_part()
+    }
+
+    /// The accelerations that [`Self::linear_part`] leaves out, contacts excepted, m/s².
+    pub(super) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+        let spin = self.scene.ball.spin.into();
+        self.forwards.nonlinear_acceleration(r, v, &spin)
+    }
+
+    /// Runs forwards and backwards as `times` ask, and puts the states into their order.
+    fn both_ways<const M: usize>(&self, start: &State, times: &[f64]) -> Forecast {
+        let empty = Forecast {
+            states: vec![],
+            jacobians: vec![],
+            impacts: vec![],
+            status: Status::NotFinite { time: 0.0 },
+            moved: None,
+            steps: 0,
+        };
+        let finite = start.position.iter().chain(start.velocity.iter()).chain(times).all(|value| value.is_finite());
+        if !finite {
+            return empty;
+        }
+        let columns = Columns::<M>::start(start.position.coords, start.velocity, self.scene.ball.spin.into());
+        let (columns, moved) = moved_out(&self.scene, &self.obstacles, &columns);
+        let mut order: Vec<usize> = (0..times.len()).collect();
+        order.sort_by(|&a, &b| times[a].total_cmp(&times[b]));
+        let split = order.partition_point(|&index| times[index] < 0.0);
+        let past: Vec<f64> = order[..split].iter().rev().map(|&index| -times[index]).collect();
+        let future: Vec<f64> = order[split..].iter().map(|&index| times[index]).collect();
+        let (earlier, mut forecast) = (self.one_way(&columns, &past, true), self.one_way(&columns, &future, false));
+        let mut places: Vec<usize> = order[..split].iter().rev().copied().collect();
+        places.truncate(earlier.states.len());
+        places.extend(order[split..].iter().take(forecast.states.len()));
+        forecast.states = earlier.states.iter().chain(&forecast.states).copied().collect();
+        forecast.jacobians = earlier.jacobians.iter().chain(&forecast.jacobians).copied().collect();
+        forecast.impacts = earlier.impacts.iter().rev().chain(&forecast.impacts).copied().collect();
+        forecast.steps += earlier.steps;
+        if !matches!(earlier.status, Status::Ok) && forecast.status.is_whole() {
+            forecast.status = earlier.status;
+        }
+        if forecast.status == Status::Ok && moved.is_some() {
+            forecast.status = Status::StartInside;
+        }
+        forecast.moved = moved;
+        in_order(&mut forecast, &places);
+        forecast
+    }
+
+    fn engine<'a, const M: usize>(&'a self, start: Columns<M>, times: &'a [f64], backwards: bool) -> Engine<'a, M> {
+        let ball = &self.scene.ball;
+        let (restitution, friction) = match self.scene.contact {
+            Contact::Bounce { restitution, friction } => (restitution, friction),
+            _ => (1.0, 0.0),
+        };
+        let restitution = if backwards { 1.0 / restitution } else { restitution };
+        Engine {
+            field: if backwards { &self.backwards } else { &self.forwards },
+            obstacles: &self.obstacles,
+            contact: &self.scene.contact,
+            rigid: Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor },
+            options: &self.options,
+            backwards,
+            times,
+            y: start,
+            t: 0.0,
+            h: self.options.max_step,
+            steps: 0,
+            out: Vec::with_capacity(times.len()),
+            impacts: vec![],
+            irreversible: None,
+        }
+    }
+
+    fn one_way<const M: usize>(&self, start: &Columns<M>, times: &[f64], backwards: bool) -> Forecast {
+        let start = if backwards { mirrored(start) } else { *start };
+        let mut engine = self.engine(start, times, backwards);
+        let status = engine.run();
+        engine.out.retain(Columns::is_finite);
+        let sign = if backwards { -1.0 } else { 1.0 };
+        let out: Vec<Columns<M>> = engine.out.iter().map(|y| if backwards { mirrored(y) } else { *y }).collect();
+        let impacts = engine.impacts.iter().map(|impact| Impact {
+            time: sign * impact.time,
+            time_gradient: impact.time_gradient.map(|by| sign * by),
+            ..*impact
+        });
+        let state = |y: &Columns<M>| State { position: Point3::from(y.position()), velocity: y.velocity() };
+        Forecast {
+            states: out.iter().map(state).collect(),
+            jacobians: if M == 1 { vec![] } else { out.iter().map(Columns::jacobian).collect() },
+            impacts: impacts.collect(),
+            status: match status {
+                Status::Irreversible { time } => Status::Irreversible { time: sign * time },
+                Status::StepLimit { time } => Status::StepLimit { time: sign * time },
+                Status::LeftRegion { time } => Status::LeftRegion { time: sign * time },
+                Status::NotFinite { time } => Status::NotFinite { time: sign * time },
+                whole => whole,
+            },
+            moved: None,
+            steps: engine.steps,
+        }
+    }
+}
+
+/// (r, −v, −ω), in every column: the state as time runs the other way.
+fn mirrored<const M: usize>(y: &Columns<M>) -> Columns<M> {
+    let mut out = *y;
+    for values in &mut out.0 {
+        for value in &mut values[3..] {
+            *value = -*value;
+        }
+    }
+    out
+}
+
+/// Puts states (and Jacobians) into the order of the times asked for; after an early stop, in ascending order of place.
+fn in_order(forecast: &mut Forecast, places: &[usize]) {
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by_key(|&index| places[index]);
+    forecast.states = order.iter().map(|&index| forecast.states[index]).collect();
+    if !forecast.jacobians.is_empty() {
+        forecast.jacobians = order.iter().map(|&index| forecast.jacobians[index]).collect();
+    }
+}
