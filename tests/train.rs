@@ -12,10 +12,13 @@ use burn::tensor::{Device, Tensor, TensorData};
 use common::{formula, formula_tensor, root, safetensors_of, scratch, vector};
 use gravisight::error::Error;
 use gravisight::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
+use gravisight::physics::{Forecaster, Scene, State};
 use gravisight::train::ema::Ema;
+use gravisight::train::forecast::forecast;
 use gravisight::train::loss::{HeatmapLoss, Labels, labels_3d};
 use gravisight::train::run::{self, Progress};
 use gravisight::train::step::{Batch, StepOptions, step};
+use nalgebra::{Point3, Vector3};
 
 const CROSS_ENTROPY: HeatmapLoss = HeatmapLoss::CrossEntropy { sigma: 4.0 };
 
@@ -376,4 +379,68 @@ fn the_average_moves_by_its_decay_from_a_tenth_up() {
         let moved = f64::from(stem(ema.model()) - start);
         assert!((moved - (1.0 - decay)).abs() < 1e-3, "{updates}: {moved}");
     }
+}
+
+/// A mean of squared positions and velocities, as a loss would be: its value and its gradient by the starts.
+fn loss_through_forecast(starts: &[f32], scene: &Scene, times: &[f64]) -> (f64, Vec<f32>) {
+    let device = Device::flex().autodiff();
+    let batch = starts.len() / 6;
+    let tensor = Tensor::<2>::from_data(TensorData::new(starts.to_vec(), [batch, 6]), &device).require_grad();
+    let forecaster = Forecaster::new(scene).unwrap();
+    let forecasts = pollster::block_on(forecast(tensor.clone(), &forecaster, times)).unwrap();
+    let loss = forecasts.states.powi_scalar(2).sum();
+    let value = f64::from(loss.clone().into_scalar::<f32>());
+    let gradients = loss.backward();
+    (value, tensor.grad(&gradients).unwrap().into_data().iter::<f32>().collect())
+}
+
+#[test]
+fn gradients_flow_through_the_forecast_and_its_contacts() {
+    let scene = Scene::from_json(
+        r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2}, "contact": {"model": "spring"}, "floor": {"height": 0}}"#,
+        "scene",
+    );
+    let (scene, times) = (scene.unwrap(), [-0.2, 0.5, 1.0]);
+    // one that bounces, one that flies
+    let starts = [0.3, -0.2, 0.6, 0.4, 0.1, -0.5, -0.5, 0.4, 2.0, 0.2, -0.3, 0.6_f32];
+    let (_, gradient) = loss_through_forecast(&starts, &scene, &times);
+    // differences of the same sum in f64, without tensors
+    let loss = |starts: &[f64]| -> f64 {
+        let forecaster = Forecaster::new(&scene).unwrap();
+        let of = |n: &[f64]| {
+            let start = State { position: Point3::new(n[0], n[1], n[2]), velocity: Vector3::new(n[3], n[4], n[5]) };
+            let forecast = forecaster.forecast(&start, &times);
+            forecast.states.iter().map(|s| s.position.coords.norm_squared() + s.velocity.norm_squared()).sum::<f64>()
+        };
+        starts.chunks_exact(6).map(of).sum()
+    };
+    for index in 0..starts.len() {
+        let at = |by: f64| {
+            let mut starts = starts.map(f64::from);
+            starts[index] += by;
+            loss(&starts)
+        };
+        let expected = (at(1e-5) - at(-1e-5)) / 2e-5;
+        let found = f64::from(gradient[index]);
+        assert!((found - expected).abs() < 1e-4 * (1.0 + expected.abs()), "{index}: {found} {expected}");
+    }
+}
+
+#[test]
+fn a_forecast_that_fails_has_no_value_and_no_gradient() {
+    let scene = Scene::from_json(r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2}}"#, "scene").unwrap();
+    let device = Device::flex().autodiff();
+    let starts = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, f32::NAN, 0.0, 1.0, 0.0, 0.0, 0.0];
+    let tensor = Tensor::<2>::from_data(TensorData::new(starts.to_vec(), [2, 6]), &device);
+    let tensor = tensor.require_grad();
+    let forecasts = pollster::block_on(forecast(tensor.clone(), &Forecaster::new(&scene).unwrap(), &[0.5])).unwrap();
+    let states: Vec<f32> = forecasts.states.clone().into_data().iter().collect();
+    assert!(
+        states[..6].iter().any(|value| *value != 0.0) && states[6..].iter().all(|value| *value == 0.0),
+        "{states:?}"
+    );
+    let gradient = tensor.grad(&forecasts.states.sum().backward()).unwrap();
+    assert!(gradient.into_data().iter::<f32>().skip(6).all(|value| value == 0.0));
+    assert_eq!(forecasts.valid.into_data().iter::<f32>().collect::<Vec<_>>(), [1.0, 0.0]);
+    assert!(forecasts.statuses[1].code() == "not-finite");
 }

@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::physics::{Fit, Observation};
 
+/// The columns of a file.
+const COLUMNS: [&str; 4] = ["Frame", "Visibility", "X", "Y"];
 /// Longest run of frames that a file may leave out: they are filled in as frames without the ball.
 const LONGEST_GAP: u64 = 1000;
 
@@ -68,6 +70,13 @@ impl Track {
     /// not ascend, a position that is not finite, or too long a gap.
     pub fn from_csv(text: &str, what: &str) -> Result<Self> {
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+        let header = reader.headers().map_err(Error::format(what))?.clone();
+        if !COLUMNS.iter().all(|column| header.iter().any(|found| found == *column)) {
+            let found: Vec<&str> = header.iter().take(COLUMNS.len()).collect();
+            let message =
+                format!("no 2D track: the first line must be {}, not {}…", COLUMNS.join(","), found.join(","));
+            return Err(Error::Format { what: what.into(), message });
+        }
         let points: Vec<TrackPoint> = reader.deserialize().collect::<csv::Result<_>>().map_err(Error::format(what))?;
         for (index, point) in points.iter().enumerate() {
             let line = format!("{what}: line {}", index + 2);

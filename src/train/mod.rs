@@ -5,6 +5,7 @@
 
 pub mod config;
 pub mod ema;
+pub mod forecast;
 pub mod loss;
 pub mod step;
 
