@@ -1,0 +1,122 @@
+//! Time of a forecast with its Jacobian, one thread, and its ratio to torchdiffeq and diffrax on the same starts.
+//!
+//! `benches/forecast` prepares the peers and runs this; without them (`cargo bench --bench forecast`) only our
+//! own times are printed.
+
+use std::hint::black_box;
+use std::io::Write as _;
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use gravisight::physics::{Contact, Forecaster, Integrator, Options, Scene, State};
+use nalgebra::{Point3, Vector3};
+use serde_json::{Value, json};
+
+const ROUNDS: usize = 200;
+const RTOL: f64 = 1e-6;
+const FRAMES: u32 = 15;
+const STARTS: usize = 24;
+
+/// Starts from the simulator's clips in scene 1, spread over their frames.
+fn starts() -> (Scene, Vec<State>) {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/tracks.json");
+    let tracks: Value = serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap();
+    let in_scene_1 = tracks.as_array().unwrap().iter().filter(|track| track["id"].as_str().unwrap().contains("env1"));
+    let vector = |value: &Value| Vector3::from_iterator(value.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()));
+    let first = tracks[0]["scene"].clone();
+    let states = in_scene_1.flat_map(|track| {
+        [7, 31, 55].map(|frame| State {
+            position: Point3::from(vector(&track["world"][frame])),
+            velocity: vector(&track["velocity"][frame]),
+        })
+    });
+    (Scene::from_json(&first.to_string(), "scene").unwrap(), states.take(STARTS).collect())
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// Median seconds of one forecast, Jacobian included if `jacobian`.
+fn seconds(forecaster: &Forecaster, starts: &[State], times: &[f64], jacobian: bool) -> f64 {
+    let round = || {
+        let begin = Instant::now();
+        for start in starts {
+            match jacobian {
+                true => black_box(forecaster.forecast_with_jacobians(black_box(start), times)),
+                false => black_box(forecaster.forecast(black_box(start), times)),
+            };
+        }
+        begin.elapsed().as_secs_f64() / starts.len() as f64
+    };
+    median((0..ROUNDS).map(|_| round()).collect())
+}
+
+fn main() {
+    let (scene, starts) = starts();
+    let times: Vec<f64> = (1..=FRAMES).map(|frame| f64::from(frame) / 15.0).collect();
+    let paper = Contact::Penalty { c: 1000.0, beta: 50.0, beta_box: 50.0 };
+    let models = [
+        ("penalty", paper.clone(), 0.0, 100.0),
+        ("spring", Contact::Spring { stiffness: 1000.0 }, 0.0, 100.0),
+        ("spring, drag", Contact::Spring { stiffness: 1000.0 }, 0.4, 100.0),
+        ("bounce", Contact::Bounce { restitution: 0.8, friction: 0.2 }, 0.0, 10.0),
+        ("bounce, drag", Contact::Bounce { restitution: 0.8, friction: 0.2 }, 0.4, f64::INFINITY),
+    ];
+    let integrator = Integrator::DormandPrince { rtol: RTOL, atol: RTOL };
+    let options = Options { integrator, ..Options::default() };
+    println!(
+        "one forecast to {FRAMES} frames at 15 fps, one thread, rtol {RTOL:e}: median of {ROUNDS} rounds over {STARTS} starts"
+    );
+    println!("{:14} {:>12} {:>15} {:>12}", "model", "states µs", "+ Jacobians µs", "at most µs");
+    let mut ours = 0.0;
+    for (name, contact, drag, limit) in models {
+        let mut scene = scene.clone();
+        (scene.contact, scene.ball.drag_coefficient) = (contact, drag);
+        let forecaster = Forecaster::new(&scene).unwrap().with_options(options).unwrap();
+        let [plain, full] = [false, true].map(|jacobian| 1e6 * seconds(&forecaster, &starts, &times, jacobian));
+        let limit = if limit.is_finite() { format!("{limit:.0}") } else { "-".into() };
+        println!("{name:14} {plain:12.1} {full:15.1} {limit:>12}");
+        if name == "penalty" {
+            ours = full * 1e-6 * STARTS as f64;
+        }
+    }
+    let Some(python) = std::env::var_os("GRAVISIGHT_PEERS") else { return };
+    let mut penalty = scene.clone();
+    penalty.contact = paper;
+    let states: Vec<Vec<f64>> =
+        starts.iter().map(|s| s.position.iter().chain(s.velocity.iter()).copied().collect()).collect();
+    let job = json!({"scene": penalty, "starts": states, "times": times, "rtol": RTOL, "atol": RTOL,
+        "max_step": options.max_step, "rounds": 50});
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/forecast.py");
+    let mut peer = Command::new(python).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    peer.stdin.take().unwrap().write_all(job.to_string().as_bytes()).unwrap();
+    let output = peer.wait_with_output().unwrap();
+    assert!(output.status.success(), "the peers failed");
+    let peers: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let forecaster = Forecaster::new(&penalty).unwrap().with_options(options).unwrap();
+    println!("\npenalty, all {STARTS} starts; ours: states and all Jacobians in {:.2} ms", 1e3 * ours);
+    println!(
+        "{:12} {:>9} {:>9} {:>22} {:>22} {:>14}",
+        "peer", "states ms", "ratio", "+ one backward ms, ratio", "+ Jacobians ms, ratio", "differs by mm"
+    );
+    for (name, peer) in peers.as_object().unwrap() {
+        let time = |job: &str| peer[job].as_f64().unwrap();
+        let end = |index: usize| {
+            let r = forecaster.forecast(&starts[index], &times).states[FRAMES as usize - 1].position;
+            (0..3).map(|axis| (r[axis] - peer["end"][index][axis].as_f64().unwrap()).powi(2)).sum::<f64>().sqrt()
+        };
+        let off = median((0..starts.len()).map(end).collect());
+        println!(
+            "{name:12} {:9.1} {:8.0}× {:14.1} {:8.0}× {:13.1} {:8.0}× {:14.4}",
+            1e3 * time("forward"),
+            time("forward") / ours,
+            1e3 * time("gradient"),
+            time("gradient") / ours,
+            1e3 * time("jacobian"),
+            time("jacobian") / ours,
+            1e3 * off,
+        );
+    }
+}
