@@ -7,7 +7,7 @@ use super::columns::{Columns, part};
 use super::field::{Field, Flow, Linear, Pressing};
 use super::forecast::{Impact, Options, Status};
 use super::impact::{Rigid, contact_time_change};
-use super::integrate::{Method as _, Step};
+use super::integrate::{Integrator, Method as _, Step};
 use super::obstacle::{Obstacle, Shape, into_box};
 use super::rest::{Support, normal_reaction};
 use super::scene::Contact;
@@ -17,6 +17,9 @@ use super::scene::Contact;
 pub(super) const REST_SPEED: f64 = 1e-3;
 /// Time by which a ball that presses on is let pass a face's rim, s.
 const EDGE_HAIR: f64 = 1e-12;
+/// Share of the absolute tolerance, and size (m/s² · 1/m), below which a soft wall's force is not felt.
+const SOFT_SHARE: f64 = 1e-2;
+const SOFT_FORCE: f64 = 1e-8;
 /// Widths of a soft wall that one step may cross unseen.
 const SOFT_WALL_WIDTHS: f64 = 8.0;
 /// Relative accuracy of a located crossing within its step.
@@ -50,6 +53,8 @@ pub(crate) struct Engine<'a, const M: usize> {
     pub t: f64,
     /// Step that the error allowed last, s.
     pub h: f64,
+    /// The slope at `y`, where the last step has left it and the forces are still its.
+    pub slope: Option<Columns<M>>,
     pub steps: usize,
     pub out: Vec<Columns<M>>,
     pub impacts: Vec<Impact>,
@@ -121,7 +126,7 @@ impl<const M: usize> Engine<'_, M> {
     /// A step of at most `longest` s whose error is in bounds, or `None` where no step is small enough.
     pub(super) fn trial(&mut self, flow: &impl Flow, longest: f64) -> Option<Step<M>> {
         let integrator = self.options.integrator;
-        let slope = flow.derivative(&self.y);
+        let slope = self.slope.take().unwrap_or_else(|| flow.derivative(&self.y));
         let cap = longest.min(self.options.max_step).min(integrator.max_step()).min(self.to_next());
         let mut h = self.h.min(cap);
         loop {
@@ -157,9 +162,19 @@ impl<const M: usize> Engine<'_, M> {
     }
 
     fn smooth(&mut self) -> Phase {
-        // No step may jump over a wall: the ball must see it on the way.
         let r = self.y.position();
         let clear = self.obstacles.iter().map(|o| o.distance(&r)).fold(f64::INFINITY, f64::min);
+        let reach = self.soft_reach();
+        if clear > reach
+            && let Some(linear) = self.closed_form()
+        {
+            // where no soft wall is felt, an arc
+            let arc = Arc { linear, spin_decay: self.field.spin_decay(), press: None };
+            let duration = self.times.last().map_or(0.0, |last| last - self.t);
+            self.follow(&arc, &[], reach, duration);
+            return Phase::Smooth;
+        }
+        // No step may jump over a wall: the ball must see it on the way.
         let sharpness = match *self.contact {
             Contact::Penalty { beta, beta_box, .. } => beta.min(beta_box),
             _ => 1.0,
@@ -167,23 +182,38 @@ impl<const M: usize> Engine<'_, M> {
         let longest = (clear.max(0.0) + SOFT_WALL_WIDTHS / sharpness) / self.y.velocity().norm();
         let field = self.field;
         match self.trial(field, longest) {
-            Some(step) => self.commit(&step),
+            Some(step) => {
+                self.commit(&step);
+                self.slope = Some(step.last);
+            }
             None => self.stuck(),
         }
         Phase::Smooth
+    }
+
+    /// Distance from the paper's soft obstacles beyond which their forces are below the solver's tolerance, m.
+    fn soft_reach(&self) -> f64 {
+        let Contact::Penalty { c, beta, beta_box } = *self.contact else { return 0.0 };
+        let tolerance = match self.options.integrator {
+            Integrator::DormandPrince { atol, .. } => (SOFT_SHARE * atol).min(SOFT_FORCE),
+            _ => SOFT_FORCE * SOFT_SHARE,
+        };
+        let strongest = c.max(self.field.gravity.norm()).max(1.0);
+        let reach = |beta: f64| (strongest * beta.max(1.0) / tolerance).ln().max(0.0) / beta;
+        reach(beta).max(reach(beta_box))
     }
 
     fn closed_form(&self) -> Option<Linear> {
         self.options.closed_forms.then(|| self.field.linear(&self.y.spin())).flatten()
     }
 
-    /// Follows an arc for `duration` s, or to the first contact with an obstacle not in `skip`, and returns that.
-    fn follow(&mut self, arc: &Arc, skip: &[usize], duration: f64) -> Option<usize> {
+    /// Follows an arc for `duration` s, or to where a ball of `radius` touches an obstacle not in `skip`, and returns that.
+    fn follow(&mut self, arc: &Arc, skip: &[usize], radius: f64, duration: f64) -> Option<usize> {
         let (start, begin, head) = (self.y, self.t, self.head());
         let (r, v) = (start.position(), start.velocity());
         let path = |t: f64| arc.state_at(&head, t);
         let (a, bound) = (arc.acceleration(&r), arc.acceleration_bound(&r, &v));
-        let contact = first_contact(self.obstacles, skip, self.rigid.radius, path, &a, bound, duration);
+        let contact = first_contact(self.obstacles, skip, radius, path, &a, bound, duration);
         let passed = contact.map_or(duration, |(t, _)| t);
         let until = begin + passed;
         while let Some(&time) = self.times.get(self.out.len()).filter(|&&time| time <= until) {
@@ -223,7 +253,7 @@ impl<const M: usize> Engine<'_, M> {
         }
         let released = duration == release;
         let mut active = active.to_vec();
-        if let Some(other) = self.follow(&arc, &[index], duration) {
+        if let Some(other) = self.follow(&arc, &[index], radius, duration) {
             active[other] = true;
             self.record(other);
         } else if released {
@@ -249,7 +279,9 @@ impl<const M: usize> Engine<'_, M> {
         if let Some(linear) = self.closed_form() {
             let arc = Arc { linear, spin_decay: field.spin_decay(), press: None };
             let duration = self.times.last().map_or(0.0, |last| last - self.t);
-            return self.follow(&arc, &[], duration).map_or(Phase::Flight, |obstacle| self.touch(obstacle));
+            return self
+                .follow(&arc, &[], self.rigid.radius, duration)
+                .map_or(Phase::Flight, |obstacle| self.touch(obstacle));
         }
         let Some(step) = self.trial(field, f64::INFINITY) else {
             self.stuck();
@@ -263,6 +295,7 @@ impl<const M: usize> Engine<'_, M> {
         let contact = first_contact(self.obstacles, &[], self.rigid.radius, path, &a, bound, step.h);
         let Some((time, obstacle)) = contact else {
             self.commit(&step);
+            self.slope = Some(step.last);
             return Phase::Flight;
         };
         if time > 0.0 {
@@ -364,6 +397,7 @@ impl<const M: usize> Engine<'_, M> {
         }
         let Some((theta, index)) = first else {
             self.commit(&step);
+            self.slope = Some(step.last);
             return Phase::Pressed(active);
         };
         let step = self.shortened(&pressing, step, theta);

@@ -110,10 +110,11 @@ impl Field {
         Self { drag: -self.drag, spin_decay: -self.spin_decay, ..self.clone() }
     }
 
-    /// Whether away from obstacles the motion has a closed form for a ball of this spin.
+    /// The motion away from obstacles (and out of reach of soft ones), where it has a closed form for a ball of
+    /// this spin.
     pub fn linear(&self, spin: &Vector3<f64>) -> Option<Linear> {
         let magnus = self.lift != 0.0 && *spin != Vector3::zeros();
-        if self.drag != 0.0 || magnus || self.potential.is_some() || matches!(self.contact, Contact::Penalty { .. }) {
+        if self.drag != 0.0 || magnus || self.potential.is_some() {
             return None;
         }
         Some(self.linear_part())
@@ -303,9 +304,13 @@ impl Field {
     pub fn slope<const M: usize>(&self, y: &Columns<M>, a: Vector3<f64>, partials: &Partials) -> Columns<M> {
         let mut slope = Columns([[0.0; 9]; M]);
         slope.0[0] = column(y.velocity(), a, -self.spin_decay * y.spin());
+        let by_position_only = self.drag == 0.0 && self.lift == 0.0;
         for (out, sensitivity) in slope.0.iter_mut().zip(&y.0).skip(1) {
             let (dr, dv, dw) = (part(sensitivity, 0), part(sensitivity, 1), part(sensitivity, 2));
-            let da = partials.position * dr + partials.velocity * dv + partials.spin * dw;
+            let mut da = partials.position * dr;
+            if !by_position_only {
+                da += partials.velocity * dv + partials.spin * dw;
+            }
             *out = column(dv, da, -self.spin_decay * dw);
         }
         slope

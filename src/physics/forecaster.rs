@@ -255,6 +255,7 @@ impl Forecaster {
             y: start,
             t: 0.0,
             h: self.options.max_step,
+            slope: None,
             steps: 0,
             out: Vec::with_capacity(times.len()),
             impacts: vec![],
