@@ -38,14 +38,14 @@ impl<const M: usize> Columns<M> {
         columns
     }
 
-    /// `self + Σ factor·slope`.
+    /// `self + Σ factor·slope` in the first `R` components of each column; the others stay.
     #[inline(always)]
-    pub fn plus<const K: usize>(&self, terms: [(f64, &Self); K]) -> Self {
+    pub fn plus<const R: usize, const K: usize>(&self, terms: [(f64, &Self); K]) -> Self {
         let mut sum = *self;
-        for (target, column) in sum.0.iter_mut().enumerate().map(|(index, column)| (column, index)) {
-            for (component, value) in target.iter_mut().enumerate() {
+        for (index, column) in sum.0.iter_mut().enumerate() {
+            for (component, value) in column.iter_mut().enumerate().take(R) {
                 for (factor, slope) in terms {
-                    *value += factor * slope.0[column][component];
+                    *value += factor * slope.0[index][component];
                 }
             }
         }

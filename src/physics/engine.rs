@@ -7,7 +7,7 @@ use super::columns::{Columns, part};
 use super::field::{Field, Flow, Linear, Pressing};
 use super::forecast::{Impact, Options, Status};
 use super::impact::{Rigid, contact_time_change};
-use super::integrate::{Integrator, Method as _, Step};
+use super::integrate::{Integrator, Step};
 use super::obstacle::{Obstacle, Shape, into_box};
 use super::rest::{Support, normal_reaction};
 use super::scene::Contact;
@@ -17,9 +17,9 @@ use super::scene::Contact;
 pub(super) const REST_SPEED: f64 = 1e-3;
 /// Time by which a ball that presses on is let pass a face's rim, s.
 const EDGE_HAIR: f64 = 1e-12;
-/// Share of the absolute tolerance, and size (m/s² · 1/m), below which a soft wall's force is not felt.
-const SOFT_SHARE: f64 = 1e-2;
-const SOFT_FORCE: f64 = 1e-8;
+/// Largest force (m/s²), and largest gradient of it (1/s²), of a soft wall that is not felt; and with fixed steps.
+const SOFT_FORCE: f64 = 1e-6;
+const SOFT_FORCE_OF_STEPS: f64 = 1e-12;
 /// Widths of a soft wall that one step may cross unseen.
 const SOFT_WALL_WIDTHS: f64 = 8.0;
 /// Relative accuracy of a located crossing within its step.
@@ -76,12 +76,16 @@ impl<const M: usize> Engine<'_, M> {
                 return Status::StepLimit { time: self.t };
             }
             self.steps += 1;
+            let before = std::mem::discriminant(&phase);
             phase = match phase {
                 Phase::Smooth => self.smooth(),
                 Phase::Flight => self.flight(),
                 Phase::Pressed(active) => self.pressed(active),
                 Phase::Carried(support) => self.carried(support),
             };
+            if std::mem::discriminant(&phase) != before {
+                self.slope = None; // other forces
+            }
         }
         match (self.out.last().is_none_or(Columns::is_finite), self.irreversible) {
             (false, _) => Status::NotFinite { time: self.t },
@@ -195,8 +199,8 @@ impl<const M: usize> Engine<'_, M> {
     fn soft_reach(&self) -> f64 {
         let Contact::Penalty { c, beta, beta_box } = *self.contact else { return 0.0 };
         let tolerance = match self.options.integrator {
-            Integrator::DormandPrince { atol, .. } => (SOFT_SHARE * atol).min(SOFT_FORCE),
-            _ => SOFT_FORCE * SOFT_SHARE,
+            Integrator::DormandPrince { atol, .. } => atol.min(SOFT_FORCE),
+            _ => SOFT_FORCE_OF_STEPS,
         };
         let strongest = c.max(self.field.gravity.norm()).max(1.0);
         let reach = |beta: f64| (strongest * beta.max(1.0) / tolerance).ln().max(0.0) / beta;
@@ -219,8 +223,7 @@ impl<const M: usize> Engine<'_, M> {
         while let Some(&time) = self.times.get(self.out.len()).filter(|&&time| time <= until) {
             self.out.push(arc.at(&start, time - begin));
         }
-        self.y = arc.at(&start, passed);
-        self.t = until;
+        (self.y, self.t, self.slope) = (arc.at(&start, passed), until, None);
         contact.map(|(_, obstacle)| obstacle)
     }
 

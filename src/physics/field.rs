@@ -37,6 +37,8 @@ pub trait Potential: Send + Sync + std::fmt::Debug {
 pub(crate) trait Flow {
     /// Time derivative of the state and of its sensitivities (the variational equations).
     fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M>;
+    /// Whether the spin changes, or acts.
+    fn spins(&self) -> bool;
 }
 
 /// ∂(acceleration)/∂(position, velocity, spin).
@@ -279,9 +281,17 @@ impl Flow for Field {
         };
         self.slope(y, a, &partials)
     }
+
+    fn spins(&self) -> bool {
+        self.spin_decay != 0.0 || self.lift != 0.0
+    }
 }
 
 impl Flow for Pressing<'_> {
+    fn spins(&self) -> bool {
+        self.field.spins()
+    }
+
     #[inline]
     fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
         let mut partials = Partials::zero();

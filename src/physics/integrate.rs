@@ -52,13 +52,57 @@ pub(crate) struct Step<const M: usize> {
 }
 
 /// A way to make one step.
-pub(crate) trait Method {
+trait Method {
+    /// A step of `h` s from `y`, whose slope is `slope`, in the first `R` components of each column.
+    fn step<const M: usize, const R: usize>(
+        &self,
+        flow: &impl Flow,
+        y: &Columns<M>,
+        slope: &Columns<M>,
+        h: f64,
+    ) -> Step<M>;
+}
+
+impl Integrator {
     /// A step of `h` s from `y`, whose slope is `slope`.
-    fn step<const M: usize>(&self, flow: &impl Flow, y: &Columns<M>, slope: &Columns<M>, h: f64) -> Step<M>;
+    #[inline]
+    pub(super) fn step<const M: usize>(&self, flow: &impl Flow, y: &Columns<M>, slope: &Columns<M>, h: f64) -> Step<M> {
+        match flow.spins() {
+            true => self.step_of::<M, 9>(flow, y, slope, h),
+            false => self.step_of::<M, 6>(flow, y, slope, h),
+        }
+    }
+
+    #[inline]
+    fn step_of<const M: usize, const R: usize>(
+        &self,
+        flow: &impl Flow,
+        y: &Columns<M>,
+        slope: &Columns<M>,
+        h: f64,
+    ) -> Step<M> {
+        match *self {
+            Self::DormandPrince { rtol, atol } => DormandPrince { rtol, atol }.step::<M, R>(flow, y, slope, h),
+            Self::RungeKutta4 { .. } => RungeKutta4.step::<M, R>(flow, y, slope, h),
+            Self::VelocityVerlet { .. } => VelocityVerlet.step::<M, R>(flow, y, slope, h),
+        }
+    }
+
     /// Longest step, s.
-    fn max_step(&self) -> f64;
+    pub(super) fn max_step(&self) -> f64 {
+        match *self {
+            Self::DormandPrince { .. } => f64::INFINITY,
+            Self::RungeKutta4 { step } | Self::VelocityVerlet { step } => step,
+        }
+    }
+
     /// Factor for the next step after one with this error.
-    fn growth(&self, error: f64) -> f64;
+    pub(super) fn growth(&self, error: f64) -> f64 {
+        match self {
+            Self::DormandPrince { .. } => (0.9 * error.max(1e-10).powf(-0.2)).clamp(0.2, 5.0),
+            Self::RungeKutta4 { .. } | Self::VelocityVerlet { .. } => f64::INFINITY,
+        }
+    }
 }
 
 impl<const M: usize> Step<M> {
@@ -118,14 +162,26 @@ struct DormandPrince {
 
 impl Method for DormandPrince {
     #[inline]
-    fn step<const M: usize>(&self, flow: &impl Flow, y: &Columns<M>, k1: &Columns<M>, h: f64) -> Step<M> {
+    fn step<const M: usize, const R: usize>(
+        &self,
+        flow: &impl Flow,
+        y: &Columns<M>,
+        k1: &Columns<M>,
+        h: f64,
+    ) -> Step<M> {
         let a = tableau::A.map(|row| row.map(|factor| factor * h));
-        let k2 = &flow.derivative(&y.plus([(a[0][0], k1)]));
-        let k3 = &flow.derivative(&y.plus([(a[1][0], k1), (a[1][1], k2)]));
-        let k4 = &flow.derivative(&y.plus([(a[2][0], k1), (a[2][1], k2), (a[2][2], k3)]));
-        let k5 = &flow.derivative(&y.plus([(a[3][0], k1), (a[3][1], k2), (a[3][2], k3), (a[3][3], k4)]));
-        let k6 = &flow.derivative(&y.plus([(a[4][0], k1), (a[4][1], k2), (a[4][2], k3), (a[4][3], k4), (a[4][4], k5)]));
-        let end = y.plus([(a[5][0], k1), (a[5][2], k3), (a[5][3], k4), (a[5][4], k5), (a[5][5], k6)]);
+        let k2 = &flow.derivative(&y.plus::<R, _>([(a[0][0], k1)]));
+        let k3 = &flow.derivative(&y.plus::<R, _>([(a[1][0], k1), (a[1][1], k2)]));
+        let k4 = &flow.derivative(&y.plus::<R, _>([(a[2][0], k1), (a[2][1], k2), (a[2][2], k3)]));
+        let k5 = &flow.derivative(&y.plus::<R, _>([(a[3][0], k1), (a[3][1], k2), (a[3][2], k3), (a[3][3], k4)]));
+        let k6 = &flow.derivative(&y.plus::<R, _>([
+            (a[4][0], k1),
+            (a[4][1], k2),
+            (a[4][2], k3),
+            (a[4][3], k4),
+            (a[4][4], k5),
+        ]));
+        let end = y.plus::<R, _>([(a[5][0], k1), (a[5][2], k3), (a[5][3], k4), (a[5][4], k5), (a[5][5], k6)]);
         let last = flow.derivative(&end);
         let slopes = [k1, k3, k4, k5, k6, &last];
         let blend = |weights: &[f64; 6], column: usize, i: usize| -> f64 {
@@ -143,94 +199,51 @@ impl Method for DormandPrince {
         let curve = std::array::from_fn(|i| blend(&tableau::D, 0, i));
         Step { h, start: y.0[0], end, first: k1.0[0], last, curve, error }
     }
-
-    fn max_step(&self) -> f64 {
-        f64::INFINITY
-    }
-
-    fn growth(&self, error: f64) -> f64 {
-        (0.9 * error.max(1e-10).powf(-0.2)).clamp(0.2, 5.0)
-    }
 }
 
-struct RungeKutta4 {
-    step: f64,
-}
+struct RungeKutta4;
 
 impl Method for RungeKutta4 {
     #[inline]
-    fn step<const M: usize>(&self, flow: &impl Flow, y: &Columns<M>, k1: &Columns<M>, h: f64) -> Step<M> {
-        let k2 = flow.derivative(&y.plus([(h / 2.0, k1)]));
-        let k3 = flow.derivative(&y.plus([(h / 2.0, &k2)]));
-        let k4 = flow.derivative(&y.plus([(h, &k3)]));
-        let end = y.plus([(h / 6.0, k1), (h / 3.0, &k2), (h / 3.0, &k3), (h / 6.0, &k4)]);
+    fn step<const M: usize, const R: usize>(
+        &self,
+        flow: &impl Flow,
+        y: &Columns<M>,
+        k1: &Columns<M>,
+        h: f64,
+    ) -> Step<M> {
+        let k2 = flow.derivative(&y.plus::<R, _>([(h / 2.0, k1)]));
+        let k3 = flow.derivative(&y.plus::<R, _>([(h / 2.0, &k2)]));
+        let k4 = flow.derivative(&y.plus::<R, _>([(h, &k3)]));
+        let end = y.plus::<R, _>([(h / 6.0, k1), (h / 3.0, &k2), (h / 3.0, &k3), (h / 6.0, &k4)]);
         let last = flow.derivative(&end);
         Step { h, start: y.0[0], end, first: k1.0[0], last, curve: [0.0; 9], error: 0.0 }
     }
-
-    fn max_step(&self) -> f64 {
-        self.step
-    }
-
-    fn growth(&self, _: f64) -> f64 {
-        f64::INFINITY
-    }
 }
 
-struct VelocityVerlet {
-    step: f64,
-}
+struct VelocityVerlet;
 
 impl Method for VelocityVerlet {
     #[inline]
-    fn step<const M: usize>(&self, flow: &impl Flow, y: &Columns<M>, k1: &Columns<M>, h: f64) -> Step<M> {
-        let mut ahead = y.plus([(h, k1)]);
+    fn step<const M: usize, const R: usize>(
+        &self,
+        flow: &impl Flow,
+        y: &Columns<M>,
+        k1: &Columns<M>,
+        h: f64,
+    ) -> Step<M> {
+        let mut ahead = y.plus::<R, _>([(h, k1)]);
         for (column, slope) in ahead.0.iter_mut().zip(&k1.0) {
             for i in 0..3 {
                 column[i] += 0.5 * h * h * slope[3 + i];
             }
         }
         let k2 = flow.derivative(&ahead);
-        let mut end = y.plus([(h / 2.0, k1), (h / 2.0, &k2)]);
+        let mut end = y.plus::<R, _>([(h / 2.0, k1), (h / 2.0, &k2)]);
         for (column, ahead) in end.0.iter_mut().zip(&ahead.0) {
             column[..3].copy_from_slice(&ahead[..3]);
         }
         let last = flow.derivative(&end);
         Step { h, start: y.0[0], end, first: k1.0[0], last, curve: [0.0; 9], error: 0.0 }
-    }
-
-    fn max_step(&self) -> f64 {
-        self.step
-    }
-
-    fn growth(&self, _: f64) -> f64 {
-        f64::INFINITY
-    }
-}
-
-impl Method for Integrator {
-    #[inline]
-    fn step<const M: usize>(&self, flow: &impl Flow, y: &Columns<M>, slope: &Columns<M>, h: f64) -> Step<M> {
-        match *self {
-            Self::DormandPrince { rtol, atol } => DormandPrince { rtol, atol }.step(flow, y, slope, h),
-            Self::RungeKutta4 { step } => RungeKutta4 { step }.step(flow, y, slope, h),
-            Self::VelocityVerlet { step } => VelocityVerlet { step }.step(flow, y, slope, h),
-        }
-    }
-
-    fn max_step(&self) -> f64 {
-        match *self {
-            Self::DormandPrince { rtol, atol } => DormandPrince { rtol, atol }.max_step(),
-            Self::RungeKutta4 { step } => RungeKutta4 { step }.max_step(),
-            Self::VelocityVerlet { step } => VelocityVerlet { step }.max_step(),
-        }
-    }
-
-    fn growth(&self, error: f64) -> f64 {
-        match *self {
-            Self::DormandPrince { rtol, atol } => DormandPrince { rtol, atol }.growth(error),
-            Self::RungeKutta4 { step } => RungeKutta4 { step }.growth(error),
-            Self::VelocityVerlet { step } => VelocityVerlet { step }.growth(error),
-        }
     }
 }

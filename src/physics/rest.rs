@@ -149,6 +149,10 @@ impl Carried<'_> {
 }
 
 impl Flow for Carried<'_> {
+    fn spins(&self) -> bool {
+        true
+    }
+
     fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
         let mut partials = Partials::zero();
         let (r, v, w) = (y.position(), y.velocity(), y.spin());
