@@ -3,6 +3,7 @@
 //! `benches/forecast` prepares the peers and runs this; without them (`cargo bench --bench forecast`) only our
 //! own times are printed.
 
+use std::ffi::OsStr;
 use std::hint::black_box;
 use std::io::Write as _;
 use std::process::{Command, Stdio};
@@ -70,7 +71,6 @@ fn main() {
         "one forecast to {FRAMES} frames at 15 fps, one thread, rtol {RTOL:e}: median of {ROUNDS} rounds over {STARTS} starts"
     );
     println!("{:14} {:>12} {:>15} {:>12}", "model", "states µs", "+ Jacobians µs", "at most µs");
-    let mut ours = 0.0;
     for (name, contact, drag, limit) in models {
         let mut scene = scene.clone();
         (scene.contact, scene.ball.drag_coefficient) = (contact, drag);
@@ -78,45 +78,54 @@ fn main() {
         let [plain, full] = [false, true].map(|jacobian| 1e6 * seconds(&forecaster, &starts, &times, jacobian));
         let limit = if limit.is_finite() { format!("{limit:.0}") } else { "-".into() };
         println!("{name:14} {plain:12.1} {full:15.1} {limit:>12}");
-        if name == "penalty" {
-            ours = full * 1e-6 * STARTS as f64;
+    }
+    let mut penalty = scene;
+    penalty.contact = paper;
+    let forecaster = Forecaster::new(&penalty).unwrap().with_options(options).unwrap();
+    if let Some(python) = std::env::var_os("GRAVISIGHT_PEERS") {
+        for threads in [1, 0] {
+            against_peers(&python, &forecaster, &starts, &times, threads);
         }
     }
-    let Some(python) = std::env::var_os("GRAVISIGHT_PEERS") else { return };
-    let mut penalty = scene.clone();
-    penalty.contact = paper;
+}
+
+/// The table of ratios; `threads` 1, or 0 for all cores.
+fn against_peers(python: &OsStr, forecaster: &Forecaster, starts: &[State], times: &[f64], threads: u8) {
     let states: Vec<Vec<f64>> =
         starts.iter().map(|s| s.position.iter().chain(s.velocity.iter()).copied().collect()).collect();
-    let job = json!({"scene": penalty, "starts": states, "times": times, "rtol": RTOL, "atol": RTOL,
-        "max_step": options.max_step, "rounds": 50});
+    let job = json!({"scene": forecaster.scene(), "starts": states, "times": times, "rtol": RTOL, "atol": RTOL,
+        "max_step": Options::default().max_step, "rounds": 50, "threads": threads});
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/forecast.py");
     let mut peer = Command::new(python).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     peer.stdin.take().unwrap().write_all(job.to_string().as_bytes()).unwrap();
     let output = peer.wait_with_output().unwrap();
     assert!(output.status.success(), "the peers failed");
     let peers: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let forecaster = Forecaster::new(&penalty).unwrap().with_options(options).unwrap();
-    println!("\npenalty, all {STARTS} starts; ours: states and all Jacobians in {:.2} ms", 1e3 * ours);
+    let batch = || {
+        let begin = Instant::now();
+        black_box(forecaster.forecast_batch(black_box(starts), times));
+        begin.elapsed().as_secs_f64()
+    };
+    let ours = match threads {
+        1 => seconds(forecaster, starts, times, true) * starts.len() as f64,
+        _ => median((0..ROUNDS).map(|_| batch()).collect()),
+    };
+    let cores = if threads == 1 { "one thread" } else { "all cores" };
+    println!("\npenalty, {STARTS} starts, {cores}; ours: states and all Jacobians in {:.3} ms", 1e3 * ours);
     println!(
-        "{:12} {:>9} {:>9} {:>22} {:>22} {:>14}",
-        "peer", "states ms", "ratio", "+ one backward ms, ratio", "+ Jacobians ms, ratio", "differs by mm"
+        "{:12} {:>18} {:>22} {:>22} {:>14}",
+        "peer", "states", "+ one backward pass", "+ all Jacobians", "differs by mm"
     );
     for (name, peer) in peers.as_object().unwrap() {
-        let time = |job: &str| peer[job].as_f64().unwrap();
+        let time = |job: &str| match peer[job].as_f64() {
+            Some(seconds) => format!("{:.1} ms, {:.0}×", 1e3 * seconds, seconds / ours),
+            None => "-".into(),
+        };
         let end = |index: usize| {
-            let r = forecaster.forecast(&starts[index], &times).states[FRAMES as usize - 1].position;
+            let r = forecaster.forecast(&starts[index], times).states[FRAMES as usize - 1].position;
             (0..3).map(|axis| (r[axis] - peer["end"][index][axis].as_f64().unwrap()).powi(2)).sum::<f64>().sqrt()
         };
-        let off = median((0..starts.len()).map(end).collect());
-        println!(
-            "{name:12} {:9.1} {:8.0}× {:14.1} {:8.0}× {:13.1} {:8.0}× {:14.4}",
-            1e3 * time("forward"),
-            time("forward") / ours,
-            1e3 * time("gradient"),
-            time("gradient") / ours,
-            1e3 * time("jacobian"),
-            time("jacobian") / ours,
-            1e3 * off,
-        );
+        let off = 1e3 * median((0..starts.len()).map(end).collect());
+        println!("{name:12} {:>18} {:>22} {:>22} {off:14.5}", time("forward"), time("gradient"), time("jacobian"));
     }
 }

@@ -201,3 +201,115 @@ fn a_device_that_was_not_built_in_says_how_to_build_it() {
     assert_eq!(output.status.code(), Some(1));
     assert!(String::from_utf8(output.stderr).unwrap().contains("--features cuda"));
 }
+
+/// A scene, a camera and a track of the golden clips, in a folder.
+fn track_files(name: &str) -> (PathBuf, Value) {
+    let folder = scratch(name);
+    let tracks: Value = serde_json::from_slice(&golden("tracks.json")).unwrap();
+    let track = tracks[5].clone();
+    std::fs::write(folder.join("camera.json"), track["camera"].to_string()).unwrap();
+    std::fs::write(folder.join("scene.json"), track["scene"].to_string()).unwrap();
+    let mut csv = String::from("Frame,Visibility,X,Y\n");
+    for (frame, image) in track["image"].as_array().unwrap().iter().enumerate().filter(|(frame, _)| frame % 11 != 4) {
+        csv += &match frame % 7 {
+            3 => format!("{frame},0,0,0\n"),
+            _ => format!("{frame},1,{},{}\n", image[0], image[1]),
+        };
+    }
+    std::fs::write(folder.join("track.csv"), csv).unwrap();
+    (folder, track)
+}
+
+fn fit(folder: &std::path::Path, more: &[&str]) -> Output {
+    let file = |name: &str| folder.join(name).to_str().unwrap().to_string();
+    let [track, camera, scene] = ["track.csv", "camera.json", "scene.json"].map(file);
+    let mut arguments = vec!["fit", "--track", &track, "--camera", &camera, "--scene", &scene, "--fps", "15"];
+    arguments.extend(more);
+    gravisight(&arguments)
+}
+
+#[test]
+fn fit_finds_the_trajectory_of_a_track_with_gaps() {
+    let (folder, track) = track_files("fit");
+    let out = folder.join("trajectory.csv");
+    let found = json(&fit(&folder, &["--json", "--out", text(&out)]));
+    let frames = found["frames"].as_array().unwrap();
+    assert_eq!(frames.len(), 90);
+    for frame in frames {
+        let truth = numbers(&track["world"][frame["frame"].as_u64().unwrap() as usize]);
+        let off = numbers(&frame["world"]).iter().zip(truth).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 0.01, "{frame}");
+    }
+    assert_eq!(found["explained"], true);
+    assert!(!found["impacts"].as_array().unwrap().is_empty());
+    let csv = std::fs::read_to_string(&out).unwrap();
+    assert!(csv.starts_with("Frame,t,x,y,z,vx,vy,vz,sigma,residual_x_px,residual_y_px,outlier\n"), "{csv}");
+    assert_eq!(csv.lines().count(), 91);
+    let words = String::from_utf8(fit(&folder, &[]).stdout).unwrap();
+    for word in ["not seen", "touches", "1-σ", "px rms"] {
+        assert!(words.contains(word), "{words}");
+    }
+}
+
+#[test]
+fn fit_refuses_in_one_line() {
+    let (folder, _) = track_files("fit-refused");
+    let refused = |output: Output, words: &str| {
+        let message = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert!(message.contains(words) && message.lines().count() == 1, "{message}");
+    };
+    refused(fit(&folder, &["--noise-px", "0"]), "--noise-px must be positive");
+    refused(fit(&folder, &["--estimate", "restitution"]), "`bounce` only");
+    refused(fit(&folder, &["--estimate", "spin,spin"]), "twice");
+    for (csv, words) in [
+        ("x,y\n1,2\n", "must be Frame,Visibility,X,Y"),
+        ("Frame,Visibility,X,Y\n0,1,1,1\n", "seen in 1 frames"),
+        ("Frame,Visibility,X,Y\n0,1,1,1\n0,1,2,2\n", "must ascend"),
+        ("Frame,Visibility,X,Y\n0,1,nan,1\n", "must be numbers"),
+        ("Frame,Visibility,X,Y\n0,1,one,1\n", "track.csv"),
+        ("Frame,Visibility,X,Y\n0,1,1,1\n9999999999,1,1,1\n", "split the track"),
+    ] {
+        std::fs::write(folder.join("track.csv"), csv).unwrap();
+        refused(fit(&folder, &[]), words);
+    }
+}
+
+#[test]
+fn forecast_prints_states_and_jacobians() {
+    let (folder, _) = track_files("forecast");
+    let scene = folder.join("scene.json");
+    let run = |more: &[&str]| {
+        let mut arguments = vec!["forecast", "--scene", text(&scene), "--state", "-1.5,-1.5,1,0,0,0", "--times", "0.5,-0.1"];
+        arguments.extend(more);
+        gravisight(&arguments)
+    };
+    let found = json(&run(&["--json", "--jacobian"]));
+    // free fall under 1 m/s²
+    assert!((found["r"][0][2].as_f64().unwrap() - 0.875).abs() < 1e-9, "{found}");
+    assert!((found["v"][1][2].as_f64().unwrap() - 0.1).abs() < 1e-9, "{found}");
+    assert!((found["jacobian"][0][2][5].as_f64().unwrap() - 0.5).abs() < 1e-9, "{found}");
+    assert_eq!(found["status"], "ok");
+    assert!(String::from_utf8(run(&[]).stdout).unwrap().contains("0.87500"));
+    assert_eq!(gravisight(&["forecast", "--scene", text(&scene), "--state", "1,2", "--times", "1"]).status.code(), Some(1));
+    assert_eq!(gravisight(&["forecast"]).status.code(), Some(2));
+}
+
+#[test]
+fn forecast_fills_in_the_reference_cases() {
+    let path = root().join("tests/golden/forecast_penalty.json");
+    let found = json(&gravisight(&["forecast", "--cases", text(&path)]));
+    let expected: Value = serde_json::from_slice(&golden("forecast_penalty.json")).unwrap();
+    let cases = found["cases"].as_array().unwrap();
+    assert_eq!(cases.len(), expected["cases"].as_array().unwrap().len());
+    for (found, expected) in cases.iter().zip(expected["cases"].as_array().unwrap()) {
+        assert_eq!(found["name"], expected["name"]);
+        if found["status"] == "start-inside" {
+            continue;
+        }
+        for (a, b) in numbers(&found["r"]).iter().zip(numbers(&expected["r"])) {
+            assert!((a - b).abs() < 1e-8, "{}", found["name"]);
+        }
+        assert_eq!(found["jacobian"].as_array().unwrap().len(), found["times"].as_array().unwrap().len());
+    }
+}

@@ -3,7 +3,7 @@
 mod common;
 
 use common::{root, scratch};
-use gravisight::data::Clips;
+use gravisight::data::{Clips, Track};
 use gravisight::error::Error;
 use serde_json::{Value, json};
 
@@ -78,4 +78,25 @@ fn a_picture_of_another_size_than_its_camera_is_refused() {
     let clip = &clips.clips[0];
     let error = clips.picture(clip, &clip.frames[0]).unwrap_err();
     assert!(error.to_string().contains("448"), "{error}");
+}
+
+#[test]
+fn a_scene_that_cannot_be_is_refused_with_its_line_and_field() {
+    let mut line = samples().remove(0);
+    line["scene"]["ball"]["radius"] = json!(-1.0);
+    let error = read_line("bad_scene", &line.to_string(), &[]).unwrap_err().to_string();
+    assert!(error.contains("clips.jsonl:1") && error.contains("ball.radius"), "{error}");
+}
+
+#[test]
+fn a_track_is_read_as_it_was_written() {
+    let text = "Frame,Visibility,X,Y\n3,1,1.5,2.25\n4,0,0,0\n7,1,-0.5,1e2\n";
+    let track = Track::from_csv(text, "track").unwrap();
+    assert_eq!(Track::from_csv(&track.to_csv().unwrap(), "again").unwrap(), track);
+    let (frames, observations) = track.observations(10.0).unwrap();
+    assert_eq!(frames, [3, 4, 5, 6, 7]);
+    let seen: Vec<bool> = observations.iter().map(|observation| observation.image.is_some()).collect();
+    assert_eq!(seen, [true, false, false, false, true]);
+    assert!((observations[0].time - 0.3).abs() < 1e-12 && observations[0].image.unwrap().y == 2.25);
+    assert!(track.observations(0.0).is_err());
 }
