@@ -280,7 +280,8 @@ fn forecast_prints_states_and_jacobians() {
     let (folder, _) = track_files("forecast");
     let scene = folder.join("scene.json");
     let run = |more: &[&str]| {
-        let mut arguments = vec!["forecast", "--scene", text(&scene), "--state", "-1.5,-1.5,1,0,0,0", "--times", "0.5,-0.1"];
+        let mut arguments =
+            vec!["forecast", "--scene", text(&scene), "--state", "-1.5,-1.5,1,0,0,0", "--times", "0.5,-0.1"];
         arguments.extend(more);
         gravisight(&arguments)
     };
@@ -291,7 +292,10 @@ fn forecast_prints_states_and_jacobians() {
     assert!((found["jacobian"][0][2][5].as_f64().unwrap() - 0.5).abs() < 1e-9, "{found}");
     assert_eq!(found["status"], "ok");
     assert!(String::from_utf8(run(&[]).stdout).unwrap().contains("0.87500"));
-    assert_eq!(gravisight(&["forecast", "--scene", text(&scene), "--state", "1,2", "--times", "1"]).status.code(), Some(1));
+    assert_eq!(
+        gravisight(&["forecast", "--scene", text(&scene), "--state", "1,2", "--times", "1"]).status.code(),
+        Some(1)
+    );
     assert_eq!(gravisight(&["forecast"]).status.code(), Some(2));
 }
 

@@ -1,7 +1,5 @@
 //! 2D tracks: CSV with the columns `Frame,Visibility,X,Y`, the common format of 2D ball trackers.
 
-use std::path::Path;
-
 use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
@@ -58,7 +56,7 @@ impl Track {
     /// # Errors
     /// [`Error::Io`], else as [`Self::from_csv`].
     #[cfg(not(target_arch = "wasm32"))]
-    pub fn from_file(path: &Path) -> Result<Self> {
+    pub fn from_file(path: &std::path::Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         Self::from_csv(&text, &path.display().to_string())
     }

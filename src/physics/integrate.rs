@@ -184,19 +184,21 @@ impl Method for DormandPrince {
         let end = y.plus::<R, _>([(a[5][0], k1), (a[5][2], k3), (a[5][3], k4), (a[5][4], k5), (a[5][5], k6)]);
         let last = flow.derivative(&end);
         let slopes = [k1, k3, k4, k5, k6, &last];
-        let blend = |weights: &[f64; 6], column: usize, i: usize| -> f64 {
-            h * weights.iter().zip(slopes).map(|(weight, slope)| weight * slope.0[column][i]).sum::<f64>()
-        };
+        let e = tableau::E.map(|factor| factor * h);
+        let errors = Columns([[0.0; 9]; M]).plus::<6, 6>(std::array::from_fn(|i| (e[i], slopes[i])));
         let mut error = 0.0_f64;
-        for column in 0..M {
-            let slack = if column == 0 { 1.0 } else { SENSITIVITY_SLACK };
-            let square = |i: usize| {
-                let scale = self.atol + self.rtol * y.0[column][i].abs().max(end.0[column][i].abs());
-                (blend(&tableau::E, column, i) / scale).powi(2)
-            };
-            error = error.max(((0..6).map(square).sum::<f64>() / 6.0).sqrt() / slack);
+        for (index, ((off, before), after)) in errors.0.iter().zip(&y.0).zip(&end.0).enumerate() {
+            let mut squares = 0.0;
+            for i in 0..6 {
+                let scaled = off[i] / (self.atol + self.rtol * before[i].abs().max(after[i].abs()));
+                squares += scaled * scaled;
+            }
+            let slack = if index == 0 { 1.0 } else { SENSITIVITY_SLACK };
+            error = error.max((squares / 6.0).sqrt() / slack);
         }
-        let curve = std::array::from_fn(|i| blend(&tableau::D, 0, i));
+        let curve = std::array::from_fn(|i| {
+            h * tableau::D.iter().zip(slopes).map(|(weight, slope)| weight * slope.0[0][i]).sum::<f64>()
+        });
         Step { h, start: y.0[0], end, first: k1.0[0], last, curve, error }
     }
 }
