@@ -64,16 +64,34 @@ pub(crate) struct Engine<'a, const M: usize> {
 impl<const M: usize> Engine<'_, M> {
     /// Runs to the last time, or to what stops it.
     pub fn run(&mut self) -> Status {
+        let stopped = self.run_phases();
+        // an arc may hand out states far beyond the region, or overflow, at once
+        let region = self.options.region;
+        let good = |y: &Columns<M>| y.is_finite() && y.position().norm() <= region;
+        if let Some(bad) = self.out.iter().position(|y| !good(y)) {
+            let (finite, time) = (self.out[bad].is_finite(), self.times[bad]);
+            self.out.truncate(bad);
+            return if finite { Status::LeftRegion { time } } else { Status::NotFinite { time } };
+        }
+        match (stopped, self.irreversible) {
+            (Some(status), _) => status,
+            (None, Some(time)) => Status::Irreversible { time },
+            (None, None) => Status::Ok,
+        }
+    }
+
+    /// Runs phase by phase; returns what stops it before the last time.
+    fn run_phases(&mut self) -> Option<Status> {
         let mut phase = self.first_phase();
         while self.out.len() < self.times.len() {
             if !self.y.is_finite() {
-                return Status::NotFinite { time: self.t };
+                return Some(Status::NotFinite { time: self.t });
             }
             if self.y.position().norm() > self.options.region {
-                return Status::LeftRegion { time: self.t };
+                return Some(Status::LeftRegion { time: self.t });
             }
             if self.steps >= self.options.step_limit {
-                return Status::StepLimit { time: self.t };
+                return Some(Status::StepLimit { time: self.t });
             }
             self.steps += 1;
             let before = std::mem::discriminant(&phase);
@@ -87,11 +105,7 @@ impl<const M: usize> Engine<'_, M> {
                 self.slope = None; // other forces
             }
         }
-        match (self.out.last().is_none_or(Columns::is_finite), self.irreversible) {
-            (false, _) => Status::NotFinite { time: self.t },
-            (true, Some(time)) => Status::Irreversible { time },
-            (true, None) => Status::Ok,
-        }
+        None
     }
 
     fn first_phase(&self) -> Phase {

@@ -267,7 +267,6 @@ impl Forecaster {
         let start = if backwards { mirrored(start) } else { *start };
         let mut engine = self.engine(start, times, backwards);
         let status = engine.run();
-        engine.out.retain(Columns::is_finite);
         let sign = if backwards { -1.0 } else { 1.0 };
         let out: Vec<Columns<M>> = engine.out.iter().map(|y| if backwards { mirrored(y) } else { *y }).collect();
         let impacts = engine.impacts.iter().map(|impact| Impact {

@@ -25,7 +25,7 @@ const SPIN_ERROR: f64 = 0.01;
 pub(super) use crate::physics::forecaster::Transition;
 
 /// How much less the laws are trusted while their numbers are unknown.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Slack {
     /// Uncertainty of the acceleration in flight, m/s².
     pub acceleration: f64,

@@ -2,7 +2,7 @@
 
 use super::chain::{Chain, Loss};
 use super::labels::residual_noise;
-use super::problem::Problem;
+use super::problem::{Problem, Slack};
 use super::{FitOptions, seed, unexplained};
 use crate::error::Result;
 use crate::physics::columns::Column;
@@ -39,11 +39,13 @@ pub(super) const EXPLAINED: f64 = 1.3;
 pub(super) fn searched<const D: usize>(problem: &mut Problem, options: &FitOptions) -> Result<Vec<Chain<D>>> {
     let mut chains: Vec<Chain<D>> = Vec::new();
     let seeds = seed::seeds(problem, options.starts);
+    // laws that are known badly deserve a longer search
+    let limit = if problem.slack == Slack::default() { SEARCH } else { 2 * SEARCH };
     'search: for growth in GROWTH {
         for seed in &seeds {
             let chain = Chain { first: seed.first, states: seed.states.clone() };
             chains.extend(grown(problem, chain, growth, LOST_END));
-            if settled(problem, &chains) || problem.tired(SEARCH) {
+            if settled(problem, &chains) || problem.tired(limit) {
                 break 'search;
             }
         }
