@@ -294,7 +294,7 @@ fn forecast_prints_states_and_jacobians() {
     assert!(String::from_utf8(run(&[]).stdout).unwrap().contains("0.87500"));
     assert_eq!(
         gravisight(&["forecast", "--scene", text(&scene), "--state", "1,2", "--times", "1"]).status.code(),
-        Some(1)
+        Some(2)
     );
     assert_eq!(gravisight(&["forecast"]).status.code(), Some(2));
 }

@@ -90,7 +90,7 @@ fn a_scene_that_cannot_be_is_refused_with_its_line_and_field() {
 
 #[test]
 fn a_track_is_read_as_it_was_written() {
-    let text = "Frame,Visibility,X,Y\n3,1,1.5,2.25\n4,0,0,0\n7,1,-0.5,1e2\n";
+    let text = "Frame,Visibility,X,Y\n3,1,1.5,2.25\n4,0,,\n7,1,-0.5,1e2\n";
     let track = Track::from_csv(text, "track").unwrap();
     assert_eq!(Track::from_csv(&track.to_csv().unwrap(), "again").unwrap(), track);
     let (frames, observations) = track.observations(10.0).unwrap();

@@ -90,8 +90,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     if !fit.explained {
         eprintln!(
-            "gravisight: note: the trajectory does not explain the labels to their noise (rms {:.2} px); check the scene, \
-             the camera and --fps, or let --estimate find what is unknown",
+            "gravisight: note: no trajectory that the scene allows explains the track well (the best leaves {:.2} px rms, or \
+             breaks the laws); check the scene, the camera and --fps, or let --estimate find what is unknown",
             fit.rms_px
         );
     }

@@ -18,19 +18,20 @@ pub struct Arguments {
     #[arg(long, value_name = "SCENE.JSON", requires = "state", requires = "times")]
     scene: Option<PathBuf>,
     /// Position (m) and velocity (m/s) at the start: x,y,z,vx,vy,vz.
-    #[arg(long, value_name = "X,Y,Z,VX,VY,VZ", value_delimiter = ',', allow_hyphen_values = true)]
-    state: Vec<f64>,
+    #[arg(long, value_name = "X,Y,Z,VX,VY,VZ", allow_hyphen_values = true, value_parser = six_numbers)]
+    state: Option<Numbers>,
     /// Times after the start, s (negative: before it), in any order.
-    #[arg(long, value_name = "T1,T2,…", value_delimiter = ',', allow_hyphen_values = true)]
-    times: Vec<f64>,
+    #[arg(long, value_name = "T1,T2,…", allow_hyphen_values = true, value_parser = numbers)]
+    times: Option<Numbers>,
     /// Print the 6×6 Jacobian d(state at t)/d(state at 0), too.
     #[arg(long)]
     jacobian: bool,
-    /// Run a file of cases instead (starts, times and systems in the paper's own terms) and print them with results.
+    /// Run a file of cases instead (starts, times and systems in the paper's own terms) and print them with results, as
+    /// JSON.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["state", "times", "jacobian"])]
     cases: Option<PathBuf>,
     /// Relative tolerance of the solver, where no closed form is used; a hundredth of it is the absolute one.
-    #[arg(long, default_value_t = 1e-10, value_name = "RTOL")]
+    #[arg(long, default_value_t = 1e-10, value_name = "RTOL", value_parser = tolerance)]
     tolerance: f64,
     /// Solve numerically even where there is a closed form.
     #[arg(long)]
@@ -38,6 +39,32 @@ pub struct Arguments {
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
+}
+
+/// Finite numbers, separated by commas.
+#[derive(Debug, Clone)]
+struct Numbers(Vec<f64>);
+
+fn numbers(text: &str) -> std::result::Result<Numbers, String> {
+    let number = |part: &str| match part.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("`{part}` is not a finite number")),
+    };
+    text.split(',').map(number).collect::<std::result::Result<_, _>>().map(Numbers)
+}
+
+fn six_numbers(text: &str) -> std::result::Result<Numbers, String> {
+    match numbers(text)? {
+        Numbers(values) if values.len() == 6 => Ok(Numbers(values)),
+        Numbers(values) => Err(format!("six numbers x,y,z,vx,vy,vz are needed, {} given", values.len())),
+    }
+}
+
+fn tolerance(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(value) if value > 0.0 && value.is_finite() => Ok(value),
+        _ => Err("must be greater than zero".into()),
+    }
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
@@ -48,18 +75,18 @@ pub fn run(arguments: Arguments) -> Result<()> {
         return run_cases(path, options);
     }
     let path = arguments.scene.as_deref().context("--scene is missing")?;
-    let &[x, y, z, vx, vy, vz] = arguments.state.as_slice() else {
-        bail!("--state takes six numbers x,y,z,vx,vy,vz; {} given", arguments.state.len());
-    };
+    let (Numbers(state), Numbers(times)) =
+        arguments.state.zip(arguments.times).context("--state and --times are missing")?;
+    let &[x, y, z, vx, vy, vz] = state.as_slice() else { bail!("--state takes six numbers") };
     let start = State { position: Point3::new(x, y, z), velocity: Vector3::new(vx, vy, vz) };
     let forecaster = Forecaster::new(&Scene::from_file(path)?)?.with_options(options)?;
     let forecast = match arguments.jacobian {
-        true => forecaster.forecast_with_jacobians(&start, &arguments.times),
-        false => forecaster.forecast(&start, &arguments.times),
+        true => forecaster.forecast_with_jacobians(&start, &times),
+        false => forecaster.forecast(&start, &times),
     };
     match arguments.json {
-        true => print_line(as_json(&forecast, &arguments.times))?,
-        false => print(&forecast, &arguments.times)?,
+        true => print_line(as_json(&forecast))?,
+        false => print(&forecast)?,
     }
     if !forecast.status.is_whole() {
         bail!(
@@ -81,12 +108,15 @@ fn run_cases(path: &std::path::Path, options: Options) -> Result<()> {
     for (index, case) in cases.iter().enumerate() {
         let forecaster = Forecaster::new(&case.scene)?.with_options(options)?;
         let forecast = forecaster.forecast_with_jacobians(&case.start, &case.times);
-        let mut object = json!({"name": case.name, "times": case.times, "status": forecast.status.code()});
+        let mut object = json!({"name": case.name, "times": forecast.times, "status": forecast.status.code()});
         for key in ["kind", "system", "r0", "v0"] {
             object[key] = written["cases"][index][key].clone();
         }
         (object["r"], object["v"], object["jacobian"]) = states(&forecast);
         out.push(object);
+        if !forecast.status.is_whole() {
+            eprintln!("gravisight: note: {what}: case `{}` stopped early: {}", case.name, forecast.status);
+        }
     }
     Ok(print_line(json!({ "cases": out }))?)
 }
@@ -101,9 +131,9 @@ fn states(forecast: &Forecast) -> (Value, Value, Value) {
     (json!(r), json!(v), json!(forecast.jacobians.iter().map(rows).collect::<Vec<_>>()))
 }
 
-fn as_json(forecast: &Forecast, times: &[f64]) -> Value {
+fn as_json(forecast: &Forecast) -> Value {
     let (r, v, jacobian) = states(forecast);
-    let mut object = json!({"times": times, "r": r, "v": v, "status": forecast.status.code(),
+    let mut object = json!({"times": forecast.times, "r": r, "v": v, "status": forecast.status.code(),
         "impacts": forecast.impacts.iter().map(|impact| json!({
             "t": impact.time, "surface": impact.surface.to_string(), "position": <[f64; 3]>::from(impact.position),
             "speed": impact.speed})).collect::<Vec<_>>()});
@@ -117,9 +147,9 @@ fn as_json(forecast: &Forecast, times: &[f64]) -> Value {
     object
 }
 
-fn print(forecast: &Forecast, times: &[f64]) -> Result<()> {
+fn print(forecast: &Forecast) -> Result<()> {
     print_line("       t s          x          y          z m       vx         vy         vz m/s")?;
-    for (index, (state, time)) in forecast.states.iter().zip(times).enumerate() {
+    for (index, (state, time)) in forecast.states.iter().zip(&forecast.times).enumerate() {
         let (r, v) = (state.position, state.velocity);
         print_line(format_args!(
             "{time:10.4} {:10.5} {:10.5} {:10.5} {:10.5} {:10.5} {:10.5}",
@@ -144,7 +174,7 @@ fn print(forecast: &Forecast, times: &[f64]) -> Result<()> {
         ))?;
     }
     if forecast.status.code() == "irreversible" {
-        print_line("note       a contact with friction cannot be undone: states before it are guesses")?;
+        print_line(format_args!("note       {}", forecast.status))?;
     }
     Ok(())
 }

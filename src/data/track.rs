@@ -20,9 +20,9 @@ pub struct TrackPoint {
     /// 0 where the ball is not seen; `x` and `y` mean nothing then.
     pub visibility: u8,
     /// px.
-    pub x: f64,
+    pub x: Option<f64>,
     /// px.
-    pub y: f64,
+    pub y: Option<f64>,
 }
 
 /// A 2D track, by ascending frames.
@@ -48,6 +48,13 @@ struct TrajectoryLine {
     residual_x_px: Option<f64>,
     residual_y_px: Option<f64>,
     outlier: bool,
+}
+
+impl TrackPoint {
+    fn image(&self) -> Option<Point2<f64>> {
+        let image = Point2::new(self.x?, self.y?);
+        (image.x.is_finite() && image.y.is_finite()).then_some(image)
+    }
 }
 
 impl Track {
@@ -78,8 +85,8 @@ impl Track {
         let points: Vec<TrackPoint> = reader.deserialize().collect::<csv::Result<_>>().map_err(Error::format(what))?;
         for (index, point) in points.iter().enumerate() {
             let line = format!("{what}: line {}", index + 2);
-            if point.visibility > 0 && !(point.x.is_finite() && point.y.is_finite()) {
-                return Err(Error::value(line, "X, Y", format!("must be numbers, not {}, {}", point.x, point.y)));
+            if point.visibility > 0 && point.image().is_none() {
+                return Err(Error::value(line, "X, Y", "must be numbers where Visibility is not 0"));
             }
             let Some(before) = index.checked_sub(1).map(|before| points[before].frame) else { continue };
             if point.frame <= before {
@@ -115,7 +122,7 @@ impl Track {
         let observations = frames.iter().map(|&frame| {
             let point = points.next_if(|point| point.frame == frame);
             let seen = point.filter(|point| point.visibility > 0);
-            Observation { time: frame as f64 / fps, image: seen.map(|point| Point2::new(point.x, point.y)) }
+            Observation { time: frame as f64 / fps, image: seen.and_then(TrackPoint::image) }
         });
         let observations = observations.collect();
         Ok((frames, observations))

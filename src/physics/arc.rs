@@ -10,6 +10,8 @@ use super::obstacle::Obstacle;
 pub(crate) const TOUCH: f64 = 1e-10;
 /// Normal speed below which a touching ball does not approach, m/s.
 pub(crate) const STILL: f64 = 1e-9;
+/// Largest exponent of a spin that grows backwards in time: beyond, it overflows.
+const LARGEST_EXPONENT: f64 = 700.0;
 /// Smallest advance of the contact search beside a surface that the ball just touches, s.
 const MIN_ADVANCE: f64 = 1e-7;
 /// Evaluations of a distance before the search gives up on an obstacle that is only grazed.
@@ -62,7 +64,7 @@ impl Arc {
         let Linear { pull, stiffness } = self.linear;
         let free = Weights::new(stiffness, t);
         let pressed = self.press.map(|press| (press, Weights::new(stiffness + press.stiffness, t)));
-        let decay = if self.spin_decay == 0.0 { 1.0 } else { (-self.spin_decay * t).exp() };
+        let decay = if self.spin_decay == 0.0 { 1.0 } else { (-self.spin_decay * t).min(LARGEST_EXPONENT).exp() };
         let mut out = *start;
         for (index, values) in out.0.iter_mut().enumerate() {
             let (r, v, w) = (part(values, 0), part(values, 1), part(values, 2));

@@ -4,16 +4,33 @@ use nalgebra::Vector3;
 
 use super::arc::{STILL, first_contact};
 use super::columns::{Column, Columns, part};
-use super::engine::{Engine, Phase, REST_SPEED, crossing};
+use super::engine::{Engine, Phase, crossing, rest_speed};
 use super::field::Flow as _;
 use super::integrate::Step;
-use super::obstacle::{Shape, into_box, out_of_box};
-use super::rest::{Carried, Support, free_directions, normal_reaction};
+use super::obstacle::{Nearest, Shape, into_box, out_of_box};
+use super::rest::{Carried, ROLLING_SLIP, Support, free_directions, normal_reaction};
 
 /// Where a slide is stopped, as a share of the way to its end: at the end itself its direction is lost.
 const SLIDE_END: f64 = 1.0 - 1e-7;
 /// Gap within which a carried ball touches, m.
 const CARRIED_GAP: f64 = 1e-8;
+/// Cosine of the angle within which two normals are one surface's.
+const PARALLEL: f64 = 1.0 - 1e-6;
+/// Slip up to which a rolling sphere still rolls, m/s: what rounding adds up to.
+const KEPT_SLIP: f64 = 10.0 * ROLLING_SLIP;
+/// Longest step of a sphere that begins to slip, s: its friction has no direction before.
+const FIRST_SLIP: f64 = 1e-4;
+
+/// What ends a motion on a support.
+#[derive(Debug, Clone, Copy)]
+enum Event {
+    /// The slide has ended.
+    Rolls,
+    /// The grip no longer suffices.
+    Slips,
+    /// The rim of the face is reached.
+    Rim,
+}
 
 impl<const M: usize> Engine<'_, M> {
     pub(super) fn carrier<'s>(&'s self, support: &'s Support) -> Carried<'s> {
@@ -23,30 +40,40 @@ impl<const M: usize> Engine<'_, M> {
     /// What carries the ball now: the surfaces it touches, does not leave and is pressed on.
     pub(super) fn support(&self) -> Option<Support> {
         let (r, v) = (self.y.position(), self.y.velocity());
-        let touching: Vec<_> = self
+        let mut a = part(&self.field.derivative(&self.head()).0[0], 1);
+        let mut touching: Vec<_> = self
             .obstacles
             .iter()
             .enumerate()
             .filter(|(_, obstacle)| obstacle.distance(&r) - self.rigid.radius <= CARRIED_GAP)
             .map(|(index, obstacle)| (index, obstacle.nearest(&r)))
-            .filter(|(_, near)| near.normal.dot(&v).abs() <= REST_SPEED)
+            .filter(|(_, near)| near.normal.dot(&v).abs() <= STILL.max(rest_speed(normal_reaction(near, &a, &v))))
             .collect();
-        if touching.is_empty() {
-            return None;
-        }
-        let mut a = part(&self.field.derivative(&self.head()).0[0], 1);
+        // Where a face and an edge lie flush, the face carries.
+        let reaction = |near: &Nearest| normal_reaction(near, &a, &v);
+        touching.sort_by(|(_, one), (_, other)| reaction(other).total_cmp(&reaction(one)));
         let mut normals: Vec<Vector3<f64>> = Vec::new();
         let mut contacts = Vec::new();
-        while let Some((index, near)) = touching
-            .iter()
-            .filter(|(index, _)| !contacts.contains(index))
-            .find(|(_, near)| normal_reaction(near, &a, &v) > STILL && contacts.len() < 3)
-        {
-            contacts.push(*index);
-            normals.push(near.normal);
-            a = free_directions(&normals) * a;
+        for (index, near) in touching {
+            if contacts.len() < 3 && normal_reaction(&near, &a, &v) > STILL {
+                contacts.push(index);
+                normals.push(near.normal);
+                a = free_directions(&normals) * a;
+            }
         }
         (!contacts.is_empty()).then_some(Support { contacts, rolling: false })
+    }
+
+    /// Obstacles that need no looking for contacts: those that carry, and those that lie flush with them.
+    fn flush(&self, support: &Support) -> Vec<usize> {
+        let r = self.y.position();
+        let near: Vec<_> = support.contacts.iter().map(|&index| self.obstacles[index].nearest(&r).normal).collect();
+        let lies_flush = |index: &usize| {
+            let other = self.obstacles[*index].nearest(&r);
+            let touches = other.distance - self.rigid.radius <= CARRIED_GAP;
+            support.contacts.contains(index) || (touches && near.iter().any(|n| n.dot(&other.normal) > PARALLEL))
+        };
+        (0..self.obstacles.len()).filter(lies_flush).collect()
     }
 
     pub(super) fn carried(&mut self, before: Support) -> Phase {
@@ -57,54 +84,71 @@ impl<const M: usize> Engine<'_, M> {
         self.y = self.carrier(&support).project(&self.y);
         let slip = self.carrier(&support).slip(&self.y.position(), &self.y.velocity(), &self.y.spin());
         let kept = before.rolling && before.contacts == support.contacts;
-        support.rolling = kept || self.carrier(&support).rolls(&self.y);
+        let limit = if kept { KEPT_SLIP } else { ROLLING_SLIP };
+        support.rolling = slip.is_some_and(|slip| slip.norm() <= limit);
         let (field, obstacles, rigid) = (self.field, self.obstacles, self.rigid);
         let now = support.clone();
         let carrier = Carried { field, obstacles, support: &now, rigid };
-        let Some(step) = self.trial(&carrier, f64::INFINITY) else {
+        // a sphere whose grip does not suffice begins to slip
+        let slips = support.rolling && carrier.lacking_grip(&self.y.0[0]) > 0.0;
+        let Some(step) = self.trial(&carrier, if slips { FIRST_SLIP } else { f64::INFINITY }) else {
             self.stuck();
             return Phase::Carried(support);
         };
-        let slides = slip.filter(|_| !support.rolling);
-        let mut end = 1.0_f64;
-        let mut stops = false;
-        if let Some(slip) = slides {
-            let along = |y: &Column| {
-                let now = carrier.slip(&part(y, 0), &part(y, 1), &part(y, 2));
-                now.map_or(0.0, |now| now.dot(&slip))
-            };
-            if along(&step.end.0[0]) <= 0.0 {
-                end = crossing(|theta| along(&step.at(theta)), false) * SLIDE_END;
-                stops = true;
-            }
-        }
-        if let Some(theta) = self.leaves_face(&support, &step).filter(|&theta| theta < end) {
-            (end, stops) = (theta, false);
-        }
+        let (end, event) = self.first_event(&carrier, &step, slip.filter(|_| !support.rolling), slips);
         let a = part(&carrier.derivative(&self.head()).0[0], 1);
         let path = |t: f64| {
             let y = step.at(t / step.h);
             (part(&y, 0), part(&y, 1))
         };
-        let (skip, bound) = (&support.contacts, step.acceleration_bound());
-        let hit = first_contact(self.obstacles, skip, self.rigid.radius, path, &a, bound, step.h * end);
+        let (skip, bound) = (self.flush(&support), step.acceleration_bound());
+        let hit = first_contact(self.obstacles, &skip, self.rigid.radius, path, &a, bound, step.h * end);
         if let Some((time, obstacle)) = hit {
             if time > 0.0 {
                 let theta = time / step.h;
                 let step = self.shortened(&carrier, step, theta);
                 self.commit(&step);
             }
-            return self.touch(obstacle);
+            // what lies flush with the support is rolled onto, not hit
+            let rolled_onto = self.flush(&support).contains(&obstacle);
+            return if rolled_onto { Phase::Carried(support) } else { self.touch(obstacle) };
         }
         let short = self.shortened(&carrier, step, end);
         let slope_before = carrier.derivative(&Columns::<1>([short.end.0[0]]));
         self.commit(&short);
-        if stops {
-            self.start_rolling(&mut support, &slope_before);
-        } else if end < 1.0 {
-            self.pass_edge(&support, &slope_before);
+        match event {
+            Some(Event::Rolls) => self.start_rolling(&mut support, &slope_before),
+            Some(Event::Rim) => self.pass_edge(&support, &slope_before),
+            Some(Event::Slips) | None => {}
         }
         Phase::Carried(support)
+    }
+
+    /// Where in a step on a support the motion changes first, if it does: share of the step, and how.
+    fn first_event(
+        &self,
+        carrier: &Carried,
+        step: &Step<M>,
+        slide: Option<Vector3<f64>>,
+        slips: bool,
+    ) -> (f64, Option<Event>) {
+        let mut first = (1.0, None);
+        if let Some(slip) = slide {
+            let along = |y: &Column| {
+                let now = carrier.slip(&part(y, 0), &part(y, 1), &part(y, 2));
+                now.map_or(0.0, |now| now.dot(&slip))
+            };
+            if along(&step.end.0[0]) <= 0.0 {
+                first = (crossing(|theta| along(&step.at(theta)), false) * SLIDE_END, Some(Event::Rolls));
+            }
+        }
+        if carrier.support.rolling && !slips && carrier.lacking_grip(&step.end.0[0]) > 0.0 {
+            first = (crossing(|theta| carrier.lacking_grip(&step.at(theta)), true), Some(Event::Slips));
+        }
+        match self.leaves_face(carrier.support, step) {
+            Some(theta) if theta < first.0 => (theta, Some(Event::Rim)),
+            _ => first,
+        }
     }
 
     /// Where within the step the sphere's centre passes the rim of the face that carries it.

@@ -83,12 +83,19 @@ impl Case {
 
     fn from_file(case: CaseFile, what: &str) -> Result<Self> {
         let system = &case.system;
-        let boxes = system.obstacles.iter().map(|block| {
+        let cuboid = |block: &Block| -> Result<Cuboid> {
             let [x, y, z] = block.p;
+            let [row, other, last] = block.rotation;
+            let upright = last == [0.0, 0.0, 1.0] && row[2] == 0.0 && other[2] == 0.0;
+            let turns = (row[0] - other[1]).abs() < 1e-9 && (row[1] + other[0]).abs() < 1e-9;
+            if !(upright && turns && (row[0].hypot(row[1]) - 1.0).abs() < 1e-9) {
+                let field = format!("case `{}`: system.obstacles.R", case.name);
+                return Err(Error::value(what, field, "must be a rotation about z"));
+            }
             // world_from_box is the transposed rotation
             let yaw = block.rotation[0][1].atan2(block.rotation[0][0]);
-            Cuboid { position: [x, y, z + block.h / 2.0], half_size: [block.l, block.w, block.h / 2.0], yaw }
-        });
+            Ok(Cuboid { position: [x, y, z + block.h / 2.0], half_size: [block.l, block.w, block.h / 2.0], yaw })
+        };
         let wall = |position: f64, axis: usize, sign: f64| {
             let (mut point, mut normal) = ([0.0; 3], [0.0; 3]);
             (point[axis], normal[axis]) = (position, sign);
@@ -101,7 +108,7 @@ impl Case {
         // the paper's spring hangs in empty space
         scene.floor = (system.floor && system.spring.is_none()).then_some(Floor { height: 0.0 });
         scene.walls = x.into_iter().chain(y).collect();
-        scene.boxes = boxes.collect();
+        scene.boxes = system.obstacles.iter().map(cuboid).collect::<Result<_>>()?;
         if let Some(spring) = &system.spring {
             scene.ball.mass = spring.m;
             scene.spring = Some(Spring { stiffness: spring.k, anchor: [0.0; 3] });

@@ -12,9 +12,9 @@ use super::obstacle::{Obstacle, Shape, into_box};
 use super::rest::{Support, normal_reaction};
 use super::scene::Contact;
 
-/// Normal speed after an impact below which a ball that is pressed on stays, m/s: its next bounces
-/// would be lower than 0.1 µm. What ends the infinitely many bounces of a ball that comes to rest.
-pub(super) const REST_SPEED: f64 = 1e-3;
+/// Height of a bounce below which a ball that is pressed on stays, m. What ends the infinitely many
+/// bounces of a ball that comes to rest.
+const REST_HEIGHT: f64 = 5e-8;
 /// Time by which a ball that presses on is let pass a face's rim, s.
 const EDGE_HAIR: f64 = 1e-12;
 /// Largest force (m/s²), and largest gradient of it (1/s²), of a soft wall that is not felt; and with fixed steps.
@@ -29,7 +29,7 @@ const CROSSING_VALUE: f64 = 1e-15;
 
 /// What the ball is doing.
 pub(super) enum Phase {
-    /// In potentials without events (`penalty`, or nothing to touch).
+    /// In potentials without events (`penalty`).
     Smooth,
     /// Touching nothing.
     Flight,
@@ -189,10 +189,13 @@ impl<const M: usize> Engine<'_, M> {
             // where no soft wall is felt, an arc
             let arc = Arc { linear, spin_decay: self.field.spin_decay(), press: None };
             let duration = self.times.last().map_or(0.0, |last| last - self.t);
-            self.follow(&arc, &[], reach, duration);
-            return Phase::Smooth;
+            if self.follow(&arc, &[], reach, duration).is_none() {
+                return Phase::Smooth;
+            }
         }
         // No step may jump over a wall: the ball must see it on the way.
+        let r = self.y.position();
+        let clear = self.obstacles.iter().map(|o| o.distance(&r)).fold(f64::INFINITY, f64::min);
         let sharpness = match *self.contact {
             Contact::Penalty { beta, beta_box, .. } => beta.min(beta_box),
             _ => 1.0,
@@ -339,7 +342,10 @@ impl<const M: usize> Engine<'_, M> {
         }
         let rigid = match self.backwards {
             // What a stuck or rubbing contact did cannot be told from its result: undone without friction.
-            true => Rigid { friction: 0.0, restitution: self.rigid.restitution.min(1e3), ..self.rigid },
+            true => {
+                let rebound = if self.rigid.restitution.is_finite() { self.rigid.restitution } else { 0.0 };
+                Rigid { friction: 0.0, restitution: rebound, ..self.rigid }
+            }
             false => self.rigid,
         };
         let near = self.obstacles[obstacle].nearest(&self.y.position());
@@ -350,8 +356,8 @@ impl<const M: usize> Engine<'_, M> {
         self.y = rigid.reflect(&self.y, &near, &before, |after| field.derivative(after));
         let leaving = near.normal.dot(&self.y.velocity());
         let free = field.derivative(&self.head());
-        let pressed = normal_reaction(&near, &part(&free.0[0], 1), &self.y.velocity()) > 0.0;
-        if leaving > STILL && !(leaving <= REST_SPEED && pressed) {
+        let reaction = normal_reaction(&near, &part(&free.0[0], 1), &self.y.velocity());
+        if leaving > STILL.max(rest_speed(reaction)) {
             return Phase::Flight;
         }
         // Stays on the surface, exactly; from here on the support acts, too.
@@ -400,14 +406,18 @@ impl<const M: usize> Engine<'_, M> {
             return Phase::Pressed(active);
         };
         let radius = self.rigid.radius;
+        let pressed: Vec<usize> = (0..active.len()).filter(|&index| active[index]).collect();
+        let path = |t: f64| {
+            let y = step.at(t / step.h);
+            (part(&y, 0), part(&y, 1))
+        };
+        let a = part(&pressing.derivative(&self.head()).0[0], 1);
+        let hit = first_contact(self.obstacles, &pressed, radius, path, &a, step.acceleration_bound(), step.h);
+        let mut first = hit.map(|(time, index)| (time / step.h, index));
         let end = step.end.position();
-        let mut first: Option<(f64, usize)> = None;
-        for (index, obstacle) in self.obstacles.iter().enumerate() {
-            if (obstacle.distance(&end) < radius) == active[index] {
-                continue;
-            }
-            let gap = |theta: f64| obstacle.distance(&part(&step.at(theta), 0)) - radius;
-            let theta = crossing(gap, active[index]);
+        for &index in pressed.iter().filter(|&&index| self.obstacles[index].distance(&end) >= radius) {
+            let gap = |theta: f64| self.obstacles[index].distance(&part(&step.at(theta), 0)) - radius;
+            let theta = crossing(gap, true);
             if first.is_none_or(|(earliest, _)| theta < earliest) {
                 first = Some((theta, index));
             }
@@ -417,8 +427,10 @@ impl<const M: usize> Engine<'_, M> {
             self.slope = Some(step.last);
             return Phase::Pressed(active);
         };
-        let step = self.shortened(&pressing, step, theta);
-        self.commit(&step);
+        if theta > 0.0 {
+            let step = self.shortened(&pressing, step, theta);
+            self.commit(&step);
+        }
         active[index] = !active[index];
         if active[index] {
             self.record(index);
@@ -434,6 +446,11 @@ impl<const M: usize> Engine<'_, M> {
             }
         }
     }
+}
+
+/// Normal speed below which a ball that is pressed on with `reaction` (m/s²) stays, m/s.
+pub(super) fn rest_speed(reaction: f64) -> f64 {
+    (2.0 * reaction.max(0.0) * REST_HEIGHT).sqrt()
 }
 
 /// Where in [0, 1] `f` changes sign, given that it does (`rising`: from negative to positive):

@@ -74,7 +74,7 @@ pub enum Status {
         /// s.
         time: f64,
     },
-    /// Stopped: a start, or a force, that is not finite.
+    /// Stopped: a start or a force that is not finite, or a start faster than 10⁹ m/s.
     NotFinite {
         /// s.
         time: f64,
@@ -82,9 +82,25 @@ pub enum Status {
 }
 
 impl Status {
+    /// Whether there is a state for every time, each as the laws say.
+    pub fn is_exact(&self) -> bool {
+        matches!(self, Self::Ok | Self::StartInside)
+    }
+
     /// Whether there is a state for every time.
     pub fn is_whole(&self) -> bool {
         matches!(self, Self::Ok | Self::StartInside | Self::Irreversible { .. })
+    }
+
+    /// When it stopped, or went through what cannot be undone, s.
+    pub fn time(&self) -> Option<f64> {
+        match *self {
+            Self::Ok | Self::StartInside => None,
+            Self::Irreversible { time }
+            | Self::StepLimit { time }
+            | Self::LeftRegion { time }
+            | Self::NotFinite { time } => Some(time),
+        }
     }
 
     /// Stable name, for programs.
@@ -115,10 +131,12 @@ pub struct Impact {
     pub time_gradient: [f64; 6],
 }
 
-/// States at the times asked for, in their order.
+/// What a forecast found.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Forecast {
-    /// One state a time; fewer where `status` says that it stopped.
+    /// Times of the states, s: those asked for, in their order; without those after a stop.
+    pub times: Vec<f64>,
+    /// One state a time.
     pub states: Vec<State>,
     /// ∂(position, velocity at the time)/∂(position, velocity at the start), one a state; empty where not asked for.
     pub jacobians: Vec<Matrix6<f64>>,
@@ -130,4 +148,22 @@ pub struct Forecast {
     pub moved: Option<Moved>,
     /// Steps, tried or made.
     pub steps: usize,
+}
+
+impl std::fmt::Display for Status {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Ok => write!(f, "whole"),
+            Self::StartInside => write!(f, "whole; the start was inside an obstacle and was moved out"),
+            Self::Irreversible { time } => {
+                write!(
+                    f,
+                    "a contact at t = {time:.4} s cannot be undone (friction, or no rebound): states before it are guesses"
+                )
+            }
+            Self::StepLimit { time } => write!(f, "too many steps at t = {time:.4} s"),
+            Self::LeftRegion { time } => write!(f, "the ball has left the region at t = {time:.4} s"),
+            Self::NotFinite { time } => write!(f, "the motion is not finite at t = {time:.4} s"),
+        }
+    }
 }

@@ -15,6 +15,8 @@ use super::obstacle::Obstacle;
 use super::scene::{Contact, Scene};
 use crate::error::{Error, Result};
 
+/// Largest speed of a start, m/s: beyond, its squares overflow.
+const FASTEST: f64 = 1e9;
 /// Widths (1/β) of a soft wall within which the ball is in contact with it.
 const SOFT_WALL_WIDTHS: f64 = 8.0;
 
@@ -200,6 +202,7 @@ impl Forecaster {
     /// Runs forwards and backwards as `times` ask, and puts the states into their order.
     fn both_ways<const M: usize>(&self, start: &State, times: &[f64]) -> Forecast {
         let empty = Forecast {
+            times: vec![],
             states: vec![],
             jacobians: vec![],
             impacts: vec![],
@@ -208,7 +211,7 @@ impl Forecaster {
             steps: 0,
         };
         let finite = start.position.iter().chain(start.velocity.iter()).chain(times).all(|value| value.is_finite());
-        if !finite {
+        if !finite || start.velocity.norm() > FASTEST {
             return empty;
         }
         let columns = Columns::<M>::start(start.position.coords, start.velocity, self.scene.ball.spin.into());
@@ -233,7 +236,7 @@ impl Forecaster {
             forecast.status = Status::StartInside;
         }
         forecast.moved = moved;
-        in_order(&mut forecast, &places);
+        in_order(&mut forecast, &places, times);
         forecast
     }
 
@@ -276,6 +279,7 @@ impl Forecaster {
         });
         let state = |y: &Columns<M>| State { position: Point3::from(y.position()), velocity: y.velocity() };
         Forecast {
+            times: vec![],
             states: out.iter().map(state).collect(),
             jacobians: if M == 1 { vec![] } else { out.iter().map(Columns::jacobian).collect() },
             impacts: impacts.collect(),
@@ -304,9 +308,10 @@ fn mirrored<const M: usize>(y: &Columns<M>) -> Columns<M> {
 }
 
 /// Puts states (and Jacobians) into the order of the times asked for; after an early stop, in ascending order of place.
-fn in_order(forecast: &mut Forecast, places: &[usize]) {
+fn in_order(forecast: &mut Forecast, places: &[usize], times: &[f64]) {
     let mut order: Vec<usize> = (0..places.len()).collect();
     order.sort_by_key(|&index| places[index]);
+    forecast.times = order.iter().map(|&index| times[places[index]]).collect();
     forecast.states = order.iter().map(|&index| forecast.states[index]).collect();
     if !forecast.jacobians.is_empty() {
         forecast.jacobians = order.iter().map(|&index| forecast.jacobians[index]).collect();

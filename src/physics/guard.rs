@@ -9,7 +9,8 @@
 //! - `bounce`: not at all; moved to touching.
 //!
 //! The Jacobian is the move's own derivative: it passes what happens along the wall, and loses what
-//! happens across it. So it is bounded by one.
+//! happens across it. Only near an edge, where the way out turns without bound, it is held to twice the
+//! start's.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -80,7 +81,9 @@ fn ways_out(obstacle: &Obstacle, r: &Vector3<f64>, target: f64) -> Vec<(Vector3<
         _ => {
             let near = obstacle.nearest(r);
             let (shift, change) = along(near.normal, near.distance);
-            vec![(shift, change + (target - near.distance) * near.curvature)]
+            // the normal turns by up to 1/distance: at an edge's very line without bound
+            let turned = (target - near.distance).min(near.distance.max(0.0));
+            vec![(shift, change + turned * near.curvature)]
         }
     }
 }

@@ -8,7 +8,7 @@ use super::impact::Rigid;
 use super::obstacle::{Nearest, Obstacle};
 
 /// Slip below which a carried sphere rolls, m/s.
-const ROLLING_SLIP: f64 = 1e-7;
+pub(crate) const ROLLING_SLIP: f64 = 1e-7;
 
 /// What carries the sphere: one surface (with friction on faces), two (it moves along their
 /// common line) or three (it does not move).
@@ -69,6 +69,25 @@ impl Carried<'_> {
         self.slip(&y.position(), &y.velocity(), &y.spin()).is_some_and(|slip| slip.norm() <= ROLLING_SLIP)
     }
 
+    /// By how much the force that keeps the sphere rolling exceeds what friction gives, m/s²; negative: it rolls.
+    pub fn lacking_grip(&self, y: &[f64; 9]) -> f64 {
+        let (r, v, w) = (part(y, 0), part(y, 1), part(y, 2));
+        match self.nearest(&r).as_slice() {
+            [near] if self.rubs(near) => {
+                let a = self.field.acceleration::<false>(&r, &v, &w, &mut Partials::zero());
+                let reaction = normal_reaction(near, &a, &v);
+                let held = a + reaction * near.normal;
+                self.grip(&near.normal, &held, &w).norm() - self.rigid.friction * reaction.max(0.0)
+            }
+            _ => -1.0,
+        }
+    }
+
+    /// The friction, m/s², that keeps a rolling sphere from slipping under the acceleration `held`.
+    fn grip(&self, n: &Vector3<f64>, held: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
+        -(held + self.field.spin_decay() * self.rigid.radius * w.cross(n)) / self.rigid.mobility()
+    }
+
     /// Puts the state exactly on its supports and the sensitivities into their tangent space.
     pub fn project<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
         let mut out = *y;
@@ -108,7 +127,7 @@ impl Carried<'_> {
         let rubs = self.rubs(near);
         let limit = rigid.friction * reaction.max(0.0);
         // what keeps a rolling sphere from slipping, as far as friction goes
-        let grip = -(held + decay * rigid.radius * w.cross(n)) / rigid.mobility();
+        let grip = self.grip(n, &held, &w);
         let slips = grip.norm() > limit;
         let friction = match self.support.rolling {
             _ if !rubs => Vector3::zeros(),
@@ -130,7 +149,7 @@ impl Carried<'_> {
             let d_friction = match self.support.rolling {
                 _ if !rubs => Vector3::zeros(),
                 true => {
-                    let d_grip = -(d_held + decay * rigid.radius * dw.cross(n)) / rigid.mobility();
+                    let d_grip = self.grip(n, &d_held, &dw);
                     let along = grip / grip.norm().max(f64::MIN_POSITIVE);
                     let d_slipping = rigid.friction * d_reaction * along
                         + limit * (d_grip - along * along.dot(&d_grip)) / grip.norm().max(f64::MIN_POSITIVE);

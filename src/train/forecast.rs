@@ -11,7 +11,7 @@ use crate::physics::{Forecaster, State, Status};
 pub struct Forecasts {
     /// Positions and velocities, m and m/s: `[batch, times, 6]`. Zero, without gradient, where `valid` is 0.
     pub states: Tensor<3>,
-    /// 1 for a whole forecast, 0 for one that stopped early: `[batch]`.
+    /// 1 for a whole forecast, 0 for one that stopped early or went back through what cannot be undone: `[batch]`.
     pub valid: Tensor<1>,
     /// How each ended.
     pub statuses: Vec<Status>,
@@ -24,9 +24,13 @@ pub struct Forecasts {
 /// `forecast + J·(starts − detach(starts))`: the same on every device, and no tape of solver steps.
 ///
 /// # Errors
-/// [`Error::Device`] where the starts cannot be read back.
+/// [`Error::Data`] for starts of another shape, [`Error::Device`] where they cannot be read back.
 pub async fn forecast(starts: Tensor<2>, forecaster: &Forecaster, times: &[f64]) -> Result<Forecasts> {
-    let [batch, _] = starts.dims();
+    let [batch, components] = starts.dims();
+    if components != 6 {
+        let reason = format!("must have the shape [batch, 6], not [{batch}, {components}]");
+        return Err(Error::Data { what: "starts of a forecast".into(), reason });
+    }
     let device = starts.device();
     let still = starts.clone().detach();
     let failed = |reason: String| Error::Device { device: format!("{device:?}"), reason };
@@ -40,7 +44,7 @@ pub async fn forecast(starts: Tensor<2>, forecaster: &Forecaster, times: &[f64])
     let mut valid = Vec::with_capacity(batch);
     let mut statuses = Vec::with_capacity(batch);
     for forecast in forecaster.forecast_batch(&states, times) {
-        let whole = forecast.status.is_whole();
+        let whole = forecast.status.is_exact();
         valid.push(if whole { 1.0_f32 } else { 0.0 });
         statuses.push(forecast.status);
         if !whole {

@@ -92,8 +92,8 @@ pub struct Fit {
     pub noise_px: f64,
     /// Root mean square residual of the labels that are no outliers, px.
     pub rms_px: f64,
-    /// Whether the trajectory explains the labels to about their noise. If not, a force is unknown, the
-    /// scene or the camera wrong, or the right trajectory was not found.
+    /// Whether the trajectory explains the labels to about their noise and keeps the laws. If not, a force is
+    /// unknown, the scene or the camera wrong, or the right trajectory was not found.
     pub explained: bool,
     /// Where the ball touches something, by time (s on the track's clock).
     pub impacts: Vec<Impact>,

@@ -84,6 +84,9 @@ fn polished<const D: usize>(problem: &Problem, mut best: Chain<D>) -> Chain<D> {
     let mut cost = best.total_cost(problem, FINAL);
     let last = problem.len() - 1;
     for frame in best.flights(problem) {
+        if problem.tired(2 * SEARCH) {
+            break;
+        }
         for by in POLISH {
             let Some(mut chain) = best.shifted(problem, frame, by, true, FINAL) else { continue };
             chain.refine(problem, (0, last), GROWING, 8);
