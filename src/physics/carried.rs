@@ -18,7 +18,7 @@ const CARRIED_GAP: f64 = 1e-8;
 const PARALLEL: f64 = 1.0 - 1e-6;
 /// Slip up to which a rolling sphere still rolls, m/s: what rounding adds up to.
 const KEPT_SLIP: f64 = 10.0 * ROLLING_SLIP;
-/// Longest step of a sphere that begins to slip, s: its friction has no direction before.
+/// Step of a sphere that begins to slip, s; longer where its slip would not show after it.
 const FIRST_SLIP: f64 = 1e-4;
 
 /// What ends a motion on a support.
@@ -89,9 +89,12 @@ impl<const M: usize> Engine<'_, M> {
         let (field, obstacles, rigid) = (self.field, self.obstacles, self.rigid);
         let now = support.clone();
         let carrier = Carried { field, obstacles, support: &now, rigid };
-        // a sphere whose grip does not suffice begins to slip
-        let slips = support.rolling && carrier.lacking_grip(&self.y.0[0]) > 0.0;
-        let Some(step) = self.trial(&carrier, if slips { FIRST_SLIP } else { f64::INFINITY }) else {
+        // A sphere whose grip does not suffice begins to slip; its friction has no direction before it does.
+        let lacking = if support.rolling { carrier.lacking_grip(&self.y.0[0]) } else { -1.0 };
+        let slips = lacking > 0.0;
+        let longest =
+            if slips { FIRST_SLIP.max(2.0 * KEPT_SLIP / (lacking * rigid.mobility())) } else { f64::INFINITY };
+        let Some(step) = self.trial(&carrier, longest) else {
             self.stuck();
             return Phase::Carried(support);
         };
