@@ -100,10 +100,7 @@ impl<const M: usize> Engine<'_, M> {
         };
         let (end, event) = self.first_event(&carrier, &step, slip.filter(|_| !support.rolling), slips);
         let a = part(&carrier.derivative(&self.head()).0[0], 1);
-        let path = |t: f64| {
-            let y = step.at(t / step.h);
-            (part(&y, 0), part(&y, 1))
-        };
+        let path = |t: f64| step.state_at(t);
         let (skip, bound) = (self.flush(&support), step.acceleration_bound());
         let hit = first_contact(self.obstacles, &skip, self.rigid.radius, path, &a, bound, step.h * end);
         if let Some((time, obstacle)) = hit {

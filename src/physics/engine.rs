@@ -1,22 +1,18 @@
 //! The run of one trajectory: free flight, soft contact, impacts, being carried.
 
-use nalgebra::Matrix3;
-
-use super::arc::{Arc, Press, STILL, TOUCH, first_contact};
+use super::arc::{Arc, STILL, TOUCH, first_contact};
 use super::columns::{Columns, part};
-use super::field::{Field, Flow, Linear, Pressing};
+use super::field::{Field, Flow, Linear};
 use super::forecast::{Impact, Options, Status};
 use super::impact::{Rigid, contact_time_change};
 use super::integrate::{Integrator, Step};
-use super::obstacle::{Obstacle, Shape, into_box};
+use super::obstacle::Obstacle;
 use super::rest::{Support, normal_reaction};
 use super::scene::Contact;
 
 /// Height of a bounce below which a ball that is pressed on stays, m. What ends the infinitely many
 /// bounces of a ball that comes to rest.
 const REST_HEIGHT: f64 = 5e-8;
-/// Time by which a ball that presses on is let pass a face's rim, s.
-const EDGE_HAIR: f64 = 1e-12;
 /// Largest force (m/s²), and largest gradient of it (1/s²), of a soft wall that is not felt; and with fixed steps.
 const SOFT_FORCE: f64 = 1e-6;
 const SOFT_FORCE_OF_STEPS: f64 = 1e-12;
@@ -135,7 +131,7 @@ impl<const M: usize> Engine<'_, M> {
         self.emit();
     }
 
-    fn emit(&mut self) {
+    pub(super) fn emit(&mut self) {
         while self.times.get(self.out.len()).is_some_and(|&time| time <= self.t) {
             self.out.push(self.y);
         }
@@ -224,12 +220,12 @@ impl<const M: usize> Engine<'_, M> {
         reach(beta).max(reach(beta_box))
     }
 
-    fn closed_form(&self) -> Option<Linear> {
+    pub(super) fn closed_form(&self) -> Option<Linear> {
         self.options.closed_forms.then(|| self.field.linear(&self.y.spin())).flatten()
     }
 
     /// Follows an arc for `duration` s, or to where a ball of `radius` touches an obstacle not in `skip`, and returns that.
-    fn follow(&mut self, arc: &Arc, skip: &[usize], radius: f64, duration: f64) -> Option<usize> {
+    pub(super) fn follow(&mut self, arc: &Arc, skip: &[usize], radius: f64, duration: f64) -> Option<usize> {
         let (start, begin, head) = (self.y, self.t, self.head());
         let (r, v) = (start.position(), start.velocity());
         let path = |t: f64| arc.state_at(&head, t);
@@ -242,50 +238,6 @@ impl<const M: usize> Engine<'_, M> {
         }
         (self.y, self.t, self.slope) = (arc.at(&start, passed), until, None);
         contact.map(|(_, obstacle)| obstacle)
-    }
-
-    /// A soft ball on one face, in closed form; `None` where there is none, or it may leave the face's region.
-    fn pressed_on_face(&mut self, stiffness: f64, active: &[bool]) -> Option<Phase> {
-        let linear = self.closed_form()?;
-        let mut pressed = (0..active.len()).filter(|&index| active[index]);
-        let (index, None) = (pressed.next()?, pressed.next()) else { return None };
-        let (obstacle, r, radius) = (&self.obstacles[index], self.y.position(), self.rigid.radius);
-        let near = obstacle.nearest(&r);
-        if near.curvature != Matrix3::zeros() {
-            return None;
-        }
-        let level = near.normal.dot(&r) - near.distance + radius;
-        let press = Press { normal: near.normal, stiffness, level };
-        let arc = Arc { linear, spin_decay: self.field.spin_decay(), press: Some(press) };
-        let head = self.head();
-        let (release, depth) = arc.release(&head, &press);
-        if depth >= radius {
-            return None; // the centre enters, where another face may be nearer
-        }
-        let last = self.times.last().map_or(0.0, |last| last - self.t);
-        let mut duration = release.min(last);
-        if let Shape::Cuboid { centre, half, cos, sin } = &obstacle.shape {
-            let beyond = |t: f64| into_box(arc.state_at(&head, t).0 - centre, *cos, *sin).abs() - half;
-            let (before, after) = (beyond(0.0), beyond(duration));
-            for axis in (0..3).filter(|&axis| before[axis] < 0.0 && after[axis] > 0.0) {
-                duration = duration.min(duration * crossing(|theta| beyond(duration * theta)[axis], true));
-            }
-        }
-        let released = duration == release;
-        let mut active = active.to_vec();
-        if let Some(other) = self.follow(&arc, &[index], radius, duration) {
-            active[other] = true;
-            self.record(other);
-        } else if released {
-            active[index] = false;
-            return Some(Phase::Flight);
-        } else {
-            // on over the rim: a hair beyond it, so that the edge is what is nearest
-            self.y = arc.at(&self.y, EDGE_HAIR);
-            self.t += EDGE_HAIR;
-            self.emit();
-        }
-        Some(Phase::Pressed(active))
     }
 
     fn flight(&mut self) -> Phase {
@@ -307,10 +259,7 @@ impl<const M: usize> Engine<'_, M> {
             self.stuck();
             return Phase::Flight;
         };
-        let path = |t: f64| {
-            let y = step.at(t / step.h);
-            (part(&y, 0), part(&y, 1))
-        };
+        let path = |t: f64| step.state_at(t);
         let bound = step.acceleration_bound();
         let contact = first_contact(self.obstacles, &[], self.rigid.radius, path, &a, bound, step.h);
         let Some((time, obstacle)) = contact else {
@@ -376,7 +325,7 @@ impl<const M: usize> Engine<'_, M> {
         Columns([self.y.0[0]])
     }
 
-    fn record(&mut self, obstacle: usize) {
+    pub(super) fn record(&mut self, obstacle: usize) {
         let near = self.obstacles[obstacle].nearest(&self.y.position());
         let closing = near.normal.dot(&self.y.velocity());
         let gradient = |component: usize| match self.y.0.get(component + 1) {
@@ -392,50 +341,6 @@ impl<const M: usize> Engine<'_, M> {
             speed: -closing,
             time_gradient,
         });
-    }
-
-    fn pressed(&mut self, mut active: Vec<bool>) -> Phase {
-        let Contact::Spring { stiffness } = *self.contact else { return Phase::Flight };
-        if let Some(phase) = self.pressed_on_face(stiffness, &active) {
-            return phase;
-        }
-        let now = active.clone();
-        let pressing = Pressing { field: self.field, active: &now, stiffness };
-        let Some(step) = self.trial(&pressing, f64::INFINITY) else {
-            self.stuck();
-            return Phase::Pressed(active);
-        };
-        let radius = self.rigid.radius;
-        let pressed: Vec<usize> = (0..active.len()).filter(|&index| active[index]).collect();
-        let path = |t: f64| {
-            let y = step.at(t / step.h);
-            (part(&y, 0), part(&y, 1))
-        };
-        let a = part(&pressing.derivative(&self.head()).0[0], 1);
-        let hit = first_contact(self.obstacles, &pressed, radius, path, &a, step.acceleration_bound(), step.h);
-        let mut first = hit.map(|(time, index)| (time / step.h, index));
-        let end = step.end.position();
-        for &index in pressed.iter().filter(|&&index| self.obstacles[index].distance(&end) >= radius) {
-            let gap = |theta: f64| self.obstacles[index].distance(&part(&step.at(theta), 0)) - radius;
-            let theta = crossing(gap, true);
-            if first.is_none_or(|(earliest, _)| theta < earliest) {
-                first = Some((theta, index));
-            }
-        }
-        let Some((theta, index)) = first else {
-            self.commit(&step);
-            self.slope = Some(step.last);
-            return Phase::Pressed(active);
-        };
-        if theta > 0.0 {
-            let step = self.shortened(&pressing, step, theta);
-            self.commit(&step);
-        }
-        active[index] = !active[index];
-        if active[index] {
-            self.record(index);
-        }
-        if active.contains(&true) { Phase::Pressed(active) } else { Phase::Flight }
     }
 
     /// Moves each sensitivity through an event whose time it changes by `time_changes`, at which the slope jumps.

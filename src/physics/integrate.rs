@@ -117,6 +117,12 @@ impl<const M: usize> Step<M> {
         })
     }
 
+    /// Position and velocity `t` s after the step's start.
+    pub fn state_at(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let y = self.at(t / self.h);
+        (part(&y, 0), part(&y, 1))
+    }
+
     /// Bound of the acceleration's size along the step, m/s².
     pub fn acceleration_bound(&self) -> f64 {
         let size = |slope: &Column| part(slope, 1).norm();

@@ -17,6 +17,7 @@ mod guard;
 mod impact;
 mod integrate;
 mod obstacle;
+mod pressed;
 mod rest;
 mod scene;
 
