@@ -297,6 +297,10 @@ fn forecast_prints_states_and_jacobians() {
         Some(2)
     );
     assert_eq!(gravisight(&["forecast"]).status.code(), Some(2));
+    let lost = gravisight(&["forecast", "--scene", text(&scene), "--state", "0,0,900,5000,0,0", "--times", "5"]);
+    let message = String::from_utf8(lost.stderr).unwrap();
+    assert_eq!(lost.status.code(), Some(1));
+    assert!(message.contains("left the region at t = 5.0000 s") && message.lines().count() == 1, "{message}");
 }
 
 #[test]

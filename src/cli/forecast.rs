@@ -89,11 +89,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         false => print(&forecast)?,
     }
     if !forecast.status.is_whole() {
-        bail!(
-            "the forecast stopped early ({}): {:?}; check --state and the scene",
-            forecast.status.code(),
-            forecast.status
-        );
+        bail!("the forecast stopped early: {}; check --state and the scene", forecast.status);
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
 //! What several test files share.
 #![allow(dead_code)] // each test file uses its part
 
+pub mod scenes;
+
 use std::path::{Path, PathBuf};
 
 use gravisight::model::Card;
