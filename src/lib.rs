@@ -22,6 +22,7 @@ pub mod evaluate;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod files;
 pub mod image;
+pub mod kernels;
 pub mod localise;
 pub mod model;
 pub mod physics;

@@ -1,0 +1,527 @@
+//! Convolutions by direct sums: implicit products of matrices, no unfolded copy of the input.
+//!
+//! A tile of output positions × a strip of output channels is summed in registers over the kernel's
+//! rows; in a channels-last map a kernel row of `k·channels` values lies in one run of memory, so each
+//! position needs one address a kernel row.
+
+use super::map::{Extent, Map, MapMut};
+use super::parallel::{for_each, threads, with_scratch};
+use super::simd::{ConvTile, MAX_POSITIONS, SLACK, Shared, Vectors, WeightTile};
+
+/// Weights that a strip's pass over the positions keeps in the second-level cache, floats.
+const STRIP_BLOCK: usize = 48 * 1024;
+/// Values of input and gradient that stay in the second-level cache while the weights' gradient is
+/// summed, floats.
+const GRADIENT_BLOCK: usize = 64 * 1024;
+/// Multiplications below which starting threads costs more than it gains.
+const SERIAL_WORK: usize = 100_000;
+
+/// A square convolution: what is fixed before its weights are known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ConvShape {
+    /// Input and output channels; equal for a depthwise one.
+    pub channels: [usize; 2],
+    /// Side of the kernel.
+    pub kernel: usize,
+    /// Step between output positions, input pixels.
+    pub stride: usize,
+    /// Zeros around the input, less than `kernel`.
+    pub padding: usize,
+    /// Each channel by itself.
+    pub depthwise: bool,
+}
+
+impl ConvShape {
+    /// The output's layout without halo.
+    ///
+    /// # Panics
+    /// Where the input has other channels or is smaller than the kernel.
+    pub fn output(&self, input: Extent) -> Extent {
+        assert_eq!(input.channels, self.channels[0], "a convolution of {self:?} cannot take {input:?}");
+        let side = |side: usize| {
+            assert!(side + 2 * self.padding >= self.kernel, "{input:?} is smaller than the kernel of {self:?}");
+            (side + 2 * self.padding - self.kernel) / self.stride + 1
+        };
+        Extent { height: side(input.height), width: side(input.width), channels: self.channels[1], halo: 0, ..input }
+    }
+
+    /// Shape of the weights, `[output channels, input channels of a group, kernel, kernel]`.
+    pub fn weights(&self) -> [usize; 4] {
+        let [input, output] = self.channels;
+        [output, if self.depthwise { 1 } else { input }, self.kernel, self.kernel]
+    }
+}
+
+/// Weights in the order that tiles read them: strips of output channels, `[segments, length, strip]` each.
+#[derive(Debug, Clone)]
+pub struct Packed {
+    strips: Vec<Strip>,
+    values: Vec<f32>,
+    segments: usize,
+    length: usize,
+}
+
+/// Neighbouring output channels that are computed together.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Strip {
+    /// First channel.
+    pub channel: usize,
+    /// Channels.
+    pub width: usize,
+    /// Vectors that hold them.
+    pub vectors: usize,
+    /// First value in the packed weights.
+    start: usize,
+}
+
+/// The strips of `channels` output channels with `taps` weights each, and their values in all.
+pub(super) fn strips(vectors: Vectors, channels: usize, taps: usize) -> (Vec<Strip>, usize) {
+    let lanes = vectors.lanes();
+    let (mut strips, mut start, mut channel) = (Vec::new(), 0, 0);
+    while channel < channels {
+        let vectors = if channels - channel > lanes { 2 } else { 1 };
+        let width = (channels - channel).min(vectors * lanes);
+        strips.push(Strip { channel, width, vectors, start });
+        start += taps * vectors * lanes;
+        channel += width;
+    }
+    (strips, start)
+}
+
+impl Packed {
+    /// Packs `channels` output channels; `weight(segment, tap, first, values)` writes the weights of
+    /// the channels from `first` on.
+    pub(super) fn new(
+        vectors: Vectors,
+        [segments, length, channels]: [usize; 3],
+        weight: impl Fn(usize, usize, usize, &mut [f32]),
+    ) -> Self {
+        let (strips, len) = strips(vectors, channels, segments * length);
+        let mut values = vec![0.0; len];
+        for strip in &strips {
+            let size = strip.vectors * vectors.lanes();
+            let rows = values[strip.start..strip.start + segments * length * size].chunks_exact_mut(size);
+            for (index, row) in rows.enumerate() {
+                weight(index / length, index % length, strip.channel, &mut row[..strip.width]);
+            }
+        }
+        Self { strips, values, segments, length }
+    }
+
+    /// A dense convolution's weights `[output, input, kernel, kernel]`.
+    pub(super) fn dense(vectors: Vectors, shape: &ConvShape, weights: &[f32]) -> Self {
+        let ConvShape { channels: [input, output], kernel, .. } = *shape;
+        Self::new(vectors, [kernel, kernel * input, output], |ky, tap, first, values| {
+            let (kx, channel) = (tap / input, tap % input);
+            for (index, value) in values.iter_mut().enumerate() {
+                *value = weights[(((first + index) * input + channel) * kernel + ky) * kernel + kx];
+            }
+        })
+    }
+
+    /// The strips.
+    pub(super) fn strips(&self) -> &[Strip] {
+        &self.strips
+    }
+
+    /// The weights of a strip's channels at a tap, in whole vectors.
+    pub(super) fn row(&self, vectors: Vectors, strip: usize, tap: usize) -> &[f32] {
+        let Strip { start, vectors: count, .. } = self.strips[strip];
+        let size = count * vectors.lanes();
+        &self.values[start + tap * size..start + (tap + 1) * size]
+    }
+
+    /// As [`Self::row`].
+    pub(super) fn row_mut(&mut self, vectors: Vectors, strip: usize, tap: usize) -> &mut [f32] {
+        let Strip { start, vectors: count, .. } = self.strips[strip];
+        let size = count * vectors.lanes();
+        &mut self.values[start + tap * size..start + (tap + 1) * size]
+    }
+
+    /// Output channels, each strip filled up to whole vectors.
+    pub(super) fn padded_channels(&self, vectors: Vectors) -> usize {
+        self.strips.iter().map(|strip| strip.vectors * vectors.lanes()).sum()
+    }
+}
+
+/// Addresses that depend evenly on picture, row and column.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Steps {
+    /// Address of the first position.
+    pub start: usize,
+    /// From picture to picture, row to row, column to column.
+    pub steps: [usize; 3],
+}
+
+impl Steps {
+    /// Every `step`th pixel of a map, beginning at a pixel.
+    pub(super) fn over(extent: &Extent, [row, column]: [isize; 2], step: usize) -> Self {
+        let start = (row + extent.halo as isize) * extent.pitch() as isize
+            + (column + extent.halo as isize) * extent.channels as isize;
+        let start = usize::try_from(start).unwrap_or_else(|_| panic!("{extent:?} has too small a halo"));
+        Self { start, steps: [extent.image(), step * extent.pitch(), step * extent.channels] }
+    }
+
+    fn at(&self, [image, row, column]: [usize; 3]) -> usize {
+        self.start + image * self.steps[0] + row * self.steps[1] + column * self.steps[2]
+    }
+}
+
+/// Sums over kernel rows for a grid of output positions.
+pub(super) struct Correlation<'a> {
+    pub vectors: Vectors,
+    pub packed: &'a Packed,
+    pub x: &'a [f32],
+    /// Pictures, rows, columns of positions.
+    pub grid: [usize; 3],
+    /// Where each position's first segment starts.
+    pub input: Steps,
+    /// From segment to segment.
+    pub pitch: usize,
+    /// A value to start from for each channel, in whole vectors; 0 without.
+    pub start: Option<&'a [f32]>,
+    pub skip: Option<(&'a [f32], Steps)>,
+    pub slope: f32,
+    pub out: Shared<'a>,
+    pub output: Steps,
+}
+
+impl Correlation<'_> {
+    /// Computes every position, by all threads.
+    pub(super) fn run(&self) {
+        let [images, rows, columns] = self.grid;
+        let positions = images * rows * columns;
+        if positions == 0 {
+            return;
+        }
+        let strips = &self.packed.strips;
+        let widest = if strips.iter().any(|strip| strip.vectors == 2) { 2 } else { 1 };
+        let tiles = positions.div_ceil(self.vectors.positions(widest));
+        let work = positions * self.packed.values.len();
+        let threads = if work < SERIAL_WORK { 1 } else { threads() };
+        if threads == 1 {
+            return self.run_here();
+        }
+        let chunks = tiles.min(4 * threads);
+        if chunks >= threads {
+            for_each(chunks, |chunk| {
+                let range = split(positions, chunks, chunk);
+                strips.iter().for_each(|strip| self.strip(strip, range));
+            });
+        } else {
+            for_each(chunks * strips.len(), |task| {
+                self.strip(&strips[task / chunks], split(positions, chunks, task % chunks));
+            });
+        }
+    }
+
+    /// Computes every position, by this thread.
+    pub(super) fn run_here(&self) {
+        let positions = self.grid.iter().product();
+        self.packed.strips.iter().for_each(|strip| self.strip(strip, [0, positions]));
+    }
+
+    /// Computes the positions `from..to` of a strip.
+    fn strip(&self, strip: &Strip, [from, to]: [usize; 2]) {
+        let Packed { segments, length, ref values, .. } = *self.packed;
+        let size = strip.vectors * self.vectors.lanes();
+        let weights = &values[strip.start..strip.start + segments * length * size];
+        let zeros = [0.0; SLACK];
+        let start = self.start.map_or(&zeros[..size], |start| &start[strip.channel..strip.channel + size]);
+        let block = (STRIP_BLOCK / (length * size)).clamp(1, segments);
+        let most = self.vectors.positions(strip.vectors);
+        let tiles = (to - from).div_ceil(most);
+        for first in (0..segments).step_by(block) {
+            let count = block.min(segments - first);
+            let last = first + count == segments;
+            let mut at = Position::new(self.grid, from);
+            for tile in 0..tiles {
+                let [begin, end] = split(to - from, tiles, tile);
+                let mut addresses = [[0; MAX_POSITIONS]; 3];
+                for index in 0..end - begin {
+                    addresses[0][index] = self.input.at(at.place) + first * self.pitch;
+                    addresses[1][index] = self.output.at(at.place) + strip.channel;
+                    if let Some((_, steps)) = self.skip {
+                        addresses[2][index] = steps.at(at.place) + strip.channel;
+                    }
+                    at.advance();
+                }
+                let [input, output, skip] = &addresses;
+                self.vectors.convolve(&ConvTile {
+                    x: self.x,
+                    input: &input[..end - begin],
+                    segments: count,
+                    length,
+                    pitch: self.pitch,
+                    weights: &weights[first * length * size..(first + count) * length * size],
+                    vectors: strip.vectors,
+                    width: strip.width,
+                    start: (first == 0).then_some(start),
+                    skip: self.skip.filter(|_| last).map(|(values, _)| (values, &skip[..end - begin])),
+                    slope: if last { self.slope } else { 1.0 },
+                    out: self.out,
+                    output: &output[..end - begin],
+                });
+            }
+        }
+    }
+}
+
+/// A place in a grid of pictures, rows and columns, walked in order.
+struct Position {
+    grid: [usize; 3],
+    place: [usize; 3],
+}
+
+impl Position {
+    fn new(grid: [usize; 3], index: usize) -> Self {
+        let [_, rows, columns] = grid;
+        Self { grid, place: [index / (rows * columns), index / columns % rows, index % columns] }
+    }
+
+    fn advance(&mut self) {
+        let [image, row, column] = &mut self.place;
+        *column += 1;
+        if *column == self.grid[2] {
+            *column = 0;
+            *row += 1;
+            if *row == self.grid[1] {
+                *row = 0;
+                *image += 1;
+            }
+        }
+    }
+}
+
+/// The `part`th of `parts` nearly equal parts of `0..count`.
+pub(super) fn split(count: usize, parts: usize, part: usize) -> [usize; 2] {
+    [count * part / parts, count * (part + 1) / parts]
+}
+
+/// A dense convolution, all of it; `start` holds whole vectors.
+pub(super) fn forward(
+    vectors: Vectors,
+    shape: &ConvShape,
+    packed: &Packed,
+    start: Option<&[f32]>,
+    x: Map<'_>,
+    skip: Option<Map<'_>>,
+    slope: f32,
+    out: MapMut<'_>,
+) {
+    let edge = -(shape.padding as isize);
+    Correlation {
+        vectors,
+        packed,
+        x: x.values,
+        grid: [out.extent.batch, out.extent.height, out.extent.width],
+        input: Steps::over(&x.extent, [edge, edge], shape.stride),
+        pitch: x.extent.pitch(),
+        start,
+        skip: skip.map(|skip| (skip.values, Steps::over(&skip.extent, [0, 0], 1))),
+        slope,
+        out: out.values,
+        output: Steps::over(&out.extent, [0, 0], 1),
+    }
+    .run();
+}
+
+/// Gradient of a dense convolution's input, prepared from its weights: a convolution of the output's
+/// gradient with the mirrored kernel for each phase of the stride.
+pub(super) struct InputGradient {
+    shape: ConvShape,
+    /// For each row phase and column phase: taps in each direction and weights.
+    phases: Vec<(usize, usize, Packed)>,
+}
+
+impl InputGradient {
+    pub(super) fn new(vectors: Vectors, shape: ConvShape, weights: &[f32]) -> Self {
+        let ConvShape { channels: [input, output], kernel, stride, .. } = shape;
+        let taps = |phase: usize| kernel.saturating_sub(phase).div_ceil(stride);
+        let phases = (0..stride * stride).map(|phase| {
+            let (row, column) = (phase / stride, phase % stride);
+            let (rows, columns) = (taps(row), taps(column));
+            let packed = Packed::new(vectors, [rows, columns * output, input], |segment, tap, first, values| {
+                let ky = row + (rows - 1 - segment) * stride;
+                let kx = column + (columns - 1 - tap / output) * stride;
+                let from = tap % output * input + first;
+                for (index, value) in values.iter_mut().enumerate() {
+                    *value = weights[((from + index) * kernel + ky) * kernel + kx];
+                }
+            });
+            (rows, columns, packed)
+        });
+        Self { shape, phases: phases.collect() }
+    }
+
+    /// For stride 1, the mirrored kernel as a dense convolution's.
+    pub(super) fn mirrored(&self) -> Option<&Packed> {
+        match self.phases.as_slice() {
+            [(_, _, packed)] => Some(packed),
+            _ => None,
+        }
+    }
+
+    /// Halo that [`Self::run`] needs around the output's gradient.
+    pub(super) fn halo(&self, input: Extent) -> usize {
+        let ConvShape { kernel, stride, padding, .. } = self.shape;
+        let before = (kernel - 1) / stride;
+        let after = |side: usize| {
+            let last = (side - 1 + padding) / stride;
+            last.saturating_sub((side + 2 * padding - kernel) / stride)
+        };
+        before.max(after(input.height)).max(after(input.width))
+    }
+
+    /// Computes `dx` from `dy` with a halo.
+    pub(super) fn run(&self, vectors: Vectors, dy: Map<'_>, dx: MapMut<'_>) {
+        let ConvShape { stride, padding, .. } = self.shape;
+        for (index, (rows, columns, packed)) in self.phases.iter().enumerate() {
+            let phase = [index / stride, index % stride];
+            // First pixel of the phase, and the output position that its first tap meets.
+            let first = phase.map(|phase| (phase + stride - padding % stride) % stride);
+            let sides = [dx.extent.height, dx.extent.width];
+            let count = [0, 1].map(|axis| sides[axis].saturating_sub(first[axis]).div_ceil(stride));
+            let output = Steps::over(&dx.extent, first.map(|pixel| pixel as isize), stride);
+            if *rows == 0 || *columns == 0 {
+                for place in 0..dx.extent.batch * count[0] * count[1] {
+                    let at = Position::new([dx.extent.batch, count[0], count[1]], place).place;
+                    dx.values.part(output.at(at), dx.extent.channels).fill(0.0);
+                }
+                continue;
+            }
+            let meets = |axis: usize, taps: usize| {
+                ((first[axis] + padding - phase[axis]) / stride) as isize - (taps as isize - 1)
+            };
+            Correlation {
+                vectors,
+                packed,
+                x: dy.values,
+                grid: [dx.extent.batch, count[0], count[1]],
+                input: Steps::over(&dy.extent, [meets(0, *rows), meets(1, *columns)], 1),
+                pitch: dy.extent.pitch(),
+                start: None,
+                skip: None,
+                slope: 1.0,
+                out: dx.values,
+                output,
+            }
+            .run();
+        }
+    }
+}
+
+/// The layout in which the weights' gradient is summed: `[segments, length, strip]` for each strip.
+pub(super) fn gradient_len(vectors: Vectors, segments: usize, length: usize, channels: usize) -> usize {
+    strips(vectors, channels, segments * length).1
+}
+
+/// Sums of `x` × `dy` over all positions, for `segments` runs of `length` neighbouring values of `x`.
+pub(super) struct WeightSums<'a> {
+    pub vectors: Vectors,
+    pub x: &'a [f32],
+    pub dy: &'a [f32],
+    pub grid: [usize; 3],
+    pub input: Steps,
+    pub gradient: Steps,
+    pub segments: usize,
+    pub length: usize,
+    pub pitch: usize,
+    pub channels: usize,
+}
+
+impl WeightSums<'_> {
+    /// Adds to `sums`, laid out as [`Packed`].
+    pub(super) fn add_to(&self, sums: &mut [f32]) {
+        let [images, rows, columns] = self.grid;
+        let (strips, len) = strips(self.vectors, self.channels, self.segments * self.length);
+        let sums = Shared::new(&mut sums[..len]);
+        let most = self.vectors.positions(2);
+        let tiles = self.length.div_ceil(most);
+        // Rows whose input and gradient stay near while every tile passes over them.
+        let row_values = self.input.steps[1] + self.gradient.steps[1];
+        let block = (GRADIENT_BLOCK / row_values.max(1)).clamp(1, rows.max(1));
+        let work = images * rows * columns * len;
+        let task = |task: usize| {
+            let (segment, tile, strip) =
+                (task / strips.len() / tiles, task / strips.len() % tiles, strips[task % strips.len()]);
+            let size = strip.vectors * self.vectors.lanes();
+            let [from, to] = split(self.length, tiles, tile);
+            let part = sums.part(strip.start + (segment * self.length + from) * size, (to - from) * size);
+            (segment, from, to - from, strip, part)
+        };
+        let pass = |index: usize, image: usize, first: usize| {
+            let (segment, from, taps, strip, part) = task(index);
+            self.vectors.weight_gradient(&mut WeightTile {
+                x: self.x,
+                dy: self.dy,
+                start: [
+                    self.input.at([image, first, 0]) + segment * self.pitch + from,
+                    self.gradient.at([image, first, 0]) + strip.channel,
+                ],
+                rows: block.min(rows - first),
+                columns,
+                row_step: [self.input.steps[1], self.gradient.steps[1]],
+                column_step: [self.input.steps[2], self.gradient.steps[2]],
+                taps,
+                vectors: strip.vectors,
+                sums: part,
+            });
+        };
+        let tasks = self.segments * tiles * strips.len();
+        let groups = if work < SERIAL_WORK { 1 } else { threads().min(tasks) };
+        for_each(groups, |group| {
+            let [from, to] = split(tasks, groups, group);
+            for image in 0..images {
+                for first in (0..rows).step_by(block) {
+                    (from..to).for_each(|index| pass(index, image, first));
+                }
+            }
+        });
+    }
+}
+
+/// Adds the gradient of a dense convolution's weights to `sums`, laid out as [`Packed`]. `dy` has
+/// [`SLACK`] values after it.
+pub(super) fn add_weight_gradient(vectors: Vectors, shape: &ConvShape, x: Map<'_>, dy: Map<'_>, sums: &mut [f32]) {
+    let edge = -(shape.padding as isize);
+    WeightSums {
+        vectors,
+        x: x.values,
+        dy: dy.values,
+        grid: [dy.extent.batch, dy.extent.height, dy.extent.width],
+        input: Steps::over(&x.extent, [edge, edge], shape.stride),
+        gradient: Steps::over(&dy.extent, [0, 0], 1),
+        segments: shape.kernel,
+        length: shape.kernel * shape.channels[0],
+        pitch: x.extent.pitch(),
+        channels: shape.channels[1],
+    }
+    .add_to(sums);
+}
+
+/// Brings summed gradients from the layout of [`Packed`] to `[output, input, kernel, kernel]`.
+pub(super) fn unpack(vectors: Vectors, shape: &ConvShape, sums: &[f32]) -> Vec<f32> {
+    let ConvShape { channels: [input, output], kernel, .. } = *shape;
+    let (strips, _) = strips(vectors, output, kernel * kernel * input);
+    let mut weights = vec![0.0; output * input * kernel * kernel];
+    for strip in strips {
+        let size = strip.vectors * vectors.lanes();
+        for (index, row) in sums[strip.start..].chunks_exact(size).take(kernel * kernel * input).enumerate() {
+            let (ky, kx, channel) = (index / input / kernel, index / input % kernel, index % input);
+            for (lane, &value) in row[..strip.width].iter().enumerate() {
+                weights[(((strip.channel + lane) * input + channel) * kernel + ky) * kernel + kx] = value;
+            }
+        }
+    }
+    weights
+}
+
+/// Lends a copy of `map` with `halo` and slack to `work`.
+pub(super) fn with_padded<R>(map: Map<'_>, halo: usize, work: impl FnOnce(Map<'_>) -> R) -> R {
+    let extent = map.extent.with_halo(halo);
+    with_scratch(extent.len() + SLACK, |values| {
+        map.pad_into(halo, values);
+        work(Map::new(extent, values))
+    })
+}

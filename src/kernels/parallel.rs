@@ -1,0 +1,58 @@
+//! Work on every core natively, on the one there is in a browser; and memory that is used again.
+
+use std::cell::Cell;
+use std::sync::Mutex;
+
+thread_local! {
+    /// Whether this thread runs one of so many tasks that nothing is gained by splitting it further.
+    static INSIDE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Threads that [`for_each`] would use here.
+pub fn threads() -> usize {
+    #[cfg(not(target_arch = "wasm32"))]
+    return if INSIDE.get() { 1 } else { rayon::current_num_threads() };
+    #[cfg(target_arch = "wasm32")]
+    1
+}
+
+/// Runs `work(0)`, …, `work(count - 1)` in any order, at the same time where there are threads.
+pub fn for_each(count: usize, work: impl Fn(usize) + Sync + Send) {
+    #[cfg(not(target_arch = "wasm32"))]
+    if count > 1 && threads() > 1 {
+        use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
+        let enough = count >= threads();
+        (0..count).into_par_iter().with_max_len(1).for_each(|index| {
+            let outer = INSIDE.replace(enough);
+            work(index);
+            INSIDE.set(outer);
+        });
+        return;
+    }
+    (0..count).for_each(work);
+}
+
+/// Work buffers, one to a task at a time, smallest first; kept for the next one.
+static SCRATCH: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
+
+/// Lends a buffer of `len` floats of any content to `work`.
+///
+/// There are never more buffers than tasks have run at once, and none is larger than a task needed.
+pub fn with_scratch<R>(len: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
+    let taken = SCRATCH.lock().ok().and_then(|mut buffers| {
+        // The smallest that is large enough, else the largest.
+        let fits = buffers.iter().position(|buffer| buffer.len() >= len);
+        let index = fits.or_else(|| buffers.len().checked_sub(1))?;
+        Some(buffers.remove(index))
+    });
+    let mut buffer = taken.unwrap_or_default();
+    if buffer.len() < len {
+        buffer.resize(len, 0.0);
+    }
+    let result = work(&mut buffer[..len]);
+    if let Ok(mut buffers) = SCRATCH.lock() {
+        let place = buffers.partition_point(|other| other.len() < buffer.len());
+        buffers.insert(place, buffer);
+    }
+    result
+}

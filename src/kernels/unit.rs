@@ -1,0 +1,395 @@
+//! What is trained as one: a convolution, batch norm or bias, a skip and a (leaky) ReLU, forward and
+//! backward. Together they pass over memory half as often as one by one.
+
+use std::sync::Mutex;
+
+use super::conv::{ConvShape, InputGradient, gradient_len, split, unpack, with_padded};
+use super::depthwise::PackedDepthwise;
+use super::map::{Extent, Map, MapMut};
+use super::norm::{Moments, per_channel, widen};
+use super::parallel::{for_each, threads, with_scratch};
+use super::simd::{SLACK, Shared, Vectors};
+use super::winograd::{self, Winograd};
+use super::{Convolution, depthwise};
+
+/// Winograd tiles for which a task reads the weights once.
+const GROUP_TILES: usize = 56;
+
+/// A unit's fixed part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct UnitShape {
+    /// The convolution.
+    pub conv: ConvShape,
+    /// Negative results are multiplied by it, 0 to 1 (1: no activation).
+    pub slope: f32,
+}
+
+/// Batch norm's parameters; without them `shift` is the convolution's bias.
+#[derive(Debug, Clone, Copy)]
+pub struct NormInput<'a> {
+    /// γ.
+    pub scale: &'a [f32],
+    /// Added to the variance.
+    pub epsilon: f32,
+}
+
+/// What [`unit_backward`] needs of the forward pass besides its inputs and its output.
+#[derive(Debug, Clone)]
+pub struct Saved {
+    /// The convolution's output, before the norm; empty without one.
+    pub convolved: Vec<f32>,
+    /// Mean of each channel; empty without a norm.
+    pub mean: Vec<f32>,
+    /// Variance of each channel (biased); empty without a norm.
+    pub variance: Vec<f32>,
+}
+
+/// Gradients of a unit's inputs.
+#[derive(Debug, Clone)]
+pub struct UnitGradients {
+    /// Of the input, where asked for.
+    pub x: Option<Vec<f32>>,
+    /// Of the weights.
+    pub weights: Vec<f32>,
+    /// Of the bias, or of batch norm's β.
+    pub shift: Vec<f32>,
+    /// Of batch norm's γ; empty without one.
+    pub scale: Vec<f32>,
+    /// Of the skip, where asked for.
+    pub skip: Option<Vec<f32>>,
+}
+
+/// Pictures that a task takes at once, so that few tiles do not read all transformed weights.
+fn group(output: &Extent) -> usize {
+    let tiles = output.height.div_ceil(4) * output.width.div_ceil(4);
+    GROUP_TILES.div_ceil(tiles).min(output.batch.div_ceil(threads())).max(1)
+}
+
+/// Training's forward pass: output and what the backward pass needs. `x` and `skip` have no halo.
+pub fn unit_forward(
+    vectors: Vectors,
+    shape: &UnitShape,
+    weights: &[f32],
+    shift: &[f32],
+    norm: Option<NormInput<'_>>,
+    x: Map<'_>,
+    skip: Option<Map<'_>>,
+) -> (Vec<f32>, Saved) {
+    let extent = shape.conv.output(x.extent);
+    let group = group(&extent);
+    let grouped = Extent { batch: group, ..extent };
+    let groups = extent.batch.div_ceil(group);
+    let members = |index: usize| (index * group, group.min(extent.batch - index * group));
+    let bias = norm.is_none().then_some(shift);
+    let conv = Convolution::new(vectors, shape.conv, weights, bias, &grouped);
+    let convolve = |first: usize, count: usize, skip: Option<Map<'_>>, slope: f32, out: &Shared<'_>| {
+        let output = Extent { batch: count, ..extent };
+        let out = MapMut { extent: output, values: Shared::new(out.part(first * extent.image(), output.len())) };
+        let run = |x: Map<'_>| conv.run(x, skip, slope, out);
+        let x = x.images(first, count);
+        // Winograd's tiles see to their edges themselves, a 1×1 kernel has none.
+        if conv.halo() == 0 && !shape.conv.depthwise { run(x) } else { with_padded(x, conv.halo(), run) }
+    };
+    let mut output = vec![0.0; extent.len()];
+    let Some(norm) = norm else {
+        let out = Shared::new(&mut output);
+        for_each(groups, |index| {
+            let (first, count) = members(index);
+            convolve(first, count, skip.map(|skip| skip.images(first, count)), shape.slope, &out);
+        });
+        return (output, Saved { convolved: Vec::new(), mean: Vec::new(), variance: Vec::new() });
+    };
+    let mut convolved = vec![0.0; extent.len()];
+    let row = extent.pitch();
+    let moments: Mutex<Vec<Option<Moments>>> = Mutex::new(vec![None; extent.batch]);
+    {
+        let out = Shared::new(&mut convolved);
+        for_each(groups, |index| {
+            let (first, count) = members(index);
+            convolve(first, count, None, 1.0, &out);
+            for image in first..first + count {
+                let values = out.part(image * extent.image(), extent.image());
+                let found = Moments::of(vectors, values, row, extent.channels);
+                if let Ok(mut moments) = moments.lock() {
+                    moments[image] = Some(found);
+                }
+            }
+        });
+    }
+    let moments = moments.into_inner().unwrap_or_default().into_iter().flatten();
+    let moments = moments.reduce(|all, image| all.merge(&image));
+    let [mean, variance] = moments.map_or_else(|| [Vec::new(), Vec::new()], Moments::mean_and_variance);
+    let factors: Vec<f64> = (norm.scale.iter().zip(&variance))
+        .map(|(&scale, &variance)| f64::from(scale) / f64::from(variance + norm.epsilon).sqrt())
+        .collect();
+    let offsets: Vec<f64> = (shift.iter().zip(&mean).zip(&factors))
+        .map(|((&shift, &mean), factor)| f64::from(shift) - f64::from(mean) * factor)
+        .collect();
+    let (factors, offsets) = (widen(&factors, row), widen(&offsets, row));
+    let out = Shared::new(&mut output);
+    for_each(extent.batch, |image| {
+        let lines = image * extent.height..(image + 1) * extent.height;
+        vectors.run(|| {
+            for line in lines {
+                let at = line * row;
+                let (values, out) = (&convolved[at..at + row], out.part(at, row));
+                for (((out, &value), &factor), &offset) in out.iter_mut().zip(values).zip(&factors).zip(&offsets) {
+                    *out = value * factor + offset;
+                }
+                if let Some(skip) = skip {
+                    out.iter_mut().zip(&skip.values[at..at + row]).for_each(|(out, &skip)| *out += skip);
+                }
+                if shape.slope != 1.0 {
+                    out.iter_mut().for_each(|out| *out = out.max(*out * shape.slope));
+                }
+            }
+        });
+    });
+    (output, Saved { convolved, mean, variance })
+}
+
+/// How the input's gradient is computed.
+enum Backward {
+    Direct(InputGradient),
+    Winograd(Winograd),
+    Depthwise(PackedDepthwise),
+}
+
+impl Backward {
+    fn new(vectors: Vectors, shape: &ConvShape, weights: &[f32], input: &Extent) -> Self {
+        if shape.depthwise {
+            return Self::Depthwise(PackedDepthwise::new(vectors, shape, weights, true));
+        }
+        let direct = InputGradient::new(vectors, *shape, weights);
+        let [from, to] = shape.channels;
+        match direct.mirrored().filter(|_| winograd::pays(shape.kernel, shape.stride, [to, from], input)) {
+            Some(mirrored) => Self::Winograd(Winograd::new(vectors, shape.kernel, [to, from], mirrored)),
+            None => Self::Direct(direct),
+        }
+    }
+
+    fn halo(&self, shape: &ConvShape, input: Extent) -> usize {
+        match self {
+            Self::Direct(direct) => direct.halo(input),
+            Self::Winograd(_) => 0,
+            Self::Depthwise(_) => shape.kernel - 1 - shape.padding,
+        }
+    }
+
+    fn run(&self, vectors: Vectors, shape: &ConvShape, dy: Map<'_>, dx: MapMut<'_>) {
+        let padding = shape.kernel - 1 - shape.padding;
+        match self {
+            Self::Direct(direct) => direct.run(vectors, dy, dx),
+            Self::Winograd(winograd) => winograd.run(vectors, padding, None, dy, None, 1.0, dx),
+            Self::Depthwise(packed) => depthwise::forward(vectors, shape, padding, packed, None, dy, 1.0, dx),
+        }
+    }
+}
+
+/// How the weights' gradient is summed.
+#[derive(Clone, Copy)]
+enum WeightMethod {
+    Direct,
+    Winograd,
+    Depthwise,
+}
+
+impl WeightMethod {
+    fn of(shape: &ConvShape, output: &Extent) -> Self {
+        if shape.depthwise {
+            Self::Depthwise
+        } else if shape.kernel == 3 && winograd::pays(shape.kernel, shape.stride, shape.channels, output) {
+            Self::Winograd
+        } else {
+            Self::Direct
+        }
+    }
+
+    fn len(self, vectors: Vectors, shape: &ConvShape) -> usize {
+        match self {
+            Self::Direct => gradient_len(vectors, shape.kernel, shape.kernel * shape.channels[0], shape.channels[1]),
+            Self::Winograd => winograd::gradient_sums_len(vectors, shape.channels),
+            Self::Depthwise => depthwise::gradient_len(vectors, shape),
+        }
+    }
+
+    /// Adds a group's part; `dy` has slack, `x` neither halo nor slack.
+    fn add(self, vectors: Vectors, shape: &ConvShape, x: Map<'_>, dy: Map<'_>, sums: &mut [f32]) {
+        match self {
+            Self::Direct if shape.padding == 0 => super::conv::add_weight_gradient(vectors, shape, x, dy, sums),
+            Self::Direct => {
+                with_padded(x, shape.padding, |x| super::conv::add_weight_gradient(vectors, shape, x, dy, sums))
+            }
+            Self::Winograd => winograd::add_weight_gradient(vectors, shape.channels, shape.padding, x, dy, sums),
+            Self::Depthwise => {
+                with_padded(x, shape.padding, |x| depthwise::add_weight_gradient(vectors, shape, x, dy, sums))
+            }
+        }
+    }
+
+    fn unpack(self, vectors: Vectors, shape: &ConvShape, sums: &[f32]) -> Vec<f32> {
+        match self {
+            Self::Direct => unpack(vectors, shape, sums),
+            Self::Winograd => winograd::unpack(vectors, shape.channels, sums),
+            Self::Depthwise => depthwise::unpack(vectors, shape, sums),
+        }
+    }
+}
+
+/// Training's backward pass: gradients from that of the output, `dz`. `z` is the output; `wanted` says
+/// whether the gradients of `x` and of the skip are.
+pub fn unit_backward(
+    vectors: Vectors,
+    shape: &UnitShape,
+    weights: &[f32],
+    norm: Option<NormInput<'_>>,
+    saved: &Saved,
+    x: Map<'_>,
+    z: &[f32],
+    dz: &[f32],
+    wanted: [bool; 2],
+) -> UnitGradients {
+    let conv = &shape.conv;
+    let extent = conv.output(x.extent);
+    let (row, channels, slope) = (extent.pitch(), extent.channels, shape.slope);
+    let passed = |z: f32, dz: f32| if z > 0.0 { dz } else { dz * slope };
+
+    // Sums over all pixels: of the gradient before the activation, and of its product with the
+    // normalised convolution's output.
+    let mean: Vec<f64> = saved.mean.iter().map(|&mean| f64::from(mean)).collect();
+    let deviation: Vec<f64> = norm.map_or_else(Vec::new, |norm| {
+        saved.variance.iter().map(|&variance| f64::from(variance + norm.epsilon).sqrt()).collect()
+    });
+    let wide_mean = widen(&mean, row);
+    let mut skip = wanted[1].then(|| vec![0.0; extent.len()]);
+    let shared_skip = skip.as_mut().map(|skip| Shared::new(skip));
+    let totals = Mutex::new(vec![[Vec::new(), Vec::new()]; extent.batch]);
+    for_each(extent.batch, |image| {
+        let mut sums = [vec![0.0_f32; row], vec![0.0_f32; if norm.is_some() { row } else { 0 }]];
+        vectors.run(|| {
+            for line in image * extent.height..(image + 1) * extent.height {
+                let at = line * row..(line + 1) * row;
+                let (z, dz) = (&z[at.clone()], &dz[at.clone()]);
+                for ((sum, &z), &dz) in sums[0].iter_mut().zip(z).zip(dz) {
+                    *sum += passed(z, dz);
+                }
+                if norm.is_some() {
+                    let values = saved.convolved[at.clone()].iter().zip(&wide_mean);
+                    for (((sum, &z), &dz), (&value, &mean)) in sums[1].iter_mut().zip(z).zip(dz).zip(values) {
+                        *sum += passed(z, dz) * (value - mean);
+                    }
+                }
+                if let Some(skip) = &shared_skip {
+                    let skip = skip.part(at.start, row);
+                    skip.iter_mut().zip(z).zip(dz).for_each(|((skip, &z), &dz)| *skip = passed(z, dz));
+                }
+            }
+        });
+        let sums = sums.map(|sums| per_channel(&sums, channels));
+        if let Ok(mut totals) = totals.lock() {
+            totals[image] = sums;
+        }
+    });
+    let mut shift_gradient = vec![0.0_f64; channels];
+    let mut scale_gradient = vec![0.0_f64; if norm.is_some() { channels } else { 0 }];
+    for [shift, scale] in totals.into_inner().unwrap_or_default() {
+        shift_gradient.iter_mut().zip(shift).for_each(|(total, part)| *total += part);
+        scale_gradient.iter_mut().zip(scale).for_each(|(total, part)| *total += part);
+    }
+    scale_gradient.iter_mut().zip(&deviation).for_each(|(total, deviation)| *total /= deviation);
+
+    // Gradient of the convolution's output: `a·passed + b·value + c` with a norm, `passed` without.
+    let pixels = (extent.len() / channels) as f64;
+    let linear = norm.map(|norm| {
+        let a: Vec<f64> =
+            norm.scale.iter().zip(&deviation).map(|(&scale, deviation)| f64::from(scale) / deviation).collect();
+        let b: Vec<f64> = (0..channels).map(|c| -a[c] * scale_gradient[c] / (deviation[c] * pixels)).collect();
+        let c: Vec<f64> = (0..channels).map(|c| -a[c] * shift_gradient[c] / pixels - b[c] * mean[c]).collect();
+        [widen(&a, row), widen(&b, row), widen(&c, row)]
+    });
+    let gradient_row = |line: usize, out: &mut [f32]| {
+        let at = line * row..(line + 1) * row;
+        let passed = z[at.clone()].iter().zip(&dz[at.clone()]).map(|(&z, &dz)| passed(z, dz));
+        match &linear {
+            Some([a, b, c]) => {
+                let factors = a.iter().zip(b).zip(c).zip(&saved.convolved[at]);
+                for ((out, passed), (((&a, &b), &c), &value)) in out.iter_mut().zip(passed).zip(factors) {
+                    *out = a * passed + (b * value + c);
+                }
+            }
+            None => out.iter_mut().zip(passed).for_each(|(out, passed)| *out = passed),
+        }
+    };
+
+    let group = group(&extent);
+    let groups = extent.batch.div_ceil(group);
+    let grouped_input = Extent { batch: group, ..x.extent };
+    let backward = wanted[0].then(|| Backward::new(vectors, conv, weights, &grouped_input));
+    let method = WeightMethod::of(conv, &Extent { batch: group, ..extent });
+    let halo = backward.as_ref().map_or(0, |backward| backward.halo(conv, x.extent));
+    let mut dx = backward.as_ref().map(|_| vec![0.0; x.extent.len()]);
+    let shared_dx = dx.as_mut().map(|dx| Shared::new(dx));
+    // Each task sums its own groups' weight gradients, in order, so that a run can be repeated.
+    let tasks = threads().min(groups);
+    let len = method.len(vectors, conv);
+    let mut sums = vec![0.0; tasks * len];
+    let shared_sums = Shared::new(&mut sums);
+    for_each(tasks, |task| {
+        let sums = shared_sums.part(task * len, len);
+        let [from, to] = split(groups, tasks, task);
+        for index in from..to {
+            let first = index * group;
+            let count = group.min(extent.batch - first);
+            let padded = Extent { batch: count, ..extent }.with_halo(halo);
+            with_scratch(padded.len() + SLACK, |scratch| {
+                fill_padded(vectors, &padded, first, &gradient_row, scratch);
+                let dy = Map::new(padded, scratch);
+                let x = x.images(first, count);
+                method.add(vectors, conv, x, dy, sums);
+                if let (Some(backward), Some(dx)) = (&backward, &shared_dx) {
+                    let input = Extent { batch: count, ..x.extent };
+                    let part = dx.part(first * input.image(), input.len());
+                    backward.run(vectors, conv, dy, MapMut::new(input, part));
+                }
+            });
+        }
+    });
+    let (total, rest) = sums.split_at_mut(len);
+    for part in rest.chunks_exact(len) {
+        total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
+    }
+    let narrow = |values: Vec<f64>| values.into_iter().map(|value| value as f32).collect();
+    UnitGradients {
+        x: dx,
+        weights: method.unpack(vectors, conv, total),
+        shift: narrow(shift_gradient),
+        scale: narrow(scale_gradient),
+        skip,
+    }
+}
+
+/// Fills a group's padded gradient: its rows from `row`, zeros around them and after them.
+fn fill_padded(
+    vectors: Vectors,
+    padded: &Extent,
+    first: usize,
+    row: &(impl Fn(usize, &mut [f32]) + Sync),
+    out: &mut [f32],
+) {
+    let (values, rest) = out.split_at_mut(padded.len());
+    rest.fill(0.0);
+    let edge = padded.halo * padded.channels;
+    for (index, line) in values.chunks_exact_mut(padded.pitch()).enumerate() {
+        let (image, y) = (index / (padded.height + 2 * padded.halo), index % (padded.height + 2 * padded.halo));
+        match y.checked_sub(padded.halo).filter(|&y| y < padded.height) {
+            Some(y) => {
+                let (left, inner) = line.split_at_mut(edge);
+                let (inner, right) = inner.split_at_mut(inner.len() - edge);
+                left.fill(0.0);
+                right.fill(0.0);
+                vectors.run(|| row((first + image) * padded.height + y, inner));
+            }
+            None => line.fill(0.0),
+        }
+    }
+}

@@ -1,0 +1,578 @@
+//! Convolutions of stride 1 with fewer multiplications (Winograd 1980; Lavin & Gray 2016).
+//!
+//! A tile of `m`×`m` outputs of an `r`×`r` kernel needs only 6×6 products a channel pair, with
+//! `m + r - 1 = 6` and the interpolation points 0, ±1, ±2, ∞: 4 instead of 9 a pixel for a 3×3 kernel
+//! (`m` = 4). A 7×7 kernel is four 4×4 kernels side by side (`m` = 3): 16 instead of 49. The products
+//! are plain matrix products, one for each of the 36 points. Rounding grows by about a factor of three
+//! over direct sums.
+
+use pulp::{Simd, WithSimd};
+
+use super::conv::{Correlation, Packed, Steps, WeightSums, gradient_len, split, strips};
+use super::map::{Extent, Map, MapMut};
+use super::parallel::{for_each, threads, with_scratch};
+use super::simd::{SLACK, Shared, Vectors};
+
+/// Points of a transform in one direction: `m + r - 1`.
+const POINTS: usize = 6;
+/// Points in all.
+const POINTS_2D: usize = POINTS * POINTS;
+/// Fewest and most transformed values that a task works on at once, floats.
+const TASK_VALUES: [usize; 2] = [1 << 18, 1 << 21];
+/// Fewest tiles for which a task of its own pays.
+const TASK_TILES: usize = 24;
+/// Fewest channels for which the transforms pay.
+const MIN_CHANNELS: usize = 16;
+/// Fewest tiles for which reading four times as many weights pays.
+const MIN_TILES: usize = 12;
+/// Widest strip.
+const LANES_MAX: usize = SLACK;
+
+/// `G` for 3 and 4 taps: values of the kernel's polynomial at the points, over the points' weights.
+const KERNEL_3: [[f32; 3]; POINTS] = [
+    [0.25, 0.0, 0.0],
+    [-1.0 / 6.0, -1.0 / 6.0, -1.0 / 6.0],
+    [-1.0 / 6.0, 1.0 / 6.0, -1.0 / 6.0],
+    [1.0 / 24.0, 1.0 / 12.0, 1.0 / 6.0],
+    [1.0 / 24.0, -1.0 / 12.0, 1.0 / 6.0],
+    [0.0, 0.0, 1.0],
+];
+const KERNEL_4: [[f32; 4]; POINTS] = [
+    [0.25, 0.0, 0.0, 0.0],
+    [-1.0 / 6.0, -1.0 / 6.0, -1.0 / 6.0, -1.0 / 6.0],
+    [-1.0 / 6.0, 1.0 / 6.0, -1.0 / 6.0, 1.0 / 6.0],
+    [1.0 / 24.0, 1.0 / 12.0, 1.0 / 6.0, 1.0 / 3.0],
+    [1.0 / 24.0, -1.0 / 12.0, 1.0 / 6.0, -1.0 / 3.0],
+    [0.0, 0.0, 0.0, 1.0],
+];
+
+/// How a kernel is cut up.
+#[derive(Debug, Clone, Copy)]
+struct Plan {
+    /// Outputs of a tile in one direction.
+    outputs: usize,
+    /// Taps of a block in one direction.
+    taps: usize,
+    /// Blocks of the kernel in one direction.
+    blocks: usize,
+}
+
+impl Plan {
+    fn of(kernel: usize) -> Option<Self> {
+        match kernel {
+            3 => Some(Self { outputs: 4, taps: 3, blocks: 1 }),
+            7 => Some(Self { outputs: 3, taps: 4, blocks: 2 }),
+            _ => None,
+        }
+    }
+}
+
+/// Tiles of an output map: pictures, rows, columns.
+fn tiles(output: &Extent, side: usize) -> [usize; 3] {
+    [output.batch, output.height.div_ceil(side), output.width.div_ceil(side)]
+}
+
+/// Whether fewer multiplications win over the transforms.
+pub(super) fn pays(kernel: usize, stride: usize, channels: [usize; 2], output: &Extent) -> bool {
+    let Some(plan) = Plan::of(kernel).filter(|_| stride == 1) else { return false };
+    let [images, rows, columns] = tiles(output, plan.outputs);
+    // Outputs computed beyond the map's edges are wasted.
+    let used = (output.height * output.width) as f64 / (rows * columns * plan.outputs * plan.outputs) as f64;
+    channels.into_iter().min() >= Some(MIN_CHANNELS) && images * rows * columns >= MIN_TILES && used > 0.5
+}
+
+/// Transformed weights.
+#[derive(Debug, Clone)]
+pub struct Winograd {
+    plan: Plan,
+    channels: [usize; 2],
+    /// For each point: `[blocks², input channels]` × output channels.
+    points: Vec<Packed>,
+}
+
+impl Winograd {
+    /// Transforms a dense kernel.
+    ///
+    /// # Panics
+    /// For a kernel that is not 3 or 7 wide.
+    pub(super) fn new(vectors: Vectors, kernel: usize, channels: [usize; 2], dense: &Packed) -> Self {
+        let plan = Plan::of(kernel).unwrap_or_else(|| panic!("no transform for a {kernel}×{kernel} kernel"));
+        let points = match plan.taps {
+            3 => transform_weights(vectors, kernel, channels, plan.blocks, &KERNEL_3, dense),
+            _ => transform_weights(vectors, kernel, channels, plan.blocks, &KERNEL_4, dense),
+        };
+        Self { plan, channels, points }
+    }
+
+    /// The convolution of `x` with zeros around it; `start` holds whole vectors.
+    pub(super) fn run(
+        &self,
+        vectors: Vectors,
+        padding: usize,
+        start: Option<&[f32]>,
+        x: Map<'_>,
+        skip: Option<Map<'_>>,
+        slope: f32,
+        out: MapMut<'_>,
+    ) {
+        let grid = tiles(&out.extent, self.plan.outputs);
+        let count: usize = grid.iter().product();
+        let lanes = vectors.lanes();
+        let [input, _] = self.channels;
+        let blocks = self.plan.blocks * self.plan.blocks;
+        let (input_step, output_step) = (input.next_multiple_of(lanes), self.points[0].padded_channels(vectors));
+        let values = POINTS_2D * (blocks * input_step + output_step);
+        let weights = self.points.len() * blocks * input * output_step;
+        let most = (weights.clamp(TASK_VALUES[0], TASK_VALUES[1]) / values).max(TASK_TILES);
+        let tasks = count.div_ceil(most).max(threads().min(count / TASK_TILES)).max(1);
+        let finish = Finish { start, skip, slope, out, channels: self.channels[1], step: output_step };
+        for_each(tasks, |task| {
+            let [from, to] = split(count, tasks, task);
+            let part = to - from;
+            let (transformed, products) = (POINTS_2D * blocks * part * input_step, POINTS_2D * part * output_step);
+            with_scratch(transformed + products, |scratch| {
+                let (transformed, products) = scratch.split_at_mut(transformed);
+                // A lone task shares each of its phases among the threads.
+                let parts = if tasks < threads() { threads() } else { 1 };
+                {
+                    let transformed = Shared::new(transformed);
+                    for_each(parts, |index| {
+                        let [first, last] = split(part, parts, index);
+                        let tiles = Tiles { grid, side: self.plan.outputs, range: [from + first, from + last] };
+                        for block in 0..blocks {
+                            let shift =
+                                [block / self.plan.blocks, block % self.plan.blocks].map(|b| b * self.plan.taps);
+                            let corner = shift.map(|shift| shift as isize - padding as isize);
+                            let at = (block * part + first) * input_step;
+                            transform_patches(
+                                vectors,
+                                x,
+                                &tiles,
+                                corner,
+                                &transformed,
+                                [at, blocks * part * input_step, input_step],
+                            );
+                        }
+                    });
+                }
+                {
+                    let products = Shared::new(products);
+                    for_each(parts, |index| {
+                        let [first, last] = split(POINTS_2D, parts, index);
+                        for point in first..last {
+                            Correlation {
+                                vectors,
+                                packed: &self.points[point],
+                                x: transformed,
+                                grid: [1, 1, part],
+                                input: Steps { start: point * blocks * part * input_step, steps: [0, 0, input_step] },
+                                pitch: part * input_step,
+                                start: None,
+                                skip: None,
+                                slope: 1.0,
+                                out: products,
+                                output: Steps { start: point * part * output_step, steps: [0, 0, output_step] },
+                            }
+                            .run_here();
+                        }
+                    });
+                }
+                for_each(parts, |index| {
+                    let [first, last] = split(part, parts, index);
+                    let tiles = Tiles { grid, side: self.plan.outputs, range: [from + first, from + last] };
+                    let task = FinishTask {
+                        finish: &finish,
+                        tiles,
+                        products,
+                        at: first * output_step,
+                        point: part * output_step,
+                        lanes,
+                    };
+                    match self.plan.outputs {
+                        4 => vectors.run_simd(OutputTransform::<4>(task)),
+                        _ => vectors.run_simd(OutputTransform::<3>(task)),
+                    }
+                });
+            });
+        });
+    }
+}
+
+/// Adds the gradient of a 3×3 kernel to transformed sums, `[points]` × the layout of [`strips`].
+pub(super) fn add_weight_gradient(
+    vectors: Vectors,
+    channels: [usize; 2],
+    padding: usize,
+    x: Map<'_>,
+    dy: Map<'_>,
+    sums: &mut [f32],
+) {
+    const SIDE: usize = 4;
+    let lanes = vectors.lanes();
+    let grid = tiles(&dy.extent, SIDE);
+    let count: usize = grid.iter().product();
+    let (input_step, output_step) = (channels[0].next_multiple_of(lanes), channels[1].next_multiple_of(lanes));
+    let values = POINTS_2D * (input_step + output_step);
+    let tasks = count.div_ceil((TASK_VALUES[0] / values).max(TASK_TILES));
+    let each = gradient_len(vectors, 1, channels[0], channels[1]);
+    for task in 0..tasks {
+        let [from, to] = split(count, tasks, task);
+        let part = to - from;
+        let sizes = [POINTS_2D * part * input_step, POINTS_2D * part * output_step];
+        with_scratch(sizes[0] + sizes[1] + SLACK, |scratch| {
+            let (inputs, gradients) = scratch.split_at_mut(sizes[0]);
+            let tiles = Tiles { grid, side: SIDE, range: [from, to] };
+            let corner = [-(padding as isize); 2];
+            transform_patches(vectors, x, &tiles, corner, &Shared::new(inputs), [0, part * input_step, input_step]);
+            transform_gradient(vectors, dy, &tiles, &Shared::new(gradients), [0, part * output_step, output_step]);
+            for (point, sums) in sums.chunks_exact_mut(each).enumerate() {
+                WeightSums {
+                    vectors,
+                    x: inputs,
+                    dy: gradients,
+                    grid: [1, 1, part],
+                    input: Steps { start: point * part * input_step, steps: [0, 0, input_step] },
+                    gradient: Steps { start: point * part * output_step, steps: [0, 0, output_step] },
+                    segments: 1,
+                    length: channels[0],
+                    pitch: 0,
+                    channels: channels[1],
+                }
+                .add_to(sums);
+            }
+        });
+    }
+}
+
+/// Length of the sums of [`add_weight_gradient`].
+pub(super) fn gradient_sums_len(vectors: Vectors, channels: [usize; 2]) -> usize {
+    POINTS_2D * gradient_len(vectors, 1, channels[0], channels[1])
+}
+
+/// Brings transformed sums back to `[output, input, 3, 3]`.
+pub(super) fn unpack(vectors: Vectors, channels: [usize; 2], sums: &[f32]) -> Vec<f32> {
+    let [input, output] = channels;
+    let (strips, each) = strips(vectors, output, input);
+    let mut weights = vec![0.0; output * input * 9];
+    let mut at = 0;
+    for strip in strips {
+        let size = strip.vectors * vectors.lanes();
+        for channel in 0..input {
+            let row = at + channel * size;
+            for lane in 0..strip.width {
+                let point = |i: usize, j: usize| sums[(i * POINTS + j) * each + row + lane];
+                let half: [[f32; POINTS]; 3] = {
+                    let columns: [[f32; 3]; POINTS] =
+                        std::array::from_fn(|j| three_outputs(std::array::from_fn(|i| point(i, j))));
+                    std::array::from_fn(|k| std::array::from_fn(|j| columns[j][k]))
+                };
+                let to = ((strip.channel + lane) * input + channel) * 9;
+                for (ky, row) in half.into_iter().enumerate() {
+                    weights[to + 3 * ky..to + 3 * ky + 3].copy_from_slice(&three_outputs(row));
+                }
+            }
+        }
+        at += input * size;
+    }
+    weights
+}
+
+/// `Aᵀ` for three outputs.
+fn three_outputs(m: [f32; POINTS]) -> [f32; 3] {
+    let (sum1, difference1, sum2, difference2) = (m[1] + m[2], m[1] - m[2], m[3] + m[4], m[3] - m[4]);
+    [m[0] + sum1 + sum2, difference1 + 2.0 * difference2, sum1 + 4.0 * sum2 + m[5]]
+}
+
+/// `G g Gᵀ` of every block of every channel pair, packed for the 36 products.
+fn transform_weights<const R: usize>(
+    vectors: Vectors,
+    kernel: usize,
+    [input, output]: [usize; 2],
+    blocks: usize,
+    matrix: &[[f32; R]; POINTS],
+    dense: &Packed,
+) -> Vec<Packed> {
+    let empty = Packed::new(vectors, [blocks * blocks, input, output], |_, _, _, _| {});
+    let mut points = vec![empty; POINTS_2D];
+    for (index, strip) in dense.strips().iter().enumerate() {
+        let size = strip.vectors * vectors.lanes();
+        for block in 0..blocks * blocks {
+            let (top, left) = (block / blocks * R, block % blocks * R);
+            for channel in 0..input {
+                let mut taps = [[[0.0_f32; LANES_MAX]; R]; R];
+                for ky in (0..R).filter(|ky| top + ky < kernel) {
+                    for kx in (0..R).filter(|kx| left + kx < kernel) {
+                        let row = (top + ky) * kernel * input + (left + kx) * input + channel;
+                        taps[ky][kx][..size].copy_from_slice(dense.row(vectors, index, row));
+                    }
+                }
+                let transformed = vectors.run(|| {
+                    let mut half = [[[0.0_f32; LANES_MAX]; R]; POINTS];
+                    for (half, factors) in half.iter_mut().zip(matrix) {
+                        for (taps, &factor) in taps.iter().zip(factors) {
+                            for (half, taps) in half.iter_mut().zip(taps) {
+                                half.iter_mut().zip(taps).for_each(|(half, tap)| *half += factor * tap);
+                            }
+                        }
+                    }
+                    let mut whole = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
+                    for (whole, half) in whole.iter_mut().zip(&half) {
+                        for (whole, factors) in whole.iter_mut().zip(matrix) {
+                            for (half, &factor) in half.iter().zip(factors) {
+                                whole.iter_mut().zip(half).for_each(|(whole, half)| *whole += factor * half);
+                            }
+                        }
+                    }
+                    whole
+                });
+                let row = block * input + channel;
+                for (point, values) in points.iter_mut().zip(transformed.as_flattened()) {
+                    point.row_mut(vectors, index, row).copy_from_slice(&values[..size]);
+                }
+            }
+        }
+    }
+    points
+}
+
+/// Some of the tiles of a map.
+#[derive(Clone, Copy)]
+struct Tiles {
+    grid: [usize; 3],
+    side: usize,
+    range: [usize; 2],
+}
+
+impl Tiles {
+    /// Picture, first output row and first output column of each.
+    fn corners(&self) -> impl Iterator<Item = [usize; 3]> {
+        let Self { grid: [_, rows, columns], side, range: [from, to] } = *self;
+        (from..to).map(move |tile| [tile / (rows * columns), tile / columns % rows * side, tile % columns * side])
+    }
+}
+
+/// A `side`×`side` patch of a map whose corner is at `row`, `column` (which may lie outside): values,
+/// where the patch starts in them, and their pitch. Outside the map there are zeros.
+fn patch<'a>(
+    map: &Map<'a>,
+    [image, row, column]: [isize; 3],
+    side: usize,
+    copy: &'a mut [f32],
+) -> (&'a [f32], usize, usize) {
+    let Extent { height, width, channels, halo, .. } = map.extent;
+    let inside =
+        |start: isize, size: usize| start >= -(halo as isize) && start + side as isize <= (size + halo) as isize;
+    let pitch = map.extent.pitch();
+    if inside(row, height) && inside(column, width) {
+        let start = image as usize * map.extent.image()
+            + (row + halo as isize) as usize * pitch
+            + (column + halo as isize) as usize * channels;
+        if start + (side - 1) * pitch + side * channels + SLACK <= map.values.len() {
+            return (map.values, start, pitch);
+        }
+    }
+    let within = |start: isize, size: usize| {
+        let first = start.clamp(0, size as isize) as usize;
+        first..(start + side as isize).clamp(0, size as isize) as usize
+    };
+    copy.fill(0.0);
+    let columns = within(column, width);
+    for y in within(row, height) {
+        if columns.is_empty() {
+            continue;
+        }
+        let from = map.extent.at(image as usize, y, columns.start);
+        let to = ((y as isize - row) as usize * side + (columns.start as isize - column) as usize) * channels;
+        let len = columns.len() * channels;
+        copy[to..to + len].copy_from_slice(&map.values[from..from + len]);
+    }
+    (copy, 0, side * channels)
+}
+
+/// `Bᵀ d B` of each tile's 6×6 patch, `corner` pixels from the tile's first output, to
+/// `out[layout[0] + point·layout[1] + tile·layout[2] + channel]`.
+fn transform_patches(
+    vectors: Vectors,
+    x: Map<'_>,
+    tiles: &Tiles,
+    corner: [isize; 2],
+    out: &Shared<'_>,
+    layout: [usize; 3],
+) {
+    vectors.run_simd(Patches::<POINTS, _> { x, tiles, corner, out, layout, transform: InputRow });
+}
+
+/// `G dy Gᵀ` of each tile's 4×4 gradients, as [`transform_patches`].
+fn transform_gradient(vectors: Vectors, dy: Map<'_>, tiles: &Tiles, out: &Shared<'_>, layout: [usize; 3]) {
+    vectors.run_simd(Patches::<4, _> { x: dy, tiles, corner: [0, 0], out, layout, transform: GradientRow });
+}
+
+/// A transform in one direction.
+trait RowTransform<const N: usize>: Copy {
+    fn apply<S: Simd>(self, simd: S, d: [S::f32s; N]) -> [S::f32s; POINTS];
+}
+
+/// `Bᵀ`.
+#[derive(Clone, Copy)]
+struct InputRow;
+
+impl RowTransform<POINTS> for InputRow {
+    #[inline(always)]
+    fn apply<S: Simd>(self, simd: S, d: [S::f32s; POINTS]) -> [S::f32s; POINTS] {
+        let fma = |factor: f32, a, b| simd.mul_add_e_f32s(simd.splat_f32s(factor), a, b);
+        let (even, odd) = (fma(-4.0, d[2], d[4]), fma(-4.0, d[1], d[3]));
+        let (near, twice) = (simd.sub_f32s(d[4], d[2]), simd.sub_f32s(d[3], d[1]));
+        let twice = simd.add_f32s(twice, twice);
+        [
+            fma(4.0, d[0], fma(-5.0, d[2], d[4])),
+            simd.add_f32s(even, odd),
+            simd.sub_f32s(even, odd),
+            simd.add_f32s(near, twice),
+            simd.sub_f32s(near, twice),
+            fma(4.0, d[1], fma(-5.0, d[3], d[5])),
+        ]
+    }
+}
+
+/// `G` for four taps ([`KERNEL_4`]).
+#[derive(Clone, Copy)]
+struct GradientRow;
+
+impl RowTransform<4> for GradientRow {
+    #[inline(always)]
+    fn apply<S: Simd>(self, simd: S, d: [S::f32s; 4]) -> [S::f32s; POINTS] {
+        let fma = |factor: f32, a, b| simd.mul_add_e_f32s(simd.splat_f32s(factor), a, b);
+        let scale = |factor: f32, a| simd.mul_f32s(simd.splat_f32s(factor), a);
+        let (even1, odd1) = (simd.add_f32s(d[0], d[2]), simd.add_f32s(d[1], d[3]));
+        let (even2, odd2) = (fma(4.0, d[2], d[0]), fma(4.0, d[3], d[1]));
+        let odd2 = simd.add_f32s(odd2, odd2);
+        [
+            scale(0.25, d[0]),
+            scale(-1.0 / 6.0, simd.add_f32s(even1, odd1)),
+            scale(-1.0 / 6.0, simd.sub_f32s(even1, odd1)),
+            scale(1.0 / 24.0, simd.add_f32s(even2, odd2)),
+            scale(1.0 / 24.0, simd.sub_f32s(even2, odd2)),
+            d[3],
+        ]
+    }
+}
+
+struct Patches<'a, 'b, const N: usize, T> {
+    x: Map<'a>,
+    tiles: &'a Tiles,
+    corner: [isize; 2],
+    out: &'a Shared<'b>,
+    layout: [usize; 3],
+    transform: T,
+}
+
+impl<const N: usize, T: RowTransform<N>> WithSimd for Patches<'_, '_, N, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { x, tiles, corner, out, layout: [first, point_step, tile_step], transform } = self;
+        let (lanes, channels) = (S::F32_LANES, x.extent.channels);
+        with_scratch(N * N * channels + SLACK, |copy| {
+            for (index, [image, row, column]) in tiles.corners().enumerate() {
+                let at = [image as isize, row as isize + corner[0], column as isize + corner[1]];
+                let (values, start, pitch) = patch(&x, at, N, copy);
+                for channel in (0..channels).step_by(lanes) {
+                    let value = |i: usize, j: usize| {
+                        let at = start + i * pitch + j * channels + channel;
+                        S::as_simd_f32s(&values[at..at + lanes]).0[0]
+                    };
+                    let rows: [[S::f32s; POINTS]; N] =
+                        std::array::from_fn(|i| transform.apply(simd, std::array::from_fn(|j| value(i, j))));
+                    for j in 0..POINTS {
+                        let column = transform.apply(simd, std::array::from_fn(|i| rows[i][j]));
+                        for (i, vector) in column.into_iter().enumerate() {
+                            let at = first + (i * POINTS + j) * point_step + index * tile_step + channel;
+                            S::as_mut_simd_f32s(out.part(at, lanes)).0[0] = vector;
+                        }
+                    }
+                }
+            }
+        });
+    }
+}
+
+/// What is done to a result.
+struct Finish<'a> {
+    start: Option<&'a [f32]>,
+    skip: Option<Map<'a>>,
+    slope: f32,
+    out: MapMut<'a>,
+    channels: usize,
+    /// Values from tile to tile of the products.
+    step: usize,
+}
+
+struct FinishTask<'a> {
+    finish: &'a Finish<'a>,
+    tiles: Tiles,
+    products: &'a [f32],
+    at: usize,
+    /// Values from point to point.
+    point: usize,
+    lanes: usize,
+}
+
+/// `Aᵀ M A`, start, skip and slope for `M`×`M` outputs a tile.
+struct OutputTransform<'a, const M: usize>(FinishTask<'a>);
+
+impl<const M: usize> WithSimd for OutputTransform<'_, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let FinishTask { finish, tiles, products, at, point, lanes } = self.0;
+        let Finish { start, skip, slope, out, channels, step } = *finish;
+        let row = |m: [S::f32s; POINTS]| -> [S::f32s; M] {
+            let fma = |factor: f32, a, b| simd.mul_add_e_f32s(simd.splat_f32s(factor), a, b);
+            let (sum1, difference1) = (simd.add_f32s(m[1], m[2]), simd.sub_f32s(m[1], m[2]));
+            let (sum2, difference2) = (simd.add_f32s(m[3], m[4]), simd.sub_f32s(m[3], m[4]));
+            std::array::from_fn(|index| {
+                let value = match index {
+                    0 => simd.add_f32s(simd.add_f32s(m[0], sum1), sum2),
+                    1 => fma(2.0, difference2, difference1),
+                    2 => fma(4.0, sum2, sum1),
+                    _ => fma(8.0, difference2, difference1),
+                };
+                if index == M - 1 { simd.add_f32s(value, m[5]) } else { value }
+            })
+        };
+        let slope = simd.splat_f32s(slope);
+        for (index, [image, top, left]) in tiles.corners().enumerate() {
+            let rows = M.min(out.extent.height - top);
+            let columns = M.min(out.extent.width - left);
+            for channel in (0..channels).step_by(lanes) {
+                let base = at + index * step + channel;
+                let value = |i: usize, j: usize| {
+                    let at = base + (i * POINTS + j) * point;
+                    S::as_simd_f32s(&products[at..at + lanes]).0[0]
+                };
+                let half: [[S::f32s; M]; POINTS] = std::array::from_fn(|j| row(std::array::from_fn(|i| value(i, j))));
+                let start =
+                    start.map_or(simd.splat_f32s(0.0), |start| S::as_simd_f32s(&start[channel..channel + lanes]).0[0]);
+                let width = lanes.min(channels - channel);
+                for i in 0..M {
+                    let line = row(std::array::from_fn(|j| half[j][i]));
+                    for (j, value) in line.into_iter().enumerate() {
+                        if i >= rows || j >= columns {
+                            continue;
+                        }
+                        let mut value = simd.add_f32s(value, start);
+                        if let Some(skip) = skip {
+                            let at = skip.extent.at(image, top + i, left + j) + channel;
+                            value = simd.add_f32s(value, simd.partial_load_f32s(&skip.values[at..at + width]));
+                        }
+                        value = simd.max_f32s(value, simd.mul_f32s(value, slope));
+                        let to = out.values.part(out.extent.at(image, top + i, left + j) + channel, width);
+                        simd.partial_store_f32s(to, value);
+                    }
+                }
+            }
+        }
+    }
+}
