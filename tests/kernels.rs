@@ -109,7 +109,8 @@ fn depthwise() -> impl Strategy<Value = Case> {
 }
 
 /// Burn's own result and gradients for a unit: output, then gradients of x, weights, shift, scale, skip.
-fn reference(case: &Case, data: &Data, with_norm: bool) -> [Vec<f32>; 6] {
+/// Takes gradients away from outputs so near zero that rounding decides on which side.
+fn reference(case: &Case, data: &mut Data, with_norm: bool) -> [Vec<f32>; 6] {
     let device = Device::flex().autodiff();
     let Case { shape, input, slope, .. } = case;
     let output = shape.output(*input);
@@ -134,7 +135,10 @@ fn reference(case: &Case, data: &Data, with_norm: bool) -> [Vec<f32>; 6] {
         y
     };
     let y = if shape.depthwise { y } else { y + skip.clone() };
+    let before = read(y.clone());
     let z = y.clone().clamp_min(0.0) + y.clamp_max(0.0).mul_scalar(*slope);
+    let near = 1e-3 * before.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
+    data.dz.iter_mut().zip(&before).filter(|(_, value)| value.abs() <= near).for_each(|(dz, _)| *dz = 0.0);
     let dz = tensor(&data.dz, dims(&output), &device);
     let gradients = (z.clone() * dz).sum().backward();
     let of = |gradient: Option<Vec<f32>>| gradient.unwrap_or_default();
@@ -174,8 +178,8 @@ impl Data {
 }
 
 fn check(case: &Case, with_norm: bool) -> Result<(), TestCaseError> {
-    let data = Data::new(case);
-    let [z, dx, dw, dshift, dscale, dskip] = reference(case, &data, with_norm);
+    let mut data = Data::new(case);
+    let [z, dx, dw, dshift, dscale, dskip] = reference(case, &mut data, with_norm);
     let unit = UnitShape { conv: case.shape, slope: case.slope };
     let output = case.shape.output(case.input);
     // A norm takes mean and slope out of its gradient: what is left of few taps may be rounding.
@@ -213,8 +217,8 @@ proptest! {
     /// The same layer in maps with halos, as inference runs it.
     #[test]
     fn halos_change_nothing(case in dense(), more in 0..3_usize) {
-        let data = Data::new(&case);
-        let [z, ..] = reference(&case, &data, false);
+        let mut data = Data::new(&case);
+        let [z, ..] = reference(&case, &mut data, false);
         let output = case.shape.output(case.input);
         for vectors in Vectors::all() {
             let conv = Convolution::new(vectors, case.shape, &data.weights, Some(&data.shift), &output);
