@@ -2,14 +2,16 @@
 //!
 //! The only room that knows both model and camera.
 
-use burn::tensor::{Device, Tensor, TensorData, Transaction};
+use std::sync::{Mutex, PoisonError};
+
+use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;
 use serde::Serialize;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
-use crate::model::{self, Card, Pen};
+use crate::model::{self, Card, Pen, PenConfig, PenRunner};
 
 /// Largest difference between two devices' maps that rounding explains: of a probability, and of a
 /// depth as a share of the largest in the training data.
@@ -17,7 +19,9 @@ const DEVICE_TOLERANCE: f32 = 1e-2;
 
 /// A loaded model on a device, ready for pictures.
 pub struct Localiser {
-    pen: Pen,
+    // One picture at a time: the runner's buffers are used again.
+    runner: Mutex<PenRunner>,
+    config: PenConfig,
     card: Card,
     device: Device,
 }
@@ -66,12 +70,14 @@ impl Localiser {
     pub fn new(card: Card, weights: Vec<u8>, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
         let pen = model::load(&card.architecture, weights, device)?;
-        Ok(Self { pen, card, device: device.clone() })
+        Ok(Self::from_pen(pen, card, device))
     }
 
     /// A localiser from a network already in memory.
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
-        Self { pen, card, device: device.clone() }
+        let config = pen.config().clone();
+        let runner = pen.runner([1, card.input.height as usize, card.input.width as usize], device);
+        Self { runner: Mutex::new(runner), config, card, device: device.clone() }
     }
 
     /// The model's card.
@@ -109,7 +115,7 @@ impl Localiser {
         Err(Error::Device { device: device_name(&self.device), reason })
     }
 
-    /// A picture's worth of values with every frequency in it, `[3, height, width]`.
+    /// A picture's worth of values with every frequency in it, `[height, width, 3]`.
     fn test_pattern(&self) -> Vec<f32> {
         let count = 3 * self.card.input.width * self.card.input.height;
         (0..count).map(|index| ((f64::from(index)).powf(1.5) * 0.01).sin() as f32).collect()
@@ -133,7 +139,7 @@ impl Localiser {
         let image: [f64; 2] = std::array::from_fn(|axis| (raw.image[axis] + 0.5) * scale[axis] - 0.5);
         let in_camera = camera_of_picture.camera_from_image(&Point2::from(image), raw.depth)?;
         let in_world = camera_of_picture.world_from_camera(&in_camera);
-        let stride = self.pen.config().output_stride();
+        let stride = self.config.output_stride();
         let mut notes = picture.notes().to_vec();
         if size != [camera.width(), camera.height()] {
             let [width, height] = size;
@@ -151,14 +157,13 @@ impl Localiser {
         })
     }
 
-    /// Runs the network on one normalised picture `[3, height, width]` and reads its maps back.
+    /// Runs the network on one normalised picture `[height, width, 3]` and reads its maps back.
     async fn run(&self, values: Vec<f32>) -> Result<RawOutput> {
-        let (width, height) = (self.card.input.width as usize, self.card.input.height as usize);
-        let pictures = Tensor::from_data(TensorData::new(values, [1, 3, height, width]), &self.device);
-        let output = self.pen.forward(pictures);
+        // A panic elsewhere leaves the runner usable: each run writes all that it reads.
+        let output = self.runner.lock().unwrap_or_else(PoisonError::into_inner).run(values);
         let [_, _, cells] = output.depth.dims();
         let depth_map = output.depth.clone();
-        let decoded = model::decode(output, self.pen.config());
+        let decoded = model::decode(output, &self.config);
         let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };
         let data = Transaction::default()
             .register(decoded.image)

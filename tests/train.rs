@@ -339,7 +339,7 @@ fn gradients_through_the_whole_network_equal_central_differences() {
 
 fn loss_of(pen: &Pen, device: &Device) -> Tensor<1> {
     let batch = batch();
-    let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 3, 32, 64]), device);
+    let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 32, 64, 3]), device);
     let losses = labels_3d(pen.forward(pictures), &batch.labels, &tiny(), CROSS_ENTROPY, 0.5);
     losses.heatmap + losses.depth.mul_scalar(0.2)
 }

@@ -42,7 +42,7 @@ impl Default for Normalisation {
 /// A picture as the network takes it.
 #[derive(Debug, Clone)]
 pub struct NetworkInput {
-    /// Normalised values, `[3, height, width]`, row-major; 0 (the mean colour) outside the picture.
+    /// Normalised values, `[height, width, 3]`, row-major; 0 (the mean colour) outside the picture.
     pub values: Vec<f32>,
     /// Width and height of the input, px.
     pub size: [u32; 2],
@@ -101,13 +101,13 @@ fn fit(picture: [u32; 2], frame: [u32; 2]) -> [u32; 2] {
 
 fn normalised(rgb: &ImageBuffer<Rgb<u8>, Vec<u8>>, size: [u32; 2], normalisation: &Normalisation) -> NetworkInput {
     let [width, height] = size.map(|side| side as usize);
+    let scale: [f32; 3] = std::array::from_fn(|channel| 1.0 / (BYTE_SCALE * normalisation.std[channel]));
+    let offset: [f32; 3] = std::array::from_fn(|channel| normalisation.mean[channel] / normalisation.std[channel]);
     let mut values = vec![0.0; 3 * width * height];
-    for (channel, plane) in values.chunks_exact_mut(width * height).enumerate() {
-        let scale = 1.0 / (BYTE_SCALE * normalisation.std[channel]);
-        let offset = normalisation.mean[channel] / normalisation.std[channel];
-        for (row, pixels) in plane.chunks_exact_mut(width).zip(rgb.rows()) {
-            for (value, pixel) in row.iter_mut().zip(pixels) {
-                *value = f32::from(pixel.0[channel]) * scale - offset;
+    for (row, pixels) in values.chunks_exact_mut(3 * width).zip(rgb.rows()) {
+        for (value, pixel) in row.chunks_exact_mut(3).zip(pixels) {
+            for channel in 0..3 {
+                value[channel] = f32::from(pixel.0[channel]) * scale[channel] - offset[channel];
             }
         }
     }

@@ -2,15 +2,18 @@
 
 use burn::module::Module;
 use burn::nn::conv::Conv2d;
-use burn::nn::pool::{MaxPool2d, MaxPool2dConfig};
-use burn::nn::{BatchNorm, BatchNormConfig, PaddingConfig2d};
-use burn::tensor::{Device, Tensor, activation::relu};
+use burn::nn::{BatchNorm, BatchNormConfig};
+use burn::tensor::Device;
 
 use super::config::BackboneConfig;
-use super::layers::{BasicBlock, ConvNorm, conv, upsample};
+use super::layers::{BasicBlock, ConvNorm, Layers, Slope, Unit, conv};
 
 /// Blocks in ResNet34's layer1, layer2, layer3 (layer4 is not used by PEN).
 const RESNET34_BLOCKS: [usize; 3] = [3, 4, 6];
+
+/// Feature maps side by side: each with the factor that brings it to the finest one's size. The network
+/// sees them as one map with the channels of all.
+pub(super) type Features<M> = Vec<(M, usize)>;
 
 /// Feature extractor of either kind.
 #[derive(Module, Debug)]
@@ -32,19 +35,19 @@ impl Backbone {
         }
     }
 
-    /// `[batch, 3, height, width]` -> features `[batch, channels, height/stride, width/stride]`.
-    pub(super) fn forward(&self, picture: Tensor<4>) -> Tensor<4> {
+    /// `[batch, height, width, 3]` -> features, the finest `[batch, height/stride, width/stride, _]`.
+    pub(super) fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Features<L::Map> {
         match self {
-            Self::ResNet34(net) => net.forward(picture),
-            Self::Compact(net) => net.forward(picture),
+            Self::ResNet34(net) => net.forward(layers, picture),
+            Self::Compact(net) => net.forward(layers, picture),
         }
     }
 
-    /// Channels of the features.
-    pub(super) fn channels(config: &BackboneConfig) -> usize {
+    /// Channels of each of the features.
+    pub(super) fn channels(config: &BackboneConfig) -> Vec<usize> {
         match *config {
-            BackboneConfig::ResNet34 { width } => width * (1 + 1 + 2 + 4),
-            BackboneConfig::Compact { pyramid, .. } => pyramid,
+            BackboneConfig::ResNet34 { width } => vec![width, width, 2 * width, 4 * width],
+            BackboneConfig::Compact { pyramid, .. } => vec![pyramid],
         }
     }
 }
@@ -54,7 +57,6 @@ impl Backbone {
 pub(super) struct ResNet34 {
     conv1: Conv2d,
     bn1: BatchNorm,
-    maxpool: MaxPool2d,
     layer1: Vec<BasicBlock>,
     layer2: Vec<BasicBlock>,
     layer3: Vec<BasicBlock>,
@@ -73,24 +75,21 @@ impl ResNet34 {
         Self {
             conv1: conv([3, width], 7, 2).with_bias(false).init(device),
             bn1: BatchNormConfig::new(width).init(device),
-            maxpool: MaxPool2dConfig::new([3, 3])
-                .with_strides([2, 2])
-                .with_padding(PaddingConfig2d::Explicit(1, 1, 1, 1))
-                .init(),
             layer1: layer(0, width, width, 1),
             layer2: layer(1, width, 2 * width, 2),
             layer3: layer(2, 2 * width, 4 * width, 2),
         }
     }
 
-    /// `[batch, 3, h, w]` -> `[batch, 8·width, h/2, w/2]`.
-    fn forward(&self, picture: Tensor<4>) -> Tensor<4> {
-        let stride2 = relu(self.bn1.forward(self.conv1.forward(picture)));
-        let run = |blocks: &[BasicBlock], x| blocks.iter().fold(x, |x, block| block.forward(x));
-        let stride4 = run(&self.layer1, self.maxpool.forward(stride2.clone()));
+    /// `[batch, h, w, 3]` -> features of strides 2, 4, 8, 16.
+    fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Features<L::Map> {
+        let stride2 = layers.unit(picture, Unit::new(&self.conv1, Some(&self.bn1), Slope::RELU), None);
+        let pooled = layers.max_pool(&stride2);
+        let mut run = |blocks: &[BasicBlock], x: L::Map| blocks.iter().fold(x, |x, block| block.forward(layers, &x));
+        let stride4 = run(&self.layer1, pooled);
         let stride8 = run(&self.layer2, stride4.clone());
         let stride16 = run(&self.layer3, stride8.clone());
-        Tensor::cat(vec![stride2, upsample(stride4, 2), upsample(stride8, 4), upsample(stride16, 8)], 1)
+        vec![(stride2, 1), (stride4, 2), (stride8, 4), (stride16, 8)]
     }
 }
 
@@ -128,16 +127,17 @@ impl Compact {
         }
     }
 
-    /// `[batch, 3, h, w]` -> `[batch, pyramid, h/4, w/4]`.
-    fn forward(&self, picture: Tensor<4>) -> Tensor<4> {
-        let mut x = relu(self.stem.forward(picture));
+    /// `[batch, h, w, 3]` -> one map `[batch, h/4, w/4, pyramid]`.
+    fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Features<L::Map> {
+        let mut x = self.stem.forward(layers, picture, None);
         let mut features = Vec::with_capacity(self.stages.len());
         for (stage, lateral) in self.stages.iter().zip(&self.laterals) {
-            x = stage.block.forward(relu(stage.down.forward(x)));
-            features.push(lateral.forward(x.clone()));
+            x = stage.down.forward(layers, &x, None);
+            x = stage.block.forward(layers, &x);
+            features.push(layers.unit(&x, Unit::new(lateral, None, Slope::NONE), None));
         }
-        let top_down = features.into_iter().rev().reduce(|coarse, fine| upsample(coarse, 2) + fine);
+        let top_down = features.into_iter().rev().reduce(|coarse, fine| layers.upsample(&coarse, 2, Some(&fine)));
         // Four stages, so there is always a map.
-        relu(self.fuse.forward(top_down.unwrap_or(x)))
+        vec![(self.fuse.forward(layers, &top_down.unwrap_or(x), None), 1)]
     }
 }

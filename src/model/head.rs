@@ -3,15 +3,16 @@
 use burn::module::Module;
 use burn::nn::conv::Conv2d;
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig};
-use burn::tensor::{Device, Tensor, activation::leaky_relu, activation::relu};
+use burn::tensor::Device;
 
+use super::backbone::Features;
 use super::config::HeadConfig;
-use super::layers::{ConvNorm, conv};
+use super::layers::{ConvNorm, LAYER_NORM_EPSILON, Layers, Slope, Unit, conv};
 
 /// Kernel of the wide convolutions of both kinds of head.
 const KERNEL: usize = 7;
-/// Slope of the published heads' leaky ReLU.
-const LEAK: f64 = 0.01;
+/// The published heads' leaky ReLU.
+const LEAKY: Slope = Slope(0.01);
 
 /// Head of either kind.
 #[derive(Module, Debug)]
@@ -24,18 +25,18 @@ pub(super) enum Head {
 
 impl Head {
     /// A head on `features` channels; `last` initialises its final 1×1 convolution.
-    pub(super) fn new(config: &HeadConfig, features: usize, last: Initializer, device: &Device) -> Self {
+    pub(super) fn new(config: &HeadConfig, features: &[usize], last: Initializer, device: &Device) -> Self {
         match *config {
             HeadConfig::Paper { channels } => Self::Paper(PaperHead::new(features, channels, last, device)),
-            HeadConfig::Depthwise => Self::Depthwise(DepthwiseHead::new(features, last, device)),
+            HeadConfig::Depthwise => Self::Depthwise(DepthwiseHead::new(features.iter().sum(), last, device)),
         }
     }
 
-    /// `[batch, features, h, w]` -> `[batch, 1, h, w]`.
-    pub(super) fn forward(&self, features: Tensor<4>) -> Tensor<4> {
+    /// Features -> `[batch, h, w, 1]`, the finest feature's size.
+    pub(super) fn forward<L: Layers>(&self, layers: &mut L, features: &Features<L::Map>) -> L::Map {
         match self {
-            Self::Paper(head) => head.forward(features),
-            Self::Depthwise(head) => head.forward(features),
+            Self::Paper(head) => head.forward(layers, features),
+            Self::Depthwise(head) => head.forward(layers, &features[0].0),
         }
     }
 }
@@ -49,34 +50,55 @@ pub(super) struct PaperHead {
     conv2: Conv2d,
     norm2: LayerNorm,
     last: Conv2d,
+    #[module(skip)]
+    features: Vec<usize>,
 }
 
 impl PaperHead {
-    fn new(features: usize, [a, b, c]: [usize; 3], last: Initializer, device: &Device) -> Self {
+    fn new(features: &[usize], [a, b, c]: [usize; 3], last: Initializer, device: &Device) -> Self {
         let xavier = |gain| Initializer::XavierUniform { gain };
         let wide = |channels| conv(channels, KERNEL, 1).with_initializer(xavier(std::f64::consts::SQRT_2)).init(device);
-        let norm = |channels| LayerNormConfig::new(channels).init(device);
+        let norm = |channels| LayerNormConfig::new(channels).with_epsilon(LAYER_NORM_EPSILON).init(device);
         Self {
-            reduce: conv([features, a], 1, 1).with_initializer(xavier(1.0)).init(device),
+            reduce: conv([features.iter().sum(), a], 1, 1).with_initializer(xavier(1.0)).init(device),
             conv1: wide([a, b]),
             norm1: norm(b),
             conv2: wide([b, c]),
             norm2: norm(c),
             last: conv([c, 1], 1, 1).with_initializer(last).init(device),
+            features: features.to_vec(),
         }
     }
 
-    fn forward(&self, x: Tensor<4>) -> Tensor<4> {
-        let x = self.reduce.forward(x);
-        let x = leaky_relu(over_channels(&self.norm1, self.conv1.forward(x)), LEAK);
-        let x = leaky_relu(over_channels(&self.norm2, self.conv2.forward(x)), LEAK);
-        self.last.forward(x)
+    fn forward<L: Layers>(&self, layers: &mut L, features: &Features<L::Map>) -> L::Map {
+        let x = self.reduce(layers, features);
+        let x = layers.unit(&x, Unit::new(&self.conv1, None, Slope::NONE), None);
+        let x = layers.layer_norm(&x, &self.norm1, LEAKY);
+        let x = layers.unit(&x, Unit::new(&self.conv2, None, Slope::NONE), None);
+        let x = layers.layer_norm(&x, &self.norm2, LEAKY);
+        layers.unit(&x, Unit::new(&self.last, None, Slope::NONE), None)
     }
-}
 
-/// Layer norm over the channels of `[batch, channels, h, w]`.
-fn over_channels(norm: &LayerNorm, x: Tensor<4>) -> Tensor<4> {
-    norm.forward(x.permute([0, 2, 3, 1])).permute([0, 3, 1, 2])
+    /// The 1×1 convolution of all features, brought to one size and laid side by side. A 1×1 convolution
+    /// and bilinear upsampling may change places, so each feature is reduced at its own size: a fifth of
+    /// the work, and the wide map never exists.
+    fn reduce<L: Layers>(&self, layers: &mut L, features: &Features<L::Map>) -> L::Map {
+        let mut first = 0;
+        let mut parts = features.iter().zip(&self.features).map(|((map, factor), &channels)| {
+            let mut unit = Unit::new(&self.reduce, None, Slope::NONE);
+            unit.weight = unit.weight.narrow(1, first, channels);
+            // The bias belongs to the whole sum: the finest feature brings it.
+            unit.bias = unit.bias.filter(|_| first == 0);
+            first += channels;
+            (map, *factor, unit)
+        });
+        let (map, _, unit) = parts.next().unwrap_or_else(|| unreachable!("a backbone has features"));
+        let finest = layers.unit(map, unit, None);
+        parts.fold(finest, |sum, (map, factor, unit)| {
+            let part = layers.unit(map, unit, None);
+            layers.upsample(&part, factor, Some(&sum))
+        })
+    }
 }
 
 /// Depthwise 7×7 and 1×1 with a skip, then 1×1.
@@ -97,8 +119,9 @@ impl DepthwiseHead {
         }
     }
 
-    fn forward(&self, features: Tensor<4>) -> Tensor<4> {
-        let x = relu(self.spatial.forward(features.clone()));
-        self.last.forward(relu(self.mix.forward(x) + features))
+    fn forward<L: Layers>(&self, layers: &mut L, features: &L::Map) -> L::Map {
+        let x = self.spatial.forward(layers, features, None);
+        let x = self.mix.forward(layers, &x, Some(features));
+        layers.unit(&x, Unit::new(&self.last, None, Slope::NONE), None)
     }
 }

@@ -1,12 +1,81 @@
-//! Layers that the backbones and heads share.
+//! What networks are made of, and the blocks that backbones and heads share.
+//!
+//! A network says once which layers follow each other ([`Layers`]); Burn runs them for training and on
+//! GPUs ([`super::tensors`]), the CPU's plan for inference ([`super::plan`]). Maps are channels-last.
 
 use burn::module::Module;
 use burn::nn::conv::{Conv2d, Conv2dConfig};
-use burn::nn::{BatchNorm, BatchNormConfig, Initializer, PaddingConfig2d};
-use burn::tensor::{Device, Tensor, TensorData, activation::relu};
+use burn::nn::{BatchNorm, BatchNormConfig, Initializer, LayerNorm, PaddingConfig2d};
+use burn::tensor::{Device, Tensor};
 
 /// Kaiming normal for ReLU, by fan-out: the initialisation ResNet was published with.
 const KAIMING: Initializer = Initializer::KaimingNormal { gain: std::f64::consts::SQRT_2, fan_out_only: true };
+
+/// Added to layer norm's variance.
+pub(super) const LAYER_NORM_EPSILON: f64 = 1e-5;
+
+/// Activation: negative values are multiplied by `self.0`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Slope(pub f32);
+
+impl Slope {
+    /// No activation.
+    pub(super) const NONE: Self = Self(1.0);
+    /// ReLU.
+    pub(super) const RELU: Self = Self(0.0);
+}
+
+/// A convolution with what follows it: norm or bias, then the activation.
+pub(super) struct Unit<'a> {
+    /// `[output channels, input channels of a group, kernel, kernel]`.
+    pub weight: Tensor<4>,
+    /// `[output channels]`.
+    pub bias: Option<Tensor<1>>,
+    /// Batch norm; then there is no bias.
+    pub norm: Option<&'a BatchNorm>,
+    /// Step between output positions, input pixels.
+    pub stride: usize,
+    /// Zeros around the input.
+    pub padding: usize,
+    /// Each channel by itself.
+    pub depthwise: bool,
+    /// Activation.
+    pub slope: Slope,
+}
+
+impl<'a> Unit<'a> {
+    /// A square convolution that keeps the size at stride 1.
+    pub(super) fn new(conv: &Conv2d, norm: Option<&'a BatchNorm>, slope: Slope) -> Self {
+        Self {
+            weight: conv.weight.val(),
+            bias: conv.bias.as_ref().map(|bias| bias.val()),
+            norm,
+            stride: conv.stride[0],
+            padding: conv.kernel_size[0] / 2,
+            depthwise: conv.groups > 1,
+            slope,
+        }
+    }
+}
+
+/// Who runs a network's layers. Maps are `[batch, height, width, channels]`.
+pub(super) trait Layers {
+    /// A map, or what stands for it.
+    type Map: Clone;
+
+    /// Convolution, norm or bias, plus `skip`, activation.
+    fn unit(&mut self, x: &Self::Map, unit: Unit<'_>, skip: Option<&Self::Map>) -> Self::Map;
+
+    /// Bilinear upsampling by a whole `factor` (pixel centres, edges clamped; PyTorch's `align_corners =
+    /// false`), plus `add`.
+    fn upsample(&mut self, x: &Self::Map, factor: usize, add: Option<&Self::Map>) -> Self::Map;
+
+    /// Maximum over 3×3 windows of stride 2, padded by 1.
+    fn max_pool(&mut self, x: &Self::Map) -> Self::Map;
+
+    /// Layer norm over channels, activation.
+    fn layer_norm(&mut self, x: &Self::Map, norm: &LayerNorm, slope: Slope) -> Self::Map;
+}
 
 /// A square convolution that keeps the size at stride 1.
 pub(super) fn conv(channels: [usize; 2], kernel: usize, stride: usize) -> Conv2dConfig {
@@ -30,9 +99,9 @@ impl ConvNorm {
         Self { conv: config.with_bias(false).init(device), norm }
     }
 
-    /// `[batch, channels_in, height, width]` -> `[batch, channels_out, height/stride, width/stride]`.
-    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
-        self.norm.forward(self.conv.forward(x))
+    /// `[batch, height, width, channels_in]` -> `[batch, height/stride, width/stride, channels_out]`, ReLU.
+    pub(super) fn forward<L: Layers>(&self, layers: &mut L, x: &L::Map, skip: Option<&L::Map>) -> L::Map {
+        layers.unit(x, Unit::new(&self.conv, Some(&self.norm), Slope::RELU), skip)
     }
 }
 
@@ -61,43 +130,13 @@ impl BasicBlock {
         }
     }
 
-    /// `[batch, channels_in, height, width]` -> `[batch, channels_out, height/stride, width/stride]`.
-    pub(super) fn forward(&self, x: Tensor<4>) -> Tensor<4> {
+    /// `[batch, height, width, channels_in]` -> `[batch, height/stride, width/stride, channels_out]`.
+    pub(super) fn forward<L: Layers>(&self, layers: &mut L, x: &L::Map) -> L::Map {
         let skip = match &self.downsample {
-            Some((conv, norm)) => norm.forward(conv.forward(x.clone())),
+            Some((conv, norm)) => layers.unit(x, Unit::new(conv, Some(norm), Slope::NONE), None),
             None => x.clone(),
         };
-        let x = relu(self.bn1.forward(self.conv1.forward(x)));
-        relu(self.bn2.forward(self.conv2.forward(x)) + skip)
+        let x = layers.unit(x, Unit::new(&self.conv1, Some(&self.bn1), Slope::RELU), None);
+        layers.unit(&x, Unit::new(&self.conv2, Some(&self.bn2), Slope::RELU), Some(&skip))
     }
-}
-
-/// Bilinear upsampling by a whole `factor` (pixel centres, edges clamped; PyTorch's
-/// `align_corners = false`): `[batch, channels, h, w]` -> `[batch, channels, h·factor, w·factor]`.
-///
-/// Two products with fixed matrices instead of Burn's `interpolate`, whose backward pass is
-/// missing on the GPU backends of 0.22.
-pub(super) fn upsample(x: Tensor<4>, factor: usize) -> Tensor<4> {
-    let [batch, channels, height, width] = x.dims();
-    let device = x.device();
-    let x = x.reshape([batch * channels * height, width]); // [b·c·h, w]
-    let x = x.matmul(interpolation(width, factor, &device)); // [b·c·h, W]
-    let x = x.reshape([batch * channels, height, width * factor]); // [b·c, h, W]
-    let rows = interpolation(height, factor, &device).transpose(); // [H, h]
-    let x = rows.unsqueeze::<3>().expand([(batch * channels) as i64, -1, -1]).matmul(x); // [b·c, H, W]
-    x.reshape([batch, channels, height * factor, width * factor])
-}
-
-/// Weights of bilinear interpolation from `count` cells to `count·factor`: `[count, count·factor]`.
-fn interpolation(count: usize, factor: usize, device: &Device) -> Tensor<2> {
-    let fine = count * factor;
-    let mut weights = vec![0.0_f32; count * fine];
-    for to in 0..fine {
-        let from = ((to as f32 + 0.5) / factor as f32 - 0.5).max(0.0);
-        let low = from as usize;
-        let share = from - low as f32;
-        weights[low * fine + to] += 1.0 - share;
-        weights[(low + 1).min(count - 1) * fine + to] += share;
-    }
-    Tensor::from_data(TensorData::new(weights, [count, fine]), device)
 }

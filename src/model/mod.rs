@@ -8,7 +8,10 @@ mod config;
 mod decode;
 mod head;
 mod layers;
+mod operation;
 mod pen;
+mod plan;
+mod tensors;
 mod weights;
 
 pub use self::card::{Card, InputSize, check_input, sha256_hex};
@@ -16,5 +19,5 @@ pub use self::config::{BackboneConfig, DepthActivation, DepthConfig, HeadConfig,
 pub use self::decode::{Decoded, confidence, decode};
 #[cfg(feature = "train")]
 pub(crate) use self::decode::{cell_centre, weighted_depth};
-pub use self::pen::{Pen, PenOutput};
+pub use self::pen::{Pen, PenOutput, PenRunner};
 pub use self::weights::{load, load_backbone_timm, save};

@@ -3,12 +3,14 @@
 use burn::module::Module;
 use burn::nn::Initializer;
 use burn::tensor::activation::softplus_with_threshold;
-use burn::tensor::{Device, Tensor};
+use burn::tensor::{Device, Tensor, TensorData};
 
 use super::backbone::Backbone;
 use super::config::{DepthActivation, DepthConfig, HeadConfig, PenConfig};
 use super::head::Head;
-use super::layers::upsample;
+use super::layers::Layers;
+use super::plan::Plan;
+use super::tensors::{Tensors, is_cpu};
 
 /// Softplus of the published depth head: beta, and where it turns linear.
 const SOFTPLUS_BETA: f64 = 2.0;
@@ -48,7 +50,7 @@ impl Pen {
             DepthActivation::Exp => Initializer::Zeros,
             DepthActivation::Softplus => Initializer::XavierUniform { gain: 1.0 },
         };
-        let head = |last| Head::new(&config.head, features, last, device);
+        let head = |last| Head::new(&config.head, &features, last, device);
         Ok(Self {
             backbone: Backbone::new(&config.backbone, device),
             heatmap_head: head(Initializer::XavierUniform { gain: 1.0 }),
@@ -62,17 +64,66 @@ impl Pen {
         &self.config
     }
 
-    /// Runs the network on normalised pictures, `[batch, 3, height, width]`, sides multiples of
+    /// Runs the network on normalised pictures, `[batch, height, width, 3]`, sides multiples of
     /// [`PenConfig::input_multiple`].
     pub fn forward(&self, pictures: Tensor<4>) -> PenOutput {
-        let features = self.backbone.forward(pictures);
-        let mut heatmap = self.heatmap_head.forward(features.clone());
-        let mut depth = activate(self.depth_head.forward(features), &self.config.depth);
+        let [heatmap, depth] = self.maps(&mut Tensors, &pictures);
+        self.output(heatmap, depth)
+    }
+
+    /// A runner for batches of `batch` pictures of `height`×`width`: on the CPU with everything worked out
+    /// beforehand, elsewhere as [`Self::forward`].
+    pub fn runner(self, [batch, height, width]: [usize; 3], device: &Device) -> PenRunner {
+        let plan = is_cpu(device)
+            .then(|| Plan::new([batch, height, width], |layers, picture| self.maps(layers, picture).into()));
+        PenRunner { pen: self, shape: [batch, height, width, 3], device: device.clone(), plan }
+    }
+
+    /// What the heads say of pictures.
+    fn maps<L: Layers>(&self, layers: &mut L, pictures: &L::Map) -> [L::Map; 2] {
+        let features = self.backbone.forward(layers, pictures);
+        [&self.heatmap_head, &self.depth_head].map(|head| head.forward(layers, &features))
+    }
+
+    /// The output from what the heads say, `[batch, h, w, 1]` each.
+    fn output(&self, heatmap: Tensor<4>, depth: Tensor<4>) -> PenOutput {
+        let mut maps = [heatmap, activate(depth, &self.config.depth)];
         if let HeadConfig::Paper { .. } = self.config.head {
-            heatmap = upsample(heatmap, PAPER_UPSAMPLING);
-            depth = upsample(depth, PAPER_UPSAMPLING);
+            maps = maps.map(|map| Tensors.upsample(&map, PAPER_UPSAMPLING, None));
         }
-        PenOutput { heatmap: heatmap.squeeze_dim(1), depth: depth.squeeze_dim(1) }
+        let [heatmap, depth] = maps.map(|map| map.squeeze_dim(3));
+        PenOutput { heatmap, depth }
+    }
+}
+
+/// A network that runs again and again on pictures of one size.
+#[derive(Debug)]
+pub struct PenRunner {
+    pen: Pen,
+    shape: [usize; 4],
+    device: Device,
+    plan: Option<Plan>,
+}
+
+impl PenRunner {
+    /// The network.
+    pub fn pen(&self) -> &Pen {
+        &self.pen
+    }
+
+    /// Runs the network on normalised pictures `[batch, height, width, 3]` of the runner's size.
+    pub fn run(&mut self, pictures: Vec<f32>) -> PenOutput {
+        let Some(plan) = &mut self.plan else {
+            return self.pen.forward(Tensor::from_data(TensorData::new(pictures, self.shape), &self.device));
+        };
+        let maps: Vec<Tensor<4>> = (plan.run(&pictures).into_iter())
+            .map(|(extent, values)| {
+                let shape = [extent.batch, extent.height, extent.width, extent.channels];
+                Tensor::from_data(TensorData::new(values.to_vec(), shape), &self.device)
+            })
+            .collect();
+        let Ok([heatmap, depth]) = <[Tensor<4>; 2]>::try_from(maps) else { unreachable!("there are two heads") };
+        self.pen.output(heatmap, depth)
     }
 }
 

@@ -24,7 +24,7 @@ pub struct Sampler {
     frames: Vec<(usize, usize, f64)>,
 }
 
-/// One picture of a batch: `[3, height, width]`, its 2D label, its depth.
+/// One picture of a batch: `[height, width, 3]`, its 2D label, its depth.
 type Drawn = (Vec<f32>, [f64; 2], f64);
 
 impl Sampler {
@@ -160,12 +160,11 @@ fn crop_start(centre: f64, size: u32, side: u32, rng: &mut StdRng) -> u32 {
     }
 }
 
-/// The square part of `[3, height, width]` values at `corner`.
-fn crop(values: &[f32], [width, height]: [u32; 2], [left, top]: [u32; 2], side: u32) -> Vec<f32> {
-    let [width, height, left, top, side] = [width, height, left, top, side].map(|number| number as usize);
-    let planes = values.chunks_exact(width * height);
-    let rows = planes.flat_map(|plane| plane.chunks_exact(width).skip(top).take(side));
-    rows.flat_map(|row| &row[left..left + side]).copied().collect()
+/// The square part of `[height, width, 3]` values at `corner`.
+fn crop(values: &[f32], [width, _]: [u32; 2], [left, top]: [u32; 2], side: u32) -> Vec<f32> {
+    let [width, left, top, side] = [width, left, top, side].map(|number| number as usize);
+    let rows = values.chunks_exact(3 * width).skip(top).take(side);
+    rows.flat_map(|row| &row[3 * left..3 * (left + side)]).copied().collect()
 }
 
 /// Random contrast and brightness of the picture, random noise of every pixel.

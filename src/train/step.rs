@@ -10,7 +10,7 @@ use crate::model::Pen;
 /// Pictures with their labels.
 #[derive(Debug, Clone)]
 pub struct Batch {
-    /// Normalised pictures, `[batch, 3, height, width]`, row-major.
+    /// Normalised pictures, `[batch, height, width, 3]`, row-major.
     pub pictures: Vec<f32>,
     /// Height and width of the pictures, px.
     pub size: [usize; 2],
@@ -56,7 +56,7 @@ pub fn step(
     device: &Device,
 ) -> (Pen, StepReport) {
     let [height, width] = batch.size;
-    let shape = [batch.labels.depth.len(), 3, height, width];
+    let shape = [batch.labels.depth.len(), height, width, 3];
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, shape), device);
     let output = pen.forward(pictures);
     let config = pen.config().clone();

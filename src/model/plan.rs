@@ -1,0 +1,188 @@
+//! Inference on the CPU: a network's layers worked out once for a size of picture, then run in buffers
+//! that are used again.
+//!
+//! Norms are folded into weights, weights lie in the kernels' own order, biases, skips and activations
+//! are part of the convolutions, and each map is written with the halo that the next layer reads.
+
+use burn::nn::LayerNorm;
+use burn::tensor::{ElementConversion as _, Tensor};
+
+use super::layers::{LAYER_NORM_EPSILON, Layers, Slope, Unit};
+use super::tensors::{fold, shape};
+use crate::kernels::{Convolution, Extent, Map, MapMut, SLACK, Vectors, layer_norm, max_pool, upsample};
+
+/// A network for one size of batch, ready to run.
+#[derive(Debug, Clone)]
+pub(super) struct Plan {
+    vectors: Vectors,
+    steps: Vec<Step>,
+    buffers: Vec<Vec<f32>>,
+    input: Place,
+    outputs: Vec<Place>,
+}
+
+/// A map and the buffer that it is in.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    extent: Extent,
+    buffer: usize,
+}
+
+#[derive(Debug, Clone)]
+struct Step {
+    layer: Layer,
+    x: Place,
+    other: Option<Place>,
+    out: Place,
+}
+
+#[derive(Debug, Clone)]
+enum Layer {
+    Unit { conv: Box<Convolution>, slope: f32 },
+    Upsample { factor: usize },
+    MaxPool,
+    LayerNorm { scale: Vec<f32>, shift: Vec<f32>, epsilon: f32, slope: f32 },
+}
+
+impl Plan {
+    /// The plan of a network that takes `[batch, height, width, 3]`; `network` names its layers and
+    /// returns its outputs.
+    pub(super) fn new(
+        [batch, height, width]: [usize; 3],
+        network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
+    ) -> Self {
+        let input = Extent::new([batch, height, width, 3]);
+        let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![input], records: Vec::new() };
+        let outputs = network(&mut recorder, &0);
+        recorder.finish(&outputs)
+    }
+
+    /// Runs the network on pictures `[batch, height, width, 3]`; its outputs' values, without halo.
+    pub(super) fn run(&mut self, pictures: &[f32]) -> Vec<(Extent, &[f32])> {
+        let Self { vectors, steps, buffers, input, outputs } = self;
+        Map::new(input.extent.with_halo(0), pictures).pad_into(input.extent.halo, &mut buffers[input.buffer]);
+        for step in steps {
+            let mut out = std::mem::take(&mut buffers[step.out.buffer]);
+            let read = |place: Place| Map::new(place.extent, &buffers[place.buffer]);
+            let (x, other) = (read(step.x), step.other.map(read));
+            let write = MapMut::new(step.out.extent, &mut out);
+            match &step.layer {
+                Layer::Unit { conv, slope } => conv.run(x, other, *slope, write),
+                Layer::Upsample { factor } => upsample(*vectors, x, *factor, other, write),
+                Layer::MaxPool => max_pool(*vectors, x, write),
+                Layer::LayerNorm { scale, shift, epsilon, slope } => {
+                    layer_norm(*vectors, x, [scale, shift], *epsilon, *slope, write);
+                }
+            }
+            buffers[step.out.buffer] = out;
+        }
+        outputs.iter().map(|place| (place.extent, &buffers[place.buffer][..place.extent.len()])).collect()
+    }
+}
+
+/// A layer before it is known where maps lie.
+struct Record {
+    layer: Layer,
+    x: usize,
+    other: Option<usize>,
+    out: usize,
+}
+
+/// Notes a network's layers; a map is its number.
+pub(super) struct Recorder {
+    vectors: Vectors,
+    maps: Vec<Extent>,
+    records: Vec<Record>,
+}
+
+impl Recorder {
+    fn record(&mut self, layer: Layer, x: usize, other: Option<usize>, out: Extent) -> usize {
+        self.maps.push(out);
+        let out = self.maps.len() - 1;
+        self.records.push(Record { layer, x, other, out });
+        out
+    }
+
+    /// Gives each map the halo that its readers need and a buffer that nobody needs any more.
+    fn finish(mut self, outputs: &[usize]) -> Plan {
+        let mut last_use = vec![0; self.maps.len()];
+        for (index, record) in self.records.iter().enumerate() {
+            if let Layer::Unit { conv, .. } = &record.layer {
+                self.maps[record.x].halo = self.maps[record.x].halo.max(conv.halo());
+            }
+            for map in [Some(record.x), record.other, Some(record.out)].into_iter().flatten() {
+                last_use[map] = index;
+            }
+        }
+        outputs.iter().for_each(|&output| last_use[output] = usize::MAX);
+        let mut buffers: Vec<Vec<f32>> = Vec::new();
+        // The map that each buffer holds. Another one may take it over only if it has the same layout:
+        // then the halo's zeros stay where they are.
+        let mut held: Vec<usize> = Vec::new();
+        let mut places: Vec<Option<Place>> = vec![None; self.maps.len()];
+        let mut settle = |map: usize, now: usize| {
+            let extent = self.maps[map];
+            let free = held.iter().position(|&held| self.maps[held] == extent && last_use[held] < now);
+            let buffer = free.unwrap_or_else(|| {
+                buffers.push(vec![0.0; extent.len() + SLACK]);
+                held.push(map);
+                buffers.len() - 1
+            });
+            held[buffer] = map;
+            let place = Place { extent, buffer };
+            places[map] = Some(place);
+            place
+        };
+        let input = settle(0, 0);
+        let mut steps = Vec::with_capacity(self.records.len());
+        let outs: Vec<Place> = self.records.iter().enumerate().map(|(now, record)| settle(record.out, now)).collect();
+        let place = |map: usize| places[map].unwrap_or_else(|| unreachable!("a layer reads what an earlier one wrote"));
+        for (record, out) in self.records.into_iter().zip(outs) {
+            steps.push(Step { layer: record.layer, x: place(record.x), other: record.other.map(place), out });
+        }
+        Plan { vectors: self.vectors, steps, buffers, input, outputs: outputs.iter().map(|&map| place(map)).collect() }
+    }
+}
+
+/// A parameter's values. The CPU's tensors are there at once, in a browser too.
+fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().iter::<f32>().map(|value| value.elem()).collect()
+}
+
+impl Layers for Recorder {
+    type Map = usize;
+
+    fn unit(&mut self, &x: &usize, unit: Unit<'_>, skip: Option<&usize>) -> usize {
+        let shape = shape(&unit);
+        let (weight, bias) = match unit.norm {
+            Some(norm) => {
+                let (weight, bias) = fold(unit.weight, norm);
+                (weight, Some(bias))
+            }
+            None => (unit.weight, unit.bias),
+        };
+        let output = shape.conv.output(self.maps[x].with_halo(0));
+        let bias = bias.map(read);
+        let conv = Convolution::new(self.vectors, shape.conv, &read(weight), bias.as_deref(), &output);
+        self.record(Layer::Unit { conv: Box::new(conv), slope: shape.slope }, x, skip.copied(), output)
+    }
+
+    fn upsample(&mut self, &x: &usize, factor: usize, add: Option<&usize>) -> usize {
+        let coarse = self.maps[x];
+        let fine = Extent { height: coarse.height * factor, width: coarse.width * factor, halo: 0, ..coarse };
+        self.record(Layer::Upsample { factor }, x, add.copied(), fine)
+    }
+
+    fn max_pool(&mut self, &x: &usize) -> usize {
+        let fine = self.maps[x];
+        let coarse = Extent { height: fine.height.div_ceil(2), width: fine.width.div_ceil(2), halo: 0, ..fine };
+        self.record(Layer::MaxPool, x, None, coarse)
+    }
+
+    fn layer_norm(&mut self, &x: &usize, norm: &LayerNorm, slope: Slope) -> usize {
+        let scale = read(norm.gamma.val());
+        let shift = norm.beta.as_ref().map_or_else(|| vec![0.0; scale.len()], |beta| read(beta.val()));
+        let layer = Layer::LayerNorm { scale, shift, epsilon: LAYER_NORM_EPSILON as f32, slope: slope.0 };
+        self.record(layer, x, None, self.maps[x].with_halo(0))
+    }
+}
