@@ -277,24 +277,14 @@ impl<const M: usize, const N: usize> WithSimd for Conv<'_, M, N> {
         // `weights`, `width` floats at each output and skip (`load` and `store` touch no more).
         unsafe {
             let rows: [*const f32; M] = std::array::from_fn(|m| tile.x.as_ptr().add(tile.input[m]));
-            let mut sums = match tile.start {
-                Some(start) => [load::<S, N>(simd, start.as_ptr(), strip); M],
-                None => std::array::from_fn(|m| load::<S, N>(simd, outputs[m], tile.width)),
-            };
-            let mut weights = tile.weights.as_ptr().cast::<S::f32s>();
-            for segment in 0..tile.segments {
-                let from = segment * tile.pitch;
-                for tap in from..from + tile.length {
-                    let taps: [S::f32s; N] = std::array::from_fn(|n| weights.add(n).read_unaligned());
-                    for m in 0..M {
-                        let value = simd.splat_f32s(*rows[m].add(tap));
-                        for n in 0..N {
-                            sums[m][n] = simd.mul_add_e_f32s(value, taps[n], sums[m][n]);
-                        }
-                    }
-                    weights = weights.add(N);
-                }
+            let mut sums = [[simd.splat_f32s(0.0); N]; M];
+            for m in 0..M {
+                sums[m] = match tile.start {
+                    Some(start) => read::<S, N>(simd, start.as_ptr().cast()),
+                    None => load::<S, N>(simd, outputs[m], tile.width),
+                };
             }
+            sum_up(simd, tile, &rows, &mut sums);
             if let Some(skips) = skips {
                 for m in 0..M {
                     let skip = load::<S, N>(simd, skips[m], tile.width);
@@ -317,11 +307,71 @@ impl<const M: usize, const N: usize> WithSimd for Conv<'_, M, N> {
                         outputs[m].cast::<S::f32s>().add(n).write_unaligned(sums[m][n]);
                     }
                 } else {
-                    outputs[m].copy_from_nonoverlapping(sums[m].as_ptr().cast(), tile.width);
+                    // Of a copy: whose address is taken does not stay in registers.
+                    let copy = sums[m];
+                    outputs[m].copy_from_nonoverlapping(copy.as_ptr().cast(), tile.width);
                 }
             }
         }
     }
+}
+
+/// Adds a tile's products to `total`. The sums have a variable of their own that nothing else touches, or
+/// the compiler keeps them in memory.
+///
+/// # Safety
+/// As [`Conv`] has checked.
+#[inline(always)]
+unsafe fn sum_up<S: Simd, const M: usize, const N: usize>(
+    simd: S,
+    tile: &ConvTile<'_>,
+    rows: &[*const f32; M],
+    total: &mut [[S::f32s; N]; M],
+) {
+    let mut sums = [[simd.splat_f32s(0.0); N]; M];
+    for m in 0..M {
+        for n in 0..N {
+            sums[m][n] = total[m][n];
+        }
+    }
+    // SAFETY: the caller's promise.
+    unsafe {
+        let mut weights = tile.weights.as_ptr().cast::<S::f32s>();
+        for segment in 0..tile.segments {
+            let from = segment * tile.pitch;
+            for tap in from..from + tile.length {
+                let taps = read::<S, N>(simd, weights);
+                for m in 0..M {
+                    let value = simd.splat_f32s(*rows[m].add(tap));
+                    for n in 0..N {
+                        sums[m][n] = simd.mul_add_e_f32s(value, taps[n], sums[m][n]);
+                    }
+                }
+                weights = weights.add(N);
+            }
+        }
+    }
+    for m in 0..M {
+        for n in 0..N {
+            total[m][n] = sums[m][n];
+        }
+    }
+}
+
+/// `N` vectors from `from`.
+///
+/// # Safety
+/// They must be readable.
+// Functions, here and below, where closures would do: only these are certain to be compiled for the
+// vectors they are called with.
+#[inline(always)]
+unsafe fn read<S: Simd, const N: usize>(simd: S, from: *const S::f32s) -> [S::f32s; N] {
+    let mut vectors = [simd.splat_f32s(0.0); N];
+    for (n, vector) in vectors.iter_mut().enumerate() {
+        // SAFETY: the caller's promise.
+        *vector = unsafe { from.add(n).read_unaligned() };
+    }
+    vectors
 }
 
 /// `N` vectors from `from`, of which the first `width` floats exist; zero after them.
@@ -390,13 +440,15 @@ impl<const M: usize, const N: usize> WithSimd for Weight<'_, '_, M, N> {
         // steps are not negative, `sums` holds `M` strips.
         unsafe {
             let out = tile.sums.as_mut_ptr().cast::<S::f32s>();
-            let mut sums: [[S::f32s; N]; M] =
-                std::array::from_fn(|m| std::array::from_fn(|n| out.add(m * N + n).read_unaligned()));
+            let mut sums = [[simd.splat_f32s(0.0); N]; M];
+            for m in 0..M {
+                sums[m] = read::<S, N>(simd, out.add(m * N));
+            }
             for row in 0..tile.rows {
                 let mut x = tile.x.as_ptr().add(tile.start[0] + row * tile.row_step[0]);
                 let mut dy = tile.dy.as_ptr().add(tile.start[1] + row * tile.row_step[1]);
                 for column in 0..tile.columns {
-                    let gradient: [S::f32s; N] = std::array::from_fn(|n| dy.cast::<S::f32s>().add(n).read_unaligned());
+                    let gradient = read::<S, N>(simd, dy.cast());
                     for m in 0..M {
                         let value = simd.splat_f32s(*x.add(m));
                         for n in 0..N {
@@ -479,7 +531,7 @@ impl<const K: usize> WithSimd for Depthwise<'_, K> {
                 let start = row.start.as_ptr().cast::<S::f32s>().read_unaligned();
                 let mut sums = [start; T];
                 for ky in 0..K {
-                    let taps: [S::f32s; K] = std::array::from_fn(|kx| weights.add(ky * K + kx).read_unaligned());
+                    let taps = read::<S, K>(simd, weights.add(ky * K));
                     let line = x.add(ky * row.pitch);
                     if here == T {
                         for pixel in 0..T + K - 1 {
@@ -554,7 +606,7 @@ impl<const K: usize> WithSimd for DepthwiseWeight<'_, '_, K> {
         // SAFETY: the furthest reads were checked to leave a vector; `sums` holds `K` vectors.
         unsafe {
             let out = row.sums.as_mut_ptr().cast::<S::f32s>();
-            let mut sums: [S::f32s; K] = std::array::from_fn(|k| out.add(k).read_unaligned());
+            let mut sums = read::<S, K>(simd, out);
             let x = row.x.as_ptr().add(row.start[0]);
             let dy = row.dy.as_ptr().add(row.start[1]);
             for column in 0..row.columns {

@@ -419,17 +419,16 @@ struct InputRow;
 impl RowTransform<POINTS> for InputRow {
     #[inline(always)]
     fn apply<S: Simd>(self, simd: S, d: [S::f32s; POINTS]) -> [S::f32s; POINTS] {
-        let fma = |factor: f32, a, b| simd.mul_add_e_f32s(simd.splat_f32s(factor), a, b);
-        let (even, odd) = (fma(-4.0, d[2], d[4]), fma(-4.0, d[1], d[3]));
+        let (even, odd) = (fma(simd, -4.0, d[2], d[4]), fma(simd, -4.0, d[1], d[3]));
         let (near, twice) = (simd.sub_f32s(d[4], d[2]), simd.sub_f32s(d[3], d[1]));
         let twice = simd.add_f32s(twice, twice);
         [
-            fma(4.0, d[0], fma(-5.0, d[2], d[4])),
+            fma(simd, 4.0, d[0], fma(simd, -5.0, d[2], d[4])),
             simd.add_f32s(even, odd),
             simd.sub_f32s(even, odd),
             simd.add_f32s(near, twice),
             simd.sub_f32s(near, twice),
-            fma(4.0, d[1], fma(-5.0, d[3], d[5])),
+            fma(simd, 4.0, d[1], fma(simd, -5.0, d[3], d[5])),
         ]
     }
 }
@@ -441,17 +440,15 @@ struct GradientRow;
 impl RowTransform<4> for GradientRow {
     #[inline(always)]
     fn apply<S: Simd>(self, simd: S, d: [S::f32s; 4]) -> [S::f32s; POINTS] {
-        let fma = |factor: f32, a, b| simd.mul_add_e_f32s(simd.splat_f32s(factor), a, b);
-        let scale = |factor: f32, a| simd.mul_f32s(simd.splat_f32s(factor), a);
         let (even1, odd1) = (simd.add_f32s(d[0], d[2]), simd.add_f32s(d[1], d[3]));
-        let (even2, odd2) = (fma(4.0, d[2], d[0]), fma(4.0, d[3], d[1]));
+        let (even2, odd2) = (fma(simd, 4.0, d[2], d[0]), fma(simd, 4.0, d[3], d[1]));
         let odd2 = simd.add_f32s(odd2, odd2);
         [
-            scale(0.25, d[0]),
-            scale(-1.0 / 6.0, simd.add_f32s(even1, odd1)),
-            scale(-1.0 / 6.0, simd.sub_f32s(even1, odd1)),
-            scale(1.0 / 24.0, simd.add_f32s(even2, odd2)),
-            scale(1.0 / 24.0, simd.sub_f32s(even2, odd2)),
+            scale(simd, 0.25, d[0]),
+            scale(simd, -1.0 / 6.0, simd.add_f32s(even1, odd1)),
+            scale(simd, -1.0 / 6.0, simd.sub_f32s(even1, odd1)),
+            scale(simd, 1.0 / 24.0, simd.add_f32s(even2, odd2)),
+            scale(simd, 1.0 / 24.0, simd.sub_f32s(even2, odd2)),
             d[3],
         ]
     }
@@ -478,23 +475,64 @@ impl<const N: usize, T: RowTransform<N>> WithSimd for Patches<'_, '_, N, T> {
                 let at = [image as isize, row as isize + corner[0], column as isize + corner[1]];
                 let (values, start, pitch) = patch(&x, at, N, copy);
                 for channel in (0..channels).step_by(lanes) {
-                    let value = |i: usize, j: usize| {
-                        let at = start + i * pitch + j * channels + channel;
-                        S::as_simd_f32s(&values[at..at + lanes]).0[0]
-                    };
-                    let rows: [[S::f32s; POINTS]; N] =
-                        std::array::from_fn(|i| transform.apply(simd, std::array::from_fn(|j| value(i, j))));
+                    let zero = simd.splat_f32s(0.0);
+                    let mut rows = [[zero; POINTS]; N];
+                    for (i, row) in rows.iter_mut().enumerate() {
+                        let mut line = [zero; N];
+                        for (j, value) in line.iter_mut().enumerate() {
+                            *value = vector::<S>(values, start + i * pitch + j * channels + channel);
+                        }
+                        *row = transform.apply(simd, line);
+                    }
                     for j in 0..POINTS {
-                        let column = transform.apply(simd, std::array::from_fn(|i| rows[i][j]));
-                        for (i, vector) in column.into_iter().enumerate() {
+                        let mut column = [zero; N];
+                        for (value, row) in column.iter_mut().zip(&rows) {
+                            *value = row[j];
+                        }
+                        let column = transform.apply(simd, column);
+                        for (i, value) in column.into_iter().enumerate() {
                             let at = first + (i * POINTS + j) * point_step + index * tile_step + channel;
-                            S::as_mut_simd_f32s(out.part(at, lanes)).0[0] = vector;
+                            S::as_mut_simd_f32s(out.part(at, lanes)).0[0] = value;
                         }
                     }
                 }
             }
         });
     }
+}
+
+// Functions where closures would do: see `simd::read`.
+
+#[inline(always)]
+fn fma<S: Simd>(simd: S, factor: f32, a: S::f32s, b: S::f32s) -> S::f32s {
+    simd.mul_add_e_f32s(simd.splat_f32s(factor), a, b)
+}
+
+#[inline(always)]
+fn scale<S: Simd>(simd: S, factor: f32, a: S::f32s) -> S::f32s {
+    simd.mul_f32s(simd.splat_f32s(factor), a)
+}
+
+/// The vector at `at`.
+#[inline(always)]
+fn vector<S: Simd>(values: &[f32], at: usize) -> S::f32s {
+    S::as_simd_f32s(&values[at..at + S::F32_LANES]).0[0]
+}
+
+/// `Aᵀ` for `M` (3 or 4) outputs.
+#[inline(always)]
+fn outputs<S: Simd, const M: usize>(simd: S, m: [S::f32s; POINTS]) -> [S::f32s; M] {
+    let (sum1, difference1) = (simd.add_f32s(m[1], m[2]), simd.sub_f32s(m[1], m[2]));
+    let (sum2, difference2) = (simd.add_f32s(m[3], m[4]), simd.sub_f32s(m[3], m[4]));
+    let mut row = [simd.splat_f32s(0.0); M];
+    row[0] = simd.add_f32s(simd.add_f32s(m[0], sum1), sum2);
+    row[1] = fma(simd, 2.0, difference2, difference1);
+    row[2] = fma(simd, 4.0, sum2, sum1);
+    if M == 4 {
+        row[3] = fma(simd, 8.0, difference2, difference1);
+    }
+    row[M - 1] = simd.add_f32s(row[M - 1], m[5]);
+    row
 }
 
 /// What is done to a result.
@@ -528,36 +566,32 @@ impl<const M: usize> WithSimd for OutputTransform<'_, M> {
     fn with_simd<S: Simd>(self, simd: S) {
         let FinishTask { finish, tiles, products, at, point, lanes } = self.0;
         let Finish { start, skip, slope, out, channels, step } = *finish;
-        let row = |m: [S::f32s; POINTS]| -> [S::f32s; M] {
-            let fma = |factor: f32, a, b| simd.mul_add_e_f32s(simd.splat_f32s(factor), a, b);
-            let (sum1, difference1) = (simd.add_f32s(m[1], m[2]), simd.sub_f32s(m[1], m[2]));
-            let (sum2, difference2) = (simd.add_f32s(m[3], m[4]), simd.sub_f32s(m[3], m[4]));
-            std::array::from_fn(|index| {
-                let value = match index {
-                    0 => simd.add_f32s(simd.add_f32s(m[0], sum1), sum2),
-                    1 => fma(2.0, difference2, difference1),
-                    2 => fma(4.0, sum2, sum1),
-                    _ => fma(8.0, difference2, difference1),
-                };
-                if index == M - 1 { simd.add_f32s(value, m[5]) } else { value }
-            })
-        };
         let slope = simd.splat_f32s(slope);
         for (index, [image, top, left]) in tiles.corners().enumerate() {
             let rows = M.min(out.extent.height - top);
             let columns = M.min(out.extent.width - left);
             for channel in (0..channels).step_by(lanes) {
                 let base = at + index * step + channel;
-                let value = |i: usize, j: usize| {
-                    let at = base + (i * POINTS + j) * point;
-                    S::as_simd_f32s(&products[at..at + lanes]).0[0]
+                let zero = simd.splat_f32s(0.0);
+                let mut half = [[zero; M]; POINTS];
+                for j in 0..POINTS {
+                    let mut column = [zero; POINTS];
+                    for (i, value) in column.iter_mut().enumerate() {
+                        *value = vector::<S>(products, base + (i * POINTS + j) * point);
+                    }
+                    half[j] = outputs::<S, M>(simd, column);
+                }
+                let start = match start {
+                    Some(start) => vector::<S>(start, channel),
+                    None => zero,
                 };
-                let half: [[S::f32s; M]; POINTS] = std::array::from_fn(|j| row(std::array::from_fn(|i| value(i, j))));
-                let start =
-                    start.map_or(simd.splat_f32s(0.0), |start| S::as_simd_f32s(&start[channel..channel + lanes]).0[0]);
                 let width = lanes.min(channels - channel);
                 for i in 0..M {
-                    let line = row(std::array::from_fn(|j| half[j][i]));
+                    let mut line = [zero; POINTS];
+                    for (value, half) in line.iter_mut().zip(&half) {
+                        *value = half[i];
+                    }
+                    let line = outputs::<S, M>(simd, line);
                     for (j, value) in line.into_iter().enumerate() {
                         if i >= rows || j >= columns {
                             continue;
