@@ -24,7 +24,7 @@ const SIDE: usize = 224;
 const PATIENCE: f64 = 6.0;
 const ROUNDS: usize = 61;
 /// Lets the other contestants' threads fall asleep.
-const PAUSE: Duration = Duration::from_millis(5);
+const PAUSE: Duration = Duration::from_millis(40);
 /// Standard deviation of the heatmap's target, px.
 const SIGMA: f64 = 4.0;
 
@@ -213,7 +213,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
             pen = Some(after);
         })
     } else {
-        let mut runner = pen.runner([job.batch, job.side, job.side], &device);
+        let mut runner = pen.runner([job.side; 2], &device);
         let read = |output: PenOutput| -> Vec<f32> {
             [output.heatmap, output.depth].into_iter().flat_map(|map| map.into_data().iter::<f32>().collect::<Vec<_>>()).collect()
         };

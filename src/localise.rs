@@ -76,7 +76,7 @@ impl Localiser {
     /// A localiser from a network already in memory.
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
-        let runner = pen.runner([1, card.input.height as usize, card.input.width as usize], device);
+        let runner = pen.runner([card.input.height as usize, card.input.width as usize], device);
         Self { runner: Mutex::new(runner), config, card, device: device.clone() }
     }
 

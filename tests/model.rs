@@ -47,7 +47,7 @@ fn formula_weights(config: &PenConfig, device: &Device) -> Vec<u8> {
 /// CPU's plan, the second time in buffers already used.
 fn assert_golden(pen: &Pen, file: &str, beta: f64, device: &Device) {
     let pictures: Vec<f32> = picture(device).into_data().iter::<f32>().collect();
-    let mut runner = pen.clone().runner([1, HEIGHT, WIDTH], device);
+    let mut runner = pen.clone().runner([HEIGHT, WIDTH], device);
     runner.run(pictures.iter().rev().copied().collect());
     for output in [pen.forward(picture(device)), runner.run(pictures)] {
         let read = |tensor: Tensor<3>| tensor.into_data().try_to_vec::<f32>().unwrap();

@@ -5,7 +5,7 @@
 //! position needs one address a kernel row.
 
 use super::map::{Extent, Map, MapMut};
-use super::parallel::{for_each, threads, with_scratch};
+use super::parallel::{Buffer, for_each, threads, with_scratch};
 use super::simd::{ConvTile, MAX_POSITIONS, SLACK, Shared, Vectors, WeightTile};
 
 /// Weights that a strip's pass over the positions keeps in the second-level cache, floats.
@@ -56,7 +56,7 @@ impl ConvShape {
 #[derive(Debug, Clone)]
 pub struct Packed {
     strips: Vec<Strip>,
-    values: Vec<f32>,
+    values: Buffer,
     segments: usize,
     length: usize,
 }
@@ -97,10 +97,10 @@ impl Packed {
         weight: impl Fn(usize, usize, usize, &mut [f32]),
     ) -> Self {
         let (strips, len) = strips(vectors, channels, segments * length);
-        let mut values = vec![0.0; len];
+        let mut values = Buffer::zeros(len);
         for strip in &strips {
             let size = strip.vectors * vectors.lanes();
-            let rows = values[strip.start..strip.start + segments * length * size].chunks_exact_mut(size);
+            let rows = values.values_mut()[strip.start..strip.start + segments * length * size].chunks_exact_mut(size);
             for (index, row) in rows.enumerate() {
                 weight(index / length, index % length, strip.channel, &mut row[..strip.width]);
             }
@@ -128,14 +128,14 @@ impl Packed {
     pub(super) fn row(&self, vectors: Vectors, strip: usize, tap: usize) -> &[f32] {
         let Strip { start, vectors: count, .. } = self.strips[strip];
         let size = count * vectors.lanes();
-        &self.values[start + tap * size..start + (tap + 1) * size]
+        &self.values.values()[start + tap * size..start + (tap + 1) * size]
     }
 
     /// As [`Self::row`].
     pub(super) fn row_mut(&mut self, vectors: Vectors, strip: usize, tap: usize) -> &mut [f32] {
         let Strip { start, vectors: count, .. } = self.strips[strip];
         let size = count * vectors.lanes();
-        &mut self.values[start + tap * size..start + (tap + 1) * size]
+        &mut self.values.values_mut()[start + tap * size..start + (tap + 1) * size]
     }
 
     /// Output channels, each strip filled up to whole vectors.
@@ -197,7 +197,7 @@ impl Correlation<'_> {
         let strips = &self.packed.strips;
         let widest = if strips.iter().any(|strip| strip.vectors == 2) { 2 } else { 1 };
         let tiles = positions.div_ceil(self.vectors.positions(widest));
-        let work = positions * self.packed.values.len();
+        let work = positions * self.packed.values.values().len();
         let threads = if work < SERIAL_WORK { 1 } else { threads() };
         if threads == 1 {
             return self.run_here();
@@ -225,7 +225,9 @@ impl Correlation<'_> {
     fn strip(&self, strip: &Strip, [from, to]: [usize; 2]) {
         let Packed { segments, length, ref values, .. } = *self.packed;
         let size = strip.vectors * self.vectors.lanes();
-        let weights = &values[strip.start..strip.start + segments * length * size];
+        let weights = &values.values()[strip.start..strip.start + segments * length * size];
+        let (strips, columns) = (self.packed.strips.len(), self.grid[2]);
+        let skip_step = self.skip.map_or(0, |(_, steps)| steps.steps[2]);
         let zeros = [0.0; SLACK];
         let start = self.start.map_or(&zeros[..size], |start| &start[strip.channel..strip.channel + size]);
         let block = (STRIP_BLOCK / (length * size)).clamp(1, segments);
@@ -238,13 +240,23 @@ impl Correlation<'_> {
             for tile in 0..tiles {
                 let [begin, end] = split(to - from, tiles, tile);
                 let mut addresses = [[0; MAX_POSITIONS]; 3];
-                for index in 0..end - begin {
-                    addresses[0][index] = self.input.at(at.place) + first * self.pitch;
-                    addresses[1][index] = self.output.at(at.place) + strip.channel;
-                    if let Some((_, steps)) = self.skip {
-                        addresses[2][index] = steps.at(at.place) + strip.channel;
+                let mut tight = strips == 1;
+                let mut index = 0;
+                while index < end - begin {
+                    let run = (end - begin - index).min(columns - at.place[2]);
+                    let [mut input, mut output] = [self.input.at(at.place), self.output.at(at.place)];
+                    let mut skip = self.skip.map_or(0, |(_, steps)| steps.at(at.place));
+                    tight &= index == 0 || output == addresses[1][index - 1] + strip.width;
+                    for index in index..index + run {
+                        addresses[0][index] = input + first * self.pitch;
+                        addresses[1][index] = output + strip.channel;
+                        addresses[2][index] = skip + strip.channel;
+                        input += self.input.steps[2];
+                        output += self.output.steps[2];
+                        skip += skip_step;
                     }
-                    at.advance();
+                    index += run;
+                    at.advance(run);
                 }
                 let [input, output, skip] = &addresses;
                 self.vectors.convolve(&ConvTile {
@@ -261,6 +273,7 @@ impl Correlation<'_> {
                     slope: if last { self.slope } else { 1.0 },
                     out: self.out,
                     output: &output[..end - begin],
+                    tight: tight && self.output.steps[2] == strip.width,
                 });
             }
         }
@@ -279,9 +292,10 @@ impl Position {
         Self { grid, place: [index / (rows * columns), index / columns % rows, index % columns] }
     }
 
-    fn advance(&mut self) {
+    /// Goes on by `count` columns, at most to the row's end.
+    fn advance(&mut self, count: usize) {
         let [image, row, column] = &mut self.place;
-        *column += 1;
+        *column += count;
         if *column == self.grid[2] {
             *column = 0;
             *row += 1;

@@ -139,6 +139,11 @@ impl<'a> MapMut<'a> {
         Self { extent, values: Shared::new(values) }
     }
 
+    /// Copies `from`, a map of one picture, to a picture that belongs to the task.
+    pub fn copy_image(&self, image: usize, from: Map<'_>) {
+        (0..self.extent.height).for_each(|row| self.row(image, row).copy_from_slice(from.row(0, row)));
+    }
+
     /// The values of a row without its halo, for the task that it belongs to.
     pub(super) fn row(&self, image: usize, row: usize) -> &'a mut [f32] {
         self.values.part(self.extent.at(image, row, 0), self.extent.width * self.extent.channels)

@@ -2,7 +2,7 @@
 
 use super::map::{Map, MapMut};
 use super::parallel::for_each;
-use super::simd::Vectors;
+use super::simd::{Vectors, vectorised};
 
 /// Mean and sum of squared deviations of each channel, over a number of pixels.
 #[derive(Debug, Clone)]
@@ -16,11 +16,12 @@ impl Moments {
     /// Of one picture's rows.
     pub(super) fn of(vectors: Vectors, values: &[f32], row: usize, channels: usize) -> Self {
         let pixels = (values.len() / channels) as f64;
-        let sums = fold(vectors, values, row, channels, |sum, value, _| sum + value, &vec![0.0; row]);
-        let mean: Vec<f64> = sums.iter().map(|sum| sum / pixels).collect();
-        let centre = widen(&mean, row);
-        let squares =
-            fold(vectors, values, row, channels, |sum, value, mean| sum + (value - mean) * (value - mean), &centre);
+        let mut sums = vec![0.0; row];
+        add_rows(vectors, values, &mut sums);
+        let mean: Vec<f64> = per_channel(&sums, channels).iter().map(|sum| sum / pixels).collect();
+        sums.fill(0.0);
+        add_squares(vectors, values, &widen(&mean, row), &mut sums);
+        let squares = per_channel(&sums, channels);
         Self { pixels, mean, squares }
     }
 
@@ -44,24 +45,125 @@ impl Moments {
     }
 }
 
-/// Folds rows of pixels into one sum a channel; `by` is given beside each value of a row.
-fn fold(
-    vectors: Vectors,
-    values: &[f32],
-    row: usize,
-    channels: usize,
-    step: impl Fn(f32, f32, f32) -> f32,
-    by: &[f32],
-) -> Vec<f64> {
-    let mut sums = vec![0.0_f32; row];
-    vectors.run(|| {
-        for line in values.chunks_exact(row) {
-            for ((sum, &value), &by) in sums.iter_mut().zip(line).zip(by) {
-                *sum = step(*sum, value, by);
+vectorised! {
+    /// Adds rows to a row of sums.
+    fn add_rows<'a>(values: &'a [f32], sums: &'a mut [f32]) {
+        for line in values.chunks_exact(sums.len()) {
+            for (sum, &value) in sums.iter_mut().zip(line) {
+                *sum += value;
             }
         }
-    });
-    per_channel(&sums, channels)
+    }
+}
+
+vectorised! {
+    /// Adds the squared deviations of rows from a row of means to a row of sums.
+    fn add_squares<'a>(values: &'a [f32], mean: &'a [f32], sums: &'a mut [f32]) {
+        for line in values.chunks_exact(sums.len()) {
+            for ((sum, &value), &mean) in sums.iter_mut().zip(line).zip(mean) {
+                *sum += (value - mean) * (value - mean);
+            }
+        }
+    }
+}
+
+vectorised! {
+    /// `slope(value · factor + offset + skip)` for rows; factors and offsets are a row's, an empty skip is none.
+    pub(super) fn normalise_rows<'a>(
+        values: &'a [f32],
+        factors: &'a [f32],
+        offsets: &'a [f32],
+        skip: &'a [f32],
+        slope: f32,
+        out: &'a mut [f32],
+    ) {
+        let row = factors.len();
+        for (index, (out, values)) in out.chunks_exact_mut(row).zip(values.chunks_exact(row)).enumerate() {
+            if skip.is_empty() {
+                for (((out, &value), &factor), &offset) in out.iter_mut().zip(values).zip(factors).zip(offsets) {
+                    let value = value * factor + offset;
+                    *out = value.max(value * slope);
+                }
+            } else {
+                let skip = &skip[index * row..(index + 1) * row];
+                let values = values.iter().zip(skip);
+                for (((out, (&value, &skip)), &factor), &offset) in out.iter_mut().zip(values).zip(factors).zip(offsets) {
+                    let value = value * factor + offset + skip;
+                    *out = value.max(value * slope);
+                }
+            }
+        }
+    }
+}
+
+/// The gradient before an activation, from the output and its gradient.
+#[inline(always)]
+fn before(z: f32, dz: f32, slope: f32) -> f32 {
+    let factor = if z > 0.0 { 1.0 } else { slope };
+    dz * factor
+}
+
+vectorised! {
+    /// The gradient before an activation.
+    pub(super) fn before_activation<'a>(z: &'a [f32], dz: &'a [f32], slope: f32, out: &'a mut [f32]) {
+        for ((out, &z), &dz) in out.iter_mut().zip(z).zip(dz) {
+            *out = before(z, dz, slope);
+        }
+    }
+}
+
+vectorised! {
+    /// Adds the gradient before an activation to a row of sums.
+    pub(super) fn sum_gradient<'a>(z: &'a [f32], dz: &'a [f32], slope: f32, sums: &'a mut [f32]) {
+        let row = sums.len();
+        for (z, dz) in z.chunks_exact(row).zip(dz.chunks_exact(row)) {
+            for ((sum, &z), &dz) in sums.iter_mut().zip(z).zip(dz) {
+                *sum += before(z, dz, slope);
+            }
+        }
+    }
+}
+
+vectorised! {
+    /// Adds the gradient before an activation, and its product with the values' deviations from their mean, to
+    /// rows of sums.
+    pub(super) fn sum_norm_gradient<'a>(
+        z: &'a [f32],
+        dz: &'a [f32],
+        slope: f32,
+        values: &'a [f32],
+        mean: &'a [f32],
+        sums: &'a mut [f32],
+        products: &'a mut [f32],
+    ) {
+        let row = sums.len();
+        for ((z, dz), values) in z.chunks_exact(row).zip(dz.chunks_exact(row)).zip(values.chunks_exact(row)) {
+            let sums = sums.iter_mut().zip(products.iter_mut());
+            for ((((sum, product), &z), &dz), (&value, &mean)) in sums.zip(z).zip(dz).zip(values.iter().zip(mean)) {
+                let gradient = before(z, dz, slope);
+                *sum += gradient;
+                *product += gradient * (value - mean);
+            }
+        }
+    }
+}
+
+vectorised! {
+    /// A row of the gradient before a norm: `a · gradient before the activation + b · value + c`.
+    pub(super) fn norm_gradient<'a>(
+        z: &'a [f32],
+        dz: &'a [f32],
+        slope: f32,
+        values: &'a [f32],
+        factors: [&'a [f32]; 3],
+        out: &'a mut [f32],
+    ) {
+        let [a, b, c] = factors;
+        let gradients = z.iter().zip(dz).zip(values);
+        for (((out, ((&z, &dz), &value)), &a), (&b, &c)) in out.iter_mut().zip(gradients).zip(a).zip(b.iter().zip(c)) {
+            *out = a * before(z, dz, slope) + (b * value + c);
+        }
+    }
 }
 
 /// Sums of every `channels`th value.
@@ -92,29 +194,46 @@ pub fn layer_norm(
     assert!(scale.len() == channels && shift.len() == channels, "layer norm of {channels} channels");
     for_each(x.extent.batch * x.extent.height, |line| {
         let (image, row) = (line / x.extent.height, line % x.extent.height);
-        vectors.run(|| {
-            let pixels = x.row(image, row).chunks_exact(channels).zip(out.row(image, row).chunks_exact_mut(channels));
-            for (pixel, out) in pixels {
-                let mean = lane_sum(pixel, |value| value) / channels as f32;
-                let variance = lane_sum(pixel, |value| (value - mean) * (value - mean)) / channels as f32;
-                let factor = 1.0 / (variance + epsilon).sqrt();
-                for (((out, &value), &scale), &shift) in out.iter_mut().zip(pixel).zip(scale).zip(shift) {
-                    let value = (value - mean) * factor * scale + shift;
-                    *out = value.max(value * slope);
-                }
-            }
-        });
+        layer_norm_row(vectors, x.row(image, row), scale, shift, epsilon, slope, out.row(image, row));
     });
 }
 
-/// Sum in sixteen lanes, which the compiler turns into vectors.
-#[inline(always)]
-fn lane_sum(values: &[f32], of: impl Fn(f32) -> f32) -> f32 {
-    let mut lanes = [0.0_f32; 16];
-    let chunks = values.chunks_exact(16);
-    let rest: f32 = chunks.remainder().iter().map(|&value| of(value)).sum();
-    for chunk in chunks {
-        lanes.iter_mut().zip(chunk).for_each(|(lane, &value)| *lane += of(value));
+vectorised! {
+    fn layer_norm_row<'a>(
+        x: &'a [f32],
+        scale: &'a [f32],
+        shift: &'a [f32],
+        epsilon: f32,
+        slope: f32,
+        out: &'a mut [f32],
+    ) {
+        let channels = scale.len();
+        for (pixel, out) in x.chunks_exact(channels).zip(out.chunks_exact_mut(channels)) {
+            let mean = lane_sum(pixel, 0.0, false) / channels as f32;
+            let variance = lane_sum(pixel, mean, true) / channels as f32;
+            let factor = 1.0 / (variance + epsilon).sqrt();
+            for (((out, &value), &scale), &shift) in out.iter_mut().zip(pixel).zip(scale).zip(shift) {
+                let value = (value - mean) * factor * scale + shift;
+                *out = value.max(value * slope);
+            }
+        }
     }
-    lanes.iter().sum::<f32>() + rest
+}
+
+/// Sum of the values less `centre`, or of their squares, in sixteen lanes, which the compiler turns into vectors.
+#[inline(always)]
+fn lane_sum(values: &[f32], centre: f32, squared: bool) -> f32 {
+    let mut lanes = [0.0_f32; 16];
+    let mut chunks = values.chunks_exact(16);
+    for chunk in &mut chunks {
+        for (lane, &value) in lanes.iter_mut().zip(chunk) {
+            let value = value - centre;
+            *lane += if squared { value * value } else { value };
+        }
+    }
+    for (lane, &value) in lanes.iter_mut().zip(chunks.remainder()) {
+        let value = value - centre;
+        *lane += if squared { value * value } else { value };
+    }
+    lanes.iter().sum()
 }

@@ -32,8 +32,42 @@ pub fn for_each(count: usize, work: impl Fn(usize) + Sync + Send) {
     (0..count).for_each(work);
 }
 
+/// Runs `work` on one of the threads that [`for_each`] uses, so that its parts need not be handed over.
+pub fn on_worker<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    #[cfg(not(target_arch = "wasm32"))]
+    return rayon::scope(|_| work());
+    #[cfg(target_arch = "wasm32")]
+    work()
+}
+
+/// A cache line, which the widest vector fills.
+#[derive(Debug, Clone, Copy, Default, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C, align(64))]
+struct Line([f32; 16]);
+
+/// Floats that begin at a cache line, so that vectors do not lie across two.
+#[derive(Debug, Clone, Default)]
+pub struct Buffer(Vec<Line>);
+
+impl Buffer {
+    /// At least `len` zeros.
+    pub fn zeros(len: usize) -> Self {
+        Self(vec![Line::default(); len.div_ceil(16)])
+    }
+
+    /// Its floats.
+    pub fn values(&self) -> &[f32] {
+        bytemuck::cast_slice(&self.0)
+    }
+
+    /// Its floats.
+    pub fn values_mut(&mut self) -> &mut [f32] {
+        bytemuck::cast_slice_mut(&mut self.0)
+    }
+}
+
 /// Work buffers, one to a task at a time, smallest first; kept for the next one.
-static SCRATCH: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
+static SCRATCH: Mutex<Vec<Buffer>> = Mutex::new(Vec::new());
 
 /// Lends a buffer of `len` floats of any content to `work`.
 ///
@@ -41,17 +75,17 @@ static SCRATCH: Mutex<Vec<Vec<f32>>> = Mutex::new(Vec::new());
 pub fn with_scratch<R>(len: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
     let taken = SCRATCH.lock().ok().and_then(|mut buffers| {
         // The smallest that is large enough, else the largest.
-        let fits = buffers.iter().position(|buffer| buffer.len() >= len);
+        let fits = buffers.iter().position(|buffer| 16 * buffer.0.len() >= len);
         let index = fits.or_else(|| buffers.len().checked_sub(1))?;
         Some(buffers.remove(index))
     });
     let mut buffer = taken.unwrap_or_default();
-    if buffer.len() < len {
-        buffer.resize(len, 0.0);
+    if 16 * buffer.0.len() < len {
+        buffer.0.resize(len.div_ceil(16), Line::default());
     }
-    let result = work(&mut buffer[..len]);
+    let result = work(&mut buffer.values_mut()[..len]);
     if let Ok(mut buffers) = SCRATCH.lock() {
-        let place = buffers.partition_point(|other| other.len() < buffer.len());
+        let place = buffers.partition_point(|other| other.0.len() < buffer.0.len());
         buffers.insert(place, buffer);
     }
     result

@@ -2,7 +2,7 @@
 
 use super::map::{Extent, Map, MapMut};
 use super::parallel::{for_each, with_scratch};
-use super::simd::Vectors;
+use super::simd::{Vectors, vectorised};
 
 /// The two input cells that an output cell lies between, and the second one's share (pixel centres,
 /// edges clamped; PyTorch's `align_corners = false`).
@@ -33,22 +33,9 @@ pub fn upsample(vectors: Vectors, x: Map<'_>, factor: usize, add: Option<Map<'_>
                 let (low, high, share) = between(row, factor, x.extent.height);
                 let (low, high) = (x.row(image, low), x.row(image, high));
                 let out = out.row(image, row);
-                vectors.run(|| {
-                    for ((mixed, &low), &high) in mixed.iter_mut().zip(low).zip(high) {
-                        *mixed = low + share * (high - low);
-                    }
-                    for (column, out) in out.chunks_exact_mut(channels).enumerate() {
-                        let (low, high, share) = between(column, factor, x.extent.width);
-                        let low = &mixed[low * channels..(low + 1) * channels];
-                        let high = &mixed[high * channels..(high + 1) * channels];
-                        for ((out, &low), &high) in out.iter_mut().zip(low).zip(high) {
-                            *out = low + share * (high - low);
-                        }
-                    }
-                    if let Some(add) = add {
-                        out.iter_mut().zip(add.row(image, row)).for_each(|(out, &add)| *out += add);
-                    }
-                });
+                let add = add.map_or(&[][..], |add| add.row(image, row));
+                mix_rows(vectors, low, high, share, mixed);
+                stretch(vectors, mixed, factor, channels, add, out);
             }
         });
     });
@@ -69,21 +56,10 @@ pub fn upsample_backward(vectors: Vectors, dy: Map<'_>, factor: usize, dx: MapMu
         with_scratch(coarse.width * channels, |gathered| {
             for row in 0..dy.extent.height {
                 let line = dy.row(image, row);
-                vectors.run(|| {
-                    gathered.fill(0.0);
-                    for (column, pixel) in line.chunks_exact(channels).enumerate() {
-                        let (low, high, share) = between(column, factor, coarse.width);
-                        for (cell, share) in [(low, 1.0 - share), (high, share)] {
-                            let to = &mut gathered[cell * channels..(cell + 1) * channels];
-                            to.iter_mut().zip(pixel).for_each(|(to, &value)| *to += share * value);
-                        }
-                    }
-                    let (low, high, share) = between(row, factor, coarse.height);
-                    for (cell, share) in [(low, 1.0 - share), (high, share)] {
-                        let to = dx.row(image, cell);
-                        to.iter_mut().zip(&*gathered).for_each(|(to, &value)| *to += share * value);
-                    }
-                });
+                gather(vectors, line, factor, channels, gathered);
+                let (low, high, share) = between(row, factor, coarse.height);
+                add_share(vectors, gathered, 1.0 - share, dx.row(image, low));
+                add_share(vectors, gathered, share, dx.row(image, high));
             }
         });
     });
@@ -100,17 +76,76 @@ pub fn max_pool(vectors: Vectors, x: Map<'_>, out: MapMut<'_>) {
     for_each(expected.batch * expected.height, |line| {
         let (image, row) = (line / expected.height, line % expected.height);
         let rows = (2 * row).saturating_sub(1)..(2 * row + 2).min(height);
-        vectors.run(|| {
-            for (column, out) in out.row(image, row).chunks_exact_mut(channels).enumerate() {
-                out.fill(f32::NEG_INFINITY);
-                for y in rows.clone() {
-                    let columns = (2 * column).saturating_sub(1)..(2 * column + 2).min(width);
-                    let window = &x.row(image, y)[columns.start * channels..columns.end * channels];
-                    for pixel in window.chunks_exact(channels) {
-                        out.iter_mut().zip(pixel).for_each(|(out, &value)| *out = out.max(value));
-                    }
+        let out = out.row(image, row);
+        out.fill(f32::NEG_INFINITY);
+        for y in rows {
+            pool_row(vectors, x.row(image, y), channels, out);
+        }
+    });
+}
+
+vectorised! {
+    /// `low + share · (high - low)`.
+    fn mix_rows<'a>(low: &'a [f32], high: &'a [f32], share: f32, out: &'a mut [f32]) {
+        for ((out, &low), &high) in out.iter_mut().zip(low).zip(high) {
+            *out = low + share * (high - low);
+        }
+    }
+}
+
+vectorised! {
+    /// A row upsampled along itself, plus `add` if that is not empty.
+    fn stretch<'a>(row: &'a [f32], factor: usize, channels: usize, add: &'a [f32], out: &'a mut [f32]) {
+        let count = row.len() / channels;
+        for (column, out) in out.chunks_exact_mut(channels).enumerate() {
+            let (low, high, share) = between(column, factor, count);
+            let low = &row[low * channels..(low + 1) * channels];
+            let high = &row[high * channels..(high + 1) * channels];
+            for ((out, &low), &high) in out.iter_mut().zip(low).zip(high) {
+                *out = low + share * (high - low);
+            }
+        }
+        for (out, &add) in out.iter_mut().zip(add) {
+            *out += add;
+        }
+    }
+}
+
+vectorised! {
+    /// The adjoint of [`stretch`].
+    fn gather<'a>(fine: &'a [f32], factor: usize, channels: usize, row: &'a mut [f32]) {
+        row.fill(0.0);
+        let count = row.len() / channels;
+        for (column, pixel) in fine.chunks_exact(channels).enumerate() {
+            let (low, high, share) = between(column, factor, count);
+            for (cell, share) in [(low, 1.0 - share), (high, share)] {
+                for (to, &value) in row[cell * channels..(cell + 1) * channels].iter_mut().zip(pixel) {
+                    *to += share * value;
                 }
             }
-        });
-    });
+        }
+    }
+}
+
+vectorised! {
+    fn add_share<'a>(values: &'a [f32], share: f32, to: &'a mut [f32]) {
+        for (to, &value) in to.iter_mut().zip(values) {
+            *to += share * value;
+        }
+    }
+}
+
+vectorised! {
+    /// Takes the maxima of a row's windows into `out`.
+    fn pool_row<'a>(row: &'a [f32], channels: usize, out: &'a mut [f32]) {
+        let width = row.len() / channels;
+        for (column, out) in out.chunks_exact_mut(channels).enumerate() {
+            let columns = (2 * column).saturating_sub(1)..(2 * column + 2).min(width);
+            for pixel in row[columns.start * channels..columns.end * channels].chunks_exact(channels) {
+                for (out, &value) in out.iter_mut().zip(pixel) {
+                    *out = out.max(value);
+                }
+            }
+        }
+    }
 }

@@ -102,15 +102,8 @@ impl Vectors {
         }
     }
 
-    /// Runs `work` compiled for these vectors, so that its plain loops use them.
-    #[inline(always)]
-    pub fn run<R>(self, work: impl FnOnce() -> R) -> R {
-        self.0.dispatch(work)
-    }
-
-    /// Runs `work` with these vectors.
-    #[inline(always)]
-    pub(super) fn run_simd<W: WithSimd>(self, work: W) -> W::Output {
+    /// Runs `work`, compiled for these vectors (see [`vectorised`]).
+    pub(super) fn run<W: WithSimd>(self, work: W) -> W::Output {
         self.0.dispatch(work)
     }
 
@@ -154,6 +147,14 @@ impl Vectors {
         }
     }
 
+    /// Transforms a patch in both directions, `[N, N]` to `[P, P]`, every channel.
+    ///
+    /// # Panics
+    /// As [`Self::convolve`].
+    pub(super) fn transform<const N: usize, const P: usize, T: Transform<N, P>>(self, transform: T, patch: &Patch<'_>) {
+        self.0.dispatch(TransformPatch::<N, P, T> { transform, patch });
+    }
+
     /// Computes one row of a depthwise convolution, one vector of channels.
     ///
     /// # Panics
@@ -180,6 +181,32 @@ impl Vectors {
         }
     }
 }
+
+/// A function whose plain loops the compiler turns into the vectors of its first argument. (A closure would
+/// not do: it is compiled for the oldest machine, unless it happens to be inlined.)
+macro_rules! vectorised {
+    ($(#[$meta:meta])* $visibility:vis fn $name:ident<'a>($($argument:ident: $type:ty),* $(,)?) $body:block) => {
+        $(#[$meta])*
+        #[allow(clippy::too_many_arguments)] // rows of one loop
+        $visibility fn $name<'a>(vectors: $crate::kernels::Vectors, $($argument: $type),*) {
+            struct Work<'a> {
+                $($argument: $type,)*
+                lifetime: std::marker::PhantomData<&'a ()>,
+            }
+            impl<'a> pulp::WithSimd for Work<'a> {
+                type Output = ();
+
+                #[inline(always)]
+                fn with_simd<S: pulp::Simd>(self, _: S) {
+                    let Self { $($argument,)* lifetime: _ } = self;
+                    $body
+                }
+            }
+            vectors.run(Work { $($argument,)* lifetime: std::marker::PhantomData });
+        }
+    };
+}
+pub(super) use vectorised;
 
 /// A buffer that threads write to at the same time, each to its own places.
 #[derive(Clone, Copy)]
@@ -252,6 +279,8 @@ pub struct ConvTile<'a> {
     pub out: Shared<'a>,
     /// Where each position's channels are in `out`.
     pub output: &'a [usize],
+    /// Whether each position's channels are followed by the next one's.
+    pub tight: bool,
 }
 
 struct Conv<'a, const M: usize, const N: usize>(&'a ConvTile<'a>);
@@ -263,79 +292,92 @@ impl<const M: usize, const N: usize> WithSimd for Conv<'_, M, N> {
     fn with_simd<S: Simd>(self, simd: S) {
         let tile = self.0;
         let strip = N * S::F32_LANES;
-        let whole = tile.width == strip;
         assert!(tile.input.len() == M && tile.output.len() == M && tile.width <= strip);
         assert!(tile.segments > 0 && tile.weights.len() == tile.segments * tile.length * strip);
         assert!(tile.start.is_none_or(|start| start.len() == strip));
         let reach = (tile.segments - 1) * tile.pitch + tile.length;
-        assert!(tile.input.iter().all(|&at| at + reach <= tile.x.len()), "a tile reads outside its input");
-        let outputs: [*mut f32; M] = std::array::from_fn(|m| tile.out.pointer(tile.output[m], tile.width));
-        let skips: Option<[*const f32; M]> =
-            tile.skip.map(|(values, at)| std::array::from_fn(|m| values[at[m]..at[m] + tile.width].as_ptr()));
-        // SAFETY: inputs, weights, start and outputs were checked above to hold all that is read and
-        // written: `segments` runs of `length` floats from each input, `strip` floats a tap from
-        // `weights`, `width` floats at each output and skip (`load` and `store` touch no more).
+        let furthest = tile.input.iter().fold(0, |furthest, &at| furthest.max(at));
+        assert!(furthest + reach <= tile.x.len(), "a tile reads outside its input");
+        let furthest = tile.output.iter().fold(0, |furthest, &at| furthest.max(at));
+        assert!(furthest + tile.width <= tile.out.len, "a tile writes outside its output");
+        if let Some((values, at)) = tile.skip {
+            let furthest = at.iter().fold(0, |furthest, &at| furthest.max(at));
+            assert!(at.len() == M && furthest + tile.width <= values.len(), "a tile reads outside its skip");
+        }
+        // SAFETY: inputs, weights, start, skip and outputs were checked above to hold all that is read
+        // and written: `segments` runs of `length` floats from each input, `strip` floats a tap from
+        // `weights`, `strip` from start, `width` at each output and skip. Narrower strips than whole ones
+        // are computed in local rows of `strip` floats.
         unsafe {
-            let rows: [*const f32; M] = std::array::from_fn(|m| tile.x.as_ptr().add(tile.input[m]));
-            let mut sums = [[simd.splat_f32s(0.0); N]; M];
+            let mut rows = [tile.x.as_ptr(); M];
+            let mut outputs = [tile.out.start; M];
+            let mut skips = [tile.x.as_ptr(); M];
             for m in 0..M {
-                sums[m] = match tile.start {
-                    Some(start) => read::<S, N>(simd, start.as_ptr().cast()),
-                    None => load::<S, N>(simd, outputs[m], tile.width),
-                };
-            }
-            sum_up(simd, tile, &rows, &mut sums);
-            if let Some(skips) = skips {
-                for m in 0..M {
-                    let skip = load::<S, N>(simd, skips[m], tile.width);
-                    for n in 0..N {
-                        sums[m][n] = simd.add_f32s(sums[m][n], skip[n]);
-                    }
+                rows[m] = tile.x.as_ptr().add(tile.input[m]);
+                outputs[m] = tile.out.start.add(tile.output[m]);
+                if let Some((values, at)) = tile.skip {
+                    skips[m] = values.as_ptr().add(at[m]);
                 }
             }
-            if tile.slope != 1.0 {
-                let slope = simd.splat_f32s(tile.slope);
-                for m in 0..M {
-                    for n in 0..N {
-                        sums[m][n] = simd.max_f32s(sums[m][n], simd.mul_f32s(sums[m][n], slope));
-                    }
-                }
+            if tile.width == strip {
+                return sum_up::<S, M, N>(simd, tile, &rows, &skips, &outputs);
             }
+            let mut results = [[0.0_f32; SLACK]; M];
+            let mut added = [[0.0_f32; SLACK]; M];
+            let mut local = outputs;
             for m in 0..M {
-                if whole {
-                    for n in 0..N {
-                        outputs[m].cast::<S::f32s>().add(n).write_unaligned(sums[m][n]);
-                    }
-                } else {
-                    // Of a copy: whose address is taken does not stay in registers.
-                    let copy = sums[m];
-                    outputs[m].copy_from_nonoverlapping(copy.as_ptr().cast(), tile.width);
+                local[m] = results[m].as_mut_ptr();
+                if tile.start.is_none() {
+                    results[m].as_mut_ptr().copy_from_nonoverlapping(outputs[m], tile.width);
                 }
+                if tile.skip.is_some() {
+                    added[m].as_mut_ptr().copy_from_nonoverlapping(skips[m], tile.width);
+                    skips[m] = added[m].as_ptr();
+                }
+            }
+            sum_up::<S, M, N>(simd, tile, &rows, &skips, &local);
+            for m in 0..M {
+                // What a whole row writes too much is written again if the following positions lie
+                // right behind it and are this tile's.
+                let rest = M - 1 - m;
+                let covered = tile.tight && rest * tile.width >= strip - tile.width;
+                let count = if covered { strip } else { tile.width };
+                outputs[m].copy_from_nonoverlapping(results[m].as_ptr(), count);
             }
         }
     }
 }
 
-/// Adds a tile's products to `total`. The sums have a variable of their own that nothing else touches, or
-/// the compiler keeps them in memory.
+/// The sums of a tile of whole strips, finished and written.
 ///
 /// # Safety
-/// As [`Conv`] has checked.
+/// As [`Conv`] has checked; `outputs` and `skips` (where the tile has any) hold a strip each.
+// Small loops over constants only, or the compiler keeps the sums in memory.
 #[inline(always)]
 unsafe fn sum_up<S: Simd, const M: usize, const N: usize>(
     simd: S,
     tile: &ConvTile<'_>,
     rows: &[*const f32; M],
-    total: &mut [[S::f32s; N]; M],
+    skips: &[*const f32; M],
+    outputs: &[*mut f32; M],
 ) {
-    let mut sums = [[simd.splat_f32s(0.0); N]; M];
-    for m in 0..M {
-        for n in 0..N {
-            sums[m][n] = total[m][n];
-        }
-    }
     // SAFETY: the caller's promise.
     unsafe {
+        let mut sums = [[simd.splat_f32s(0.0); N]; M];
+        if let Some(start) = tile.start {
+            let start = read::<S, N>(simd, start.as_ptr().cast());
+            for m in 0..M {
+                for n in 0..N {
+                    sums[m][n] = start[n];
+                }
+            }
+        } else {
+            for m in 0..M {
+                for n in 0..N {
+                    sums[m][n] = outputs[m].cast::<S::f32s>().add(n).read_unaligned();
+                }
+            }
+        }
         let mut weights = tile.weights.as_ptr().cast::<S::f32s>();
         for segment in 0..tile.segments {
             let from = segment * tile.pitch;
@@ -350,10 +392,26 @@ unsafe fn sum_up<S: Simd, const M: usize, const N: usize>(
                 weights = weights.add(N);
             }
         }
-    }
-    for m in 0..M {
-        for n in 0..N {
-            total[m][n] = sums[m][n];
+        if tile.skip.is_some() {
+            for m in 0..M {
+                for n in 0..N {
+                    let skip = skips[m].cast::<S::f32s>().add(n).read_unaligned();
+                    sums[m][n] = simd.add_f32s(sums[m][n], skip);
+                }
+            }
+        }
+        if tile.slope != 1.0 {
+            let slope = simd.splat_f32s(tile.slope);
+            for m in 0..M {
+                for n in 0..N {
+                    sums[m][n] = simd.max_f32s(sums[m][n], simd.mul_f32s(sums[m][n], slope));
+                }
+            }
+        }
+        for m in 0..M {
+            for n in 0..N {
+                outputs[m].cast::<S::f32s>().add(n).write_unaligned(sums[m][n]);
+            }
         }
     }
 }
@@ -370,26 +428,6 @@ unsafe fn read<S: Simd, const N: usize>(simd: S, from: *const S::f32s) -> [S::f3
     for (n, vector) in vectors.iter_mut().enumerate() {
         // SAFETY: the caller's promise.
         *vector = unsafe { from.add(n).read_unaligned() };
-    }
-    vectors
-}
-
-/// `N` vectors from `from`, of which the first `width` floats exist; zero after them.
-///
-/// # Safety
-/// `width` floats must be readable at `from`; `width` is at most `N` vectors.
-#[inline(always)]
-unsafe fn load<S: Simd, const N: usize>(simd: S, from: *const f32, width: usize) -> [S::f32s; N] {
-    let mut vectors = [simd.splat_f32s(0.0); N];
-    // SAFETY: the caller's promise; both types are plain floats.
-    unsafe {
-        if width == N * S::F32_LANES {
-            for (n, vector) in vectors.iter_mut().enumerate() {
-                *vector = from.cast::<S::f32s>().add(n).read_unaligned();
-            }
-        } else {
-            vectors.as_mut_ptr().cast::<f32>().copy_from_nonoverlapping(from, width);
-        }
     }
     vectors
 }
@@ -467,6 +505,150 @@ impl<const M: usize, const N: usize> WithSimd for Weight<'_, '_, M, N> {
                 }
             }
         }
+    }
+}
+
+/// A transform in one direction.
+pub(super) trait Transform<const N: usize, const P: usize>: Copy {
+    /// Transforms a row or a column.
+    fn apply<S: Simd>(self, simd: S, values: [S::f32s; N]) -> [S::f32s; P];
+}
+
+/// A patch of vectors, and where its transform goes.
+pub(super) struct Patch<'a> {
+    pub x: &'a [f32],
+    /// Where the first value is in `x`.
+    pub start: usize,
+    /// From row to row and column to column of `x`.
+    pub steps: [usize; 2],
+    /// Channels; whole vectors of them are read.
+    pub channels: usize,
+    pub out: Shared<'a>,
+    /// Where the first result goes in `out`.
+    pub output: usize,
+    /// From row to row and column to column of `out`.
+    pub output_steps: [usize; 2],
+    /// How results are written; without, in whole vectors as they are.
+    pub finish: Option<Finish<'a>>,
+}
+
+/// What is done to results: a start and a skip are added, then the slope; of the results only some rows,
+/// columns and channels exist.
+pub(super) struct Finish<'a> {
+    /// In whole vectors.
+    pub start: Option<&'a [f32]>,
+    /// Values, where the first one is, and from row to row and column to column.
+    pub skip: Option<(&'a [f32], usize, [usize; 2])>,
+    pub slope: f32,
+    pub rows: usize,
+    pub columns: usize,
+}
+
+struct TransformPatch<'a, 'b, const N: usize, const P: usize, T> {
+    transform: T,
+    patch: &'a Patch<'b>,
+}
+
+impl<const N: usize, const P: usize, T: Transform<N, P>> WithSimd for TransformPatch<'_, '_, N, P, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (transform, patch) = (self.transform, self.patch);
+        let lanes = S::F32_LANES;
+        let padded = patch.channels.next_multiple_of(lanes);
+        let span = |start: usize, steps: [usize; 2], counts: [usize; 2]| {
+            start + (counts[0] - 1) * steps[0] + (counts[1] - 1) * steps[1]
+        };
+        assert!(span(patch.start, patch.steps, [N, N]) + padded <= patch.x.len(), "a patch outside its input");
+        let (counts, written) = match &patch.finish {
+            Some(finish) => {
+                let counts = [finish.rows, finish.columns];
+                assert!(counts.iter().all(|count| (1..=P).contains(count)));
+                assert!(finish.start.is_none_or(|start| start.len() >= padded));
+                if let Some((values, start, steps)) = finish.skip {
+                    assert!(span(start, steps, counts) + patch.channels <= values.len(), "a patch outside its skip");
+                }
+                (counts, patch.channels)
+            }
+            None => ([P, P], padded),
+        };
+        assert!(span(patch.output, patch.output_steps, counts) + written <= patch.out.len, "a patch outside its output");
+        // SAFETY: the furthest values read and written were checked above.
+        unsafe {
+            for channel in (0..patch.channels).step_by(lanes) {
+                let x = patch.x.as_ptr().add(patch.start + channel);
+                let zero = simd.splat_f32s(0.0);
+                let mut half = [[zero; P]; N];
+                for i in 0..N {
+                    let mut row = [zero; N];
+                    for j in 0..N {
+                        row[j] = x.add(i * patch.steps[0] + j * patch.steps[1]).cast::<S::f32s>().read_unaligned();
+                    }
+                    half[i] = transform.apply(simd, row);
+                }
+                let mut whole = [[zero; P]; P];
+                for j in 0..P {
+                    let mut column = [zero; N];
+                    for i in 0..N {
+                        column[i] = half[i][j];
+                    }
+                    let column = transform.apply(simd, column);
+                    for i in 0..P {
+                        whole[i][j] = column[i];
+                    }
+                }
+                let out = patch.out.start.add(patch.output + channel);
+                let Some(finish) = &patch.finish else {
+                    for i in 0..P {
+                        for j in 0..P {
+                            let to = out.add(i * patch.output_steps[0] + j * patch.output_steps[1]);
+                            to.cast::<S::f32s>().write_unaligned(whole[i][j]);
+                        }
+                    }
+                    continue;
+                };
+                let width = lanes.min(patch.channels - channel);
+                let slope = simd.splat_f32s(finish.slope);
+                let start = match finish.start {
+                    Some(start) => start.as_ptr().add(channel).cast::<S::f32s>().read_unaligned(),
+                    None => zero,
+                };
+                for i in 0..finish.rows {
+                    for j in 0..finish.columns {
+                        let mut value = simd.add_f32s(whole[i][j], start);
+                        if let Some((values, start, steps)) = finish.skip {
+                            let skip = values.as_ptr().add(start + i * steps[0] + j * steps[1] + channel);
+                            value = simd.add_f32s(value, load(simd, skip, width));
+                        }
+                        value = simd.max_f32s(value, simd.mul_f32s(value, slope));
+                        let to = out.add(i * patch.output_steps[0] + j * patch.output_steps[1]);
+                        if width == lanes {
+                            to.cast::<S::f32s>().write_unaligned(value);
+                        } else {
+                            to.copy_from_nonoverlapping((&raw const value).cast(), width);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// The vector at `from`, of which the first `width` floats exist; zero after them.
+///
+/// # Safety
+/// `width` floats must be readable at `from`, at most a vector.
+#[inline(always)]
+unsafe fn load<S: Simd>(simd: S, from: *const f32, width: usize) -> S::f32s {
+    // SAFETY: the caller's promise; both types are plain floats.
+    unsafe {
+        if width == S::F32_LANES {
+            return from.cast::<S::f32s>().read_unaligned();
+        }
+        let mut vector = simd.splat_f32s(0.0);
+        (&raw mut vector).cast::<f32>().copy_from_nonoverlapping(from, width);
+        vector
     }
 }
 

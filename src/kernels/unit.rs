@@ -6,7 +6,9 @@ use std::sync::Mutex;
 use super::conv::{ConvShape, InputGradient, gradient_len, split, unpack, with_padded};
 use super::depthwise::PackedDepthwise;
 use super::map::{Extent, Map, MapMut};
-use super::norm::{Moments, per_channel, widen};
+use super::norm::{
+    Moments, before_activation, norm_gradient, normalise_rows, per_channel, sum_gradient, sum_norm_gradient, widen,
+};
 use super::parallel::{for_each, threads, with_scratch};
 use super::simd::{SLACK, Shared, Vectors};
 use super::winograd::{self, Winograd};
@@ -128,22 +130,10 @@ pub fn unit_forward(
     let (factors, offsets) = (widen(&factors, row), widen(&offsets, row));
     let out = Shared::new(&mut output);
     for_each(extent.batch, |image| {
-        let lines = image * extent.height..(image + 1) * extent.height;
-        vectors.run(|| {
-            for line in lines {
-                let at = line * row;
-                let (values, out) = (&convolved[at..at + row], out.part(at, row));
-                for (((out, &value), &factor), &offset) in out.iter_mut().zip(values).zip(&factors).zip(&offsets) {
-                    *out = value * factor + offset;
-                }
-                if let Some(skip) = skip {
-                    out.iter_mut().zip(&skip.values[at..at + row]).for_each(|(out, &skip)| *out += skip);
-                }
-                if shape.slope != 1.0 {
-                    out.iter_mut().for_each(|out| *out = out.max(*out * shape.slope));
-                }
-            }
-        });
+        let at = image * extent.image();
+        let values = &convolved[at..at + extent.image()];
+        let skip = skip.map_or(&[][..], |skip| &skip.values[at..at + extent.image()]);
+        normalise_rows(vectors, values, &factors, &offsets, skip, shape.slope, out.part(at, extent.image()));
     });
     (output, Saved { convolved, mean, variance })
 }
@@ -252,8 +242,6 @@ pub fn unit_backward(
     let conv = &shape.conv;
     let extent = conv.output(x.extent);
     let (row, channels, slope) = (extent.pitch(), extent.channels, shape.slope);
-    let passed = |z: f32, dz: f32| if z > 0.0 { dz } else { dz * slope };
-
     // Sums over all pixels: of the gradient before the activation, and of its product with the
     // normalised convolution's output.
     let mean: Vec<f64> = saved.mean.iter().map(|&mean| f64::from(mean)).collect();
@@ -265,26 +253,20 @@ pub fn unit_backward(
     let shared_skip = skip.as_mut().map(|skip| Shared::new(skip));
     let totals = Mutex::new(vec![[Vec::new(), Vec::new()]; extent.batch]);
     for_each(extent.batch, |image| {
-        let mut sums = [vec![0.0_f32; row], vec![0.0_f32; if norm.is_some() { row } else { 0 }]];
-        vectors.run(|| {
-            for line in image * extent.height..(image + 1) * extent.height {
-                let at = line * row..(line + 1) * row;
-                let (z, dz) = (&z[at.clone()], &dz[at.clone()]);
-                for ((sum, &z), &dz) in sums[0].iter_mut().zip(z).zip(dz) {
-                    *sum += passed(z, dz);
-                }
-                if norm.is_some() {
-                    let values = saved.convolved[at.clone()].iter().zip(&wide_mean);
-                    for (((sum, &z), &dz), (&value, &mean)) in sums[1].iter_mut().zip(z).zip(dz).zip(values) {
-                        *sum += passed(z, dz) * (value - mean);
-                    }
-                }
-                if let Some(skip) = &shared_skip {
-                    let skip = skip.part(at.start, row);
-                    skip.iter_mut().zip(z).zip(dz).for_each(|((skip, &z), &dz)| *skip = passed(z, dz));
-                }
-            }
-        });
+        let at = image * extent.image()..(image + 1) * extent.image();
+        let (z, dz) = (&z[at.clone()], &dz[at.clone()]);
+        let mut sums = [vec![0.0_f32; row], Vec::new()];
+        if norm.is_some() {
+            let mut products = vec![0.0; row];
+            let values = &saved.convolved[at.clone()];
+            sum_norm_gradient(vectors, z, dz, slope, values, &wide_mean, &mut sums[0], &mut products);
+            sums[1] = products;
+        } else {
+            sum_gradient(vectors, z, dz, slope, &mut sums[0]);
+        }
+        if let Some(skip) = &shared_skip {
+            before_activation(vectors, z, dz, slope, skip.part(at.start, at.len()));
+        }
         let sums = sums.map(|sums| per_channel(&sums, channels));
         if let Ok(mut totals) = totals.lock() {
             totals[image] = sums;
@@ -309,15 +291,10 @@ pub fn unit_backward(
     });
     let gradient_row = |line: usize, out: &mut [f32]| {
         let at = line * row..(line + 1) * row;
-        let passed = z[at.clone()].iter().zip(&dz[at.clone()]).map(|(&z, &dz)| passed(z, dz));
+        let (z, dz) = (&z[at.clone()], &dz[at.clone()]);
         match &linear {
-            Some([a, b, c]) => {
-                let factors = a.iter().zip(b).zip(c).zip(&saved.convolved[at]);
-                for ((out, passed), (((&a, &b), &c), &value)) in out.iter_mut().zip(passed).zip(factors) {
-                    *out = a * passed + (b * value + c);
-                }
-            }
-            None => out.iter_mut().zip(passed).for_each(|(out, passed)| *out = passed),
+            Some([a, b, c]) => norm_gradient(vectors, z, dz, slope, &saved.convolved[at], [a, b, c], out),
+            None => before_activation(vectors, z, dz, slope, out),
         }
     };
 
@@ -342,7 +319,7 @@ pub fn unit_backward(
             let count = group.min(extent.batch - first);
             let padded = Extent { batch: count, ..extent }.with_halo(halo);
             with_scratch(padded.len() + SLACK, |scratch| {
-                fill_padded(vectors, &padded, first, &gradient_row, scratch);
+                fill_padded(&padded, first, &gradient_row, scratch);
                 let dy = Map::new(padded, scratch);
                 let x = x.images(first, count);
                 method.add(vectors, conv, x, dy, sums);
@@ -370,7 +347,6 @@ pub fn unit_backward(
 
 /// Fills a group's padded gradient: its rows from `row`, zeros around them and after them.
 fn fill_padded(
-    vectors: Vectors,
     padded: &Extent,
     first: usize,
     row: &(impl Fn(usize, &mut [f32]) + Sync),
@@ -387,7 +363,7 @@ fn fill_padded(
                 let (inner, right) = inner.split_at_mut(inner.len() - edge);
                 left.fill(0.0);
                 right.fill(0.0);
-                vectors.run(|| row((first + image) * padded.height + y, inner));
+                row((first + image) * padded.height + y, inner);
             }
             None => line.fill(0.0),
         }

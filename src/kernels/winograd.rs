@@ -11,14 +11,14 @@ use pulp::{Simd, WithSimd};
 use super::conv::{Correlation, Packed, Steps, WeightSums, gradient_len, split, strips};
 use super::map::{Extent, Map, MapMut};
 use super::parallel::{for_each, threads, with_scratch};
-use super::simd::{SLACK, Shared, Vectors};
+use super::simd::{Finish, Patch, SLACK, Shared, Transform, Vectors};
 
 /// Points of a transform in one direction: `m + r - 1`.
 const POINTS: usize = 6;
 /// Points in all.
 const POINTS_2D: usize = POINTS * POINTS;
 /// Fewest and most transformed values that a task works on at once, floats.
-const TASK_VALUES: [usize; 2] = [1 << 18, 1 << 21];
+const TASK_VALUES: [usize; 2] = [1 << 16, 1 << 21];
 /// Fewest tiles for which a task of its own pays.
 const TASK_TILES: usize = 24;
 /// Fewest channels for which the transforms pay.
@@ -125,7 +125,6 @@ impl Winograd {
         let weights = self.points.len() * blocks * input * output_step;
         let most = (weights.clamp(TASK_VALUES[0], TASK_VALUES[1]) / values).max(TASK_TILES);
         let tasks = count.div_ceil(most).max(threads().min(count / TASK_TILES)).max(1);
-        let finish = Finish { start, skip, slope, out, channels: self.channels[1], step: output_step };
         for_each(tasks, |task| {
             let [from, to] = split(count, tasks, task);
             let part = to - from;
@@ -180,20 +179,45 @@ impl Winograd {
                 for_each(parts, |index| {
                     let [first, last] = split(part, parts, index);
                     let tiles = Tiles { grid, side: self.plan.outputs, range: [from + first, from + last] };
-                    let task = FinishTask {
-                        finish: &finish,
-                        tiles,
-                        products,
-                        at: first * output_step,
-                        point: part * output_step,
-                        lanes,
-                    };
+                    let at = [first * output_step, part * output_step, output_step];
                     match self.plan.outputs {
-                        4 => vectors.run_simd(OutputTransform::<4>(task)),
-                        _ => vectors.run_simd(OutputTransform::<3>(task)),
+                        4 => finish::<4>(vectors, &tiles, products, at, start, skip, slope, out),
+                        _ => finish::<3>(vectors, &tiles, products, at, start, skip, slope, out),
                     }
                 });
             });
+        });
+    }
+}
+
+/// `Aᵀ M A`, start, skip and slope of each tile, from `products[layout[0] + point·layout[1] +
+/// tile·layout[2] + channel]`.
+#[allow(clippy::too_many_arguments)] // a convolution's
+fn finish<const M: usize>(
+    vectors: Vectors,
+    tiles: &Tiles,
+    products: &[f32],
+    layout: [usize; 3],
+    start: Option<&[f32]>,
+    skip: Option<Map<'_>>,
+    slope: f32,
+    out: MapMut<'_>,
+) where
+    OutputRow: Transform<POINTS, M>,
+{
+    for (index, [image, row, column]) in tiles.corners().enumerate() {
+        let steps = |extent: &Extent| [extent.pitch(), extent.channels];
+        let skip = skip.map(|skip| (skip.values, skip.extent.at(image, row, column), steps(&skip.extent)));
+        let (rows, columns) = (M.min(out.extent.height - row), M.min(out.extent.width - column));
+        vectors.transform::<POINTS, M, _>(OutputRow, &Patch {
+            x: products,
+            start: layout[0] + index * layout[2],
+            steps: [POINTS * layout[1], layout[1]],
+            channels: out.extent.channels,
+            out: out.values,
+            output: out.extent.at(image, row, column),
+            output_steps: steps(&out.extent),
+            finish: Some(Finish { start, skip, slope, rows, columns }),
         });
     }
 }
@@ -306,25 +330,8 @@ fn transform_weights<const R: usize>(
                         taps[ky][kx][..size].copy_from_slice(dense.row(vectors, index, row));
                     }
                 }
-                let transformed = vectors.run(|| {
-                    let mut half = [[[0.0_f32; LANES_MAX]; R]; POINTS];
-                    for (half, factors) in half.iter_mut().zip(matrix) {
-                        for (taps, &factor) in taps.iter().zip(factors) {
-                            for (half, taps) in half.iter_mut().zip(taps) {
-                                half.iter_mut().zip(taps).for_each(|(half, tap)| *half += factor * tap);
-                            }
-                        }
-                    }
-                    let mut whole = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
-                    for (whole, half) in whole.iter_mut().zip(&half) {
-                        for (whole, factors) in whole.iter_mut().zip(matrix) {
-                            for (half, &factor) in half.iter().zip(factors) {
-                                whole.iter_mut().zip(half).for_each(|(whole, half)| *whole += factor * half);
-                            }
-                        }
-                    }
-                    whole
-                });
+                let mut transformed = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
+                vectors.run(TransformKernel { taps: &taps, matrix, whole: &mut transformed });
                 let row = block * input + channel;
                 for (point, values) in points.iter_mut().zip(transformed.as_flattened()) {
                     point.row_mut(vectors, index, row).copy_from_slice(&values[..size]);
@@ -333,6 +340,41 @@ fn transform_weights<const R: usize>(
         }
     }
     points
+}
+
+/// `G g Gᵀ` in every lane.
+struct TransformKernel<'a, const R: usize> {
+    taps: &'a [[[f32; LANES_MAX]; R]; R],
+    matrix: &'a [[f32; R]; POINTS],
+    whole: &'a mut [[[f32; LANES_MAX]; POINTS]; POINTS],
+}
+
+impl<const R: usize> WithSimd for TransformKernel<'_, R> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { taps, matrix, whole } = self;
+        let mut half = [[[0.0_f32; LANES_MAX]; R]; POINTS];
+        for (half, factors) in half.iter_mut().zip(matrix) {
+            for (taps, &factor) in taps.iter().zip(factors) {
+                for (half, taps) in half.iter_mut().zip(taps) {
+                    for (half, tap) in half.iter_mut().zip(taps) {
+                        *half += factor * tap;
+                    }
+                }
+            }
+        }
+        for (whole, half) in whole.iter_mut().zip(&half) {
+            for (whole, factors) in whole.iter_mut().zip(matrix) {
+                for (half, &factor) in half.iter().zip(factors) {
+                    for (whole, half) in whole.iter_mut().zip(half) {
+                        *whole += factor * half;
+                    }
+                }
+            }
+        }
+    }
 }
 
 /// Some of the tiles of a map.
@@ -399,24 +441,48 @@ fn transform_patches(
     out: &Shared<'_>,
     layout: [usize; 3],
 ) {
-    vectors.run_simd(Patches::<POINTS, _> { x, tiles, corner, out, layout, transform: InputRow });
+    transform_tiles::<POINTS, _>(vectors, InputRow, x, tiles, corner, out, layout);
 }
 
 /// `G dy Gᵀ` of each tile's 4×4 gradients, as [`transform_patches`].
 fn transform_gradient(vectors: Vectors, dy: Map<'_>, tiles: &Tiles, out: &Shared<'_>, layout: [usize; 3]) {
-    vectors.run_simd(Patches::<4, _> { x: dy, tiles, corner: [0, 0], out, layout, transform: GradientRow });
+    transform_tiles::<4, _>(vectors, GradientRow, dy, tiles, [0, 0], out, layout);
 }
 
-/// A transform in one direction.
-trait RowTransform<const N: usize>: Copy {
-    fn apply<S: Simd>(self, simd: S, d: [S::f32s; N]) -> [S::f32s; POINTS];
+/// Transforms each tile's `N`×`N` patch.
+fn transform_tiles<const N: usize, T: Transform<N, POINTS>>(
+    vectors: Vectors,
+    transform: T,
+    x: Map<'_>,
+    tiles: &Tiles,
+    corner: [isize; 2],
+    out: &Shared<'_>,
+    [first, point_step, tile_step]: [usize; 3],
+) {
+    let channels = x.extent.channels;
+    with_scratch(N * N * channels + SLACK, |copy| {
+        for (index, [image, row, column]) in tiles.corners().enumerate() {
+            let at = [image as isize, row as isize + corner[0], column as isize + corner[1]];
+            let (values, start, pitch) = patch(&x, at, N, copy);
+            vectors.transform::<N, POINTS, _>(transform, &Patch {
+                x: values,
+                start,
+                steps: [pitch, channels],
+                channels,
+                out: *out,
+                output: first + index * tile_step,
+                output_steps: [POINTS * point_step, point_step],
+                finish: None,
+            });
+        }
+    });
 }
 
 /// `Bᵀ`.
 #[derive(Clone, Copy)]
 struct InputRow;
 
-impl RowTransform<POINTS> for InputRow {
+impl Transform<POINTS, POINTS> for InputRow {
     #[inline(always)]
     fn apply<S: Simd>(self, simd: S, d: [S::f32s; POINTS]) -> [S::f32s; POINTS] {
         let (even, odd) = (fma(simd, -4.0, d[2], d[4]), fma(simd, -4.0, d[1], d[3]));
@@ -437,7 +503,7 @@ impl RowTransform<POINTS> for InputRow {
 #[derive(Clone, Copy)]
 struct GradientRow;
 
-impl RowTransform<4> for GradientRow {
+impl Transform<4, POINTS> for GradientRow {
     #[inline(always)]
     fn apply<S: Simd>(self, simd: S, d: [S::f32s; 4]) -> [S::f32s; POINTS] {
         let (even1, odd1) = (simd.add_f32s(d[0], d[2]), simd.add_f32s(d[1], d[3]));
@@ -454,53 +520,6 @@ impl RowTransform<4> for GradientRow {
     }
 }
 
-struct Patches<'a, 'b, const N: usize, T> {
-    x: Map<'a>,
-    tiles: &'a Tiles,
-    corner: [isize; 2],
-    out: &'a Shared<'b>,
-    layout: [usize; 3],
-    transform: T,
-}
-
-impl<const N: usize, T: RowTransform<N>> WithSimd for Patches<'_, '_, N, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { x, tiles, corner, out, layout: [first, point_step, tile_step], transform } = self;
-        let (lanes, channels) = (S::F32_LANES, x.extent.channels);
-        with_scratch(N * N * channels + SLACK, |copy| {
-            for (index, [image, row, column]) in tiles.corners().enumerate() {
-                let at = [image as isize, row as isize + corner[0], column as isize + corner[1]];
-                let (values, start, pitch) = patch(&x, at, N, copy);
-                for channel in (0..channels).step_by(lanes) {
-                    let zero = simd.splat_f32s(0.0);
-                    let mut rows = [[zero; POINTS]; N];
-                    for (i, row) in rows.iter_mut().enumerate() {
-                        let mut line = [zero; N];
-                        for (j, value) in line.iter_mut().enumerate() {
-                            *value = vector::<S>(values, start + i * pitch + j * channels + channel);
-                        }
-                        *row = transform.apply(simd, line);
-                    }
-                    for j in 0..POINTS {
-                        let mut column = [zero; N];
-                        for (value, row) in column.iter_mut().zip(&rows) {
-                            *value = row[j];
-                        }
-                        let column = transform.apply(simd, column);
-                        for (i, value) in column.into_iter().enumerate() {
-                            let at = first + (i * POINTS + j) * point_step + index * tile_step + channel;
-                            S::as_mut_simd_f32s(out.part(at, lanes)).0[0] = value;
-                        }
-                    }
-                }
-            }
-        });
-    }
-}
-
 // Functions where closures would do: see `simd::read`.
 
 #[inline(always)]
@@ -513,100 +532,33 @@ fn scale<S: Simd>(simd: S, factor: f32, a: S::f32s) -> S::f32s {
     simd.mul_f32s(simd.splat_f32s(factor), a)
 }
 
-/// The vector at `at`.
-#[inline(always)]
-fn vector<S: Simd>(values: &[f32], at: usize) -> S::f32s {
-    S::as_simd_f32s(&values[at..at + S::F32_LANES]).0[0]
-}
+/// `Aᵀ` for three and four outputs.
+#[derive(Clone, Copy)]
+struct OutputRow;
 
-/// `Aᵀ` for `M` (3 or 4) outputs.
-#[inline(always)]
-fn outputs<S: Simd, const M: usize>(simd: S, m: [S::f32s; POINTS]) -> [S::f32s; M] {
-    let (sum1, difference1) = (simd.add_f32s(m[1], m[2]), simd.sub_f32s(m[1], m[2]));
-    let (sum2, difference2) = (simd.add_f32s(m[3], m[4]), simd.sub_f32s(m[3], m[4]));
-    let mut row = [simd.splat_f32s(0.0); M];
-    row[0] = simd.add_f32s(simd.add_f32s(m[0], sum1), sum2);
-    row[1] = fma(simd, 2.0, difference2, difference1);
-    row[2] = fma(simd, 4.0, sum2, sum1);
-    if M == 4 {
-        row[3] = fma(simd, 8.0, difference2, difference1);
-    }
-    row[M - 1] = simd.add_f32s(row[M - 1], m[5]);
-    row
-}
-
-/// What is done to a result.
-struct Finish<'a> {
-    start: Option<&'a [f32]>,
-    skip: Option<Map<'a>>,
-    slope: f32,
-    out: MapMut<'a>,
-    channels: usize,
-    /// Values from tile to tile of the products.
-    step: usize,
-}
-
-struct FinishTask<'a> {
-    finish: &'a Finish<'a>,
-    tiles: Tiles,
-    products: &'a [f32],
-    at: usize,
-    /// Values from point to point.
-    point: usize,
-    lanes: usize,
-}
-
-/// `Aᵀ M A`, start, skip and slope for `M`×`M` outputs a tile.
-struct OutputTransform<'a, const M: usize>(FinishTask<'a>);
-
-impl<const M: usize> WithSimd for OutputTransform<'_, M> {
-    type Output = ();
-
+impl Transform<POINTS, 3> for OutputRow {
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let FinishTask { finish, tiles, products, at, point, lanes } = self.0;
-        let Finish { start, skip, slope, out, channels, step } = *finish;
-        let slope = simd.splat_f32s(slope);
-        for (index, [image, top, left]) in tiles.corners().enumerate() {
-            let rows = M.min(out.extent.height - top);
-            let columns = M.min(out.extent.width - left);
-            for channel in (0..channels).step_by(lanes) {
-                let base = at + index * step + channel;
-                let zero = simd.splat_f32s(0.0);
-                let mut half = [[zero; M]; POINTS];
-                for j in 0..POINTS {
-                    let mut column = [zero; POINTS];
-                    for (i, value) in column.iter_mut().enumerate() {
-                        *value = vector::<S>(products, base + (i * POINTS + j) * point);
-                    }
-                    half[j] = outputs::<S, M>(simd, column);
-                }
-                let start = match start {
-                    Some(start) => vector::<S>(start, channel),
-                    None => zero,
-                };
-                let width = lanes.min(channels - channel);
-                for i in 0..M {
-                    let mut line = [zero; POINTS];
-                    for (value, half) in line.iter_mut().zip(&half) {
-                        *value = half[i];
-                    }
-                    let line = outputs::<S, M>(simd, line);
-                    for (j, value) in line.into_iter().enumerate() {
-                        if i >= rows || j >= columns {
-                            continue;
-                        }
-                        let mut value = simd.add_f32s(value, start);
-                        if let Some(skip) = skip {
-                            let at = skip.extent.at(image, top + i, left + j) + channel;
-                            value = simd.add_f32s(value, simd.partial_load_f32s(&skip.values[at..at + width]));
-                        }
-                        value = simd.max_f32s(value, simd.mul_f32s(value, slope));
-                        let to = out.values.part(out.extent.at(image, top + i, left + j) + channel, width);
-                        simd.partial_store_f32s(to, value);
-                    }
-                }
-            }
-        }
+    fn apply<S: Simd>(self, simd: S, m: [S::f32s; POINTS]) -> [S::f32s; 3] {
+        let (sum1, difference1) = (simd.add_f32s(m[1], m[2]), simd.sub_f32s(m[1], m[2]));
+        let (sum2, difference2) = (simd.add_f32s(m[3], m[4]), simd.sub_f32s(m[3], m[4]));
+        [
+            simd.add_f32s(simd.add_f32s(m[0], sum1), sum2),
+            fma(simd, 2.0, difference2, difference1),
+            simd.add_f32s(fma(simd, 4.0, sum2, sum1), m[5]),
+        ]
+    }
+}
+
+impl Transform<POINTS, 4> for OutputRow {
+    #[inline(always)]
+    fn apply<S: Simd>(self, simd: S, m: [S::f32s; POINTS]) -> [S::f32s; 4] {
+        let (sum1, difference1) = (simd.add_f32s(m[1], m[2]), simd.sub_f32s(m[1], m[2]));
+        let (sum2, difference2) = (simd.add_f32s(m[3], m[4]), simd.sub_f32s(m[3], m[4]));
+        [
+            simd.add_f32s(simd.add_f32s(m[0], sum1), sum2),
+            fma(simd, 2.0, difference2, difference1),
+            fma(simd, 4.0, sum2, sum1),
+            simd.add_f32s(fma(simd, 8.0, difference2, difference1), m[5]),
+        ]
     }
 }

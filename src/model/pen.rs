@@ -71,12 +71,11 @@ impl Pen {
         self.output(heatmap, depth)
     }
 
-    /// A runner for batches of `batch` pictures of `height`×`width`: on the CPU with everything worked out
-    /// beforehand, elsewhere as [`Self::forward`].
-    pub fn runner(self, [batch, height, width]: [usize; 3], device: &Device) -> PenRunner {
-        let plan = is_cpu(device)
-            .then(|| Plan::new([batch, height, width], |layers, picture| self.maps(layers, picture).into()));
-        PenRunner { pen: self, shape: [batch, height, width, 3], device: device.clone(), plan }
+    /// A runner for pictures of `height`×`width`: on the CPU with everything worked out beforehand,
+    /// elsewhere as [`Self::forward`].
+    pub fn runner(self, [height, width]: [usize; 2], device: &Device) -> PenRunner {
+        let plan = is_cpu(device).then(|| Plan::new([height, width], |layers, picture| self.maps(layers, picture).into()));
+        PenRunner { pen: self, size: [height, width], device: device.clone(), plan }
     }
 
     /// What the heads say of pictures.
@@ -100,7 +99,7 @@ impl Pen {
 #[derive(Debug)]
 pub struct PenRunner {
     pen: Pen,
-    shape: [usize; 4],
+    size: [usize; 2],
     device: Device,
     plan: Option<Plan>,
 }
@@ -113,13 +112,15 @@ impl PenRunner {
 
     /// Runs the network on normalised pictures `[batch, height, width, 3]` of the runner's size.
     pub fn run(&mut self, pictures: Vec<f32>) -> PenOutput {
+        let [height, width] = self.size;
         let Some(plan) = &mut self.plan else {
-            return self.pen.forward(Tensor::from_data(TensorData::new(pictures, self.shape), &self.device));
+            let shape = [pictures.len() / (3 * height * width), height, width, 3];
+            return self.pen.forward(Tensor::from_data(TensorData::new(pictures, shape), &self.device));
         };
         let maps: Vec<Tensor<4>> = (plan.run(&pictures).into_iter())
             .map(|(extent, values)| {
                 let shape = [extent.batch, extent.height, extent.width, extent.channels];
-                Tensor::from_data(TensorData::new(values.to_vec(), shape), &self.device)
+                Tensor::from_data(TensorData::new(values, shape), &self.device)
             })
             .collect();
         let Ok([heatmap, depth]) = <[Tensor<4>; 2]>::try_from(maps) else { unreachable!("there are two heads") };

@@ -4,19 +4,26 @@
 //! Norms are folded into weights, weights lie in the kernels' own order, biases, skips and activations
 //! are part of the convolutions, and each map is written with the halo that the next layer reads.
 
+use std::sync::{Mutex, PoisonError};
+
 use burn::nn::LayerNorm;
 use burn::tensor::{ElementConversion as _, Tensor};
 
 use super::layers::{LAYER_NORM_EPSILON, Layers, Slope, Unit};
 use super::tensors::{fold, shape};
-use crate::kernels::{Convolution, Extent, Map, MapMut, SLACK, Vectors, layer_norm, max_pool, upsample};
+use crate::kernels::{
+    Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, layer_norm, max_pool, on_worker, threads, upsample,
+};
 
-/// A network for one size of batch, ready to run.
-#[derive(Debug, Clone)]
+/// A network for one size of picture, ready to run.
+#[derive(Debug)]
 pub(super) struct Plan {
     vectors: Vectors,
     steps: Vec<Step>,
-    buffers: Vec<Vec<f32>>,
+    /// Maps for one picture, with halos; several for as many pictures at once.
+    buffers: Vec<Mutex<Vec<Buffer>>>,
+    /// Lengths of the buffers.
+    lengths: Vec<usize>,
     input: Place,
     outputs: Vec<Place>,
 }
@@ -45,27 +52,59 @@ enum Layer {
 }
 
 impl Plan {
-    /// The plan of a network that takes `[batch, height, width, 3]`; `network` names its layers and
-    /// returns its outputs.
+    /// The plan of a network that takes `[1, height, width, 3]`; `network` names its layers and returns its
+    /// outputs.
     pub(super) fn new(
-        [batch, height, width]: [usize; 3],
+        [height, width]: [usize; 2],
         network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
     ) -> Self {
-        let input = Extent::new([batch, height, width, 3]);
+        let input = Extent::new([1, height, width, 3]);
         let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![input], records: Vec::new() };
         let outputs = network(&mut recorder, &0);
         recorder.finish(&outputs)
     }
 
-    /// Runs the network on pictures `[batch, height, width, 3]`; its outputs' values, without halo.
-    pub(super) fn run(&mut self, pictures: &[f32]) -> Vec<(Extent, &[f32])> {
-        let Self { vectors, steps, buffers, input, outputs } = self;
-        Map::new(input.extent.with_halo(0), pictures).pad_into(input.extent.halo, &mut buffers[input.buffer]);
+    /// Runs the network on pictures `[batch, height, width, 3]`; its outputs' layouts and values.
+    ///
+    /// Enough pictures go through the network one to a thread: their maps stay in the thread's cache.
+    pub(super) fn run(&mut self, pictures: &[f32]) -> Vec<(Extent, Vec<f32>)> {
+        let each = self.input.extent.with_halo(0).len();
+        let batch = pictures.len() / each;
+        let lanes = threads().min(batch).max(1);
+        while self.buffers.len() < lanes {
+            self.buffers.push(Mutex::new(self.lengths.iter().map(|&len| Buffer::zeros(len)).collect()));
+        }
+        let extents: Vec<Extent> = self.outputs.iter().map(|output| Extent { batch, ..output.extent }).collect();
+        let mut outputs: Vec<Vec<f32>> = extents.iter().map(|extent| vec![0.0; extent.len()]).collect();
+        let shared: Vec<MapMut<'_>> =
+            extents.iter().zip(&mut outputs).map(|(&extent, values)| MapMut::new(extent, values)).collect();
+        let plan = &*self;
+        on_worker(|| {
+            for_each(lanes, |lane| {
+                let mut buffers = plan.buffers[lane].lock().unwrap_or_else(PoisonError::into_inner);
+                for image in lane * batch / lanes..(lane + 1) * batch / lanes {
+                    plan.run_one(&mut buffers, &pictures[image * each..(image + 1) * each]);
+                    for (output, to) in plan.outputs.iter().zip(&shared) {
+                        to.copy_image(image, Map::new(output.extent, buffers[output.buffer].values()));
+                    }
+                }
+            });
+        });
+        extents.into_iter().zip(outputs).collect()
+    }
+
+    /// Runs the network on one picture.
+    fn run_one(&self, buffers: &mut [Buffer], picture: &[f32]) {
+        let Self { vectors, steps, input, .. } = self;
+        let inside = Map::new(input.extent.with_halo(0), picture);
+        inside.pad_into(input.extent.halo, buffers[input.buffer].values_mut());
+        let trace = std::env::var_os("TRACE").is_some();
         for step in steps {
+            let t0 = std::time::Instant::now();
             let mut out = std::mem::take(&mut buffers[step.out.buffer]);
-            let read = |place: Place| Map::new(place.extent, &buffers[place.buffer]);
+            let read = |place: Place| Map::new(place.extent, buffers[place.buffer].values());
             let (x, other) = (read(step.x), step.other.map(read));
-            let write = MapMut::new(step.out.extent, &mut out);
+            let write = MapMut::new(step.out.extent, out.values_mut());
             match &step.layer {
                 Layer::Unit { conv, slope } => conv.run(x, other, *slope, write),
                 Layer::Upsample { factor } => upsample(*vectors, x, *factor, other, write),
@@ -75,8 +114,11 @@ impl Plan {
                 }
             }
             buffers[step.out.buffer] = out;
+            if trace {
+                let name = match &step.layer { Layer::Unit{conv,..} => format!("{:?} {}", conv.shape(), conv.method_name()), Layer::Upsample{factor} => format!("up {factor}"), Layer::MaxPool => "pool".into(), _ => "ln".into() };
+                eprintln!("{:8.1} us  {}x{}x{} {name}", t0.elapsed().as_secs_f64()*1e6, step.out.extent.height, step.out.extent.width, step.out.extent.channels);
+            }
         }
-        outputs.iter().map(|place| (place.extent, &buffers[place.buffer][..place.extent.len()])).collect()
     }
 }
 
@@ -115,7 +157,7 @@ impl Recorder {
             }
         }
         outputs.iter().for_each(|&output| last_use[output] = usize::MAX);
-        let mut buffers: Vec<Vec<f32>> = Vec::new();
+        let mut lengths = Vec::new();
         // The map that each buffer holds. Another one may take it over only if it has the same layout:
         // then the halo's zeros stay where they are.
         let mut held: Vec<usize> = Vec::new();
@@ -124,9 +166,9 @@ impl Recorder {
             let extent = self.maps[map];
             let free = held.iter().position(|&held| self.maps[held] == extent && last_use[held] < now);
             let buffer = free.unwrap_or_else(|| {
-                buffers.push(vec![0.0; extent.len() + SLACK]);
+                lengths.push(extent.len() + SLACK);
                 held.push(map);
-                buffers.len() - 1
+                lengths.len() - 1
             });
             held[buffer] = map;
             let place = Place { extent, buffer };
@@ -140,7 +182,8 @@ impl Recorder {
         for (record, out) in self.records.into_iter().zip(outs) {
             steps.push(Step { layer: record.layer, x: place(record.x), other: record.other.map(place), out });
         }
-        Plan { vectors: self.vectors, steps, buffers, input, outputs: outputs.iter().map(|&map| place(map)).collect() }
+        let outputs = outputs.iter().map(|&map| place(map)).collect();
+        Plan { vectors: self.vectors, steps, buffers: Vec::new(), lengths, input, outputs }
     }
 }
 
