@@ -42,8 +42,10 @@ struct Job {
 fn jobs() -> Vec<Job> {
     let compact = || PenConfig::compact(7.4);
     let narrow = PenConfig { head: HeadConfig::Paper { channels: [64, 64, 64] }, ..PenConfig::paper() };
-    let job = |name, config, threads, batch, limit| Job { name, config, threads, batch, side: SIDE, training: false, limit };
-    let training = |name, side| Job { name, config: compact(), threads: 2, batch: 24, side, training: true, limit: 1.0 };
+    let job =
+        |name, config, threads, batch, limit| Job { name, config, threads, batch, side: SIDE, training: false, limit };
+    let training =
+        |name, side| Job { name, config: compact(), threads: 2, batch: 24, side, training: true, limit: 1.0 };
     vec![
         job("compact b1 t1", compact(), 1, 1, 0.8),
         job("compact b1 t2", compact(), 2, 1, 0.8),
@@ -109,8 +111,12 @@ impl Peers {
     fn start() -> Option<Self> {
         let python = std::env::var_os("GRAVISIGHT_PEERS")?;
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/convolution.py");
-        let mut child =
-            Command::new(python).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().expect("the peers start");
+        let mut child = Command::new(python)
+            .arg(script)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the peers start");
         let (input, output) = (child.stdin.take()?, BufReader::new(child.stdout.take()?));
         Some(Self { child, input, output })
     }
@@ -190,7 +196,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
         "weights": path("weights"), "picture": path("picture"), "expected": path("expected"),
     });
     let pool = rayon::ThreadPoolBuilder::new().num_threads(job.threads).build().expect("threads");
-    let mut ours: Box<dyn FnMut() + Send> = if job.training {
+    let mut ours: Box<dyn FnMut() -> f64 + Send> = if job.training {
         let middle = |index: usize| 20.0 + 3.0 * index as f64;
         let labels = Labels {
             image: (0..job.batch).map(|index| [middle(index), middle(job.batch - index)]).collect(),
@@ -208,26 +214,42 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
         let mut optimiser = AdamConfig::new().init();
         let mut pen = Some(pen);
         let batch = Batch { pictures, size: [job.side; 2], labels };
+        // The next step's batch is made beforehand, as the peer's is.
+        let mut next = Some(batch.clone());
         Box::new(move || {
-            let (after, _) = step(pen.take().expect("a network"), &mut optimiser, batch.clone(), &options, &device);
+            let (before, now) = (pen.take().expect("a network"), next.take().expect("a batch"));
+            let begin = Instant::now();
+            let (after, _) = step(before, &mut optimiser, now, &options, &device);
+            let time = begin.elapsed().as_secs_f64();
             pen = Some(after);
+            next = Some(batch.clone());
+            time
         })
     } else {
         let mut runner = pen.runner([job.side; 2], &device);
         let read = |output: PenOutput| -> Vec<f32> {
-            [output.heatmap, output.depth].into_iter().flat_map(|map| map.into_data().iter::<f32>().collect::<Vec<_>>()).collect()
+            [output.heatmap, output.depth]
+                .into_iter()
+                .flat_map(|map| map.into_data().iter::<f32>().collect::<Vec<_>>())
+                .collect()
         };
         let found = pool.install(|| read(runner.run(pictures.clone())));
         std::fs::write(file("expected"), bytes(&found)).expect("room");
-        Box::new(move || drop(black_box(runner.run(pictures.clone()))))
+        Box::new(move || {
+            let now = pictures.clone();
+            let begin = Instant::now();
+            drop(black_box(runner.run(now)));
+            begin.elapsed().as_secs_f64()
+        })
     };
-    let mut run = || pool.install(|| seconds(&mut *ours));
+    let mut run = || pool.install(&mut *ours);
     let mut contestants = vec!["ours".to_owned()];
     let mut difference = String::new();
     let mut peers = peers;
     if let Some(peers) = peers.as_deref_mut() {
         let answer = peers.ask(&json!({ "load": load }));
-        contestants.extend(answer["peers"].as_array().expect("names").iter().filter_map(Value::as_str).map(str::to_owned));
+        contestants
+            .extend(answer["peers"].as_array().expect("names").iter().filter_map(Value::as_str).map(str::to_owned));
         if let Some(share) = answer["difference"].as_f64() {
             difference = format!("  maps differ by {share:.0e}");
         }

@@ -89,34 +89,37 @@ pub(super) fn strips(vectors: Vectors, channels: usize, taps: usize) -> (Vec<Str
 }
 
 impl Packed {
-    /// Packs `channels` output channels; `weight(segment, tap, first, values)` writes the weights of
-    /// the channels from `first` on.
-    pub(super) fn new(
-        vectors: Vectors,
-        [segments, length, channels]: [usize; 3],
-        weight: impl Fn(usize, usize, usize, &mut [f32]),
-    ) -> Self {
+    /// No weights yet, for `channels` output channels.
+    pub(super) fn zeros(vectors: Vectors, [segments, length, channels]: [usize; 3]) -> Self {
         let (strips, len) = strips(vectors, channels, segments * length);
-        let mut values = Buffer::zeros(len);
-        for strip in &strips {
-            let size = strip.vectors * vectors.lanes();
-            let rows = values.values_mut()[strip.start..strip.start + segments * length * size].chunks_exact_mut(size);
-            for (index, row) in rows.enumerate() {
-                weight(index / length, index % length, strip.channel, &mut row[..strip.width]);
-            }
-        }
-        Self { strips, values, segments, length }
+        Self { strips, values: Buffer::zeros(len), segments, length }
+    }
+
+    /// Where each output channel's first weight is, and from tap to tap.
+    fn columns(&self, vectors: Vectors) -> Vec<[usize; 2]> {
+        let of = |strip: &Strip| {
+            let (start, size) = (strip.start, strip.vectors * vectors.lanes());
+            (0..strip.width).map(move |lane| [start + lane, size])
+        };
+        self.strips.iter().flat_map(of).collect()
     }
 
     /// A dense convolution's weights `[output, input, kernel, kernel]`.
     pub(super) fn dense(vectors: Vectors, shape: &ConvShape, weights: &[f32]) -> Self {
         let ConvShape { channels: [input, output], kernel, .. } = *shape;
-        Self::new(vectors, [kernel, kernel * input, output], |ky, tap, first, values| {
-            let (kx, channel) = (tap / input, tap % input);
-            for (index, value) in values.iter_mut().enumerate() {
-                *value = weights[(((first + index) * input + channel) * kernel + ky) * kernel + kx];
+        let taps = kernel * kernel;
+        let mut packed = Self::zeros(vectors, [kernel, kernel * input, output]);
+        let columns = packed.columns(vectors);
+        let values = packed.values.values_mut();
+        // In the weights' own order: it is the slower side to walk across.
+        for ([start, step], weights) in columns.into_iter().zip(weights.chunks_exact(input * taps)) {
+            for (channel, weights) in weights.chunks_exact(taps).enumerate() {
+                for (tap, &weight) in weights.iter().enumerate() {
+                    values[start + (tap * input + channel) * step] = weight;
+                }
             }
-        })
+        }
+        packed
     }
 
     /// The strips.
@@ -355,14 +358,21 @@ impl InputGradient {
         let phases = (0..stride * stride).map(|phase| {
             let (row, column) = (phase / stride, phase % stride);
             let (rows, columns) = (taps(row), taps(column));
-            let packed = Packed::new(vectors, [rows, columns * output, input], |segment, tap, first, values| {
-                let ky = row + (rows - 1 - segment) * stride;
-                let kx = column + (columns - 1 - tap / output) * stride;
-                let from = tap % output * input + first;
-                for (index, value) in values.iter_mut().enumerate() {
-                    *value = weights[((from + index) * kernel + ky) * kernel + kx];
+            let mut packed = Packed::zeros(vectors, [rows, columns * output, input]);
+            let places = packed.columns(vectors);
+            let values = packed.values.values_mut();
+            for (from, weights) in weights.chunks_exact(input * kernel * kernel).enumerate() {
+                for ([start, step], weights) in places.iter().zip(weights.chunks_exact(kernel * kernel)) {
+                    for segment in 0..rows {
+                        let ky = row + (rows - 1 - segment) * stride;
+                        for tap in 0..columns {
+                            let kx = column + (columns - 1 - tap) * stride;
+                            let to = (segment * columns + tap) * output + from;
+                            values[start + to * step] = weights[ky * kernel + kx];
+                        }
+                    }
                 }
-            });
+            }
             (rows, columns, packed)
         });
         Self { shape, phases: phases.collect() }
@@ -521,10 +531,12 @@ pub(super) fn unpack(vectors: Vectors, shape: &ConvShape, sums: &[f32]) -> Vec<f
     let mut weights = vec![0.0; output * input * kernel * kernel];
     for strip in strips {
         let size = strip.vectors * vectors.lanes();
-        for (index, row) in sums[strip.start..].chunks_exact(size).take(kernel * kernel * input).enumerate() {
-            let (ky, kx, channel) = (index / input / kernel, index / input % kernel, index % input);
-            for (lane, &value) in row[..strip.width].iter().enumerate() {
-                weights[(((strip.channel + lane) * input + channel) * kernel + ky) * kernel + kx] = value;
+        for lane in 0..strip.width {
+            let to = &mut weights[(strip.channel + lane) * input * kernel * kernel..];
+            for (channel, to) in to.chunks_exact_mut(kernel * kernel).take(input).enumerate() {
+                for (tap, to) in to.iter_mut().enumerate() {
+                    *to = sums[strip.start + (tap * input + channel) * size + lane];
+                }
             }
         }
     }

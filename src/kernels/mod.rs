@@ -15,7 +15,7 @@ mod winograd;
 pub use conv::ConvShape;
 pub use map::{Extent, Map, MapMut};
 pub use norm::layer_norm;
-pub use parallel::{Buffer, for_each, on_worker, threads};
+pub use parallel::{Buffer, for_each, on_worker, threads, zeros};
 pub use resample::{max_pool, upsample, upsample_backward};
 pub use simd::{SLACK, Vectors};
 pub use unit::{NormInput, Saved, UnitGradients, UnitShape, unit_backward, unit_forward};
@@ -70,7 +70,13 @@ impl Convolution {
         Self { vectors, shape, method, start }
     }
 
-    pub fn method_name(&self) -> &str { match self.method { Method::Direct(_) => "direct", Method::Winograd(_) => "winograd", _ => "dw" } }
+    pub fn method_name(&self) -> &str {
+        match self.method {
+            Method::Direct(_) => "direct",
+            Method::Winograd(_) => "winograd",
+            _ => "dw",
+        }
+    }
     /// What it computes.
     pub fn shape(&self) -> &ConvShape {
         &self.shape

@@ -8,6 +8,10 @@ thread_local! {
     static INSIDE: Cell<bool> = const { Cell::new(false) };
 }
 
+/// Floats for which several threads are faster than one.
+#[cfg(not(target_arch = "wasm32"))]
+const MANY: usize = 1 << 18;
+
 /// Threads that [`for_each`] would use here.
 pub fn threads() -> usize {
     #[cfg(not(target_arch = "wasm32"))]
@@ -30,6 +34,16 @@ pub fn for_each(count: usize, work: impl Fn(usize) + Sync + Send) {
         return;
     }
     (0..count).for_each(work);
+}
+
+/// `len` zeros, written (and their pages brought in) by every thread if there are many.
+pub fn zeros(len: usize) -> Vec<f32> {
+    #[cfg(not(target_arch = "wasm32"))]
+    if len > MANY && threads() > 1 {
+        use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
+        return rayon::iter::repeat_n(0.0, len).with_min_len(MANY / 8).collect();
+    }
+    vec![0.0; len]
 }
 
 /// Runs `work` on one of the threads that [`for_each`] uses, so that its parts need not be handed over.

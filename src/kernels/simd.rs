@@ -573,7 +573,10 @@ impl<const N: usize, const P: usize, T: Transform<N, P>> WithSimd for TransformP
             }
             None => ([P, P], padded),
         };
-        assert!(span(patch.output, patch.output_steps, counts) + written <= patch.out.len, "a patch outside its output");
+        assert!(
+            span(patch.output, patch.output_steps, counts) + written <= patch.out.len,
+            "a patch outside its output"
+        );
         // SAFETY: the furthest values read and written were checked above.
         unsafe {
             for channel in (0..patch.channels).step_by(lanes) {

@@ -9,7 +9,7 @@ use super::map::{Extent, Map, MapMut};
 use super::norm::{
     Moments, before_activation, norm_gradient, normalise_rows, per_channel, sum_gradient, sum_norm_gradient, widen,
 };
-use super::parallel::{for_each, threads, with_scratch};
+use super::parallel::{for_each, threads, with_scratch, zeros};
 use super::simd::{SLACK, Shared, Vectors};
 use super::winograd::{self, Winograd};
 use super::{Convolution, depthwise};
@@ -92,7 +92,7 @@ pub fn unit_forward(
         // Winograd's tiles see to their edges themselves, a 1×1 kernel has none.
         if conv.halo() == 0 && !shape.conv.depthwise { run(x) } else { with_padded(x, conv.halo(), run) }
     };
-    let mut output = vec![0.0; extent.len()];
+    let mut output = zeros(extent.len());
     let Some(norm) = norm else {
         let out = Shared::new(&mut output);
         for_each(groups, |index| {
@@ -101,7 +101,7 @@ pub fn unit_forward(
         });
         return (output, Saved { convolved: Vec::new(), mean: Vec::new(), variance: Vec::new() });
     };
-    let mut convolved = vec![0.0; extent.len()];
+    let mut convolved = zeros(extent.len());
     let row = extent.pitch();
     let moments: Mutex<Vec<Option<Moments>>> = Mutex::new(vec![None; extent.batch]);
     {
@@ -249,7 +249,7 @@ pub fn unit_backward(
         saved.variance.iter().map(|&variance| f64::from(variance + norm.epsilon).sqrt()).collect()
     });
     let wide_mean = widen(&mean, row);
-    let mut skip = wanted[1].then(|| vec![0.0; extent.len()]);
+    let mut skip = wanted[1].then(|| zeros(extent.len()));
     let shared_skip = skip.as_mut().map(|skip| Shared::new(skip));
     let totals = Mutex::new(vec![[Vec::new(), Vec::new()]; extent.batch]);
     for_each(extent.batch, |image| {
@@ -304,12 +304,12 @@ pub fn unit_backward(
     let backward = wanted[0].then(|| Backward::new(vectors, conv, weights, &grouped_input));
     let method = WeightMethod::of(conv, &Extent { batch: group, ..extent });
     let halo = backward.as_ref().map_or(0, |backward| backward.halo(conv, x.extent));
-    let mut dx = backward.as_ref().map(|_| vec![0.0; x.extent.len()]);
+    let mut dx = backward.as_ref().map(|_| zeros(x.extent.len()));
     let shared_dx = dx.as_mut().map(|dx| Shared::new(dx));
     // Each task sums its own groups' weight gradients, in order, so that a run can be repeated.
     let tasks = threads().min(groups);
     let len = method.len(vectors, conv);
-    let mut sums = vec![0.0; tasks * len];
+    let mut sums = zeros(tasks * len);
     let shared_sums = Shared::new(&mut sums);
     for_each(tasks, |task| {
         let sums = shared_sums.part(task * len, len);
@@ -346,12 +346,7 @@ pub fn unit_backward(
 }
 
 /// Fills a group's padded gradient: its rows from `row`, zeros around them and after them.
-fn fill_padded(
-    padded: &Extent,
-    first: usize,
-    row: &(impl Fn(usize, &mut [f32]) + Sync),
-    out: &mut [f32],
-) {
+fn fill_padded(padded: &Extent, first: usize, row: &(impl Fn(usize, &mut [f32]) + Sync), out: &mut [f32]) {
     let (values, rest) = out.split_at_mut(padded.len());
     rest.fill(0.0);
     let edge = padded.halo * padded.channels;

@@ -46,6 +46,10 @@ const KERNEL_4: [[f32; 4]; POINTS] = [
     [0.0, 0.0, 0.0, 1.0],
 ];
 
+/// `Aᵀ` for three outputs.
+const OUTPUTS_3: [[f32; POINTS]; 3] =
+    [[1.0, 1.0, 1.0, 1.0, 1.0, 0.0], [0.0, 1.0, -1.0, 2.0, -2.0, 0.0], [0.0, 1.0, 1.0, 4.0, 4.0, 1.0]];
+
 /// How a kernel is cut up.
 #[derive(Debug, Clone, Copy)]
 struct Plan {
@@ -209,16 +213,19 @@ fn finish<const M: usize>(
         let steps = |extent: &Extent| [extent.pitch(), extent.channels];
         let skip = skip.map(|skip| (skip.values, skip.extent.at(image, row, column), steps(&skip.extent)));
         let (rows, columns) = (M.min(out.extent.height - row), M.min(out.extent.width - column));
-        vectors.transform::<POINTS, M, _>(OutputRow, &Patch {
-            x: products,
-            start: layout[0] + index * layout[2],
-            steps: [POINTS * layout[1], layout[1]],
-            channels: out.extent.channels,
-            out: out.values,
-            output: out.extent.at(image, row, column),
-            output_steps: steps(&out.extent),
-            finish: Some(Finish { start, skip, slope, rows, columns }),
-        });
+        vectors.transform::<POINTS, M, _>(
+            OutputRow,
+            &Patch {
+                x: products,
+                start: layout[0] + index * layout[2],
+                steps: [POINTS * layout[1], layout[1]],
+                channels: out.extent.channels,
+                out: out.values,
+                output: out.extent.at(image, row, column),
+                output_steps: steps(&out.extent),
+                finish: Some(Finish { start, skip, slope, rows, columns }),
+            },
+        );
     }
 }
 
@@ -282,29 +289,22 @@ pub(super) fn unpack(vectors: Vectors, channels: [usize; 2], sums: &[f32]) -> Ve
     for strip in strips {
         let size = strip.vectors * vectors.lanes();
         for channel in 0..input {
-            let row = at + channel * size;
+            let mut points = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
+            for (point, lanes) in points.as_flattened_mut().iter_mut().enumerate() {
+                let from = point * each + at + channel * size;
+                lanes[..size].copy_from_slice(&sums[from..from + size]);
+            }
+            let mut taps = [[[0.0_f32; LANES_MAX]; 3]; 3];
+            vectors.run(BothSides { values: &points, matrix: &OUTPUTS_3, product: &mut taps });
             for lane in 0..strip.width {
-                let point = |i: usize, j: usize| sums[(i * POINTS + j) * each + row + lane];
-                let half: [[f32; POINTS]; 3] = {
-                    let columns: [[f32; 3]; POINTS] =
-                        std::array::from_fn(|j| three_outputs(std::array::from_fn(|i| point(i, j))));
-                    std::array::from_fn(|k| std::array::from_fn(|j| columns[j][k]))
-                };
                 let to = ((strip.channel + lane) * input + channel) * 9;
-                for (ky, row) in half.into_iter().enumerate() {
-                    weights[to + 3 * ky..to + 3 * ky + 3].copy_from_slice(&three_outputs(row));
-                }
+                let taps = taps.as_flattened().iter().map(|lanes| lanes[lane]);
+                weights[to..to + 9].iter_mut().zip(taps).for_each(|(weight, tap)| *weight = tap);
             }
         }
         at += input * size;
     }
     weights
-}
-
-/// `Aᵀ` for three outputs.
-fn three_outputs(m: [f32; POINTS]) -> [f32; 3] {
-    let (sum1, difference1, sum2, difference2) = (m[1] + m[2], m[1] - m[2], m[3] + m[4], m[3] - m[4]);
-    [m[0] + sum1 + sum2, difference1 + 2.0 * difference2, sum1 + 4.0 * sum2 + m[5]]
 }
 
 /// `G g Gᵀ` of every block of every channel pair, packed for the 36 products.
@@ -316,7 +316,7 @@ fn transform_weights<const R: usize>(
     matrix: &[[f32; R]; POINTS],
     dense: &Packed,
 ) -> Vec<Packed> {
-    let empty = Packed::new(vectors, [blocks * blocks, input, output], |_, _, _, _| {});
+    let empty = Packed::zeros(vectors, [blocks * blocks, input, output]);
     let mut points = vec![empty; POINTS_2D];
     for (index, strip) in dense.strips().iter().enumerate() {
         let size = strip.vectors * vectors.lanes();
@@ -331,7 +331,7 @@ fn transform_weights<const R: usize>(
                     }
                 }
                 let mut transformed = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
-                vectors.run(TransformKernel { taps: &taps, matrix, whole: &mut transformed });
+                vectors.run(BothSides { values: &taps, matrix, product: &mut transformed });
                 let row = block * input + channel;
                 for (point, values) in points.iter_mut().zip(transformed.as_flattened()) {
                     point.row_mut(vectors, index, row).copy_from_slice(&values[..size]);
@@ -342,34 +342,34 @@ fn transform_weights<const R: usize>(
     points
 }
 
-/// `G g Gᵀ` in every lane.
-struct TransformKernel<'a, const R: usize> {
-    taps: &'a [[[f32; LANES_MAX]; R]; R],
-    matrix: &'a [[f32; R]; POINTS],
-    whole: &'a mut [[[f32; LANES_MAX]; POINTS]; POINTS],
+/// `matrix · values · matrixᵀ` in every lane.
+struct BothSides<'a, const N: usize, const P: usize> {
+    values: &'a [[[f32; LANES_MAX]; N]; N],
+    matrix: &'a [[f32; N]; P],
+    product: &'a mut [[[f32; LANES_MAX]; P]; P],
 }
 
-impl<const R: usize> WithSimd for TransformKernel<'_, R> {
+impl<const N: usize, const P: usize> WithSimd for BothSides<'_, N, P> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { taps, matrix, whole } = self;
-        let mut half = [[[0.0_f32; LANES_MAX]; R]; POINTS];
+        let Self { values, matrix, product } = self;
+        let mut half = [[[0.0_f32; LANES_MAX]; N]; P];
         for (half, factors) in half.iter_mut().zip(matrix) {
-            for (taps, &factor) in taps.iter().zip(factors) {
-                for (half, taps) in half.iter_mut().zip(taps) {
-                    for (half, tap) in half.iter_mut().zip(taps) {
-                        *half += factor * tap;
+            for (values, &factor) in values.iter().zip(factors) {
+                for (half, values) in half.iter_mut().zip(values) {
+                    for (half, value) in half.iter_mut().zip(values) {
+                        *half += factor * value;
                     }
                 }
             }
         }
-        for (whole, half) in whole.iter_mut().zip(&half) {
-            for (whole, factors) in whole.iter_mut().zip(matrix) {
+        for (product, half) in product.iter_mut().zip(&half) {
+            for (product, factors) in product.iter_mut().zip(matrix) {
                 for (half, &factor) in half.iter().zip(factors) {
-                    for (whole, half) in whole.iter_mut().zip(half) {
-                        *whole += factor * half;
+                    for (product, half) in product.iter_mut().zip(half) {
+                        *product += factor * half;
                     }
                 }
             }
@@ -464,16 +464,19 @@ fn transform_tiles<const N: usize, T: Transform<N, POINTS>>(
         for (index, [image, row, column]) in tiles.corners().enumerate() {
             let at = [image as isize, row as isize + corner[0], column as isize + corner[1]];
             let (values, start, pitch) = patch(&x, at, N, copy);
-            vectors.transform::<N, POINTS, _>(transform, &Patch {
-                x: values,
-                start,
-                steps: [pitch, channels],
-                channels,
-                out: *out,
-                output: first + index * tile_step,
-                output_steps: [POINTS * point_step, point_step],
-                finish: None,
-            });
+            vectors.transform::<N, POINTS, _>(
+                transform,
+                &Patch {
+                    x: values,
+                    start,
+                    steps: [pitch, channels],
+                    channels,
+                    out: *out,
+                    output: first + index * tile_step,
+                    output_steps: [POINTS * point_step, point_step],
+                    finish: None,
+                },
+            );
         }
     });
 }

@@ -74,7 +74,8 @@ impl Pen {
     /// A runner for pictures of `height`×`width`: on the CPU with everything worked out beforehand,
     /// elsewhere as [`Self::forward`].
     pub fn runner(self, [height, width]: [usize; 2], device: &Device) -> PenRunner {
-        let plan = is_cpu(device).then(|| Plan::new([height, width], |layers, picture| self.maps(layers, picture).into()));
+        let plan =
+            is_cpu(device).then(|| Plan::new([height, width], |layers, picture| self.maps(layers, picture).into()));
         PenRunner { pen: self, size: [height, width], device: device.clone(), plan }
     }
 

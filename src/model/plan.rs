@@ -12,7 +12,8 @@ use burn::tensor::{ElementConversion as _, Tensor};
 use super::layers::{LAYER_NORM_EPSILON, Layers, Slope, Unit};
 use super::tensors::{fold, shape};
 use crate::kernels::{
-    Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, layer_norm, max_pool, on_worker, threads, upsample,
+    Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, layer_norm, max_pool, on_worker, threads,
+    upsample,
 };
 
 /// A network for one size of picture, ready to run.
@@ -54,10 +55,7 @@ enum Layer {
 impl Plan {
     /// The plan of a network that takes `[1, height, width, 3]`; `network` names its layers and returns its
     /// outputs.
-    pub(super) fn new(
-        [height, width]: [usize; 2],
-        network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
-    ) -> Self {
+    pub(super) fn new([height, width]: [usize; 2], network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> Self {
         let input = Extent::new([1, height, width, 3]);
         let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![input], records: Vec::new() };
         let outputs = network(&mut recorder, &0);
@@ -115,8 +113,19 @@ impl Plan {
             }
             buffers[step.out.buffer] = out;
             if trace {
-                let name = match &step.layer { Layer::Unit{conv,..} => format!("{:?} {}", conv.shape(), conv.method_name()), Layer::Upsample{factor} => format!("up {factor}"), Layer::MaxPool => "pool".into(), _ => "ln".into() };
-                eprintln!("{:8.1} us  {}x{}x{} {name}", t0.elapsed().as_secs_f64()*1e6, step.out.extent.height, step.out.extent.width, step.out.extent.channels);
+                let name = match &step.layer {
+                    Layer::Unit { conv, .. } => format!("{:?} {}", conv.shape(), conv.method_name()),
+                    Layer::Upsample { factor } => format!("up {factor}"),
+                    Layer::MaxPool => "pool".into(),
+                    _ => "ln".into(),
+                };
+                eprintln!(
+                    "{:8.1} us  {}x{}x{} {name}",
+                    t0.elapsed().as_secs_f64() * 1e6,
+                    step.out.extent.height,
+                    step.out.extent.width,
+                    step.out.extent.channels
+                );
             }
         }
     }
