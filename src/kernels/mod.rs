@@ -15,7 +15,7 @@ mod winograd;
 pub use conv::ConvShape;
 pub use map::{Extent, Map, MapMut};
 pub use norm::layer_norm;
-pub use parallel::{Buffer, for_each, on_worker, threads, zeros};
+pub use parallel::{Buffer, for_each, threads, with_threads_awake, zeros};
 pub use resample::{max_pool, upsample, upsample_backward};
 pub use simd::{SLACK, Vectors};
 pub use unit::{NormInput, Saved, UnitGradients, UnitShape, unit_backward, unit_forward};
@@ -39,6 +39,8 @@ enum Method {
     Direct(Packed),
     Winograd(Winograd),
     Depthwise(PackedDepthwise),
+    /// One output channel of a 1×1 kernel: its weights.
+    Single(Vec<f32>),
 }
 
 impl Convolution {
@@ -53,6 +55,8 @@ impl Convolution {
         let method = if shape.depthwise {
             assert!(shape.stride == 1 && shape.channels[0] == shape.channels[1], "{shape:?} is not supported");
             Method::Depthwise(PackedDepthwise::new(vectors, &shape, weights, false))
+        } else if shape.kernel == 1 && shape.stride == 1 && shape.channels[1] == 1 {
+            Method::Single(weights.to_vec())
         } else {
             let dense = Packed::dense(vectors, &shape, weights);
             if winograd::pays(shape.kernel, shape.stride, shape.channels, output) {
@@ -86,7 +90,7 @@ impl Convolution {
     pub fn halo(&self) -> usize {
         match self.method {
             Method::Winograd(_) => 0,
-            Method::Direct(_) | Method::Depthwise(_) => self.shape.padding,
+            Method::Direct(_) | Method::Depthwise(_) | Method::Single(_) => self.shape.padding,
         }
     }
 
@@ -104,6 +108,9 @@ impl Convolution {
         match &self.method {
             Method::Direct(packed) => conv::forward(vectors, shape, packed, start, x, skip, slope, out),
             Method::Winograd(winograd) => winograd.run(vectors, shape.padding, start, x, skip, slope, out),
+            Method::Single(weights) => {
+                norm::weighted_sum(vectors, x, weights, start.map_or(0.0, |start| start[0]), skip, slope, out)
+            }
             Method::Depthwise(packed) => {
                 assert!(skip.is_none(), "a depthwise convolution takes no skip");
                 depthwise::forward(vectors, shape, shape.padding, packed, start, x, slope, out);

@@ -220,6 +220,50 @@ vectorised! {
     }
 }
 
+/// A weighted sum over the channels of each pixel, plus bias and skip, then a leaky ReLU.
+pub(super) fn weighted_sum(
+    vectors: Vectors,
+    x: Map<'_>,
+    weights: &[f32],
+    bias: f32,
+    skip: Option<Map<'_>>,
+    slope: f32,
+    out: MapMut<'_>,
+) {
+    for_each(x.extent.batch * x.extent.height, |line| {
+        let (image, row) = (line / x.extent.height, line % x.extent.height);
+        let skip = skip.map_or(&[][..], |skip| skip.row(image, row));
+        weighted_sum_row(vectors, x.row(image, row), weights, bias, skip, slope, out.row(image, row));
+    });
+}
+
+vectorised! {
+    fn weighted_sum_row<'a>(
+        x: &'a [f32],
+        weights: &'a [f32],
+        bias: f32,
+        skip: &'a [f32],
+        slope: f32,
+        out: &'a mut [f32],
+    ) {
+        for (index, (out, pixel)) in out.iter_mut().zip(x.chunks_exact(weights.len())).enumerate() {
+            let ((values, rest), (factors, rest_factors)) = (pixel.as_chunks::<16>(), weights.as_chunks::<16>());
+            let mut lanes = [0.0_f32; 16];
+            for (values, factors) in values.iter().zip(factors) {
+                for lane in 0..16 {
+                    lanes[lane] += values[lane] * factors[lane];
+                }
+            }
+            for ((lane, &value), &factor) in lanes.iter_mut().zip(rest).zip(rest_factors) {
+                *lane += value * factor;
+            }
+            let halves: [f32; 8] = std::array::from_fn(|lane| lanes[lane] + lanes[lane + 8]);
+            let value = halves.iter().sum::<f32>() + bias + skip.get(index).copied().unwrap_or(0.0);
+            *out = value.max(value * slope);
+        }
+    }
+}
+
 /// Sum of the values less `centre`, or of their squares, in sixteen lanes, which the compiler turns into vectors.
 #[inline(always)]
 fn lane_sum(values: &[f32], centre: f32, squared: bool) -> f32 {

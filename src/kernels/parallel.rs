@@ -46,12 +46,38 @@ pub fn zeros(len: usize) -> Vec<f32> {
     vec![0.0; len]
 }
 
-/// Runs `work` on one of the threads that [`for_each`] uses, so that its parts need not be handed over.
-pub fn on_worker<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+/// Runs `work`, in which [`for_each`] is called again and again, with all threads awake: to wake one takes as
+/// long as a small layer.
+pub fn with_threads_awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     #[cfg(not(target_arch = "wasm32"))]
-    return rayon::scope(|_| work());
+    return rayon::scope(|scope| {
+        let done = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
+        let finish = Finish(done.clone());
+        let here = rayon::current_thread_index();
+        scope.spawn_broadcast(move |_, context| {
+            while Some(context.index()) != here && !done.load(std::sync::atomic::Ordering::Relaxed) {
+                if rayon::yield_now() != Some(rayon::Yield::Executed) {
+                    std::thread::yield_now();
+                }
+            }
+        });
+        let result = work();
+        drop(finish);
+        result
+    });
     #[cfg(target_arch = "wasm32")]
     work()
+}
+
+/// Lets waiting threads go, after a panic too.
+#[cfg(not(target_arch = "wasm32"))]
+struct Finish(std::sync::Arc<std::sync::atomic::AtomicBool>);
+
+#[cfg(not(target_arch = "wasm32"))]
+impl Drop for Finish {
+    fn drop(&mut self) {
+        self.0.store(true, std::sync::atomic::Ordering::Relaxed);
+    }
 }
 
 /// A cache line, which the widest vector fills.

@@ -714,30 +714,34 @@ impl<const K: usize> WithSimd for Depthwise<'_, K> {
                 let x = row.x.as_ptr().add(input);
                 let weights = row.weights.as_ptr().cast::<S::f32s>();
                 let start = row.start.as_ptr().cast::<S::f32s>().read_unaligned();
+                // A narrow row's sums are in memory, a whole tile's in registers.
+                let mut results = [start; T];
                 let mut sums = [start; T];
                 for ky in 0..K {
-                    let taps = read::<S, K>(simd, weights.add(ky * K));
                     let line = x.add(ky * row.pitch);
-                    if here == T {
-                        for pixel in 0..T + K - 1 {
-                            let value = line.add(pixel * row.channels).cast::<S::f32s>().read_unaligned();
+                    for kx in 0..K {
+                        let tap = weights.add(ky * K + kx).read_unaligned();
+                        let from = line.add(kx * row.channels);
+                        if here == T {
                             for m in 0..T {
-                                if m <= pixel && pixel - m < K {
-                                    sums[m] = simd.mul_add_e_f32s(value, taps[pixel - m], sums[m]);
-                                }
-                            }
-                        }
-                    } else {
-                        for m in 0..here {
-                            for (kx, &tap) in taps.iter().enumerate() {
-                                let value = line.add((m + kx) * row.channels).cast::<S::f32s>().read_unaligned();
+                                let value = from.add(m * row.channels).cast::<S::f32s>().read_unaligned();
                                 sums[m] = simd.mul_add_e_f32s(value, tap, sums[m]);
+                            }
+                        } else {
+                            for (m, sum) in results.iter_mut().enumerate().take(here) {
+                                let value = from.add(m * row.channels).cast::<S::f32s>().read_unaligned();
+                                *sum = simd.mul_add_e_f32s(value, tap, *sum);
                             }
                         }
                     }
                 }
+                if here == T {
+                    for m in 0..T {
+                        results[m] = sums[m];
+                    }
+                }
                 let slope = simd.splat_f32s(row.slope);
-                for (m, &sum) in sums.iter().enumerate().take(here) {
+                for (m, &sum) in results.iter().enumerate().take(here) {
                     let sum = simd.max_f32s(sum, simd.mul_f32s(sum, slope));
                     let out = row.out.pointer(row.output + (at + m) * row.output_step, row.width);
                     if row.width == lanes {

@@ -12,8 +12,8 @@ use burn::tensor::{ElementConversion as _, Tensor};
 use super::layers::{LAYER_NORM_EPSILON, Layers, Slope, Unit};
 use super::tensors::{fold, shape};
 use crate::kernels::{
-    Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, layer_norm, max_pool, on_worker, threads,
-    upsample,
+    Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, layer_norm, max_pool, threads, upsample,
+    with_threads_awake,
 };
 
 /// A network for one size of picture, ready to run.
@@ -77,7 +77,7 @@ impl Plan {
         let shared: Vec<MapMut<'_>> =
             extents.iter().zip(&mut outputs).map(|(&extent, values)| MapMut::new(extent, values)).collect();
         let plan = &*self;
-        on_worker(|| {
+        with_threads_awake(|| {
             for_each(lanes, |lane| {
                 let mut buffers = plan.buffers[lane].lock().unwrap_or_else(PoisonError::into_inner);
                 for image in lane * batch / lanes..(lane + 1) * batch / lanes {
