@@ -6,14 +6,15 @@
 
 use std::hint::black_box;
 use std::io::{BufRead as _, BufReader, Write as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use burn::optim::AdamConfig;
 use burn::tensor::Device;
+use gravisight::image::Normalisation;
 use gravisight::kernels::{ConvShape, Convolution, Extent, Map, MapMut, SLACK, Vectors};
-use gravisight::model::{self, BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput};
+use gravisight::model::{self, BackboneConfig, Card, HeadConfig, InputSize, Pen, PenConfig, PenOutput, sha256_hex};
 use gravisight::train::loss::{HeatmapLoss, Labels};
 use gravisight::train::step::{Batch, StepOptions, step};
 use serde_json::{Value, json};
@@ -22,9 +23,12 @@ use serde_json::{Value, json};
 const SIDE: usize = 224;
 /// Seconds that each of the contestants may compute for one row.
 const PATIENCE: f64 = 6.0;
-const ROUNDS: usize = 31;
-/// Runs in a contestant's turn, after one that brings its memory back into the caches.
-const TURN: usize = 3;
+const ROUNDS: usize = 25;
+/// Runs in a contestant's turn.
+const TURN: usize = 5;
+/// How long a turn's runs go on before they count: they bring memory back into the caches and threads back onto
+/// their cores.
+const WARM_UP: Duration = Duration::from_millis(40);
 /// Lets the other contestants' threads fall asleep.
 const PAUSE: Duration = Duration::from_millis(40);
 /// Standard deviation of the heatmap's target, px.
@@ -39,6 +43,13 @@ struct Job {
     training: bool,
     /// Largest ratio to the fastest peer.
     limit: f64,
+}
+
+impl Job {
+    /// The network's name, before the batch and the threads.
+    fn file_name(&self) -> &str {
+        self.name.split([' ', '/']).next().unwrap_or(self.name)
+    }
 }
 
 fn jobs() -> Vec<Job> {
@@ -181,6 +192,27 @@ fn shares(labels: &Labels, cells: usize) -> Vec<Vec<f64>> {
     labels.image.iter().map(of).collect()
 }
 
+/// Weights and card of a job's network, for benches/browser.
+fn export(job: &Job, folder: &Path, weights: &Path) {
+    let weights = std::fs::read(weights).expect("weights");
+    let name = job.file_name();
+    let card = Card {
+        name: name.into(),
+        weights: format!("{name}.safetensors"),
+        sha256: sha256_hex(&weights),
+        architecture: job.config.clone(),
+        input: InputSize { width: SIDE as u32, height: SIDE as u32 },
+        normalisation: Normalisation::default(),
+        depth_range: [1.0, 20.0],
+        training_data: "none".into(),
+        description: "Random weights, for timing.".into(),
+        metrics: json!({}),
+        licence: "MIT OR Apache-2.0".into(),
+    };
+    std::fs::write(folder.join(&card.weights), weights).expect("room");
+    std::fs::write(folder.join(name).with_extension("json"), serde_json::to_vec(&card).expect("a card")).expect("room");
+}
+
 fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
     let device = if job.training { Device::flex().autodiff() } else { Device::flex() };
     device.seed(1);
@@ -197,6 +229,10 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
         "config": job.config, "threads": job.threads, "batch": job.batch, "size": [job.side, job.side],
         "weights": path("weights"), "picture": path("picture"), "expected": path("expected"),
     });
+    if let Some(folder) = std::env::var_os("GRAVISIGHT_EXPORT").map(PathBuf::from) {
+        export(job, &folder, &file("weights"));
+        load["onnx"] = json!(folder.join(job.file_name()).with_extension("onnx"));
+    }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(job.threads).build().expect("threads");
     let mut ours: Box<dyn FnMut() -> f64 + Send> = if job.training {
         let middle = |index: usize| 20.0 + 3.0 * index as f64;
@@ -266,7 +302,10 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
                 ("ours", _) | (_, None) => run(),
                 (name, Some(peers)) => peers.seconds(name),
             };
-            once();
+            let begin = Instant::now();
+            while begin.elapsed() < WARM_UP {
+                once();
+            }
             times.extend((0..TURN).map(|_| once()));
         }
         if round >= 4 && begin.elapsed().as_secs_f64() > PATIENCE * contestants.len() as f64 {

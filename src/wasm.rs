@@ -120,7 +120,8 @@ impl JsLocaliser {
 async fn cpu(card: Card, weights: Vec<u8>) -> Result<JsLocaliser> {
     let localiser = Localiser::new(card, weights, &Device::flex())?;
     localiser.warm_up().await?;
-    Ok(JsLocaliser { localiser, device_name: "CPU (burn flex, SIMD128, one thread)".into() })
+    let vectors = if cfg!(feature = "relaxed-simd") { "relaxed SIMD" } else { "SIMD128" };
+    Ok(JsLocaliser { localiser, device_name: format!("CPU ({vectors}, one thread)") })
 }
 
 #[cfg(feature = "wgpu")]

@@ -1,20 +1,43 @@
-/** The two wasm builds. They are assets to a bundler, not modules, so that one of them may be missing. */
+/** The wasm builds. They are assets to a bundler, not modules, so that one of them may be missing. */
 import { GravisightError } from "./error.js";
 import { fetchBytes, isWebPage, type OnBytes } from "./fetch.js";
 import type { RawModule } from "./raw.js";
 import type { DeviceKind } from "./types.js";
 
+/** The CPU has two: with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without. */
+type Build = "cpu" | "cpu-relaxed" | "webgpu";
+
 /** Bundlers look for the literal form of each URL. */
-function urlsOf(kind: DeviceKind): { glue: URL; wasm: URL } {
-  return kind === "cpu"
-    ? {
+function urlsOf(build: Build): { glue: URL; wasm: URL } {
+  switch (build) {
+    case "cpu":
+      return {
         glue: new URL("../wasm/cpu/gravisight.js", import.meta.url),
         wasm: new URL("../wasm/cpu/gravisight_bg.wasm", import.meta.url),
-      }
-    : {
+      };
+    case "cpu-relaxed":
+      return {
+        glue: new URL("../wasm/cpu-relaxed/gravisight.js", import.meta.url),
+        wasm: new URL("../wasm/cpu-relaxed/gravisight_bg.wasm", import.meta.url),
+      };
+    case "webgpu":
+      return {
         glue: new URL("../wasm/webgpu/gravisight.js", import.meta.url),
         wasm: new URL("../wasm/webgpu/gravisight_bg.wasm", import.meta.url),
       };
+  }
+}
+
+/** The smallest module with a relaxed instruction (`i8x16.relaxed_swizzle`): who refuses it does not have them. */
+const RELAXED = new Uint8Array([
+  0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 15, 1, 13, 0, 65, 1, 253, 15, 65, 2, 253, 15, 253,
+  128, 2, 11,
+]);
+
+/** The build for a device: the faster one for the CPU where the browser can run it and it was deployed. */
+async function buildFor(kind: DeviceKind): Promise<Build> {
+  if (kind !== "cpu") return kind;
+  return WebAssembly.validate(RELAXED) && (await isScript(urlsOf("cpu-relaxed").glue)) ? "cpu-relaxed" : "cpu";
 }
 
 let started: RawModule | undefined;
@@ -30,7 +53,7 @@ export function lastPanic(): string {
 
 /** Fetches and starts a build; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
 export async function loadBuild(kind: DeviceKind, onBytes: OnBytes): Promise<RawModule> {
-  const { glue, wasm } = urlsOf(kind);
+  const { glue, wasm } = urlsOf(await buildFor(kind));
   // Asked for first, because the import of a missing module says neither status nor reason.
   if (!(await isScript(glue))) throw missing(kind, glue);
   const [module, bytes] = await Promise.all([

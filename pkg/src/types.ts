@@ -8,7 +8,7 @@ export type DeviceChoice = DeviceKind | "auto";
 /** The device that was taken. */
 export interface Device {
   kind: DeviceKind;
-  /** For people, such as `CPU (flex, SIMD128, 1 thread)`. */
+  /** For people, such as `CPU (relaxed SIMD, one thread)`. */
   name: string;
   /** Why it was taken, in words. */
   reason: string;

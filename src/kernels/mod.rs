@@ -74,13 +74,6 @@ impl Convolution {
         Self { vectors, shape, method, start }
     }
 
-    pub fn method_name(&self) -> &str {
-        match self.method {
-            Method::Direct(_) => "direct",
-            Method::Winograd(_) => "winograd",
-            _ => "dw",
-        }
-    }
     /// What it computes.
     pub fn shape(&self) -> &ConvShape {
         &self.shape

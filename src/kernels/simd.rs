@@ -39,12 +39,13 @@ impl Arch {
 
     #[inline(always)]
     fn dispatch<Op: WithSimd>(self, op: Op) -> Op::Output {
-        #[cfg(target_feature = "relaxed-simd")]
+        #[cfg(feature = "relaxed-simd")]
         use pulp::wasm::RelaxedSimd as Set;
-        #[cfg(not(target_feature = "relaxed-simd"))]
+        #[cfg(not(feature = "relaxed-simd"))]
         use pulp::wasm::Simd128 as Set;
         // SAFETY: the build's target features name the set, so it could not have been loaded without.
-        unsafe { Set::new_unchecked() }.vectorize(op)
+        let set = unsafe { Set::new_unchecked() };
+        Simd::vectorize(set, op)
     }
 }
 
@@ -121,8 +122,15 @@ impl Vectors {
             };
         }
         match tile.vectors {
+            #[cfg(not(target_arch = "wasm32"))]
             1 => choose!(1: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
+            #[cfg(not(target_arch = "wasm32"))]
             2 => choose!(2: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
+            // Those that `positions` names, for a small download.
+            #[cfg(target_arch = "wasm32")]
+            1 => choose!(1: 1 2 3 4 5 6 7 8),
+            #[cfg(target_arch = "wasm32")]
+            2 => choose!(2: 1 2 3 4 5),
             other => panic!("a tile has 1 or 2 vectors, not {other}"),
         }
     }
@@ -141,8 +149,15 @@ impl Vectors {
             };
         }
         match tile.vectors {
+            #[cfg(not(target_arch = "wasm32"))]
             1 => choose!(1: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
+            #[cfg(not(target_arch = "wasm32"))]
             2 => choose!(2: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
+            // Those that `positions` names, for a small download.
+            #[cfg(target_arch = "wasm32")]
+            1 => choose!(1: 1 2 3 4 5 6 7 8),
+            #[cfg(target_arch = "wasm32")]
+            2 => choose!(2: 1 2 3 4 5),
             other => panic!("a tile has 1 or 2 vectors, not {other}"),
         }
     }

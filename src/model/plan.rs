@@ -96,9 +96,7 @@ impl Plan {
         let Self { vectors, steps, input, .. } = self;
         let inside = Map::new(input.extent.with_halo(0), picture);
         inside.pad_into(input.extent.halo, buffers[input.buffer].values_mut());
-        let trace = std::env::var_os("TRACE").is_some();
         for step in steps {
-            let t0 = std::time::Instant::now();
             let mut out = std::mem::take(&mut buffers[step.out.buffer]);
             let read = |place: Place| Map::new(place.extent, buffers[place.buffer].values());
             let (x, other) = (read(step.x), step.other.map(read));
@@ -112,21 +110,6 @@ impl Plan {
                 }
             }
             buffers[step.out.buffer] = out;
-            if trace {
-                let name = match &step.layer {
-                    Layer::Unit { conv, .. } => format!("{:?} {}", conv.shape(), conv.method_name()),
-                    Layer::Upsample { factor } => format!("up {factor}"),
-                    Layer::MaxPool => "pool".into(),
-                    _ => "ln".into(),
-                };
-                eprintln!(
-                    "{:8.1} us  {}x{}x{} {name}",
-                    t0.elapsed().as_secs_f64() * 1e6,
-                    step.out.extent.height,
-                    step.out.extent.width,
-                    step.out.extent.channels
-                );
-            }
         }
     }
 }

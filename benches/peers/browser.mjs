@@ -1,0 +1,112 @@
+/** PEN in Chromium beside onnxruntime-web: same weights, same picture, one thread, runs taken in turns in one page. */
+import { createServer } from "node:http";
+import { readFile } from "node:fs/promises";
+import { join, normalize } from "node:path";
+import { fileURLToPath } from "node:url";
+import { launch } from "../../tests/web/support/browser.js";
+
+const [build, peers] = process.argv.slice(2);
+const root = fileURLToPath(new URL("../..", import.meta.url));
+const folders = {
+  "/wasm/": join(root, "pkg/wasm", build),
+  "/ort/": join(peers, "node_modules/onnxruntime-web/dist"),
+  "/models/": join(peers, "models"),
+  "/samples/": join(root, "web/public/samples"),
+};
+const types = { js: "text/javascript", mjs: "text/javascript", wasm: "application/wasm", json: "application/json" };
+
+const server = createServer(async (request, response) => {
+  const path = new URL(request.url, "http://localhost").pathname;
+  const folder = Object.keys(folders).find((start) => path.startsWith(start));
+  if (path === "/") return response.setHeader("Content-Type", "text/html").end("<!doctype html><title>benchmark</title>");
+  try {
+    const bytes = await readFile(join(folders[folder], normalize(path.slice(folder.length))));
+    response.setHeader("Content-Type", types[path.split(".").pop()] ?? "application/octet-stream").end(bytes);
+  } catch {
+    response.writeHead(404).end();
+  }
+});
+await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+const browser = await launch({ webgpu: false });
+try {
+  const page = await browser.newPage();
+  page.on("pageerror", (error) => console.error(String(error)));
+  await page.goto(`http://127.0.0.1:${server.address().port}/`);
+  console.log(`Chromium ${browser.version()}, one thread, build ${build}: medians, in turns`);
+  for (const [name, limit] of [["compact", 0.7], ["resnet34", 0.7]]) {
+    const { ours, theirs, file, device, runs, difference } = await page.evaluate(contest, name);
+    const ratio = ours / theirs;
+    console.log(
+      `${name.padEnd(9)} ${ours.toFixed(2)} ms (${device}), onnxruntime-web ${theirs.toFixed(2)} ms; ratio ${ratio.toFixed(2)} ` +
+        `(at most ${limit}${ratio > limit ? "  MISSED" : ""}); from a PNG file, decoding and read-back included ` +
+        `${file.toFixed(2)} ms = ${(1000 / file).toFixed(0)} pictures/s; ${runs} runs; depth differs by ${difference.toExponential(0)}`,
+    );
+  }
+} finally {
+  await browser.close();
+  server.close();
+}
+
+/** In the page. Ours takes RGBA pixels and gives metres; the peer only runs the network. */
+async function contest(name) {
+  const text = async (path) => (await fetch(path)).text();
+  const bytes = async (path) => new Uint8Array(await (await fetch(path)).arrayBuffer());
+  const module = await import("/wasm/gravisight.js");
+  await module.default({ module_or_path: await bytes("/wasm/gravisight_bg.wasm") });
+  const localiser = await module.Localiser.create(await text(`/models/${name}.json`), await bytes(`/models/${name}.safetensors`), "cpu");
+  const samples = JSON.parse(await text("/samples/samples.json"));
+  const camera = JSON.stringify(samples[0].camera);
+  const png = await bytes(`/samples/${samples[0].file}`);
+  const bitmap = await createImageBitmap(new Blob([png]));
+  const canvas = new OffscreenCanvas(224, 224);
+  const context = canvas.getContext("2d");
+  context.drawImage(bitmap, 0, 0, 224, 224);
+  const rgba = new Uint8Array(context.getImageData(0, 0, 224, 224).data.buffer);
+
+  const ort = await import("/ort/ort.wasm.min.mjs");
+  ort.env.wasm.numThreads = 1;
+  ort.env.wasm.wasmPaths = "/ort/";
+  const session = await ort.InferenceSession.create(await bytes(`/models/${name}.onnx`), { executionProviders: ["wasm"] });
+  const values = new Float32Array(3 * 224 * 224);
+  const [mean, std] = [[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]];
+  for (let channel = 0; channel < 3; channel++) {
+    for (let pixel = 0; pixel < 224 * 224; pixel++) {
+      values[channel * 224 * 224 + pixel] = (rgba[4 * pixel + channel] / 255 - mean[channel]) / std[channel];
+    }
+  }
+  const feeds = { x: new ort.Tensor("float32", values, [1, 3, 224, 224]) };
+
+  const options = { maps: false };
+  const contestants = {
+    ours: () => localiser.localiseRgba(rgba, 224, 224, camera, options),
+    file: () => localiser.localise(png, camera, options),
+    theirs: () => session.run(feeds),
+  };
+  const { maps } = await localiser.localiseRgba(rgba, 224, 224, camera, { maps: true });
+  const outputs = Object.values(await session.run(feeds)).map((tensor) => tensor.data);
+  const largest = Math.max(...outputs[1]);
+  const difference = Math.max(...maps.depth.map((depth, index) => Math.abs(depth - outputs[1][index]))) / largest;
+
+  const times = { ours: [], file: [], theirs: [] };
+  const once = async (run) => {
+    const begin = performance.now();
+    await run();
+    return performance.now() - begin;
+  };
+  const end = performance.now() + (name === "compact" ? 20_000 : 60_000);
+  while (performance.now() < end) {
+    for (const [contestant, run] of Object.entries(contestants)) {
+      await once(run);
+      for (let turn = 0; turn < 5; turn++) times[contestant].push(await once(run));
+    }
+  }
+  const median = (list) => list.sort((a, b) => a - b)[list.length >> 1];
+  return {
+    ours: median(times.ours),
+    theirs: median(times.theirs),
+    file: median(times.file),
+    device: localiser.deviceName,
+    runs: times.ours.length,
+    difference,
+  };
+}
