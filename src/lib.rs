@@ -31,6 +31,14 @@ pub mod train;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
 
+// The browser's tests of the kernels, in a build of their own.
+#[cfg(all(target_arch = "wasm32", feature = "check-kernels"))]
+extern crate self as gravisight;
+#[cfg(all(target_arch = "wasm32", feature = "check-kernels"))]
+#[allow(missing_docs, clippy::unwrap_used)]
+#[path = "../tests/web/kernels.rs"]
+mod check_kernels;
+
 pub use camera::Camera;
 pub use error::{Error, Result};
 pub use image::Picture;

@@ -6,12 +6,13 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error` is open to all.
-const ARROWS: [(&str, &[&str]); 10] = [
+const ARROWS: [(&str, &[&str]); 11] = [
     ("error", &[]),
     ("files", &[]),
     ("camera", &[]),
     ("image", &[]),
-    ("model", &["image", "files"]),
+    ("kernels", &[]),
+    ("model", &["image", "files", "kernels"]),
     ("physics", &["camera"]),
     ("data", &["camera", "image", "physics"]),
     ("localise", &["camera", "image", "model"]),
@@ -21,7 +22,7 @@ const ARROWS: [(&str, &[&str]); 10] = [
 /// The browser's boundary, above everything but training's files.
 const WASM: (&str, &[&str]) = ("wasm", &["camera", "evaluate", "image", "localise", "model"]);
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 6] = ["error", "files", "camera", "image", "physics", "data"];
+const WITHOUT_BURN: [&str; 7] = ["error", "files", "camera", "image", "kernels", "physics", "data"];
 
 fn rust_files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());

@@ -1,0 +1,149 @@
+//! Our kernels beside Burn's own operations on flex: for the native tests and, compiled to wasm, for the
+//! browser's.
+
+use burn::tensor::module::conv2d;
+use burn::tensor::ops::ConvOptions;
+use burn::tensor::{Device, Tensor, TensorData};
+use gravisight::kernels::{ConvShape, Extent, Map, NormInput, UnitShape, Vectors, unit_backward, unit_forward};
+
+/// Largest difference allowed, as a share of the largest value expected.
+pub const TOLERANCE: f32 = 1e-4;
+
+/// Reproducible numbers in [-1, 1).
+pub fn values(seed: u64, count: usize) -> Vec<f32> {
+    (0..count as u64)
+        .map(|index| {
+            let mut z = (seed ^ 0x5bf0_3635).wrapping_add((index + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 40) as f32 / (1 << 23) as f32 - 1.0
+        })
+        .collect()
+}
+
+pub fn tensor<const D: usize>(values: &[f32], shape: [usize; D], device: &Device) -> Tensor<D> {
+    Tensor::from_data(TensorData::new(values.to_vec(), shape), device)
+}
+
+pub fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+    tensor.into_data().iter::<f32>().collect()
+}
+
+/// Refuses values further apart than [`TOLERANCE`] of the largest expected, or of `least` if that is
+/// more (where sums of such terms cancel).
+pub fn close(found: &[f32], expected: &[f32], least: f32, what: &str) -> Result<(), String> {
+    if found.len() != expected.len() {
+        return Err(format!("{what}: {} values instead of {}", found.len(), expected.len()));
+    }
+    let largest = expected.iter().fold(least, |largest, value| largest.max(value.abs()));
+    for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
+        let off = (found - expected).abs() / largest;
+        if !(off <= TOLERANCE) {
+            return Err(format!("{what}[{index}]: {found} is not {expected} ({off:e} off)"));
+        }
+    }
+    Ok(())
+}
+
+/// A convolution and the map it takes.
+#[derive(Debug, Clone)]
+pub struct Case {
+    pub shape: ConvShape,
+    pub input: Extent,
+    pub slope: f32,
+    pub seed: u64,
+}
+
+/// Burn's own result and gradients for a unit: output, then gradients of x, weights, shift, scale, skip.
+/// Takes gradients away from outputs so near zero that rounding decides on which side.
+pub fn reference(case: &Case, data: &mut Data, with_norm: bool) -> [Vec<f32>; 6] {
+    let device = Device::flex().autodiff();
+    let Case { shape, input, slope, .. } = case;
+    let output = shape.output(*input);
+    let dims = |extent: &Extent| [extent.batch, extent.height, extent.width, extent.channels];
+    let x = tensor(&data.x, dims(input), &device).require_grad();
+    let weights = tensor(&data.weights, shape.weights(), &device).require_grad();
+    let shift = tensor(&data.shift, [shape.channels[1]], &device).require_grad();
+    let scale = tensor(&data.scale, [shape.channels[1]], &device).require_grad();
+    let skip = tensor(&data.skip, dims(&output), &device).require_grad();
+    let groups = if shape.depthwise { shape.channels[0] } else { 1 };
+    let options = ConvOptions::new([shape.stride; 2], [shape.padding; 2], [1, 1], groups);
+    let nchw = x.clone().permute([0, 3, 1, 2]);
+    let bias = (!with_norm).then(|| shift.clone());
+    let y = conv2d(nchw, weights.clone(), bias, options).permute([0, 2, 3, 1]);
+    let y = if with_norm {
+        let mean = y.clone().mean_dims(&[0, 1, 2]);
+        let centred = y - mean;
+        let variance = centred.clone().powi_scalar(2).mean_dims(&[0, 1, 2]);
+        let wide = |tensor: Tensor<1>| tensor.reshape([1, 1, 1, -1]);
+        centred / (variance + 1e-5).sqrt() * wide(scale.clone()) + wide(shift.clone())
+    } else {
+        y
+    };
+    let y = if shape.depthwise { y } else { y + skip.clone() };
+    let before = read(y.clone());
+    let z = y.clone().clamp_min(0.0) + y.clamp_max(0.0).mul_scalar(*slope);
+    let near = 1e-3 * before.iter().fold(0.0_f32, |largest, value| largest.max(value.abs()));
+    data.dz.iter_mut().zip(&before).filter(|(_, value)| value.abs() <= near).for_each(|(dz, _)| *dz = 0.0);
+    let dz = tensor(&data.dz, dims(&output), &device);
+    let gradients = (z.clone() * dz).sum().backward();
+    let of = |gradient: Option<Vec<f32>>| gradient.unwrap_or_default();
+    [
+        read(z),
+        of(x.grad(&gradients).map(read)),
+        of(weights.grad(&gradients).map(read)),
+        of(shift.grad(&gradients).map(read)),
+        of(scale.grad(&gradients).map(read)),
+        of(skip.grad(&gradients).map(read)),
+    ]
+}
+
+pub struct Data {
+    pub x: Vec<f32>,
+    pub weights: Vec<f32>,
+    pub shift: Vec<f32>,
+    pub scale: Vec<f32>,
+    pub skip: Vec<f32>,
+    pub dz: Vec<f32>,
+}
+
+impl Data {
+    /// Random data for a case.
+    pub fn new(case: &Case) -> Self {
+        let output = case.shape.output(case.input).len();
+        let channels = case.shape.channels[1];
+        let weights: usize = case.shape.weights().iter().product();
+        Self {
+            x: values(case.seed, case.input.len()),
+            weights: values(case.seed ^ 1, weights),
+            shift: values(case.seed ^ 2, channels),
+            scale: values(case.seed ^ 3, channels).iter().map(|scale| 1.5 + scale).collect(),
+            skip: values(case.seed ^ 4, output),
+            dz: values(case.seed ^ 5, output),
+        }
+    }
+}
+
+pub fn check(case: &Case, with_norm: bool) -> Result<(), String> {
+    let mut data = Data::new(case);
+    let [z, dx, dw, dshift, dscale, dskip] = reference(case, &mut data, with_norm);
+    let unit = UnitShape { conv: case.shape, slope: case.slope };
+    let output = case.shape.output(case.input);
+    // A norm takes mean and slope out of its gradient: what is left of few taps may be rounding.
+    let least = if with_norm { 1.0 } else { 0.1 };
+    for vectors in Vectors::all() {
+        let x = Map::new(case.input, &data.x);
+        let skip = (!case.shape.depthwise).then(|| Map::new(output, &data.skip));
+        let norm = with_norm.then_some(NormInput { scale: &data.scale, epsilon: 1e-5 });
+        let (found, saved) = unit_forward(vectors, &unit, &data.weights, &data.shift, norm, x, skip);
+        close(&found, &z, 1e-3, "output")?;
+        let wanted = [true, skip.is_some()];
+        let gradients = unit_backward(vectors, &unit, &data.weights, norm, &saved, x, &found, &data.dz, wanted);
+        close(&gradients.x.unwrap_or_default(), &dx, least, "gradient of x")?;
+        close(&gradients.weights, &dw, least, "gradient of the weights")?;
+        close(&gradients.shift, &dshift, least, "gradient of the shift")?;
+        close(&gradients.scale, &dscale, least, "gradient of the scale")?;
+        close(&gradients.skip.unwrap_or_default(), &dskip, least, "gradient of the skip")?;
+    }
+    Ok(())
+}
