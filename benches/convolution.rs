@@ -130,7 +130,8 @@ impl Peers {
             .stdout(Stdio::piped())
             .spawn()
             .expect("the peers start");
-        let (input, output) = (child.stdin.take()?, BufReader::new(child.stdout.take()?));
+        let input = child.stdin.take().expect("a pipe");
+        let output = BufReader::new(child.stdout.take().expect("a pipe"));
         Some(Self { child, input, output })
     }
 
@@ -149,6 +150,7 @@ impl Peers {
 impl Drop for Peers {
     fn drop(&mut self) {
         self.child.kill().ok();
+        self.child.wait().ok();
     }
 }
 

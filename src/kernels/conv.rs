@@ -250,10 +250,12 @@ impl Correlation<'_> {
                     let [mut input, mut output] = [self.input.at(at.place), self.output.at(at.place)];
                     let mut skip = self.skip.map_or(0, |(_, steps)| steps.at(at.place));
                     tight &= index == 0 || output == addresses[1][index - 1] + strip.width;
-                    for index in index..index + run {
-                        addresses[0][index] = input + first * self.pitch;
-                        addresses[1][index] = output + strip.channel;
-                        addresses[2][index] = skip + strip.channel;
+                    let [inputs, outputs, skips] = &mut addresses;
+                    let places = inputs.iter_mut().zip(outputs).zip(skips);
+                    for ((to_input, to_output), to_skip) in places.skip(index).take(run) {
+                        *to_input = input + first * self.pitch;
+                        *to_output = output + strip.channel;
+                        *to_skip = skip + strip.channel;
                         input += self.input.steps[2];
                         output += self.output.steps[2];
                         skip += skip_step;
@@ -315,15 +317,29 @@ pub(super) fn split(count: usize, parts: usize, part: usize) -> [usize; 2] {
     [count * part / parts, count * (part + 1) / parts]
 }
 
-/// A dense convolution, all of it; `start` holds whole vectors.
+/// What follows a convolution's sums.
+#[derive(Clone, Copy)]
+pub(super) struct Epilogue<'a> {
+    /// Biases in whole vectors.
+    pub start: Option<&'a [f32]>,
+    /// Added before the slope.
+    pub skip: Option<Map<'a>>,
+    /// Negative results are multiplied by it.
+    pub slope: f32,
+}
+
+impl Epilogue<'_> {
+    /// Nothing.
+    pub(super) const NONE: Self = Self { start: None, skip: None, slope: 1.0 };
+}
+
+/// A dense convolution, all of it.
 pub(super) fn forward(
     vectors: Vectors,
     shape: &ConvShape,
     packed: &Packed,
-    start: Option<&[f32]>,
     x: Map<'_>,
-    skip: Option<Map<'_>>,
-    slope: f32,
+    epilogue: Epilogue<'_>,
     out: MapMut<'_>,
 ) {
     let edge = -(shape.padding as isize);
@@ -334,9 +350,9 @@ pub(super) fn forward(
         grid: [out.extent.batch, out.extent.height, out.extent.width],
         input: Steps::over(&x.extent, [edge, edge], shape.stride),
         pitch: x.extent.pitch(),
-        start,
-        skip: skip.map(|skip| (skip.values, Steps::over(&skip.extent, [0, 0], 1))),
-        slope,
+        start: epilogue.start,
+        skip: epilogue.skip.map(|skip| (skip.values, Steps::over(&skip.extent, [0, 0], 1))),
+        slope: epilogue.slope,
         out: out.values,
         output: Steps::over(&out.extent, [0, 0], 1),
     }

@@ -1,6 +1,6 @@
 //! Depthwise convolutions of stride 1.
 
-use super::conv::ConvShape;
+use super::conv::{ConvShape, Epilogue};
 use super::map::{Map, MapMut};
 use super::parallel::for_each;
 use super::simd::{DepthwiseGradientRow, DepthwiseRow, Vectors};
@@ -23,17 +23,17 @@ impl PackedDepthwise {
     }
 }
 
-/// The convolution of `x`, which has a halo and slack; `start` holds whole vectors.
+/// The convolution of `x` with its own padding (the gradient's is another), which has a halo and slack.
 pub(super) fn forward(
     vectors: Vectors,
     shape: &ConvShape,
     padding: usize,
     weights: &PackedDepthwise,
-    start: Option<&[f32]>,
     x: Map<'_>,
-    slope: f32,
+    epilogue: Epilogue<'_>,
     out: MapMut<'_>,
 ) {
+    assert!(epilogue.skip.is_none(), "a depthwise convolution takes no skip");
     let (lanes, taps) = (vectors.lanes(), shape.kernel * shape.kernel);
     let zeros = [0.0; super::simd::SLACK];
     let edge = x.extent.halo.checked_sub(padding).unwrap_or_else(|| panic!("{:?} has too small a halo", x.extent));
@@ -50,8 +50,8 @@ pub(super) fn forward(
                 kernel: shape.kernel,
                 weights,
                 width: lanes.min(out.extent.channels - channel),
-                start: start.map_or(&zeros[..lanes], |start| &start[channel..channel + lanes]),
-                slope,
+                start: epilogue.start.map_or(&zeros[..lanes], |start| &start[channel..channel + lanes]),
+                slope: epilogue.slope,
                 columns: out.extent.width,
                 out: out.values,
                 output: out.extent.at(image, row, 0) + channel,

@@ -44,6 +44,11 @@ impl Extent {
         self.batch * self.image()
     }
 
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
     /// Where a pixel's values are; rows and columns count from the halo's inner edge.
     pub fn at(&self, image: usize, row: usize, column: usize) -> usize {
         image * self.image() + (row + self.halo) * self.pitch() + (column + self.halo) * self.channels

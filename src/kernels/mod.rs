@@ -18,9 +18,9 @@ pub use norm::layer_norm;
 pub use parallel::{Buffer, for_each, threads, with_threads_awake, zeros};
 pub use resample::{max_pool, upsample, upsample_backward};
 pub use simd::{SLACK, Vectors};
-pub use unit::{NormInput, Saved, UnitGradients, UnitShape, unit_backward, unit_forward};
+pub use unit::{Forward, NormInput, Saved, UnitGradients, UnitShape, unit_backward, unit_forward};
 
-use conv::Packed;
+use conv::{Epilogue, Packed};
 use depthwise::PackedDepthwise;
 use winograd::Winograd;
 
@@ -98,16 +98,12 @@ impl Convolution {
         assert_eq!(out.extent.with_halo(0), expected, "output of {shape:?}");
         assert!(skip.is_none_or(|skip| skip.extent.with_halo(0) == expected), "skip of {shape:?}");
         assert!(x.extent.halo >= self.halo(), "{:?} has too small a halo for {shape:?}", x.extent);
+        let epilogue = Epilogue { start, skip, slope };
         match &self.method {
-            Method::Direct(packed) => conv::forward(vectors, shape, packed, start, x, skip, slope, out),
-            Method::Winograd(winograd) => winograd.run(vectors, shape.padding, start, x, skip, slope, out),
-            Method::Single(weights) => {
-                norm::weighted_sum(vectors, x, weights, start.map_or(0.0, |start| start[0]), skip, slope, out)
-            }
-            Method::Depthwise(packed) => {
-                assert!(skip.is_none(), "a depthwise convolution takes no skip");
-                depthwise::forward(vectors, shape, shape.padding, packed, start, x, slope, out);
-            }
+            Method::Direct(packed) => conv::forward(vectors, shape, packed, x, epilogue, out),
+            Method::Winograd(winograd) => winograd.run(vectors, shape.padding, x, epilogue, out),
+            Method::Single(weights) => norm::weighted_sum(vectors, x, weights, epilogue, out),
+            Method::Depthwise(packed) => depthwise::forward(vectors, shape, shape.padding, packed, x, epilogue, out),
         }
     }
 }

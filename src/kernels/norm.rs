@@ -1,5 +1,6 @@
 //! Normalisation: batch statistics for training, layer norm over channels.
 
+use super::conv::Epilogue;
 use super::map::{Map, MapMut};
 use super::parallel::for_each;
 use super::simd::{Vectors, vectorised};
@@ -225,11 +226,10 @@ pub(super) fn weighted_sum(
     vectors: Vectors,
     x: Map<'_>,
     weights: &[f32],
-    bias: f32,
-    skip: Option<Map<'_>>,
-    slope: f32,
+    Epilogue { start, skip, slope }: Epilogue<'_>,
     out: MapMut<'_>,
 ) {
+    let bias = start.map_or(0.0, |start| start[0]);
     for_each(x.extent.batch * x.extent.height, |line| {
         let (image, row) = (line / x.extent.height, line % x.extent.height);
         let skip = skip.map_or(&[][..], |skip| skip.row(image, row));

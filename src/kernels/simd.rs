@@ -7,6 +7,8 @@
 //! tile and before the first read, that everything it will touch lies inside its slices (the tests
 //! cross each limit), and [`Shared`] checks every range it is asked for.
 #![allow(unsafe_code)]
+// Loops over constants by index: they are unrolled.
+#![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
 
 use std::marker::PhantomData;
 

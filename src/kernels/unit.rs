@@ -3,7 +3,7 @@
 
 use std::sync::Mutex;
 
-use super::conv::{ConvShape, InputGradient, gradient_len, split, unpack, with_padded};
+use super::conv::{ConvShape, Epilogue, InputGradient, gradient_len, split, unpack, with_padded};
 use super::depthwise::PackedDepthwise;
 use super::map::{Extent, Map, MapMut};
 use super::norm::{
@@ -170,8 +170,8 @@ impl Backward {
         let padding = shape.kernel - 1 - shape.padding;
         match self {
             Self::Direct(direct) => direct.run(vectors, dy, dx),
-            Self::Winograd(winograd) => winograd.run(vectors, padding, None, dy, None, 1.0, dx),
-            Self::Depthwise(packed) => depthwise::forward(vectors, shape, padding, packed, None, dy, 1.0, dx),
+            Self::Winograd(winograd) => winograd.run(vectors, padding, dy, Epilogue::NONE, dx),
+            Self::Depthwise(packed) => depthwise::forward(vectors, shape, padding, packed, dy, Epilogue::NONE, dx),
         }
     }
 }
@@ -226,19 +226,27 @@ impl WeightMethod {
     }
 }
 
-/// Training's backward pass: gradients from that of the output, `dz`. `z` is the output; `wanted` says
-/// whether the gradients of `x` and of the skip are.
-pub fn unit_backward(
-    vectors: Vectors,
-    shape: &UnitShape,
-    weights: &[f32],
-    norm: Option<NormInput<'_>>,
-    saved: &Saved,
-    x: Map<'_>,
-    z: &[f32],
-    dz: &[f32],
-    wanted: [bool; 2],
-) -> UnitGradients {
+/// A unit's forward pass as its backward pass sees it.
+#[derive(Clone, Copy)]
+pub struct Forward<'a> {
+    /// The unit.
+    pub shape: &'a UnitShape,
+    /// Its weights.
+    pub weights: &'a [f32],
+    /// Its norm.
+    pub norm: Option<NormInput<'a>>,
+    /// What [`unit_forward`] saved.
+    pub saved: &'a Saved,
+    /// Its input.
+    pub x: Map<'a>,
+    /// Its output.
+    pub z: &'a [f32],
+}
+
+/// Training's backward pass: gradients from that of the output, `dz`. `wanted` says whether the gradients of
+/// `x` and of the skip are.
+pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted: [bool; 2]) -> UnitGradients {
+    let Forward { shape, weights, norm, saved, x, z } = forward;
     let conv = &shape.conv;
     let extent = conv.output(x.extent);
     let (row, channels, slope) = (extent.pitch(), extent.channels, shape.slope);

@@ -8,7 +8,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::conv::{Correlation, Packed, Steps, WeightSums, gradient_len, split, strips};
+use super::conv::{Correlation, Epilogue, Packed, Steps, WeightSums, gradient_len, split, strips};
 use super::map::{Extent, Map, MapMut};
 use super::parallel::{for_each, threads, with_scratch};
 use super::simd::{Finish, Patch, SLACK, Shared, Transform, Vectors};
@@ -108,17 +108,8 @@ impl Winograd {
         Self { plan, channels, points }
     }
 
-    /// The convolution of `x` with zeros around it; `start` holds whole vectors.
-    pub(super) fn run(
-        &self,
-        vectors: Vectors,
-        padding: usize,
-        start: Option<&[f32]>,
-        x: Map<'_>,
-        skip: Option<Map<'_>>,
-        slope: f32,
-        out: MapMut<'_>,
-    ) {
+    /// The convolution of `x` with zeros around it.
+    pub(super) fn run(&self, vectors: Vectors, padding: usize, x: Map<'_>, epilogue: Epilogue<'_>, out: MapMut<'_>) {
         let grid = tiles(&out.extent, self.plan.outputs);
         let count: usize = grid.iter().product();
         let lanes = vectors.lanes();
@@ -185,8 +176,8 @@ impl Winograd {
                     let tiles = Tiles { grid, side: self.plan.outputs, range: [from + first, from + last] };
                     let at = [first * output_step, part * output_step, output_step];
                     match self.plan.outputs {
-                        4 => finish::<4>(vectors, &tiles, products, at, start, skip, slope, out),
-                        _ => finish::<3>(vectors, &tiles, products, at, start, skip, slope, out),
+                        4 => finish::<4>(vectors, &tiles, products, at, epilogue, out),
+                        _ => finish::<3>(vectors, &tiles, products, at, epilogue, out),
                     }
                 });
             });
@@ -196,15 +187,12 @@ impl Winograd {
 
 /// `Aᵀ M A`, start, skip and slope of each tile, from `products[layout[0] + point·layout[1] +
 /// tile·layout[2] + channel]`.
-#[allow(clippy::too_many_arguments)] // a convolution's
 fn finish<const M: usize>(
     vectors: Vectors,
     tiles: &Tiles,
     products: &[f32],
     layout: [usize; 3],
-    start: Option<&[f32]>,
-    skip: Option<Map<'_>>,
-    slope: f32,
+    Epilogue { start, skip, slope }: Epilogue<'_>,
     out: MapMut<'_>,
 ) where
     OutputRow: Transform<POINTS, M>,

@@ -7,7 +7,7 @@ use burn::tensor::{DType, TensorData};
 use crate::kernels::zeros;
 use crate::kernels::{Extent, Map, MapMut, NormInput, UnitShape, Vectors, unit_forward, upsample as upsample_map};
 #[cfg(feature = "train")]
-use crate::kernels::{UnitGradients, unit_backward, upsample_backward};
+use crate::kernels::{Forward, UnitGradients, unit_backward, upsample_backward};
 
 /// A normalised unit's output and its batch's statistics.
 pub type Normalised<B> = (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>);
@@ -89,13 +89,13 @@ fn dims(extent: &Extent) -> [usize; 4] {
 }
 
 /// A unit's inputs and what its backward pass needs.
+#[cfg_attr(not(feature = "train"), allow(dead_code))] // the backward pass's
 #[derive(Debug, Clone)]
 struct UnitRun {
     shape: UnitShape,
     x: FlexTensor,
     weights: FlexTensor,
     scale: Option<(FlexTensor, f32)>,
-    #[cfg_attr(not(feature = "train"), allow(dead_code))] // the backward pass's
     saved: crate::kernels::Saved,
     output: FlexTensor,
 }
@@ -188,17 +188,17 @@ mod backward {
             let (run, has_skip) = ops.state;
             let [x, weights, shift, scale, skip] = ops.parents;
             let norm = run.scale.as_ref().map(|(scale, epsilon)| NormInput { scale: values(scale), epsilon: *epsilon });
-            let UnitGradients { x: dx, weights: dw, shift: dshift, scale: dscale, skip: dskip } = unit_backward(
-                Vectors::best(),
-                &run.shape,
-                values(&run.weights),
+            let forward = Forward {
+                shape: &run.shape,
+                weights: values(&run.weights),
                 norm,
-                &run.saved,
-                map(&run.x),
-                values(&run.output),
-                values(&dz),
-                [x.is_some(), has_skip && skip.is_some()],
-            );
+                saved: &run.saved,
+                x: map(&run.x),
+                z: values(&run.output),
+            };
+            let wanted = [x.is_some(), has_skip && skip.is_some()];
+            let UnitGradients { x: dx, weights: dw, shift: dshift, scale: dscale, skip: dskip } =
+                unit_backward(Vectors::best(), forward, values(&dz), wanted);
             let mut register = |id: NodeId, gradient: Vec<f32>, shape: Shape| {
                 grads.register::<Flex>(id, FlexTensor::from_data(TensorData::new(gradient, shape)));
             };

@@ -38,14 +38,14 @@ struct Place {
 
 #[derive(Debug, Clone)]
 struct Step {
-    layer: Layer,
+    task: Task,
     x: Place,
     other: Option<Place>,
     out: Place,
 }
 
 #[derive(Debug, Clone)]
-enum Layer {
+enum Task {
     Unit { conv: Box<Convolution>, slope: f32 },
     Upsample { factor: usize },
     MaxPool,
@@ -101,11 +101,11 @@ impl Plan {
             let read = |place: Place| Map::new(place.extent, buffers[place.buffer].values());
             let (x, other) = (read(step.x), step.other.map(read));
             let write = MapMut::new(step.out.extent, out.values_mut());
-            match &step.layer {
-                Layer::Unit { conv, slope } => conv.run(x, other, *slope, write),
-                Layer::Upsample { factor } => upsample(*vectors, x, *factor, other, write),
-                Layer::MaxPool => max_pool(*vectors, x, write),
-                Layer::LayerNorm { scale, shift, epsilon, slope } => {
+            match &step.task {
+                Task::Unit { conv, slope } => conv.run(x, other, *slope, write),
+                Task::Upsample { factor } => upsample(*vectors, x, *factor, other, write),
+                Task::MaxPool => max_pool(*vectors, x, write),
+                Task::LayerNorm { scale, shift, epsilon, slope } => {
                     layer_norm(*vectors, x, [scale, shift], *epsilon, *slope, write);
                 }
             }
@@ -116,7 +116,7 @@ impl Plan {
 
 /// A layer before it is known where maps lie.
 struct Record {
-    layer: Layer,
+    task: Task,
     x: usize,
     other: Option<usize>,
     out: usize,
@@ -130,10 +130,10 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    fn record(&mut self, layer: Layer, x: usize, other: Option<usize>, out: Extent) -> usize {
+    fn record(&mut self, task: Task, x: usize, other: Option<usize>, out: Extent) -> usize {
         self.maps.push(out);
         let out = self.maps.len() - 1;
-        self.records.push(Record { layer, x, other, out });
+        self.records.push(Record { task, x, other, out });
         out
     }
 
@@ -141,7 +141,7 @@ impl Recorder {
     fn finish(mut self, outputs: &[usize]) -> Plan {
         let mut last_use = vec![0; self.maps.len()];
         for (index, record) in self.records.iter().enumerate() {
-            if let Layer::Unit { conv, .. } = &record.layer {
+            if let Task::Unit { conv, .. } = &record.task {
                 self.maps[record.x].halo = self.maps[record.x].halo.max(conv.halo());
             }
             for map in [Some(record.x), record.other, Some(record.out)].into_iter().flatten() {
@@ -172,7 +172,7 @@ impl Recorder {
         let outs: Vec<Place> = self.records.iter().enumerate().map(|(now, record)| settle(record.out, now)).collect();
         let place = |map: usize| places[map].unwrap_or_else(|| unreachable!("a layer reads what an earlier one wrote"));
         for (record, out) in self.records.into_iter().zip(outs) {
-            steps.push(Step { layer: record.layer, x: place(record.x), other: record.other.map(place), out });
+            steps.push(Step { task: record.task, x: place(record.x), other: record.other.map(place), out });
         }
         let outputs = outputs.iter().map(|&map| place(map)).collect();
         Plan { vectors: self.vectors, steps, buffers: Vec::new(), lengths, input, outputs }
@@ -199,25 +199,25 @@ impl Layers for Recorder {
         let output = shape.conv.output(self.maps[x].with_halo(0));
         let bias = bias.map(read);
         let conv = Convolution::new(self.vectors, shape.conv, &read(weight), bias.as_deref(), &output);
-        self.record(Layer::Unit { conv: Box::new(conv), slope: shape.slope }, x, skip.copied(), output)
+        self.record(Task::Unit { conv: Box::new(conv), slope: shape.slope }, x, skip.copied(), output)
     }
 
     fn upsample(&mut self, &x: &usize, factor: usize, add: Option<&usize>) -> usize {
         let coarse = self.maps[x];
         let fine = Extent { height: coarse.height * factor, width: coarse.width * factor, halo: 0, ..coarse };
-        self.record(Layer::Upsample { factor }, x, add.copied(), fine)
+        self.record(Task::Upsample { factor }, x, add.copied(), fine)
     }
 
     fn max_pool(&mut self, &x: &usize) -> usize {
         let fine = self.maps[x];
         let coarse = Extent { height: fine.height.div_ceil(2), width: fine.width.div_ceil(2), halo: 0, ..fine };
-        self.record(Layer::MaxPool, x, None, coarse)
+        self.record(Task::MaxPool, x, None, coarse)
     }
 
     fn layer_norm(&mut self, &x: &usize, norm: &LayerNorm, slope: Slope) -> usize {
         let scale = read(norm.gamma.val());
         let shift = norm.beta.as_ref().map_or_else(|| vec![0.0; scale.len()], |beta| read(beta.val()));
-        let layer = Layer::LayerNorm { scale, shift, epsilon: LAYER_NORM_EPSILON as f32, slope: slope.0 };
-        self.record(layer, x, None, self.maps[x].with_halo(0))
+        let task = Task::LayerNorm { scale, shift, epsilon: LAYER_NORM_EPSILON as f32, slope: slope.0 };
+        self.record(task, x, None, self.maps[x].with_halo(0))
     }
 }

@@ -4,7 +4,9 @@
 use burn::tensor::module::conv2d;
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor, TensorData};
-use gravisight::kernels::{ConvShape, Extent, Map, NormInput, UnitShape, Vectors, unit_backward, unit_forward};
+use gravisight::kernels::{
+    ConvShape, Extent, Forward, Map, NormInput, UnitShape, Vectors, unit_backward, unit_forward,
+};
 
 /// Largest difference allowed, as a share of the largest value expected.
 pub const TOLERANCE: f32 = 1e-4;
@@ -38,7 +40,7 @@ pub fn close(found: &[f32], expected: &[f32], least: f32, what: &str) -> Result<
     let largest = expected.iter().fold(least, |largest, value| largest.max(value.abs()));
     for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
         let off = (found - expected).abs() / largest;
-        if !(off <= TOLERANCE) {
+        if off > TOLERANCE || off.is_nan() {
             return Err(format!("{what}[{index}]: {found} is not {expected} ({off:e} off)"));
         }
     }
@@ -138,7 +140,8 @@ pub fn check(case: &Case, with_norm: bool) -> Result<(), String> {
         let (found, saved) = unit_forward(vectors, &unit, &data.weights, &data.shift, norm, x, skip);
         close(&found, &z, 1e-3, "output")?;
         let wanted = [true, skip.is_some()];
-        let gradients = unit_backward(vectors, &unit, &data.weights, norm, &saved, x, &found, &data.dz, wanted);
+        let forward = Forward { shape: &unit, weights: &data.weights, norm, saved: &saved, x, z: &found };
+        let gradients = unit_backward(vectors, forward, &data.dz, wanted);
         close(&gradients.x.unwrap_or_default(), &dx, least, "gradient of x")?;
         close(&gradients.weights, &dw, least, "gradient of the weights")?;
         close(&gradients.shift, &dshift, least, "gradient of the shift")?;
