@@ -266,7 +266,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
             time
         })
     } else {
-        let mut runner = pen.runner([job.side; 2], &device);
+        let runner = pen.runner([job.side; 2], &device);
         let read = |output: PenOutput| -> Vec<f32> {
             [output.heatmap, output.depth]
                 .into_iter()

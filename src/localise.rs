@@ -2,8 +2,6 @@
 //!
 //! The only room that knows both model and camera.
 
-use std::sync::{Mutex, PoisonError};
-
 use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;
 use serde::Serialize;
@@ -19,8 +17,7 @@ const DEVICE_TOLERANCE: f32 = 1e-2;
 
 /// A loaded model on a device, ready for pictures.
 pub struct Localiser {
-    // One picture at a time: the runner's buffers are used again.
-    runner: Mutex<PenRunner>,
+    runner: PenRunner,
     config: PenConfig,
     card: Card,
     device: Device,
@@ -77,7 +74,7 @@ impl Localiser {
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
         let runner = pen.runner([card.input.height as usize, card.input.width as usize], device);
-        Self { runner: Mutex::new(runner), config, card, device: device.clone() }
+        Self { runner, config, card, device: device.clone() }
     }
 
     /// The model's card.
@@ -159,8 +156,7 @@ impl Localiser {
 
     /// Runs the network on one normalised picture `[height, width, 3]` and reads its maps back.
     async fn run(&self, values: Vec<f32>) -> Result<RawOutput> {
-        // A panic elsewhere leaves the runner usable: each run writes all that it reads.
-        let output = self.runner.lock().unwrap_or_else(PoisonError::into_inner).run(values);
+        let output = self.runner.run(values);
         let [_, _, cells] = output.depth.dims();
         let depth_map = output.depth.clone();
         let decoded = model::decode(output, &self.config);

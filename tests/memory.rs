@@ -34,16 +34,16 @@ fn a_thousand_pictures_take_no_more_memory_than_the_first_ones() {
     let device = Device::flex();
     device.seed(1);
     let config = PenConfig::compact(7.0);
-    let mut runner = Pen::new(&config, &device).unwrap().runner([64, 96], &device);
-    let mut run = |picture: usize| {
+    let runner = Pen::new(&config, &device).unwrap().runner([64, 96], &device);
+    let run = |picture: usize| {
         let values = (0..64 * 96 * 3).map(|index| ((index + picture) % 251) as f32 / 251.0).collect();
         let depth = decode(runner.run(values), &config).depth.into_data().iter::<f32>().next().unwrap();
         assert!(depth.is_finite());
     };
     // Threads take their work buffers at different times.
-    (0..200).for_each(&mut run);
+    (0..200).for_each(run);
     let before = HELD.load(Ordering::Relaxed);
-    (0..1000).for_each(&mut run);
+    (0..1000).for_each(run);
     let after = HELD.load(Ordering::Relaxed);
     assert!(after <= before + 64 * 1024, "{before} bytes held after 200 pictures, {after} after 1,200");
 }

@@ -47,7 +47,7 @@ fn formula_weights(config: &PenConfig, device: &Device) -> Vec<u8> {
 /// CPU's plan, the second time in buffers already used.
 fn assert_golden(pen: &Pen, file: &str, beta: f64, device: &Device) {
     let pictures: Vec<f32> = picture(device).into_data().iter::<f32>().collect();
-    let mut runner = pen.clone().runner([HEIGHT, WIDTH], device);
+    let runner = pen.clone().runner([HEIGHT, WIDTH], device);
     runner.run(pictures.iter().rev().copied().collect());
     for output in [pen.forward(picture(device)), runner.run(pictures)] {
         let read = |tensor: Tensor<3>| tensor.into_data().try_to_vec::<f32>().unwrap();
@@ -134,6 +134,20 @@ fn saved_weights_load_back_to_the_same_network() {
     let again = load(&small(), save(&pen).unwrap(), &device).unwrap();
     let read = |pen: &Pen| pen.forward(picture(&device)).heatmap.into_data().try_to_vec::<f32>().unwrap();
     assert_eq!(read(&pen), read(&again));
+}
+
+#[test]
+fn one_runner_serves_many_threads_and_batches_alike() {
+    use rayon::iter::{IntoParallelIterator, ParallelIterator};
+    let device = Device::flex();
+    let runner = load(&small(), formula_weights(&small(), &device), &device).unwrap().runner([32, 64], &device);
+    let values =
+        |index: usize| -> Vec<f32> { formula(&format!("{index}"), 32 * 64 * 3).iter().map(|&x| x as f32).collect() };
+    let depth = |values: Vec<f32>| runner.run(values).depth.into_data().try_to_vec::<f32>().unwrap();
+    let alone: Vec<Vec<f32>> = (0..12).map(|index| depth(values(index))).collect();
+    let together: Vec<Vec<f32>> = (0..12).into_par_iter().map(|index| depth(values(index))).collect();
+    assert_eq!(alone, together);
+    assert_eq!(alone.concat(), depth((0..12).flat_map(values).collect()));
 }
 
 #[test]

@@ -34,10 +34,15 @@ const RELAXED = new Uint8Array([
   128, 2, 11,
 ]);
 
-/** The build for a device: the faster one for the CPU where the browser can run it and it was deployed. */
-async function buildFor(kind: DeviceKind): Promise<Build> {
-  if (kind !== "cpu") return kind;
-  return WebAssembly.validate(RELAXED) && (await isScript(urlsOf("cpu-relaxed").glue)) ? "cpu-relaxed" : "cpu";
+/** The first build for a device that was deployed: for the CPU the faster one where the browser can run it. */
+async function deployed(kind: DeviceKind): Promise<{ glue: URL; wasm: URL }> {
+  const builds: Build[] = kind === "cpu" && WebAssembly.validate(RELAXED) ? ["cpu-relaxed", "cpu"] : [kind];
+  for (const build of builds) {
+    const urls = urlsOf(build);
+    // Asked for first, because the import of a missing module says neither status nor reason.
+    if (await isScript(urls.glue)) return urls;
+  }
+  throw missing(kind, urlsOf(kind).glue);
 }
 
 let started: RawModule | undefined;
@@ -53,9 +58,7 @@ export function lastPanic(): string {
 
 /** Fetches and starts a build; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
 export async function loadBuild(kind: DeviceKind, onBytes: OnBytes): Promise<RawModule> {
-  const { glue, wasm } = urlsOf(await buildFor(kind));
-  // Asked for first, because the import of a missing module says neither status nor reason.
-  if (!(await isScript(glue))) throw missing(kind, glue);
+  const { glue, wasm } = await deployed(kind);
   const [module, bytes] = await Promise.all([
     import(/* @vite-ignore */ /* webpackIgnore: true */ glue.href) as Promise<RawModule>,
     fetchBytes(wasm.href, `the ${nameOf(kind)} build`, onBytes),

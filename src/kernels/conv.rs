@@ -243,13 +243,11 @@ impl Correlation<'_> {
             for tile in 0..tiles {
                 let [begin, end] = split(to - from, tiles, tile);
                 let mut addresses = [[0; MAX_POSITIONS]; 3];
-                let mut tight = strips == 1;
                 let mut index = 0;
                 while index < end - begin {
                     let run = (end - begin - index).min(columns - at.place[2]);
                     let [mut input, mut output] = [self.input.at(at.place), self.output.at(at.place)];
                     let mut skip = self.skip.map_or(0, |(_, steps)| steps.at(at.place));
-                    tight &= index == 0 || output == addresses[1][index - 1] + strip.width;
                     let [inputs, outputs, skips] = &mut addresses;
                     let places = inputs.iter_mut().zip(outputs).zip(skips);
                     for ((to_input, to_output), to_skip) in places.skip(index).take(run) {
@@ -278,7 +276,7 @@ impl Correlation<'_> {
                     slope: if last { self.slope } else { 1.0 },
                     out: self.out,
                     output: &output[..end - begin],
-                    tight: tight && self.output.steps[2] == strip.width,
+                    alone: strips == 1,
                 });
             }
         }

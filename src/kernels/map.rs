@@ -120,13 +120,11 @@ impl<'a> Map<'a> {
     }
 }
 
-/// A map to write, by several threads at once.
-#[derive(Clone, Copy)]
+/// A map to write, by several threads of one call at once.
+// Not to be copied outside: two calls must not write to one map.
 pub struct MapMut<'a> {
-    /// Its layout.
-    pub extent: Extent,
-    /// Its values.
-    pub values: Shared<'a>,
+    pub(super) extent: Extent,
+    pub(super) values: Shared<'a>,
 }
 
 impl<'a> MapMut<'a> {
@@ -142,11 +140,6 @@ impl<'a> MapMut<'a> {
             values.len()
         );
         Self { extent, values: Shared::new(values) }
-    }
-
-    /// Copies `from`, a map of one picture, to a picture that belongs to the task.
-    pub fn copy_image(&self, image: usize, from: Map<'_>) {
-        (0..self.extent.height).for_each(|row| self.row(image, row).copy_from_slice(from.row(0, row)));
     }
 
     /// The values of a row without its halo, for the task that it belongs to.

@@ -53,7 +53,8 @@ impl Convolution {
     pub fn new(vectors: Vectors, shape: ConvShape, weights: &[f32], bias: Option<&[f32]>, output: &Extent) -> Self {
         assert_eq!(weights.len(), shape.weights().iter().product::<usize>(), "weights of {shape:?}");
         let method = if shape.depthwise {
-            assert!(shape.stride == 1 && shape.channels[0] == shape.channels[1], "{shape:?} is not supported");
+            let plain = shape.stride == 1 && shape.channels[0] == shape.channels[1];
+            assert!(plain && matches!(shape.kernel, 3 | 5 | 7), "{shape:?} is not supported");
             Method::Depthwise(PackedDepthwise::new(vectors, &shape, weights, false))
         } else if shape.kernel == 1 && shape.stride == 1 && shape.channels[1] == 1 {
             Method::Single(weights.to_vec())
@@ -88,10 +89,10 @@ impl Convolution {
     }
 
     /// `out = slope(convolution of x + bias + skip)`: negative results are multiplied by `slope`, 0 to
-    /// 1. `x` has a halo of at least [`Self::halo`] and [`SLACK`] values after it.
+    /// 1. `x` has a halo of at least [`Self::halo`], and for a depthwise convolution [`SLACK`] values after it.
     ///
     /// # Panics
-    /// Where a map's size or halo is not as stated.
+    /// Where a map's size or halo is not as stated; for a skip of a depthwise convolution.
     pub fn run(&self, x: Map<'_>, skip: Option<Map<'_>>, slope: f32, out: MapMut<'_>) {
         let (vectors, shape, start) = (self.vectors, &self.shape, self.start.as_deref());
         let expected = shape.output(x.extent);

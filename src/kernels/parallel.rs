@@ -2,6 +2,11 @@
 
 use std::cell::Cell;
 use std::sync::Mutex;
+#[cfg(not(target_arch = "wasm32"))]
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
 
 thread_local! {
     /// Whether this thread runs one of so many tasks that nothing is gained by splitting it further.
@@ -27,13 +32,23 @@ pub fn for_each(count: usize, work: impl Fn(usize) + Sync + Send) {
         use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
         let enough = count >= threads();
         (0..count).into_par_iter().with_max_len(1).for_each(|index| {
-            let outer = INSIDE.replace(enough);
+            let _outer = Restore(INSIDE.replace(enough));
             work(index);
-            INSIDE.set(outer);
         });
         return;
     }
     (0..count).for_each(work);
+}
+
+/// Sets [`INSIDE`] back, after a panic too: rayon's threads outlive one.
+#[cfg(not(target_arch = "wasm32"))]
+struct Restore(bool);
+
+#[cfg(not(target_arch = "wasm32"))]
+impl Drop for Restore {
+    fn drop(&mut self) {
+        INSIDE.set(self.0);
+    }
 }
 
 /// `len` zeros, written (and their pages brought in) by every thread if there are many.
@@ -46,37 +61,41 @@ pub fn zeros(len: usize) -> Vec<f32> {
     vec![0.0; len]
 }
 
+/// Whether threads are being kept awake.
+#[cfg(not(target_arch = "wasm32"))]
+static AWAKE: AtomicBool = AtomicBool::new(false);
+
 /// Runs `work`, in which [`for_each`] is called again and again, with all threads awake: to wake one takes as
-/// long as a small layer.
+/// long as a small layer. One caller at a time has that; others run without. `work` must not hold a lock that
+/// another such call waits for.
 pub fn with_threads_awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     #[cfg(not(target_arch = "wasm32"))]
-    return rayon::scope(|scope| {
-        let done = std::sync::Arc::new(std::sync::atomic::AtomicBool::new(false));
-        let finish = Finish(done.clone());
-        let here = rayon::current_thread_index();
-        scope.spawn_broadcast(move |_, context| {
-            while Some(context.index()) != here && !done.load(std::sync::atomic::Ordering::Relaxed) {
-                if rayon::yield_now() != Some(rayon::Yield::Executed) {
-                    std::thread::yield_now();
+    if threads() > 1 && !AWAKE.swap(true, Ordering::Acquire) {
+        return rayon::scope(|scope| {
+            let asleep = Asleep(Arc::new(AtomicBool::new(false)));
+            let (done, here) = (asleep.0.clone(), rayon::current_thread_index());
+            scope.spawn_broadcast(move |_, context| {
+                while Some(context.index()) != here && !done.load(Ordering::Relaxed) {
+                    if rayon::yield_now() != Some(rayon::Yield::Executed) {
+                        std::thread::yield_now();
+                    }
                 }
-            }
+            });
+            work()
         });
-        let result = work();
-        drop(finish);
-        result
-    });
-    #[cfg(target_arch = "wasm32")]
+    }
     work()
 }
 
-/// Lets waiting threads go, after a panic too.
+/// Lets waiting threads go when dropped, after a panic too.
 #[cfg(not(target_arch = "wasm32"))]
-struct Finish(std::sync::Arc<std::sync::atomic::AtomicBool>);
+struct Asleep(Arc<AtomicBool>);
 
 #[cfg(not(target_arch = "wasm32"))]
-impl Drop for Finish {
+impl Drop for Asleep {
     fn drop(&mut self) {
-        self.0.store(true, std::sync::atomic::Ordering::Relaxed);
+        self.0.store(true, Ordering::Relaxed);
+        AWAKE.store(false, Ordering::Release);
     }
 }
 

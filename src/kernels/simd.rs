@@ -17,7 +17,7 @@ use pulp::{Simd, WithSimd};
 /// Most output positions in a tile.
 pub const MAX_POSITIONS: usize = 14;
 /// Floats after the last value that a vector may read (never use): the widest strip.
-pub const SLACK: usize = if cfg!(target_arch = "x86_64") { 32 } else { 8 };
+pub const SLACK: usize = if cfg!(any(target_arch = "x86", target_arch = "x86_64")) { 32 } else { 8 };
 /// Output positions of a depthwise tile.
 pub const DEPTHWISE_POSITIONS: usize = if cfg!(target_arch = "wasm32") { 4 } else { 8 };
 
@@ -45,7 +45,7 @@ impl Arch {
         use pulp::wasm::RelaxedSimd as Set;
         #[cfg(not(feature = "relaxed-simd"))]
         use pulp::wasm::Simd128 as Set;
-        // SAFETY: the build's target features name the set, so it could not have been loaded without.
+        // SAFETY: a module with instructions that the browser does not have would not have been loaded.
         let set = unsafe { Set::new_unchecked() };
         Simd::vectorize(set, op)
     }
@@ -296,8 +296,9 @@ pub struct ConvTile<'a> {
     pub out: Shared<'a>,
     /// Where each position's channels are in `out`.
     pub output: &'a [usize],
-    /// Whether each position's channels are followed by the next one's.
-    pub tight: bool,
+    /// Whether this strip has all of the layer's channels, so that a position that follows another in memory
+    /// begins with this strip, too.
+    pub alone: bool,
 }
 
 struct Conv<'a, const M: usize, const N: usize>(&'a ConvTile<'a>);
@@ -309,7 +310,7 @@ impl<const M: usize, const N: usize> WithSimd for Conv<'_, M, N> {
     fn with_simd<S: Simd>(self, simd: S) {
         let tile = self.0;
         let strip = N * S::F32_LANES;
-        assert!(tile.input.len() == M && tile.output.len() == M && tile.width <= strip);
+        assert!(strip <= SLACK && tile.input.len() == M && tile.output.len() == M && tile.width <= strip);
         assert!(tile.segments > 0 && tile.weights.len() == tile.segments * tile.length * strip);
         assert!(tile.start.is_none_or(|start| start.len() == strip));
         let reach = (tile.segments - 1) * tile.pitch + tile.length;
@@ -339,6 +340,7 @@ impl<const M: usize, const N: usize> WithSimd for Conv<'_, M, N> {
             if tile.width == strip {
                 return sum_up::<S, M, N>(simd, tile, &rows, &skips, &outputs);
             }
+            let tight = tile.output.windows(2).all(|pair| pair[1] == pair[0] + tile.width);
             let mut results = [[0.0_f32; SLACK]; M];
             let mut added = [[0.0_f32; SLACK]; M];
             let mut local = outputs;
@@ -354,10 +356,10 @@ impl<const M: usize, const N: usize> WithSimd for Conv<'_, M, N> {
             }
             sum_up::<S, M, N>(simd, tile, &rows, &skips, &local);
             for m in 0..M {
-                // What a whole row writes too much is written again if the following positions lie
-                // right behind it and are this tile's.
+                // What a whole row writes too much is written again if what lies right behind it are this
+                // tile's next positions.
                 let rest = M - 1 - m;
-                let covered = tile.tight && rest * tile.width >= strip - tile.width;
+                let covered = tile.alone && tight && rest * tile.width >= strip - tile.width;
                 let count = if covered { strip } else { tile.width };
                 outputs[m].copy_from_nonoverlapping(results[m].as_ptr(), count);
             }
@@ -719,7 +721,6 @@ impl<const K: usize> WithSimd for Depthwise<'_, K> {
             let at = if row.columns >= T { done.min(row.columns - T) } else { done };
             let here = (row.columns - at).min(T);
             let input = row.input + at * row.channels;
-            // A narrow row's tile computes positions that are not there, from pixels that may not be.
             let pixels = here + K - 1;
             assert!(
                 input + (K - 1) * row.pitch + (pixels - 1) * row.channels + lanes <= row.x.len(),

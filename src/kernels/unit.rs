@@ -68,6 +68,9 @@ fn group(output: &Extent) -> usize {
 }
 
 /// Training's forward pass: output and what the backward pass needs. `x` and `skip` have no halo.
+///
+/// # Panics
+/// Where sizes do not fit.
 pub fn unit_forward(
     vectors: Vectors,
     shape: &UnitShape,
@@ -78,6 +81,9 @@ pub fn unit_forward(
     skip: Option<Map<'_>>,
 ) -> (Vec<f32>, Saved) {
     let extent = shape.conv.output(x.extent);
+    assert!(x.extent.halo == 0 && skip.is_none_or(|skip| skip.extent == extent), "maps of {shape:?}");
+    let whole = |values: &[f32]| values.len() == extent.channels;
+    assert!(whole(shift) && norm.is_none_or(|norm| whole(norm.scale)), "shift and scale of {shape:?}");
     let group = group(&extent);
     let grouped = Extent { batch: group, ..extent };
     let groups = extent.batch.div_ceil(group);

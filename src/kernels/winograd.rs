@@ -176,8 +176,8 @@ impl Winograd {
                     let tiles = Tiles { grid, side: self.plan.outputs, range: [from + first, from + last] };
                     let at = [first * output_step, part * output_step, output_step];
                     match self.plan.outputs {
-                        4 => finish::<4>(vectors, &tiles, products, at, epilogue, out),
-                        _ => finish::<3>(vectors, &tiles, products, at, epilogue, out),
+                        4 => finish::<4>(vectors, &tiles, products, at, epilogue, &out),
+                        _ => finish::<3>(vectors, &tiles, products, at, epilogue, &out),
                     }
                 });
             });
@@ -193,7 +193,7 @@ fn finish<const M: usize>(
     products: &[f32],
     layout: [usize; 3],
     Epilogue { start, skip, slope }: Epilogue<'_>,
-    out: MapMut<'_>,
+    out: &MapMut<'_>,
 ) where
     OutputRow: Transform<POINTS, M>,
 {

@@ -111,10 +111,14 @@ impl PenRunner {
         &self.pen
     }
 
-    /// Runs the network on normalised pictures `[batch, height, width, 3]` of the runner's size.
-    pub fn run(&mut self, pictures: Vec<f32>) -> PenOutput {
+    /// Runs the network on normalised pictures `[batch, height, width, 3]` of the runner's size. May be called
+    /// by several threads at once.
+    ///
+    /// # Panics
+    /// Where `pictures` are not whole pictures.
+    pub fn run(&self, pictures: Vec<f32>) -> PenOutput {
         let [height, width] = self.size;
-        let Some(plan) = &mut self.plan else {
+        let Some(plan) = &self.plan else {
             let shape = [pictures.len() / (3 * height * width), height, width, 3];
             return self.pen.forward(Tensor::from_data(TensorData::new(pictures, shape), &self.device));
         };

@@ -21,8 +21,8 @@ use crate::kernels::{
 pub(super) struct Plan {
     vectors: Vectors,
     steps: Vec<Step>,
-    /// Maps for one picture, with halos; several for as many pictures at once.
-    buffers: Vec<Mutex<Vec<Buffer>>>,
+    /// Sets of maps for one picture, with halos, that nobody uses at the moment.
+    idle: Mutex<Vec<Vec<Buffer>>>,
     /// Lengths of the buffers.
     lengths: Vec<usize>,
     input: Place,
@@ -65,34 +65,41 @@ impl Plan {
     /// Runs the network on pictures `[batch, height, width, 3]`; its outputs' layouts and values.
     ///
     /// Enough pictures go through the network one to a thread: their maps stay in the thread's cache.
-    pub(super) fn run(&mut self, pictures: &[f32]) -> Vec<(Extent, Vec<f32>)> {
+    ///
+    /// # Panics
+    /// Where `pictures` are not whole pictures.
+    pub(super) fn run(&self, pictures: &[f32]) -> Vec<(Extent, Vec<f32>)> {
         let each = self.input.extent.with_halo(0).len();
+        assert!(pictures.len().is_multiple_of(each), "{} values are not pictures of {each}", pictures.len());
         let batch = pictures.len() / each;
         let lanes = threads().min(batch).max(1);
-        while self.buffers.len() < lanes {
-            self.buffers.push(Mutex::new(self.lengths.iter().map(|&len| Buffer::zeros(len)).collect()));
-        }
-        let extents: Vec<Extent> = self.outputs.iter().map(|output| Extent { batch, ..output.extent }).collect();
-        let mut outputs: Vec<Vec<f32>> = extents.iter().map(|extent| vec![0.0; extent.len()]).collect();
-        let shared: Vec<MapMut<'_>> =
-            extents.iter().zip(&mut outputs).map(|(&extent, values)| MapMut::new(extent, values)).collect();
-        let plan = &*self;
+        let found = Mutex::new(vec![Vec::new(); batch]);
         with_threads_awake(|| {
             for_each(lanes, |lane| {
-                let mut buffers = plan.buffers[lane].lock().unwrap_or_else(PoisonError::into_inner);
+                let mut buffers = self.buffers();
                 for image in lane * batch / lanes..(lane + 1) * batch / lanes {
-                    plan.run_one(&mut buffers, &pictures[image * each..(image + 1) * each]);
-                    for (output, to) in plan.outputs.iter().zip(&shared) {
-                        to.copy_image(image, Map::new(output.extent, buffers[output.buffer].values()));
-                    }
+                    let outputs = self.run_one(&mut buffers, &pictures[image * each..(image + 1) * each]);
+                    found.lock().unwrap_or_else(PoisonError::into_inner)[image] = outputs;
                 }
+                self.idle.lock().unwrap_or_else(PoisonError::into_inner).push(buffers);
             });
         });
-        extents.into_iter().zip(outputs).collect()
+        let found: Vec<Vec<Vec<f32>>> = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let outputs = self.outputs.iter().enumerate().map(|(index, output)| {
+            let extent = Extent { batch, ..output.extent.with_halo(0) };
+            (extent, found.iter().flat_map(|outputs| &outputs[index]).copied().collect())
+        });
+        outputs.collect()
     }
 
-    /// Runs the network on one picture.
-    fn run_one(&self, buffers: &mut [Buffer], picture: &[f32]) {
+    /// A set of maps: one used before, or a new one.
+    fn buffers(&self) -> Vec<Buffer> {
+        let idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner).pop();
+        idle.unwrap_or_else(|| self.lengths.iter().map(|&len| Buffer::zeros(len)).collect())
+    }
+
+    /// Runs the network on one picture; its outputs' values, without halo.
+    fn run_one(&self, buffers: &mut [Buffer], picture: &[f32]) -> Vec<Vec<f32>> {
         let Self { vectors, steps, input, .. } = self;
         let inside = Map::new(input.extent.with_halo(0), picture);
         inside.pad_into(input.extent.halo, buffers[input.buffer].values_mut());
@@ -111,6 +118,11 @@ impl Plan {
             }
             buffers[step.out.buffer] = out;
         }
+        let outputs = self.outputs.iter().map(|output| {
+            let map = Map::new(output.extent, buffers[output.buffer].values());
+            (0..output.extent.height).flat_map(|row| map.row(0, row)).copied().collect()
+        });
+        outputs.collect()
     }
 }
 
@@ -175,7 +187,7 @@ impl Recorder {
             steps.push(Step { task: record.task, x: place(record.x), other: record.other.map(place), out });
         }
         let outputs = outputs.iter().map(|&map| place(map)).collect();
-        Plan { vectors: self.vectors, steps, buffers: Vec::new(), lengths, input, outputs }
+        Plan { vectors: self.vectors, steps, idle: Mutex::default(), lengths, input, outputs }
     }
 }
 
