@@ -6,15 +6,12 @@
 
 use super::map::{Extent, Map, MapMut};
 use super::parallel::{Buffer, for_each, threads, with_scratch};
-use super::simd::{ConvTile, MAX_POSITIONS, SLACK, Shared, Vectors, WeightTile};
+use super::simd::{ConvTile, MAX_POSITIONS, SLACK, Shared, Vectors};
 
 /// Weights that a strip's pass over the positions keeps in the second-level cache, floats.
 const STRIP_BLOCK: usize = 48 * 1024;
-/// Values of input and gradient that stay in the second-level cache while the weights' gradient is
-/// summed, floats.
-const GRADIENT_BLOCK: usize = 64 * 1024;
 /// Multiplications below which starting threads costs more than it gains.
-const SERIAL_WORK: usize = 100_000;
+pub(super) const SERIAL_WORK: usize = 100_000;
 
 /// A square convolution: what is fixed before its weights are known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,7 +53,7 @@ impl ConvShape {
 #[derive(Debug, Clone)]
 pub struct Packed {
     strips: Vec<Strip>,
-    values: Buffer,
+    pub(super) values: Buffer,
     segments: usize,
     length: usize,
 }
@@ -71,7 +68,7 @@ pub(super) struct Strip {
     /// Vectors that hold them.
     pub vectors: usize,
     /// First value in the packed weights.
-    start: usize,
+    pub start: usize,
 }
 
 /// The strips of `channels` output channels with `taps` weights each, and their values in all.
@@ -96,7 +93,7 @@ impl Packed {
     }
 
     /// Where each output channel's first weight is, and from tap to tap.
-    fn columns(&self, vectors: Vectors) -> Vec<[usize; 2]> {
+    pub(super) fn columns(&self, vectors: Vectors) -> Vec<[usize; 2]> {
         let of = |strip: &Strip| {
             let (start, size) = (strip.start, strip.vectors * vectors.lanes());
             (0..strip.width).map(move |lane| [start + lane, size])
@@ -165,7 +162,7 @@ impl Steps {
         Self { start, steps: [extent.image(), step * extent.pitch(), step * extent.channels] }
     }
 
-    fn at(&self, [image, row, column]: [usize; 3]) -> usize {
+    pub(super) fn at(&self, [image, row, column]: [usize; 3]) -> usize {
         self.start + image * self.steps[0] + row * self.steps[1] + column * self.steps[2]
     }
 }
@@ -284,13 +281,13 @@ impl Correlation<'_> {
 }
 
 /// A place in a grid of pictures, rows and columns, walked in order.
-struct Position {
+pub(super) struct Position {
     grid: [usize; 3],
-    place: [usize; 3],
+    pub(super) place: [usize; 3],
 }
 
 impl Position {
-    fn new(grid: [usize; 3], index: usize) -> Self {
+    pub(super) fn new(grid: [usize; 3], index: usize) -> Self {
         let [_, rows, columns] = grid;
         Self { grid, place: [index / (rows * columns), index / columns % rows, index % columns] }
     }
@@ -355,206 +352,6 @@ pub(super) fn forward(
         output: Steps::over(&out.extent, [0, 0], 1),
     }
     .run();
-}
-
-/// Gradient of a dense convolution's input, prepared from its weights: a convolution of the output's
-/// gradient with the mirrored kernel for each phase of the stride.
-pub(super) struct InputGradient {
-    shape: ConvShape,
-    /// For each row phase and column phase: taps in each direction and weights.
-    phases: Vec<(usize, usize, Packed)>,
-}
-
-impl InputGradient {
-    pub(super) fn new(vectors: Vectors, shape: ConvShape, weights: &[f32]) -> Self {
-        let ConvShape { channels: [input, output], kernel, stride, .. } = shape;
-        let taps = |phase: usize| kernel.saturating_sub(phase).div_ceil(stride);
-        let phases = (0..stride * stride).map(|phase| {
-            let (row, column) = (phase / stride, phase % stride);
-            let (rows, columns) = (taps(row), taps(column));
-            let mut packed = Packed::zeros(vectors, [rows, columns * output, input]);
-            let places = packed.columns(vectors);
-            let values = packed.values.values_mut();
-            for (from, weights) in weights.chunks_exact(input * kernel * kernel).enumerate() {
-                for ([start, step], weights) in places.iter().zip(weights.chunks_exact(kernel * kernel)) {
-                    for segment in 0..rows {
-                        let ky = row + (rows - 1 - segment) * stride;
-                        for tap in 0..columns {
-                            let kx = column + (columns - 1 - tap) * stride;
-                            let to = (segment * columns + tap) * output + from;
-                            values[start + to * step] = weights[ky * kernel + kx];
-                        }
-                    }
-                }
-            }
-            (rows, columns, packed)
-        });
-        Self { shape, phases: phases.collect() }
-    }
-
-    /// For stride 1, the mirrored kernel as a dense convolution's.
-    pub(super) fn mirrored(&self) -> Option<&Packed> {
-        match self.phases.as_slice() {
-            [(_, _, packed)] => Some(packed),
-            _ => None,
-        }
-    }
-
-    /// Halo that [`Self::run`] needs around the output's gradient.
-    pub(super) fn halo(&self, input: Extent) -> usize {
-        let ConvShape { kernel, stride, padding, .. } = self.shape;
-        let before = (kernel - 1) / stride;
-        let after = |side: usize| {
-            let last = (side - 1 + padding) / stride;
-            last.saturating_sub((side + 2 * padding - kernel) / stride)
-        };
-        before.max(after(input.height)).max(after(input.width))
-    }
-
-    /// Computes `dx` from `dy` with a halo.
-    pub(super) fn run(&self, vectors: Vectors, dy: Map<'_>, dx: MapMut<'_>) {
-        let ConvShape { stride, padding, .. } = self.shape;
-        for (index, (rows, columns, packed)) in self.phases.iter().enumerate() {
-            let phase = [index / stride, index % stride];
-            // First pixel of the phase, and the output position that its first tap meets.
-            let first = phase.map(|phase| (phase + stride - padding % stride) % stride);
-            let sides = [dx.extent.height, dx.extent.width];
-            let count = [0, 1].map(|axis| sides[axis].saturating_sub(first[axis]).div_ceil(stride));
-            let output = Steps::over(&dx.extent, first.map(|pixel| pixel as isize), stride);
-            if *rows == 0 || *columns == 0 {
-                for place in 0..dx.extent.batch * count[0] * count[1] {
-                    let at = Position::new([dx.extent.batch, count[0], count[1]], place).place;
-                    dx.values.part(output.at(at), dx.extent.channels).fill(0.0);
-                }
-                continue;
-            }
-            let meets = |axis: usize, taps: usize| {
-                ((first[axis] + padding - phase[axis]) / stride) as isize - (taps as isize - 1)
-            };
-            Correlation {
-                vectors,
-                packed,
-                x: dy.values,
-                grid: [dx.extent.batch, count[0], count[1]],
-                input: Steps::over(&dy.extent, [meets(0, *rows), meets(1, *columns)], 1),
-                pitch: dy.extent.pitch(),
-                start: None,
-                skip: None,
-                slope: 1.0,
-                out: dx.values,
-                output,
-            }
-            .run();
-        }
-    }
-}
-
-/// The layout in which the weights' gradient is summed: `[segments, length, strip]` for each strip.
-pub(super) fn gradient_len(vectors: Vectors, segments: usize, length: usize, channels: usize) -> usize {
-    strips(vectors, channels, segments * length).1
-}
-
-/// Sums of `x` × `dy` over all positions, for `segments` runs of `length` neighbouring values of `x`.
-pub(super) struct WeightSums<'a> {
-    pub vectors: Vectors,
-    pub x: &'a [f32],
-    pub dy: &'a [f32],
-    pub grid: [usize; 3],
-    pub input: Steps,
-    pub gradient: Steps,
-    pub segments: usize,
-    pub length: usize,
-    pub pitch: usize,
-    pub channels: usize,
-}
-
-impl WeightSums<'_> {
-    /// Adds to `sums`, laid out as [`Packed`].
-    pub(super) fn add_to(&self, sums: &mut [f32]) {
-        let [images, rows, columns] = self.grid;
-        let (strips, len) = strips(self.vectors, self.channels, self.segments * self.length);
-        let sums = Shared::new(&mut sums[..len]);
-        let most = self.vectors.positions(2);
-        let tiles = self.length.div_ceil(most);
-        // Rows whose input and gradient stay near while every tile passes over them.
-        let row_values = self.input.steps[1] + self.gradient.steps[1];
-        let block = (GRADIENT_BLOCK / row_values.max(1)).clamp(1, rows.max(1));
-        let work = images * rows * columns * len;
-        let task = |task: usize| {
-            let (segment, tile, strip) =
-                (task / strips.len() / tiles, task / strips.len() % tiles, strips[task % strips.len()]);
-            let size = strip.vectors * self.vectors.lanes();
-            let [from, to] = split(self.length, tiles, tile);
-            let part = sums.part(strip.start + (segment * self.length + from) * size, (to - from) * size);
-            (segment, from, to - from, strip, part)
-        };
-        let pass = |index: usize, image: usize, first: usize| {
-            let (segment, from, taps, strip, part) = task(index);
-            self.vectors.weight_gradient(&mut WeightTile {
-                x: self.x,
-                dy: self.dy,
-                start: [
-                    self.input.at([image, first, 0]) + segment * self.pitch + from,
-                    self.gradient.at([image, first, 0]) + strip.channel,
-                ],
-                rows: block.min(rows - first),
-                columns,
-                row_step: [self.input.steps[1], self.gradient.steps[1]],
-                column_step: [self.input.steps[2], self.gradient.steps[2]],
-                taps,
-                vectors: strip.vectors,
-                sums: part,
-            });
-        };
-        let tasks = self.segments * tiles * strips.len();
-        let groups = if work < SERIAL_WORK { 1 } else { threads().min(tasks) };
-        for_each(groups, |group| {
-            let [from, to] = split(tasks, groups, group);
-            for image in 0..images {
-                for first in (0..rows).step_by(block) {
-                    (from..to).for_each(|index| pass(index, image, first));
-                }
-            }
-        });
-    }
-}
-
-/// Adds the gradient of a dense convolution's weights to `sums`, laid out as [`Packed`]. `dy` has
-/// [`SLACK`] values after it.
-pub(super) fn add_weight_gradient(vectors: Vectors, shape: &ConvShape, x: Map<'_>, dy: Map<'_>, sums: &mut [f32]) {
-    let edge = -(shape.padding as isize);
-    WeightSums {
-        vectors,
-        x: x.values,
-        dy: dy.values,
-        grid: [dy.extent.batch, dy.extent.height, dy.extent.width],
-        input: Steps::over(&x.extent, [edge, edge], shape.stride),
-        gradient: Steps::over(&dy.extent, [0, 0], 1),
-        segments: shape.kernel,
-        length: shape.kernel * shape.channels[0],
-        pitch: x.extent.pitch(),
-        channels: shape.channels[1],
-    }
-    .add_to(sums);
-}
-
-/// Brings summed gradients from the layout of [`Packed`] to `[output, input, kernel, kernel]`.
-pub(super) fn unpack(vectors: Vectors, shape: &ConvShape, sums: &[f32]) -> Vec<f32> {
-    let ConvShape { channels: [input, output], kernel, .. } = *shape;
-    let (strips, _) = strips(vectors, output, kernel * kernel * input);
-    let mut weights = vec![0.0; output * input * kernel * kernel];
-    for strip in strips {
-        let size = strip.vectors * vectors.lanes();
-        for lane in 0..strip.width {
-            let to = &mut weights[(strip.channel + lane) * input * kernel * kernel..];
-            for (channel, to) in to.chunks_exact_mut(kernel * kernel).take(input).enumerate() {
-                for (tap, to) in to.iter_mut().enumerate() {
-                    *to = sums[strip.start + (tap * input + channel) * size + lane];
-                }
-            }
-        }
-    }
-    weights
 }
 
 /// Lends a copy of `map` with `halo` and slack to `work`.

@@ -4,6 +4,7 @@
 
 mod conv;
 mod depthwise;
+mod gradient;
 mod map;
 mod norm;
 mod parallel;

@@ -3,8 +3,9 @@
 
 use std::sync::Mutex;
 
-use super::conv::{ConvShape, Epilogue, InputGradient, gradient_len, split, unpack, with_padded};
+use super::conv::{ConvShape, Epilogue, split, with_padded};
 use super::depthwise::PackedDepthwise;
+use super::gradient::{InputGradient, gradient_len, unpack};
 use super::map::{Extent, Map, MapMut};
 use super::norm::{
     Moments, before_activation, norm_gradient, normalise_rows, per_channel, sum_gradient, sum_norm_gradient, widen,
@@ -212,9 +213,9 @@ impl WeightMethod {
     /// Adds a group's part; `dy` has slack, `x` neither halo nor slack.
     fn add(self, vectors: Vectors, shape: &ConvShape, x: Map<'_>, dy: Map<'_>, sums: &mut [f32]) {
         match self {
-            Self::Direct if shape.padding == 0 => super::conv::add_weight_gradient(vectors, shape, x, dy, sums),
+            Self::Direct if shape.padding == 0 => super::gradient::add_weight_gradient(vectors, shape, x, dy, sums),
             Self::Direct => {
-                with_padded(x, shape.padding, |x| super::conv::add_weight_gradient(vectors, shape, x, dy, sums))
+                with_padded(x, shape.padding, |x| super::gradient::add_weight_gradient(vectors, shape, x, dy, sums))
             }
             Self::Winograd => winograd::add_weight_gradient(vectors, shape.channels, shape.padding, x, dy, sums),
             Self::Depthwise => {

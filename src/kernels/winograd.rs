@@ -8,7 +8,8 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::conv::{Correlation, Epilogue, Packed, Steps, WeightSums, gradient_len, split, strips};
+use super::conv::{Correlation, Epilogue, Packed, Steps, split, strips};
+use super::gradient::{WeightSums, gradient_len};
 use super::map::{Extent, Map, MapMut};
 use super::parallel::{for_each, threads, with_scratch};
 use super::simd::{Finish, Patch, SLACK, Shared, Transform, Vectors};
