@@ -1,15 +1,17 @@
 //! Convolutions by direct sums: implicit products of matrices, no unfolded copy of the input.
 //!
-//! A tile of output positions × a strip of output channels is summed in registers over the kernel's
+//! A tile of neighbouring output positions × a strip of output channels is summed in registers over the kernel's
 //! rows; in a channels-last map a kernel row of `k·channels` values lies in one run of memory, so each
 //! position needs one address a kernel row.
 
 use super::map::{Extent, Map, MapMut};
 use super::parallel::{Buffer, for_each, threads, with_scratch};
-use super::simd::{ConvTile, MAX_POSITIONS, SLACK, Shared, Vectors};
+use super::simd::{ConvRow, SLACK, Shared, Vectors};
 
 /// Weights that a strip's pass over the positions keeps in the second-level cache, floats.
 const STRIP_BLOCK: usize = 48 * 1024;
+/// Values of a padded copy that stay in the first-level cache, floats.
+const PADDED_BLOCK: usize = 12 * 1024;
 /// Multiplications below which starting threads costs more than it gains.
 pub(super) const SERIAL_WORK: usize = 100_000;
 
@@ -65,22 +67,22 @@ pub(super) struct Strip {
     pub channel: usize,
     /// Channels.
     pub width: usize,
-    /// Vectors that hold them.
-    pub vectors: usize,
+    /// Floats that hold them.
+    pub size: usize,
     /// First value in the packed weights.
     pub start: usize,
 }
 
 /// The strips of `channels` output channels with `taps` weights each, and their values in all.
 pub(super) fn strips(vectors: Vectors, channels: usize, taps: usize) -> (Vec<Strip>, usize) {
-    let lanes = vectors.lanes();
+    let sizes = vectors.strips();
     let (mut strips, mut start, mut channel) = (Vec::new(), 0, 0);
     while channel < channels {
-        let vectors = if channels - channel > lanes { 2 } else { 1 };
-        let width = (channels - channel).min(vectors * lanes);
-        strips.push(Strip { channel, width, vectors, start });
-        start += taps * vectors * lanes;
-        channel += width;
+        let rest = channels - channel;
+        let size = sizes.iter().find(|&&size| size >= rest).or(sizes.last()).map_or(rest, |&size| size);
+        strips.push(Strip { channel, width: rest.min(size), size, start });
+        start += taps * size;
+        channel += size;
     }
     (strips, start)
 }
@@ -93,9 +95,9 @@ impl Packed {
     }
 
     /// Where each output channel's first weight is, and from tap to tap.
-    pub(super) fn columns(&self, vectors: Vectors) -> Vec<[usize; 2]> {
+    pub(super) fn columns(&self) -> Vec<[usize; 2]> {
         let of = |strip: &Strip| {
-            let (start, size) = (strip.start, strip.vectors * vectors.lanes());
+            let Strip { start, size, .. } = *strip;
             (0..strip.width).map(move |lane| [start + lane, size])
         };
         self.strips.iter().flat_map(of).collect()
@@ -106,7 +108,7 @@ impl Packed {
         let ConvShape { channels: [input, output], kernel, .. } = *shape;
         let taps = kernel * kernel;
         let mut packed = Self::zeros(vectors, [kernel, kernel * input, output]);
-        let columns = packed.columns(vectors);
+        let columns = packed.columns();
         let values = packed.values.values_mut();
         // In the weights' own order: it is the slower side to walk across.
         for ([start, step], weights) in columns.into_iter().zip(weights.chunks_exact(input * taps)) {
@@ -125,22 +127,20 @@ impl Packed {
     }
 
     /// The weights of a strip's channels at a tap, in whole vectors.
-    pub(super) fn row(&self, vectors: Vectors, strip: usize, tap: usize) -> &[f32] {
-        let Strip { start, vectors: count, .. } = self.strips[strip];
-        let size = count * vectors.lanes();
+    pub(super) fn row(&self, strip: usize, tap: usize) -> &[f32] {
+        let Strip { start, size, .. } = self.strips[strip];
         &self.values.values()[start + tap * size..start + (tap + 1) * size]
     }
 
     /// As [`Self::row`].
-    pub(super) fn row_mut(&mut self, vectors: Vectors, strip: usize, tap: usize) -> &mut [f32] {
-        let Strip { start, vectors: count, .. } = self.strips[strip];
-        let size = count * vectors.lanes();
+    pub(super) fn row_mut(&mut self, strip: usize, tap: usize) -> &mut [f32] {
+        let Strip { start, size, .. } = self.strips[strip];
         &mut self.values.values_mut()[start + tap * size..start + (tap + 1) * size]
     }
 
     /// Output channels, each strip filled up to whole vectors.
-    pub(super) fn padded_channels(&self, vectors: Vectors) -> usize {
-        self.strips.iter().map(|strip| strip.vectors * vectors.lanes()).sum()
+    pub(super) fn padded_channels(&self) -> usize {
+        self.strips.iter().map(|strip| strip.size).sum()
     }
 }
 
@@ -168,6 +168,7 @@ impl Steps {
 }
 
 /// Sums over kernel rows for a grid of output positions.
+#[derive(Clone, Copy)]
 pub(super) struct Correlation<'a> {
     pub vectors: Vectors,
     pub packed: &'a Packed,
@@ -190,118 +191,62 @@ impl Correlation<'_> {
     /// Computes every position, by all threads.
     pub(super) fn run(&self) {
         let [images, rows, columns] = self.grid;
-        let positions = images * rows * columns;
-        if positions == 0 {
-            return;
-        }
+        let lines = images * rows;
+        let threads = if lines * columns * self.packed.values.values().len() < SERIAL_WORK { 1 } else { threads() };
         let strips = &self.packed.strips;
-        let widest = if strips.iter().any(|strip| strip.vectors == 2) { 2 } else { 1 };
-        let tiles = positions.div_ceil(self.vectors.positions(widest));
-        let work = positions * self.packed.values.values().len();
-        let threads = if work < SERIAL_WORK { 1 } else { threads() };
         if threads == 1 {
-            return self.run_here();
-        }
-        let chunks = tiles.min(4 * threads);
-        if chunks >= threads {
-            for_each(chunks, |chunk| {
-                let range = split(positions, chunks, chunk);
+            self.run_here();
+        } else if lines >= 4 * threads {
+            for_each(4 * threads, |chunk| {
+                let range = split(lines, 4 * threads, chunk);
                 strips.iter().for_each(|strip| self.strip(strip, range));
             });
         } else {
+            // Few rows: the threads share the channels.
+            let chunks = threads.div_ceil(strips.len()).min(lines);
             for_each(chunks * strips.len(), |task| {
-                self.strip(&strips[task / chunks], split(positions, chunks, task % chunks));
+                self.strip(&strips[task / chunks], split(lines, chunks, task % chunks));
             });
         }
     }
 
     /// Computes every position, by this thread.
     pub(super) fn run_here(&self) {
-        let positions = self.grid.iter().product();
-        self.packed.strips.iter().for_each(|strip| self.strip(strip, [0, positions]));
+        let lines = self.grid[0] * self.grid[1];
+        self.packed.strips.iter().for_each(|strip| self.strip(strip, [0, lines]));
     }
 
-    /// Computes the positions `from..to` of a strip.
+    /// Computes the rows `from..to` (of all pictures) of a strip.
     fn strip(&self, strip: &Strip, [from, to]: [usize; 2]) {
         let Packed { segments, length, ref values, .. } = *self.packed;
-        let size = strip.vectors * self.vectors.lanes();
-        let weights = &values.values()[strip.start..strip.start + segments * length * size];
-        let (strips, columns) = (self.packed.strips.len(), self.grid[2]);
-        let skip_step = self.skip.map_or(0, |(_, steps)| steps.steps[2]);
+        let Strip { channel, width, size, start } = *strip;
+        let [_, rows, columns] = self.grid;
+        let weights = &values.values()[start..start + segments * length * size];
         let zeros = [0.0; SLACK];
-        let start = self.start.map_or(&zeros[..size], |start| &start[strip.channel..strip.channel + size]);
+        let start = self.start.map_or(&zeros[..size], |start| &start[channel..channel + size]);
         let block = (STRIP_BLOCK / (length * size)).clamp(1, segments);
-        let most = self.vectors.positions(strip.vectors);
-        let tiles = (to - from).div_ceil(most);
         for first in (0..segments).step_by(block) {
             let count = block.min(segments - first);
             let last = first + count == segments;
-            let mut at = Position::new(self.grid, from);
-            for tile in 0..tiles {
-                let [begin, end] = split(to - from, tiles, tile);
-                let mut addresses = [[0; MAX_POSITIONS]; 3];
-                let mut index = 0;
-                while index < end - begin {
-                    let run = (end - begin - index).min(columns - at.place[2]);
-                    let [mut input, mut output] = [self.input.at(at.place), self.output.at(at.place)];
-                    let mut skip = self.skip.map_or(0, |(_, steps)| steps.at(at.place));
-                    let [inputs, outputs, skips] = &mut addresses;
-                    let places = inputs.iter_mut().zip(outputs).zip(skips);
-                    for ((to_input, to_output), to_skip) in places.skip(index).take(run) {
-                        *to_input = input + first * self.pitch;
-                        *to_output = output + strip.channel;
-                        *to_skip = skip + strip.channel;
-                        input += self.input.steps[2];
-                        output += self.output.steps[2];
-                        skip += skip_step;
-                    }
-                    index += run;
-                    at.advance(run);
-                }
-                let [input, output, skip] = &addresses;
-                self.vectors.convolve(&ConvTile {
+            for line in from..to {
+                let at = [line / rows, line % rows, 0];
+                let channels = |steps: &Steps| [steps.at(at) + channel, steps.steps[2]];
+                self.vectors.convolve(&ConvRow {
+                    positions: columns,
                     x: self.x,
-                    input: &input[..end - begin],
+                    input: [self.input.at(at) + first * self.pitch, self.input.steps[2]],
                     segments: count,
                     length,
                     pitch: self.pitch,
                     weights: &weights[first * length * size..(first + count) * length * size],
-                    vectors: strip.vectors,
-                    width: strip.width,
+                    size,
+                    width,
                     start: (first == 0).then_some(start),
-                    skip: self.skip.filter(|_| last).map(|(values, _)| (values, &skip[..end - begin])),
+                    skip: self.skip.as_ref().filter(|_| last).map(|(values, steps)| (*values, channels(steps))),
                     slope: if last { self.slope } else { 1.0 },
                     out: self.out,
-                    output: &output[..end - begin],
-                    alone: strips == 1,
+                    output: channels(&self.output),
                 });
-            }
-        }
-    }
-}
-
-/// A place in a grid of pictures, rows and columns, walked in order.
-pub(super) struct Position {
-    grid: [usize; 3],
-    pub(super) place: [usize; 3],
-}
-
-impl Position {
-    pub(super) fn new(grid: [usize; 3], index: usize) -> Self {
-        let [_, rows, columns] = grid;
-        Self { grid, place: [index / (rows * columns), index / columns % rows, index % columns] }
-    }
-
-    /// Goes on by `count` columns, at most to the row's end.
-    fn advance(&mut self, count: usize) {
-        let [image, row, column] = &mut self.place;
-        *column += count;
-        if *column == self.grid[2] {
-            *column = 0;
-            *row += 1;
-            if *row == self.grid[1] {
-                *row = 0;
-                *image += 1;
             }
         }
     }
@@ -328,7 +273,7 @@ impl Epilogue<'_> {
     pub(super) const NONE: Self = Self { start: None, skip: None, slope: 1.0 };
 }
 
-/// A dense convolution, all of it.
+/// A dense convolution, all of it. An input without the halo it needs is copied and padded, some rows at a time.
 pub(super) fn forward(
     vectors: Vectors,
     shape: &ConvShape,
@@ -337,21 +282,60 @@ pub(super) fn forward(
     epilogue: Epilogue<'_>,
     out: MapMut<'_>,
 ) {
-    let edge = -(shape.padding as isize);
-    Correlation {
+    let ConvShape { kernel, stride, padding, .. } = *shape;
+    let Extent { batch, height, width, .. } = out.extent;
+    let skip = epilogue.skip.map(|skip| (skip.values, Steps::over(&skip.extent, [0, 0], 1)));
+    let correlation = Correlation {
         vectors,
         packed,
         x: x.values,
-        grid: [out.extent.batch, out.extent.height, out.extent.width],
-        input: Steps::over(&x.extent, [edge, edge], shape.stride),
+        grid: [batch, height, width],
+        input: Steps { start: 0, steps: [0; 3] },
         pitch: x.extent.pitch(),
         start: epilogue.start,
-        skip: epilogue.skip.map(|skip| (skip.values, Steps::over(&skip.extent, [0, 0], 1))),
+        skip,
         slope: epilogue.slope,
         out: out.values,
         output: Steps::over(&out.extent, [0, 0], 1),
+    };
+    if x.extent.halo >= padding {
+        let edge = -(padding as isize);
+        return Correlation { input: Steps::over(&x.extent, [edge, edge], stride), ..correlation }.run();
     }
-    .run();
+    let pitch = (x.extent.width + 2 * padding) * x.extent.channels;
+    let rows = (PADDED_BLOCK / pitch).saturating_sub(kernel) / stride + 1;
+    let rows = rows.min(height.div_ceil(threads().div_ceil(batch)));
+    let blocks = height.div_ceil(rows);
+    for_each(batch * blocks, |task| {
+        let image = task / blocks;
+        let [first, end] = split(height, blocks, task % blocks);
+        let lines = (end - first - 1) * stride + kernel;
+        with_scratch(lines * pitch, |scratch| {
+            for (line, values) in scratch.chunks_exact_mut(pitch).enumerate() {
+                let row = (first * stride + line).checked_sub(padding).filter(|&row| row < x.extent.height);
+                let Some(row) = row else {
+                    values.fill(0.0);
+                    continue;
+                };
+                let (left, values) = values.split_at_mut(padding * x.extent.channels);
+                let (inner, right) = values.split_at_mut(x.extent.width * x.extent.channels);
+                left.fill(0.0);
+                inner.copy_from_slice(x.row(image, row));
+                right.fill(0.0);
+            }
+            let from = |steps: Steps| Steps { start: steps.at([image, first, 0]), ..steps };
+            Correlation {
+                x: scratch,
+                grid: [1, end - first, width],
+                input: Steps { start: 0, steps: [0, stride * pitch, stride * x.extent.channels] },
+                pitch,
+                skip: skip.map(|(values, steps)| (values, from(steps))),
+                output: from(correlation.output),
+                ..correlation
+            }
+            .run_here();
+        });
+    });
 }
 
 /// Lends a copy of `map` with `halo` and slack to `work`.

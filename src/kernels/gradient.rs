@@ -1,9 +1,9 @@
 //! Gradients of direct convolutions: of the input, of the weights.
 
-use super::conv::{ConvShape, Correlation, Packed, Position, SERIAL_WORK, Steps, split, strips};
+use super::conv::{ConvShape, Correlation, Packed, SERIAL_WORK, Steps, split, strips};
 use super::map::{Extent, Map, MapMut};
 use super::parallel::{for_each, threads};
-use super::simd::{Shared, Vectors, WeightTile};
+use super::simd::{SLACK, Shared, Vectors, WeightTile};
 
 /// Values of input and gradient that stay in the second-level cache while the weights' gradient is
 /// summed, floats.
@@ -25,7 +25,7 @@ impl InputGradient {
             let (row, column) = (phase / stride, phase % stride);
             let (rows, columns) = (taps(row), taps(column));
             let mut packed = Packed::zeros(vectors, [rows, columns * output, input]);
-            let places = packed.columns(vectors);
+            let places = packed.columns();
             let values = packed.values.values_mut();
             for (from, weights) in weights.chunks_exact(input * kernel * kernel).enumerate() {
                 for ([start, step], weights) in places.iter().zip(weights.chunks_exact(kernel * kernel)) {
@@ -75,8 +75,9 @@ impl InputGradient {
             let output = Steps::over(&dx.extent, first.map(|pixel| pixel as isize), stride);
             if *rows == 0 || *columns == 0 {
                 for place in 0..dx.extent.batch * count[0] * count[1] {
-                    let at = Position::new([dx.extent.batch, count[0], count[1]], place).place;
-                    dx.values.part(output.at(at), dx.extent.channels).fill(0.0);
+                    let (line, column) = (place / count[1], place % count[1]);
+                    let at = output.at([line / count[0], line % count[0], column]);
+                    dx.values.part(at, dx.extent.channels).fill(0.0);
                 }
                 continue;
             }
@@ -126,7 +127,7 @@ impl WeightSums<'_> {
         let [images, rows, columns] = self.grid;
         let (strips, len) = strips(self.vectors, self.channels, self.segments * self.length);
         let sums = Shared::new(&mut sums[..len]);
-        let most = self.vectors.positions(2);
+        let most = self.vectors.positions(SLACK);
         let tiles = self.length.div_ceil(most);
         // Rows whose input and gradient stay near while every tile passes over them.
         let row_values = self.input.steps[1] + self.gradient.steps[1];
@@ -135,7 +136,7 @@ impl WeightSums<'_> {
         let task = |task: usize| {
             let (segment, tile, strip) =
                 (task / strips.len() / tiles, task / strips.len() % tiles, strips[task % strips.len()]);
-            let size = strip.vectors * self.vectors.lanes();
+            let size = strip.size;
             let [from, to] = split(self.length, tiles, tile);
             let part = sums.part(strip.start + (segment * self.length + from) * size, (to - from) * size);
             (segment, from, to - from, strip, part)
@@ -154,7 +155,7 @@ impl WeightSums<'_> {
                 row_step: [self.input.steps[1], self.gradient.steps[1]],
                 column_step: [self.input.steps[2], self.gradient.steps[2]],
                 taps,
-                vectors: strip.vectors,
+                size: strip.size,
                 sums: part,
             });
         };
@@ -196,7 +197,7 @@ pub(super) fn unpack(vectors: Vectors, shape: &ConvShape, sums: &[f32]) -> Vec<f
     let (strips, _) = strips(vectors, output, kernel * kernel * input);
     let mut weights = vec![0.0; output * input * kernel * kernel];
     for strip in strips {
-        let size = strip.vectors * vectors.lanes();
+        let size = strip.size;
         for lane in 0..strip.width {
             let to = &mut weights[(strip.channel + lane) * input * kernel * kernel..];
             for (channel, to) in to.chunks_exact_mut(kernel * kernel).take(input).enumerate() {

@@ -81,16 +81,13 @@ impl Convolution {
         &self.shape
     }
 
-    /// Halo of zeros that its input must have.
+    /// Halo of zeros with which its input is taken as it is. Without it dense convolutions copy what is at the edges.
     pub fn halo(&self) -> usize {
-        match self.method {
-            Method::Winograd(_) => 0,
-            Method::Direct(_) | Method::Depthwise(_) | Method::Single(_) => self.shape.padding,
-        }
+        self.shape.padding
     }
 
     /// `out = slope(convolution of x + bias + skip)`: negative results are multiplied by `slope`, 0 to
-    /// 1. `x` has a halo of at least [`Self::halo`], and for a depthwise convolution [`SLACK`] values after it.
+    /// 1. For a depthwise convolution `x` has a halo of at least [`Self::halo`] and [`SLACK`] values after it.
     ///
     /// # Panics
     /// Where a map's size or halo is not as stated; for a skip of a depthwise convolution.
@@ -99,7 +96,6 @@ impl Convolution {
         let expected = shape.output(x.extent);
         assert_eq!(out.extent.with_halo(0), expected, "output of {shape:?}");
         assert!(skip.is_none_or(|skip| skip.extent.with_halo(0) == expected), "skip of {shape:?}");
-        assert!(x.extent.halo >= self.halo(), "{:?} has too small a halo for {shape:?}", x.extent);
         let epilogue = Epilogue { start, skip, slope };
         match &self.method {
             Method::Direct(packed) => conv::forward(vectors, shape, packed, x, epilogue, out),

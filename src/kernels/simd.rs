@@ -12,7 +12,7 @@
 
 use std::marker::PhantomData;
 
-use pulp::{Simd, WithSimd};
+use pulp::{Scalar, Simd, WithSimd};
 
 /// Most output positions in a tile.
 pub const MAX_POSITIONS: usize = 14;
@@ -27,6 +27,8 @@ pub struct Vectors(Arch);
 
 #[cfg(not(target_arch = "wasm32"))]
 use pulp::Arch;
+#[cfg(target_arch = "x86_64")]
+use pulp::x86::V3;
 
 /// In wasm the build decides, and only what it chose is compiled.
 #[cfg(target_arch = "wasm32")]
@@ -49,6 +51,41 @@ impl Arch {
         let set = unsafe { Set::new_unchecked() };
         Simd::vectorize(set, op)
     }
+}
+
+/// Dispatches a kernel for so many positions and a strip of so many floats, whole vectors and half ones.
+macro_rules! strip_kernel {
+    ($vectors:expr, $size:expr, $positions:expr, $half:ident => $kernel:ident $fields:tt) => {
+        match ($vectors.0, $size / $vectors.lanes()) {
+            #[cfg(target_arch = "x86_64")]
+            (Arch::V4(wide), _) if $size == 24 => {
+                let $half: V3 = *wide;
+                strip_kernel!(1, 1, $positions, wide, Simd::vectorize, $kernel $fields)
+            }
+            (arch, vectors) => {
+                let $half = Scalar::new();
+                match vectors {
+                    1 => strip_kernel!(1, 0, $positions, arch, Arch::dispatch, $kernel $fields),
+                    2 => strip_kernel!(2, 0, $positions, arch, Arch::dispatch, $kernel $fields),
+                    _ => panic!("there are no strips of {} floats", $size),
+                }
+            }
+        }
+    };
+    // wasm has those that `positions` names, for a small download.
+    ($n:literal, $k:literal, $positions:expr, $set:expr, $run:path, $kernel:ident $fields:tt) => {
+        strip_kernel!($n, $k, $positions, $set, $run, $kernel $fields, 1 2 3 4 5 6 7 8, 9 10 11 12 13 14)
+    };
+    ($n:literal, $k:literal, $positions:expr, $set:expr, $run:path, $kernel:ident $fields:tt, $($few:literal)*, $($many:literal)*) => {
+        match $positions {
+            $($few => $run($set, strip_kernel!($kernel, $few, $n, $k, $fields)),)*
+            $(#[cfg(not(target_arch = "wasm32"))] $many => $run($set, strip_kernel!($kernel, $many, $n, $k, $fields)),)*
+            other => panic!("a tile has 1 to {MAX_POSITIONS} positions, not {other}"),
+        }
+    };
+    ($kernel:ident, $m:literal, $n:literal, $k:literal, { $($field:ident),* }) => {
+        $kernel::<_, $m, $n, $k> { $($field),* }
+    };
 }
 
 impl Vectors {
@@ -84,8 +121,36 @@ impl Vectors {
         self.0.dispatch(Lanes)
     }
 
-    /// Output positions that the registers hold sums for, `vectors` (1 or 2) vectors each.
-    pub fn positions(self, vectors: usize) -> usize {
+    /// Strips of channels that tiles can have, floats, narrowest first. Half a vector is there only
+    /// where it costs half as much.
+    pub fn strips(self) -> &'static [usize] {
+        match self.lanes() {
+            16 => &[8, 16, 24, 32],
+            8 => &[8, 16],
+            4 => &[4, 8],
+            _ => &[1, 2],
+        }
+    }
+
+    /// The set whose vectors `channels` channels fill best.
+    pub fn for_channels(self, channels: usize) -> Self {
+        #[cfg(target_arch = "x86_64")]
+        if let Arch::V4(wide) = self.0
+            && (1..=8).contains(&(channels % 16))
+        {
+            return Self(Arch::V3(*wide));
+        }
+        let _ = channels;
+        self
+    }
+
+    /// The set for a strip: half as wide for half a vector.
+    fn for_strip(self, size: usize) -> Self {
+        if size < self.lanes() { self.for_channels(size) } else { self }
+    }
+
+    /// Output positions (or taps) that the registers hold sums for, a strip of `size` floats each.
+    pub fn positions(self, size: usize) -> usize {
         struct Registers;
         impl WithSimd for Registers {
             type Output = usize;
@@ -96,11 +161,11 @@ impl Vectors {
         }
         // V8 gives wasm fewer registers than the machine has.
         let registers = if cfg!(target_arch = "wasm32") { 13 } else { self.0.dispatch(Registers) };
-        match (registers, vectors) {
+        match (registers, size > self.lanes()) {
             (32.., _) => MAX_POSITIONS,
-            (16.., 1) => 12,
-            (16.., _) => 6,
-            (_, 1) => 8,
+            (16.., false) => 12,
+            (16.., true) => 6,
+            (_, false) => 8,
             _ => 5,
         }
     }
@@ -110,30 +175,23 @@ impl Vectors {
         self.0.dispatch(work)
     }
 
-    /// Computes a tile.
+    /// Computes a row of tiles.
     ///
     /// # Panics
-    /// Where the tile would read or write outside its slices.
-    pub fn convolve(self, tile: &ConvTile<'_>) {
-        macro_rules! choose {
-            ($vectors:literal: $($positions:literal)*) => {
-                match tile.input.len() {
-                    $($positions => self.0.dispatch(Conv::<$positions, $vectors>(tile)),)*
-                    other => panic!("a tile has 1 to {MAX_POSITIONS} positions, not {other}"),
-                }
-            };
+    /// Where it would read or write outside its slices.
+    pub fn convolve(self, row: &ConvRow<'_>) {
+        if row.positions == 0 {
+            return;
         }
-        match tile.vectors {
-            #[cfg(not(target_arch = "wasm32"))]
-            1 => choose!(1: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
-            #[cfg(not(target_arch = "wasm32"))]
-            2 => choose!(2: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
-            // Those that `positions` names, for a small download.
-            #[cfg(target_arch = "wasm32")]
-            1 => choose!(1: 1 2 3 4 5 6 7 8),
-            #[cfg(target_arch = "wasm32")]
-            2 => choose!(2: 1 2 3 4 5),
-            other => panic!("a tile has 1 or 2 vectors, not {other}"),
+        row.check();
+        let vectors = self.for_strip(row.size);
+        // Tiles of nearly the same size: first those of one position more.
+        let tiles = row.positions.div_ceil(vectors.positions(row.size));
+        let (small, large) = (row.positions / tiles, row.positions % tiles);
+        for (positions, first, tiles) in [(small + 1, 0, large), (small, large * (small + 1), tiles - large)] {
+            if tiles > 0 {
+                strip_kernel!(vectors, row.size, positions, half => Conv { row, half, first, tiles });
+            }
         }
     }
 
@@ -142,26 +200,8 @@ impl Vectors {
     /// # Panics
     /// As [`Self::convolve`].
     pub fn weight_gradient(self, tile: &mut WeightTile<'_>) {
-        macro_rules! choose {
-            ($vectors:literal: $($taps:literal)*) => {
-                match tile.taps {
-                    $($taps => self.0.dispatch(Weight::<$taps, $vectors>(tile)),)*
-                    other => panic!("a tile has 1 to {MAX_POSITIONS} taps, not {other}"),
-                }
-            };
-        }
-        match tile.vectors {
-            #[cfg(not(target_arch = "wasm32"))]
-            1 => choose!(1: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
-            #[cfg(not(target_arch = "wasm32"))]
-            2 => choose!(2: 1 2 3 4 5 6 7 8 9 10 11 12 13 14),
-            // Those that `positions` names, for a small download.
-            #[cfg(target_arch = "wasm32")]
-            1 => choose!(1: 1 2 3 4 5 6 7 8),
-            #[cfg(target_arch = "wasm32")]
-            2 => choose!(2: 1 2 3 4 5),
-            other => panic!("a tile has 1 or 2 vectors, not {other}"),
-        }
+        tile.check();
+        strip_kernel!(self.for_strip(tile.size), tile.size, tile.taps, half => Weight { tile, half });
     }
 
     /// Transforms a patch in both directions, `[N, N]` to `[P, P]`, every channel.
@@ -267,170 +307,192 @@ impl<'a> Shared<'a> {
     }
 }
 
-/// Up to [`MAX_POSITIONS`] output positions × one strip of output channels:
-/// `out[p] = slope(start[p] + Σ input[p] · weights + skip[p])`.
-pub struct ConvTile<'a> {
+/// Evenly spaced output positions × one strip of output channels:
+/// `out[p] = slope(start + Σ input[p] · weights + skip[p])`.
+pub struct ConvRow<'a> {
+    /// Output positions.
+    pub positions: usize,
     /// Values of the input, zeros around it.
     pub x: &'a [f32],
-    /// Where each position's first segment starts in `x`.
-    pub input: &'a [usize],
+    /// Where the first position's first segment starts in `x`, and from position to position.
+    pub input: [usize; 2],
     /// Segments (kernel rows): how many, how long, how far apart in `x`.
     pub segments: usize,
     /// See `segments`.
     pub length: usize,
     /// See `segments`.
     pub pitch: usize,
-    /// `[segments, length, vectors · lanes]`.
+    /// `[segments, length, size]`.
     pub weights: &'a [f32],
-    /// Vectors in the strip, 1 or 2.
-    pub vectors: usize,
+    /// Floats in the strip, one of [`Vectors::strips`].
+    pub size: usize,
     /// Channels in the strip that exist; the others are not written.
     pub width: usize,
-    /// What the sums start from, `[vectors · lanes]`; from `out` itself if there is none.
+    /// What the sums start from, `[size]`; from `out` itself if there is none.
     pub start: Option<&'a [f32]>,
-    /// Added before the slope, where each position's channels are in it.
-    pub skip: Option<(&'a [f32], &'a [usize])>,
+    /// Added before the slope: values, where the first position's channels are in them, from position to position.
+    pub skip: Option<(&'a [f32], [usize; 2])>,
     /// Negative results are multiplied by it, 0 to 1 (1: nothing happens).
     pub slope: f32,
     /// Where results go.
     pub out: Shared<'a>,
-    /// Where each position's channels are in `out`.
-    pub output: &'a [usize],
-    /// Whether this strip has all of the layer's channels, so that a position that follows another in memory
-    /// begins with this strip, too.
-    pub alone: bool,
+    /// Where the first position's channels are in `out`, and from position to position.
+    pub output: [usize; 2],
 }
 
-struct Conv<'a, const M: usize, const N: usize>(&'a ConvTile<'a>);
+/// The end of what is read or written from `start` on: the last of so many steps of so many floats, and `len`
+/// floats there.
+fn end(start: usize, steps: &[[usize; 2]], len: usize) -> usize {
+    let far = steps.iter().map(|[count, step]| count.saturating_sub(1).saturating_mul(*step));
+    far.fold(start.saturating_add(len), usize::saturating_add)
+}
 
-impl<const M: usize, const N: usize> WithSimd for Conv<'_, M, N> {
+impl ConvRow<'_> {
+    /// Refuses a row that the kernel must not run on.
+    fn check(&self) {
+        let [input, input_step] = self.input;
+        let [output, output_step] = self.output;
+        let Self { positions, segments, length, size, width, .. } = *self;
+        assert!(size <= SLACK && width <= size, "a strip of {width} in {size} floats");
+        assert!(segments > 0 && self.weights.len() == segments.saturating_mul(length).saturating_mul(size));
+        assert!(self.start.is_none_or(|start| start.len() == size));
+        let reads = end(input, &[[positions, input_step], [segments, self.pitch]], length);
+        assert!(reads <= self.x.len(), "a tile reads outside its input");
+        assert!(end(output, &[[positions, output_step]], width) <= self.out.len, "a tile writes outside its output");
+        if let Some((values, [skip, step])) = self.skip {
+            assert!(end(skip, &[[positions, step]], width) <= values.len(), "a tile reads outside its skip");
+        }
+    }
+}
+
+/// Tiles of `M` positions × `N` vectors and `K` half ones.
+struct Conv<'a, H, const M: usize, const N: usize, const K: usize> {
+    row: &'a ConvRow<'a>,
+    half: H,
+    first: usize,
+    tiles: usize,
+}
+
+impl<H: Simd, const M: usize, const N: usize, const K: usize> WithSimd for Conv<'_, H, M, N, K> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let tile = self.0;
-        let strip = N * S::F32_LANES;
-        assert!(strip <= SLACK && tile.input.len() == M && tile.output.len() == M && tile.width <= strip);
-        assert!(tile.segments > 0 && tile.weights.len() == tile.segments * tile.length * strip);
-        assert!(tile.start.is_none_or(|start| start.len() == strip));
-        let reach = (tile.segments - 1) * tile.pitch + tile.length;
-        let furthest = tile.input.iter().fold(0, |furthest, &at| furthest.max(at));
-        assert!(furthest + reach <= tile.x.len(), "a tile reads outside its input");
-        let furthest = tile.output.iter().fold(0, |furthest, &at| furthest.max(at));
-        assert!(furthest + tile.width <= tile.out.len, "a tile writes outside its output");
-        if let Some((values, at)) = tile.skip {
-            let furthest = at.iter().fold(0, |furthest, &at| furthest.max(at));
-            assert!(at.len() == M && furthest + tile.width <= values.len(), "a tile reads outside its skip");
-        }
-        // SAFETY: inputs, weights, start, skip and outputs were checked above to hold all that is read
-        // and written: `segments` runs of `length` floats from each input, `strip` floats a tap from
-        // `weights`, `strip` from start, `width` at each output and skip. Narrower strips than whole ones
-        // are computed in local rows of `strip` floats.
-        unsafe {
-            let mut rows = [tile.x.as_ptr(); M];
-            let mut outputs = [tile.out.start; M];
-            let mut skips = [tile.x.as_ptr(); M];
-            for m in 0..M {
-                rows[m] = tile.x.as_ptr().add(tile.input[m]);
-                outputs[m] = tile.out.start.add(tile.output[m]);
-                if let Some((values, at)) = tile.skip {
-                    skips[m] = values.as_ptr().add(at[m]);
+        let Self { row, half, first, tiles } = self;
+        for tile in 0..tiles {
+            let position = first + tile * M;
+            // SAFETY: the row was checked to hold all that is read and written at each of its positions (`check`),
+            // of which these are some: `segments` runs of `length` floats from each input, `size` floats a tap from
+            // `weights`, `size` from start, `width` at each output and skip. Narrower strips than whole ones are
+            // computed in local rows of `size` floats.
+            unsafe {
+                let x = row.x.as_ptr().add(row.input[0] + position * row.input[1]);
+                let out = row.out.start.add(row.output[0] + position * row.output[1]);
+                let skip = row.skip.map(|(values, [at, step])| (values.as_ptr().add(at + position * step), step));
+                if row.width == row.size {
+                    sum_up::<S, H, M, N, K>(simd, half, row, x, skip, (out, row.output[1]));
+                    continue;
                 }
-            }
-            if tile.width == strip {
-                return sum_up::<S, M, N>(simd, tile, &rows, &skips, &outputs);
-            }
-            let tight = tile.output.windows(2).all(|pair| pair[1] == pair[0] + tile.width);
-            let mut results = [[0.0_f32; SLACK]; M];
-            let mut added = [[0.0_f32; SLACK]; M];
-            let mut local = outputs;
-            for m in 0..M {
-                local[m] = results[m].as_mut_ptr();
-                if tile.start.is_none() {
-                    results[m].as_mut_ptr().copy_from_nonoverlapping(outputs[m], tile.width);
+                let mut results = [[0.0_f32; SLACK]; M];
+                let mut added = [[0.0_f32; SLACK]; M];
+                for m in 0..M {
+                    if row.start.is_none() {
+                        results[m].as_mut_ptr().copy_from_nonoverlapping(out.add(m * row.output[1]), row.width);
+                    }
+                    if let Some((values, step)) = skip {
+                        added[m].as_mut_ptr().copy_from_nonoverlapping(values.add(m * step), row.width);
+                    }
                 }
-                if tile.skip.is_some() {
-                    added[m].as_mut_ptr().copy_from_nonoverlapping(skips[m], tile.width);
-                    skips[m] = added[m].as_ptr();
+                let skip = skip.map(|_| (added.as_ptr().cast(), SLACK));
+                sum_up::<S, H, M, N, K>(simd, half, row, x, skip, (results.as_mut_ptr().cast(), SLACK));
+                for m in 0..M {
+                    out.add(m * row.output[1]).copy_from_nonoverlapping(results[m].as_ptr(), row.width);
                 }
-            }
-            sum_up::<S, M, N>(simd, tile, &rows, &skips, &local);
-            for m in 0..M {
-                // What a whole row writes too much is written again if what lies right behind it are this
-                // tile's next positions.
-                let rest = M - 1 - m;
-                let covered = tile.alone && tight && rest * tile.width >= strip - tile.width;
-                let count = if covered { strip } else { tile.width };
-                outputs[m].copy_from_nonoverlapping(results[m].as_ptr(), count);
             }
         }
     }
 }
 
-/// The sums of a tile of whole strips, finished and written.
+/// The sums of a tile of whole strips, finished and written: positions' values are at `x` and so on, skips and
+/// outputs at a pointer and so on by a step.
 ///
 /// # Safety
-/// As [`Conv`] has checked; `outputs` and `skips` (where the tile has any) hold a strip each.
+/// As [`ConvRow::check`] has made sure; outputs and skips hold a strip each.
 // Small loops over constants only, or the compiler keeps the sums in memory.
 #[inline(always)]
-unsafe fn sum_up<S: Simd, const M: usize, const N: usize>(
+unsafe fn sum_up<S: Simd, H: Simd, const M: usize, const N: usize, const K: usize>(
     simd: S,
-    tile: &ConvTile<'_>,
-    rows: &[*const f32; M],
-    skips: &[*const f32; M],
-    outputs: &[*mut f32; M],
+    half: H,
+    row: &ConvRow<'_>,
+    x: *const f32,
+    skip: Option<(*const f32, usize)>,
+    (out, output_step): (*mut f32, usize),
 ) {
     // SAFETY: the caller's promise.
     unsafe {
+        let whole = N * S::F32_LANES;
         let mut sums = [[simd.splat_f32s(0.0); N]; M];
-        if let Some(start) = tile.start {
-            let start = read::<S, N>(simd, start.as_ptr().cast());
+        let mut halves = [[half.splat_f32s(0.0); K]; M];
+        if let Some(start) = row.start {
+            let (start, half_start) = (read(simd, start.as_ptr()), read(half, start.as_ptr().add(whole)));
             for m in 0..M {
-                for n in 0..N {
-                    sums[m][n] = start[n];
-                }
+                (sums[m], halves[m]) = (start, half_start);
             }
         } else {
             for m in 0..M {
-                for n in 0..N {
-                    sums[m][n] = outputs[m].cast::<S::f32s>().add(n).read_unaligned();
-                }
+                let from = out.add(m * output_step);
+                (sums[m], halves[m]) = (read(simd, from), read(half, from.add(whole)));
             }
         }
-        let mut weights = tile.weights.as_ptr().cast::<S::f32s>();
-        for segment in 0..tile.segments {
-            let from = segment * tile.pitch;
-            for tap in from..from + tile.length {
-                let taps = read::<S, N>(simd, weights);
+        let mut rows = [x; M];
+        for m in 0..M {
+            rows[m] = x.add(m * row.input[1]);
+        }
+        let mut weights = row.weights.as_ptr();
+        for segment in 0..row.segments {
+            let from = segment * row.pitch;
+            for tap in from..from + row.length {
+                let taps: [S::f32s; N] = read(simd, weights);
+                let half_taps: [H::f32s; K] = read(half, weights.add(whole));
                 for m in 0..M {
-                    let value = simd.splat_f32s(*rows[m].add(tap));
+                    let value = *rows[m].add(tap);
                     for n in 0..N {
-                        sums[m][n] = simd.mul_add_e_f32s(value, taps[n], sums[m][n]);
+                        sums[m][n] = simd.mul_add_e_f32s(simd.splat_f32s(value), taps[n], sums[m][n]);
+                    }
+                    for k in 0..K {
+                        halves[m][k] = half.mul_add_e_f32s(half.splat_f32s(value), half_taps[k], halves[m][k]);
                     }
                 }
-                weights = weights.add(N);
+                weights = weights.add(whole + K * H::F32_LANES);
             }
         }
-        if tile.skip.is_some() {
+        if let Some((skip, step)) = skip {
             for m in 0..M {
+                let from = skip.add(m * step);
+                let (skip, half_skip): ([S::f32s; N], [H::f32s; K]) = (read(simd, from), read(half, from.add(whole)));
                 for n in 0..N {
-                    let skip = skips[m].cast::<S::f32s>().add(n).read_unaligned();
-                    sums[m][n] = simd.add_f32s(sums[m][n], skip);
+                    sums[m][n] = simd.add_f32s(sums[m][n], skip[n]);
+                }
+                for k in 0..K {
+                    halves[m][k] = half.add_f32s(halves[m][k], half_skip[k]);
                 }
             }
         }
-        if tile.slope != 1.0 {
-            let slope = simd.splat_f32s(tile.slope);
+        if row.slope != 1.0 {
+            let (slope, half_slope) = (simd.splat_f32s(row.slope), half.splat_f32s(row.slope));
             for m in 0..M {
                 for n in 0..N {
                     sums[m][n] = simd.max_f32s(sums[m][n], simd.mul_f32s(sums[m][n], slope));
                 }
+                for k in 0..K {
+                    halves[m][k] = half.max_f32s(halves[m][k], half.mul_f32s(halves[m][k], half_slope));
+                }
             }
         }
         for m in 0..M {
-            for n in 0..N {
-                outputs[m].cast::<S::f32s>().add(n).write_unaligned(sums[m][n]);
-            }
+            let to = out.add(m * output_step);
+            write(to, sums[m]);
+            write(to.add(whole), halves[m]);
         }
     }
 }
@@ -442,13 +504,25 @@ unsafe fn sum_up<S: Simd, const M: usize, const N: usize>(
 // Functions, here and below, where closures would do: only these are certain to be compiled for the
 // vectors they are called with.
 #[inline(always)]
-unsafe fn read<S: Simd, const N: usize>(simd: S, from: *const S::f32s) -> [S::f32s; N] {
+unsafe fn read<S: Simd, const N: usize>(simd: S, from: *const f32) -> [S::f32s; N] {
     let mut vectors = [simd.splat_f32s(0.0); N];
-    for (n, vector) in vectors.iter_mut().enumerate() {
+    for n in 0..N {
         // SAFETY: the caller's promise.
-        *vector = unsafe { from.add(n).read_unaligned() };
+        vectors[n] = unsafe { from.cast::<S::f32s>().add(n).read_unaligned() };
     }
     vectors
+}
+
+/// Writes `N` vectors.
+///
+/// # Safety
+/// There must be room for them.
+#[inline(always)]
+unsafe fn write<V: Copy, const N: usize>(to: *mut f32, vectors: [V; N]) {
+    for n in 0..N {
+        // SAFETY: the caller's promise.
+        unsafe { to.cast::<V>().add(n).write_unaligned(vectors[n]) };
+    }
 }
 
 /// `taps` neighbouring inputs × one strip of output channels of the weights' gradient, summed over a
@@ -470,46 +544,64 @@ pub struct WeightTile<'a> {
     pub column_step: [usize; 2],
     /// Neighbouring values of `x`, 1 to [`MAX_POSITIONS`].
     pub taps: usize,
-    /// Vectors in the strip, 1 or 2.
-    pub vectors: usize,
-    /// `[taps, vectors · lanes]`. Channels beyond the layer's hold rubbish: `dy` is read on.
+    /// Floats in the strip, one of [`Vectors::strips`].
+    pub size: usize,
+    /// `[taps, size]`. Channels beyond the layer's hold rubbish: `dy` is read on.
     pub sums: &'a mut [f32],
 }
 
-struct Weight<'a, 'b, const M: usize, const N: usize>(&'a mut WeightTile<'b>);
+impl WeightTile<'_> {
+    /// Refuses a tile that the kernel must not run on.
+    fn check(&self) {
+        assert!(self.sums.len() == self.taps.saturating_mul(self.size));
+        if self.rows == 0 || self.columns == 0 {
+            return;
+        }
+        let reads = |side: usize, len: usize| {
+            end(self.start[side], &[[self.rows, self.row_step[side]], [self.columns, self.column_step[side]]], len)
+        };
+        let inside = reads(0, self.taps) <= self.x.len() && reads(1, self.size) <= self.dy.len();
+        assert!(inside, "a tile reads outside its input");
+    }
+}
 
-impl<const M: usize, const N: usize> WithSimd for Weight<'_, '_, M, N> {
+/// Sums for `M` taps × `N` vectors and `K` half ones.
+struct Weight<'a, 'b, H, const M: usize, const N: usize, const K: usize> {
+    tile: &'a mut WeightTile<'b>,
+    half: H,
+}
+
+impl<H: Simd, const M: usize, const N: usize, const K: usize> WithSimd for Weight<'_, '_, H, M, N, K> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let tile = self.0;
-        let strip = N * S::F32_LANES;
-        assert!(tile.taps == M && tile.sums.len() == M * strip);
-        if tile.rows == 0 || tile.columns == 0 {
-            return;
-        }
-        let last = |side: usize| {
-            tile.start[side] + (tile.rows - 1) * tile.row_step[side] + (tile.columns - 1) * tile.column_step[side]
-        };
-        assert!(last(0) + M <= tile.x.len() && last(1) + strip <= tile.dy.len(), "a tile reads outside its input");
+        let Self { tile, half } = self;
+        let whole = N * S::F32_LANES;
+        let size = whole + K * H::F32_LANES;
         // SAFETY: the furthest position was checked to leave `M` floats in `x` and a strip in `dy`,
-        // steps are not negative, `sums` holds `M` strips.
+        // steps are not negative, `sums` holds `M` strips (`check`).
         unsafe {
-            let out = tile.sums.as_mut_ptr().cast::<S::f32s>();
+            let out = tile.sums.as_mut_ptr();
             let mut sums = [[simd.splat_f32s(0.0); N]; M];
+            let mut halves = [[half.splat_f32s(0.0); K]; M];
             for m in 0..M {
-                sums[m] = read::<S, N>(simd, out.add(m * N));
+                let from = out.add(m * size);
+                (sums[m], halves[m]) = (read(simd, from), read(half, from.add(whole)));
             }
             for row in 0..tile.rows {
                 let mut x = tile.x.as_ptr().add(tile.start[0] + row * tile.row_step[0]);
                 let mut dy = tile.dy.as_ptr().add(tile.start[1] + row * tile.row_step[1]);
                 for column in 0..tile.columns {
-                    let gradient = read::<S, N>(simd, dy.cast());
+                    let gradient: [S::f32s; N] = read(simd, dy);
+                    let half_gradient: [H::f32s; K] = read(half, dy.add(whole));
                     for m in 0..M {
-                        let value = simd.splat_f32s(*x.add(m));
+                        let value = *x.add(m);
                         for n in 0..N {
-                            sums[m][n] = simd.mul_add_e_f32s(value, gradient[n], sums[m][n]);
+                            sums[m][n] = simd.mul_add_e_f32s(simd.splat_f32s(value), gradient[n], sums[m][n]);
+                        }
+                        for k in 0..K {
+                            halves[m][k] = half.mul_add_e_f32s(half.splat_f32s(value), half_gradient[k], halves[m][k]);
                         }
                     }
                     if column + 1 < tile.columns {
@@ -519,9 +611,8 @@ impl<const M: usize, const N: usize> WithSimd for Weight<'_, '_, M, N> {
                 }
             }
             for m in 0..M {
-                for n in 0..N {
-                    out.add(m * N + n).write_unaligned(sums[m][n]);
-                }
+                write(out.add(m * size), sums[m]);
+                write(out.add(m * size + whole), halves[m]);
             }
         }
     }
@@ -596,62 +687,77 @@ impl<const N: usize, const P: usize, T: Transform<N, P>> WithSimd for TransformP
             span(patch.output, patch.output_steps, counts) + written <= patch.out.len,
             "a patch outside its output"
         );
-        // SAFETY: the furthest values read and written were checked above.
-        unsafe {
-            for channel in (0..patch.channels).step_by(lanes) {
-                let x = patch.x.as_ptr().add(patch.start + channel);
-                let zero = simd.splat_f32s(0.0);
-                let mut half = [[zero; P]; N];
-                for i in 0..N {
-                    let mut row = [zero; N];
-                    for j in 0..N {
-                        row[j] = x.add(i * patch.steps[0] + j * patch.steps[1]).cast::<S::f32s>().read_unaligned();
-                    }
-                    half[i] = transform.apply(simd, row);
-                }
-                let mut whole = [[zero; P]; P];
-                for j in 0..P {
-                    let mut column = [zero; N];
-                    for i in 0..N {
-                        column[i] = half[i][j];
-                    }
-                    let column = transform.apply(simd, column);
-                    for i in 0..P {
-                        whole[i][j] = column[i];
-                    }
-                }
-                let out = patch.out.start.add(patch.output + channel);
-                let Some(finish) = &patch.finish else {
-                    for i in 0..P {
-                        for j in 0..P {
-                            let to = out.add(i * patch.output_steps[0] + j * patch.output_steps[1]);
-                            to.cast::<S::f32s>().write_unaligned(whole[i][j]);
-                        }
-                    }
-                    continue;
+        for channel in (0..patch.channels).step_by(lanes) {
+            macro_rules! rows {
+                ($($row:literal)*) => {
+                    $(if $row < counts[0] {
+                        // SAFETY: the furthest values read and written were checked above.
+                        unsafe { transform_row::<S, N, P, T, $row>(simd, transform, patch, channel, counts[1]) };
+                    })*
                 };
-                let width = lanes.min(patch.channels - channel);
-                let slope = simd.splat_f32s(finish.slope);
-                let start = match finish.start {
-                    Some(start) => start.as_ptr().add(channel).cast::<S::f32s>().read_unaligned(),
-                    None => zero,
-                };
-                for i in 0..finish.rows {
-                    for j in 0..finish.columns {
-                        let mut value = simd.add_f32s(whole[i][j], start);
-                        if let Some((values, start, steps)) = finish.skip {
-                            let skip = values.as_ptr().add(start + i * steps[0] + j * steps[1] + channel);
-                            value = simd.add_f32s(value, load(simd, skip, width));
-                        }
-                        value = simd.max_f32s(value, simd.mul_f32s(value, slope));
-                        let to = out.add(i * patch.output_steps[0] + j * patch.output_steps[1]);
-                        if width == lanes {
-                            to.cast::<S::f32s>().write_unaligned(value);
-                        } else {
-                            to.copy_from_nonoverlapping((&raw const value).cast(), width);
-                        }
-                    }
-                }
+            }
+            rows!(0 1 2 3 4 5);
+        }
+    }
+}
+
+/// One row of a patch's transform, one vector of channels. All rows at once would not fit the registers: to read
+/// the patch again for each is cheaper.
+///
+/// # Safety
+/// As [`TransformPatch`] has checked; `ROW` and `columns` are at most as many as it says.
+#[inline(always)]
+unsafe fn transform_row<S: Simd, const N: usize, const P: usize, T: Transform<N, P>, const ROW: usize>(
+    simd: S,
+    transform: T,
+    patch: &Patch<'_>,
+    channel: usize,
+    columns: usize,
+) {
+    if ROW >= P {
+        return;
+    }
+    let lanes = S::F32_LANES;
+    // SAFETY: the caller's promise.
+    unsafe {
+        let x = patch.x.as_ptr().add(patch.start + channel);
+        let mut half = [simd.splat_f32s(0.0); N];
+        for j in 0..N {
+            let mut column = [simd.splat_f32s(0.0); N];
+            for i in 0..N {
+                column[i] = x.add(i * patch.steps[0] + j * patch.steps[1]).cast::<S::f32s>().read_unaligned();
+            }
+            half[j] = transform.apply(simd, column)[ROW];
+        }
+        let values = transform.apply(simd, half);
+        let out = patch.out.start.add(patch.output + ROW * patch.output_steps[0] + channel);
+        let Some(finish) = &patch.finish else {
+            for j in 0..P {
+                out.add(j * patch.output_steps[1]).cast::<S::f32s>().write_unaligned(values[j]);
+            }
+            return;
+        };
+        let width = lanes.min(patch.channels - channel);
+        let slope = simd.splat_f32s(finish.slope);
+        let start = match finish.start {
+            Some(start) => start.as_ptr().add(channel).cast::<S::f32s>().read_unaligned(),
+            None => simd.splat_f32s(0.0),
+        };
+        for j in 0..P {
+            if j >= columns {
+                break;
+            }
+            let mut value = simd.add_f32s(values[j], start);
+            if let Some((values, start, steps)) = finish.skip {
+                let skip = values.as_ptr().add(start + ROW * steps[0] + j * steps[1] + channel);
+                value = simd.add_f32s(value, load(simd, skip, width));
+            }
+            value = simd.max_f32s(value, simd.mul_f32s(value, slope));
+            let to = out.add(j * patch.output_steps[1]);
+            if width == lanes {
+                to.cast::<S::f32s>().write_unaligned(value);
+            } else {
+                to.copy_from_nonoverlapping((&raw const value).cast(), width);
             }
         }
     }
@@ -812,8 +918,8 @@ impl<const K: usize> WithSimd for DepthwiseWeight<'_, '_, K> {
         );
         // SAFETY: the furthest reads were checked to leave a vector; `sums` holds `K` vectors.
         unsafe {
-            let out = row.sums.as_mut_ptr().cast::<S::f32s>();
-            let mut sums = read::<S, K>(simd, out);
+            let out = row.sums.as_mut_ptr();
+            let mut sums: [S::f32s; K] = read(simd, out);
             let x = row.x.as_ptr().add(row.start[0]);
             let dy = row.dy.as_ptr().add(row.start[1]);
             for column in 0..row.columns {
@@ -823,9 +929,7 @@ impl<const K: usize> WithSimd for DepthwiseWeight<'_, '_, K> {
                     *sum = simd.mul_add_e_f32s(value, gradient, *sum);
                 }
             }
-            for (k, sum) in sums.into_iter().enumerate() {
-                out.add(k).write_unaligned(sum);
-            }
+            write(out, sums);
         }
     }
 }

@@ -96,8 +96,7 @@ pub fn unit_forward(
         let out = MapMut { extent: output, values: Shared::new(out.part(first * extent.image(), output.len())) };
         let run = |x: Map<'_>| conv.run(x, skip, slope, out);
         let x = x.images(first, count);
-        // Winograd's tiles see to their edges themselves, a 1×1 kernel has none.
-        if conv.halo() == 0 && !shape.conv.depthwise { run(x) } else { with_padded(x, conv.halo(), run) }
+        if shape.conv.depthwise { with_padded(x, conv.halo(), run) } else { run(x) }
     };
     let mut output = zeros(extent.len());
     let Some(norm) = norm else {

@@ -77,6 +77,11 @@ fn tiles(output: &Extent, side: usize) -> [usize; 3] {
     [output.batch, output.height.div_ceil(side), output.width.div_ceil(side)]
 }
 
+/// Channels in the whole vectors that transforms read and write.
+fn padded(vectors: Vectors, channels: usize) -> usize {
+    channels.next_multiple_of(vectors.for_channels(channels).lanes())
+}
+
 /// Whether fewer multiplications win over the transforms.
 pub(super) fn pays(kernel: usize, stride: usize, channels: [usize; 2], output: &Extent) -> bool {
     let Some(plan) = Plan::of(kernel).filter(|_| stride == 1) else { return false };
@@ -113,14 +118,18 @@ impl Winograd {
     pub(super) fn run(&self, vectors: Vectors, padding: usize, x: Map<'_>, epilogue: Epilogue<'_>, out: MapMut<'_>) {
         let grid = tiles(&out.extent, self.plan.outputs);
         let count: usize = grid.iter().product();
-        let lanes = vectors.lanes();
         let [input, _] = self.channels;
         let blocks = self.plan.blocks * self.plan.blocks;
-        let (input_step, output_step) = (input.next_multiple_of(lanes), self.points[0].padded_channels(vectors));
+        let (input_step, output_step) = (padded(vectors, input), self.points[0].padded_channels());
         let values = POINTS_2D * (blocks * input_step + output_step);
         let weights = self.points.len() * blocks * input * output_step;
         let most = (weights.clamp(TASK_VALUES[0], TASK_VALUES[1]) / values).max(TASK_TILES);
-        let tasks = count.div_ceil(most).max(threads().min(count / TASK_TILES)).max(1);
+        // A task or more for each thread, all the same; but not so small that they all read the weights for little.
+        let threads = threads();
+        let tasks = match count.div_ceil(most) {
+            1 if count < threads * TASK_TILES => 1,
+            tasks => tasks.next_multiple_of(threads),
+        };
         for_each(tasks, |task| {
             let [from, to] = split(count, tasks, task);
             let part = to - from;
@@ -128,7 +137,7 @@ impl Winograd {
             with_scratch(transformed + products, |scratch| {
                 let (transformed, products) = scratch.split_at_mut(transformed);
                 // A lone task shares each of its phases among the threads.
-                let parts = if tasks < threads() { threads() } else { 1 };
+                let parts = if tasks < threads { threads } else { 1 };
                 {
                     let transformed = Shared::new(transformed);
                     for_each(parts, |index| {
@@ -202,7 +211,7 @@ fn finish<const M: usize>(
         let steps = |extent: &Extent| [extent.pitch(), extent.channels];
         let skip = skip.map(|skip| (skip.values, skip.extent.at(image, row, column), steps(&skip.extent)));
         let (rows, columns) = (M.min(out.extent.height - row), M.min(out.extent.width - column));
-        vectors.transform::<POINTS, M, _>(
+        vectors.for_channels(out.extent.channels).transform::<POINTS, M, _>(
             OutputRow,
             &Patch {
                 x: products,
@@ -228,10 +237,9 @@ pub(super) fn add_weight_gradient(
     sums: &mut [f32],
 ) {
     const SIDE: usize = 4;
-    let lanes = vectors.lanes();
     let grid = tiles(&dy.extent, SIDE);
     let count: usize = grid.iter().product();
-    let (input_step, output_step) = (channels[0].next_multiple_of(lanes), channels[1].next_multiple_of(lanes));
+    let [input_step, output_step] = channels.map(|channels| padded(vectors, channels));
     let values = POINTS_2D * (input_step + output_step);
     let tasks = count.div_ceil((TASK_VALUES[0] / values).max(TASK_TILES));
     let each = gradient_len(vectors, 1, channels[0], channels[1]);
@@ -276,7 +284,7 @@ pub(super) fn unpack(vectors: Vectors, channels: [usize; 2], sums: &[f32]) -> Ve
     let mut weights = vec![0.0; output * input * 9];
     let mut at = 0;
     for strip in strips {
-        let size = strip.vectors * vectors.lanes();
+        let size = strip.size;
         for channel in 0..input {
             let mut points = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
             for (point, lanes) in points.as_flattened_mut().iter_mut().enumerate() {
@@ -308,7 +316,7 @@ fn transform_weights<const R: usize>(
     let empty = Packed::zeros(vectors, [blocks * blocks, input, output]);
     let mut points = vec![empty; POINTS_2D];
     for (index, strip) in dense.strips().iter().enumerate() {
-        let size = strip.vectors * vectors.lanes();
+        let size = strip.size;
         for block in 0..blocks * blocks {
             let (top, left) = (block / blocks * R, block % blocks * R);
             for channel in 0..input {
@@ -316,14 +324,14 @@ fn transform_weights<const R: usize>(
                 for ky in (0..R).filter(|ky| top + ky < kernel) {
                     for kx in (0..R).filter(|kx| left + kx < kernel) {
                         let row = (top + ky) * kernel * input + (left + kx) * input + channel;
-                        taps[ky][kx][..size].copy_from_slice(dense.row(vectors, index, row));
+                        taps[ky][kx][..size].copy_from_slice(dense.row(index, row));
                     }
                 }
                 let mut transformed = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
                 vectors.run(BothSides { values: &taps, matrix, product: &mut transformed });
                 let row = block * input + channel;
                 for (point, values) in points.iter_mut().zip(transformed.as_flattened()) {
-                    point.row_mut(vectors, index, row).copy_from_slice(&values[..size]);
+                    point.row_mut(index, row).copy_from_slice(&values[..size]);
                 }
             }
         }
@@ -453,7 +461,7 @@ fn transform_tiles<const N: usize, T: Transform<N, POINTS>>(
         for (index, [image, row, column]) in tiles.corners().enumerate() {
             let at = [image as isize, row as isize + corner[0], column as isize + corner[1]];
             let (values, start, pitch) = patch(&x, at, N, copy);
-            vectors.transform::<N, POINTS, _>(
+            vectors.for_channels(channels).transform::<N, POINTS, _>(
                 transform,
                 &Patch {
                     x: values,

@@ -25,7 +25,8 @@ pub(super) struct Plan {
     idle: Mutex<Vec<Vec<Buffer>>>,
     /// Lengths of the buffers.
     lengths: Vec<usize>,
-    input: Place,
+    /// A picture's layout.
+    picture: Extent,
     outputs: Vec<Place>,
 }
 
@@ -39,7 +40,8 @@ struct Place {
 #[derive(Debug, Clone)]
 struct Step {
     task: Task,
-    x: Place,
+    /// The picture without.
+    x: Option<Place>,
     other: Option<Place>,
     out: Place,
 }
@@ -56,9 +58,9 @@ impl Plan {
     /// The plan of a network that takes `[1, height, width, 3]`; `network` names its layers and returns its
     /// outputs.
     pub(super) fn new([height, width]: [usize; 2], network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> Self {
-        let input = Extent::new([1, height, width, 3]);
-        let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![input], records: Vec::new() };
-        let outputs = network(&mut recorder, &0);
+        let picture = Extent::new([1, height, width, 3]);
+        let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![picture], records: Vec::new() };
+        let outputs = network(&mut recorder, &PICTURE);
         recorder.finish(&outputs)
     }
 
@@ -69,7 +71,7 @@ impl Plan {
     /// # Panics
     /// Where `pictures` are not whole pictures.
     pub(super) fn run(&self, pictures: &[f32]) -> Vec<(Extent, Vec<f32>)> {
-        let each = self.input.extent.with_halo(0).len();
+        let each = self.picture.len();
         assert!(pictures.len().is_multiple_of(each), "{} values are not pictures of {each}", pictures.len());
         let batch = pictures.len() / each;
         let lanes = threads().min(batch).max(1);
@@ -87,7 +89,7 @@ impl Plan {
         let found: Vec<Vec<Vec<f32>>> = found.into_inner().unwrap_or_else(PoisonError::into_inner);
         let outputs = self.outputs.iter().enumerate().map(|(index, output)| {
             let extent = Extent { batch, ..output.extent.with_halo(0) };
-            (extent, found.iter().flat_map(|outputs| &outputs[index]).copied().collect())
+            (extent, found.iter().map(|outputs| &outputs[index][..]).collect::<Vec<_>>().concat())
         });
         outputs.collect()
     }
@@ -100,13 +102,11 @@ impl Plan {
 
     /// Runs the network on one picture; its outputs' values, without halo.
     fn run_one(&self, buffers: &mut [Buffer], picture: &[f32]) -> Vec<Vec<f32>> {
-        let Self { vectors, steps, input, .. } = self;
-        let inside = Map::new(input.extent.with_halo(0), picture);
-        inside.pad_into(input.extent.halo, buffers[input.buffer].values_mut());
+        let Self { vectors, steps, .. } = self;
         for step in steps {
             let mut out = std::mem::take(&mut buffers[step.out.buffer]);
             let read = |place: Place| Map::new(place.extent, buffers[place.buffer].values());
-            let (x, other) = (read(step.x), step.other.map(read));
+            let (x, other) = (step.x.map_or(Map::new(self.picture, picture), read), step.other.map(read));
             let write = MapMut::new(step.out.extent, out.values_mut());
             match &step.task {
                 Task::Unit { conv, slope } => conv.run(x, other, *slope, write),
@@ -120,11 +120,14 @@ impl Plan {
         }
         let outputs = self.outputs.iter().map(|output| {
             let map = Map::new(output.extent, buffers[output.buffer].values());
-            (0..output.extent.height).flat_map(|row| map.row(0, row)).copied().collect()
+            (0..output.extent.height).map(|row| map.row(0, row)).collect::<Vec<_>>().concat()
         });
         outputs.collect()
     }
 }
+
+/// The picture's number among the maps.
+const PICTURE: usize = 0;
 
 /// A layer before it is known where maps lie.
 struct Record {
@@ -153,7 +156,10 @@ impl Recorder {
     fn finish(mut self, outputs: &[usize]) -> Plan {
         let mut last_use = vec![0; self.maps.len()];
         for (index, record) in self.records.iter().enumerate() {
-            if let Task::Unit { conv, .. } = &record.task {
+            // Pictures are padded bit by bit as they are read.
+            if let Task::Unit { conv, .. } = &record.task
+                && record.x != PICTURE
+            {
                 self.maps[record.x].halo = self.maps[record.x].halo.max(conv.halo());
             }
             for map in [Some(record.x), record.other, Some(record.out)].into_iter().flatten() {
@@ -179,15 +185,15 @@ impl Recorder {
             places[map] = Some(place);
             place
         };
-        let input = settle(0, 0);
         let mut steps = Vec::with_capacity(self.records.len());
         let outs: Vec<Place> = self.records.iter().enumerate().map(|(now, record)| settle(record.out, now)).collect();
         let place = |map: usize| places[map].unwrap_or_else(|| unreachable!("a layer reads what an earlier one wrote"));
         for (record, out) in self.records.into_iter().zip(outs) {
-            steps.push(Step { task: record.task, x: place(record.x), other: record.other.map(place), out });
+            let x = (record.x != PICTURE).then(|| place(record.x));
+            steps.push(Step { task: record.task, x, other: record.other.map(place), out });
         }
         let outputs = outputs.iter().map(|&map| place(map)).collect();
-        Plan { vectors: self.vectors, steps, idle: Mutex::default(), lengths, input, outputs }
+        Plan { vectors: self.vectors, steps, idle: Mutex::default(), lengths, picture: self.maps[PICTURE], outputs }
     }
 }
 
