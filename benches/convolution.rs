@@ -19,6 +19,10 @@ use gravisight::train::loss::{HeatmapLoss, Labels};
 use gravisight::train::step::{Batch, StepOptions, step};
 use serde_json::{Value, json};
 
+/// As the command has it.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Side of the pictures, px.
 const SIDE: usize = 224;
 /// Seconds that each of the contestants may compute for one row.

@@ -6,7 +6,7 @@
 //! are plain matrix products, one for each of the 36 points. Rounding grows by about a factor of three
 //! over direct sums.
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::conv::{Correlation, Epilogue, Packed, Steps, split, strips};
 use super::gradient::{WeightSums, gradient_len};
@@ -28,28 +28,6 @@ const MIN_CHANNELS: usize = 16;
 const MIN_TILES: usize = 12;
 /// Widest strip.
 const LANES_MAX: usize = SLACK;
-
-/// `G` for 3 and 4 taps: values of the kernel's polynomial at the points, over the points' weights.
-const KERNEL_3: [[f32; 3]; POINTS] = [
-    [0.25, 0.0, 0.0],
-    [-1.0 / 6.0, -1.0 / 6.0, -1.0 / 6.0],
-    [-1.0 / 6.0, 1.0 / 6.0, -1.0 / 6.0],
-    [1.0 / 24.0, 1.0 / 12.0, 1.0 / 6.0],
-    [1.0 / 24.0, -1.0 / 12.0, 1.0 / 6.0],
-    [0.0, 0.0, 1.0],
-];
-const KERNEL_4: [[f32; 4]; POINTS] = [
-    [0.25, 0.0, 0.0, 0.0],
-    [-1.0 / 6.0, -1.0 / 6.0, -1.0 / 6.0, -1.0 / 6.0],
-    [-1.0 / 6.0, 1.0 / 6.0, -1.0 / 6.0, 1.0 / 6.0],
-    [1.0 / 24.0, 1.0 / 12.0, 1.0 / 6.0, 1.0 / 3.0],
-    [1.0 / 24.0, -1.0 / 12.0, 1.0 / 6.0, -1.0 / 3.0],
-    [0.0, 0.0, 0.0, 1.0],
-];
-
-/// `Aᵀ` for three outputs.
-const OUTPUTS_3: [[f32; POINTS]; 3] =
-    [[1.0, 1.0, 1.0, 1.0, 1.0, 0.0], [0.0, 1.0, -1.0, 2.0, -2.0, 0.0], [0.0, 1.0, 1.0, 4.0, 4.0, 1.0]];
 
 /// How a kernel is cut up.
 #[derive(Debug, Clone, Copy)]
@@ -108,8 +86,8 @@ impl Winograd {
     pub(super) fn new(vectors: Vectors, kernel: usize, channels: [usize; 2], dense: &Packed) -> Self {
         let plan = Plan::of(kernel).unwrap_or_else(|| panic!("no transform for a {kernel}×{kernel} kernel"));
         let points = match plan.taps {
-            3 => transform_weights(vectors, kernel, channels, plan.blocks, &KERNEL_3, dense),
-            _ => transform_weights(vectors, kernel, channels, plan.blocks, &KERNEL_4, dense),
+            3 => transform_weights::<3>(vectors, kernel, channels, plan.blocks, dense),
+            _ => transform_weights::<4>(vectors, kernel, channels, plan.blocks, dense),
         };
         Self { plan, channels, points }
     }
@@ -292,7 +270,7 @@ pub(super) fn unpack(vectors: Vectors, channels: [usize; 2], sums: &[f32]) -> Ve
                 lanes[..size].copy_from_slice(&sums[from..from + size]);
             }
             let mut taps = [[[0.0_f32; LANES_MAX]; 3]; 3];
-            vectors.run(BothSides { values: &points, matrix: &OUTPUTS_3, product: &mut taps });
+            both_sides(vectors, OutputRow, size, &points, &mut taps);
             for lane in 0..strip.width {
                 let to = ((strip.channel + lane) * input + channel) * 9;
                 let taps = taps.as_flattened().iter().map(|lanes| lanes[lane]);
@@ -310,9 +288,11 @@ fn transform_weights<const R: usize>(
     kernel: usize,
     [input, output]: [usize; 2],
     blocks: usize,
-    matrix: &[[f32; R]; POINTS],
     dense: &Packed,
-) -> Vec<Packed> {
+) -> Vec<Packed>
+where
+    KernelRow: Transform<R, POINTS>,
+{
     let empty = Packed::zeros(vectors, [blocks * blocks, input, output]);
     let mut points = vec![empty; POINTS_2D];
     for (index, strip) in dense.strips().iter().enumerate() {
@@ -328,7 +308,7 @@ fn transform_weights<const R: usize>(
                     }
                 }
                 let mut transformed = [[[0.0_f32; LANES_MAX]; POINTS]; POINTS];
-                vectors.run(BothSides { values: &taps, matrix, product: &mut transformed });
+                both_sides(vectors, KernelRow, size, &taps, &mut transformed);
                 let row = block * input + channel;
                 for (point, values) in points.iter_mut().zip(transformed.as_flattened()) {
                     point.row_mut(index, row).copy_from_slice(&values[..size]);
@@ -339,39 +319,27 @@ fn transform_weights<const R: usize>(
     points
 }
 
-/// `matrix · values · matrixᵀ` in every lane.
-struct BothSides<'a, const N: usize, const P: usize> {
-    values: &'a [[[f32; LANES_MAX]; N]; N],
-    matrix: &'a [[f32; N]; P],
-    product: &'a mut [[[f32; LANES_MAX]; P]; P],
-}
-
-impl<const N: usize, const P: usize> WithSimd for BothSides<'_, N, P> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { values, matrix, product } = self;
-        let mut half = [[[0.0_f32; LANES_MAX]; N]; P];
-        for (half, factors) in half.iter_mut().zip(matrix) {
-            for (values, &factor) in values.iter().zip(factors) {
-                for (half, values) in half.iter_mut().zip(values) {
-                    for (half, value) in half.iter_mut().zip(values) {
-                        *half += factor * value;
-                    }
-                }
-            }
-        }
-        for (product, half) in product.iter_mut().zip(&half) {
-            for (product, factors) in product.iter_mut().zip(matrix) {
-                for (half, &factor) in half.iter().zip(factors) {
-                    for (product, half) in product.iter_mut().zip(half) {
-                        *product += factor * half;
-                    }
-                }
-            }
-        }
-    }
+/// A transform in both directions of `size` lanes.
+fn both_sides<const N: usize, const P: usize>(
+    vectors: Vectors,
+    transform: impl Transform<N, P>,
+    size: usize,
+    values: &[[[f32; LANES_MAX]; N]; N],
+    transformed: &mut [[[f32; LANES_MAX]; P]; P],
+) {
+    vectors.for_channels(size).transform::<N, P, _>(
+        transform,
+        &Patch {
+            x: values.as_flattened().as_flattened(),
+            start: 0,
+            steps: [N * LANES_MAX, LANES_MAX],
+            channels: size,
+            out: Shared::new(transformed.as_flattened_mut().as_flattened_mut()),
+            output: 0,
+            output_steps: [P * LANES_MAX, LANES_MAX],
+            finish: None,
+        },
+    );
 }
 
 /// Some of the tiles of a map.
@@ -443,7 +411,7 @@ fn transform_patches(
 
 /// `G dy Gᵀ` of each tile's 4×4 gradients, as [`transform_patches`].
 fn transform_gradient(vectors: Vectors, dy: Map<'_>, tiles: &Tiles, out: &Shared<'_>, layout: [usize; 3]) {
-    transform_tiles::<4, _>(vectors, GradientRow, dy, tiles, [0, 0], out, layout);
+    transform_tiles::<4, _>(vectors, KernelRow, dy, tiles, [0, 0], out, layout);
 }
 
 /// Transforms each tile's `N`×`N` patch.
@@ -499,11 +467,28 @@ impl Transform<POINTS, POINTS> for InputRow {
     }
 }
 
-/// `G` for four taps ([`KERNEL_4`]).
+/// `G`: values of a kernel's polynomial at the points, over the points' weights.
 #[derive(Clone, Copy)]
-struct GradientRow;
+struct KernelRow;
 
-impl Transform<4, POINTS> for GradientRow {
+impl Transform<3, POINTS> for KernelRow {
+    #[inline(always)]
+    fn apply<S: Simd>(self, simd: S, d: [S::f32s; 3]) -> [S::f32s; POINTS] {
+        let even1 = simd.add_f32s(d[0], d[2]);
+        let even2 = fma(simd, 4.0, d[2], d[0]);
+        let odd2 = simd.add_f32s(d[1], d[1]);
+        [
+            scale(simd, 0.25, d[0]),
+            scale(simd, -1.0 / 6.0, simd.add_f32s(even1, d[1])),
+            scale(simd, -1.0 / 6.0, simd.sub_f32s(even1, d[1])),
+            scale(simd, 1.0 / 24.0, simd.add_f32s(even2, odd2)),
+            scale(simd, 1.0 / 24.0, simd.sub_f32s(even2, odd2)),
+            d[2],
+        ]
+    }
+}
+
+impl Transform<4, POINTS> for KernelRow {
     #[inline(always)]
     fn apply<S: Simd>(self, simd: S, d: [S::f32s; 4]) -> [S::f32s; POINTS] {
         let (even1, odd1) = (simd.add_f32s(d[0], d[2]), simd.add_f32s(d[1], d[3]));
