@@ -16,7 +16,7 @@ mod winograd;
 pub use conv::ConvShape;
 pub use map::{Extent, Map, MapMut};
 pub use norm::layer_norm;
-pub use parallel::{Buffer, for_each, threads, with_threads_awake, zeros};
+pub use parallel::{Buffer, for_each, threads, with_threads_awake};
 pub use resample::{max_pool, upsample, upsample_backward};
 pub use simd::{SLACK, Vectors};
 pub use unit::{Forward, NormInput, Saved, UnitGradients, UnitShape, unit_backward, unit_forward};

@@ -13,10 +13,6 @@ thread_local! {
     static INSIDE: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Floats for which several threads are faster than one.
-#[cfg(not(target_arch = "wasm32"))]
-const MANY: usize = 1 << 18;
-
 /// Threads that [`for_each`] would use here.
 pub fn threads() -> usize {
     #[cfg(not(target_arch = "wasm32"))]
@@ -49,16 +45,6 @@ impl Drop for Restore {
     fn drop(&mut self) {
         INSIDE.set(self.0);
     }
-}
-
-/// `len` zeros, written (and their pages brought in) by every thread if there are many.
-pub fn zeros(len: usize) -> Vec<f32> {
-    #[cfg(not(target_arch = "wasm32"))]
-    if len > MANY && threads() > 1 {
-        use rayon::iter::{IndexedParallelIterator as _, ParallelIterator as _};
-        return rayon::iter::repeat_n(0.0, len).with_min_len(MANY / 8).collect();
-    }
-    vec![0.0; len]
 }
 
 /// Whether threads are being kept awake.

@@ -10,7 +10,7 @@ use super::map::{Extent, Map, MapMut};
 use super::norm::{
     Moments, before_activation, norm_gradient, normalise_rows, per_channel, sum_gradient, sum_norm_gradient, widen,
 };
-use super::parallel::{for_each, threads, with_scratch, zeros};
+use super::parallel::{for_each, threads, with_scratch};
 use super::simd::{SLACK, Shared, Vectors};
 use super::winograd::{self, Winograd};
 use super::{Convolution, depthwise};
@@ -98,7 +98,7 @@ pub fn unit_forward(
         let x = x.images(first, count);
         if shape.conv.depthwise { with_padded(x, conv.halo(), run) } else { run(x) }
     };
-    let mut output = zeros(extent.len());
+    let mut output = vec![0.0; extent.len()];
     let Some(norm) = norm else {
         let out = Shared::new(&mut output);
         for_each(groups, |index| {
@@ -107,7 +107,7 @@ pub fn unit_forward(
         });
         return (output, Saved { convolved: Vec::new(), mean: Vec::new(), variance: Vec::new() });
     };
-    let mut convolved = zeros(extent.len());
+    let mut convolved = vec![0.0; extent.len()];
     let row = extent.pitch();
     let moments: Mutex<Vec<Option<Moments>>> = Mutex::new(vec![None; extent.batch]);
     {
@@ -263,7 +263,7 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
         saved.variance.iter().map(|&variance| f64::from(variance + norm.epsilon).sqrt()).collect()
     });
     let wide_mean = widen(&mean, row);
-    let mut skip = wanted[1].then(|| zeros(extent.len()));
+    let mut skip = wanted[1].then(|| vec![0.0; extent.len()]);
     let shared_skip = skip.as_mut().map(|skip| Shared::new(skip));
     let totals = Mutex::new(vec![[Vec::new(), Vec::new()]; extent.batch]);
     for_each(extent.batch, |image| {
@@ -318,12 +318,12 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
     let backward = wanted[0].then(|| Backward::new(vectors, conv, weights, &grouped_input));
     let method = WeightMethod::of(conv, &Extent { batch: group, ..extent });
     let halo = backward.as_ref().map_or(0, |backward| backward.halo(conv, x.extent));
-    let mut dx = backward.as_ref().map(|_| zeros(x.extent.len()));
+    let mut dx = backward.as_ref().map(|_| vec![0.0; x.extent.len()]);
     let shared_dx = dx.as_mut().map(|dx| Shared::new(dx));
     // Each task sums its own groups' weight gradients, in order, so that a run can be repeated.
     let tasks = threads().min(groups);
     let len = method.len(vectors, conv);
-    let mut sums = zeros(tasks * len);
+    let mut sums = vec![0.0; tasks * len];
     let shared_sums = Shared::new(&mut sums);
     for_each(tasks, |task| {
         let sums = shared_sums.part(task * len, len);

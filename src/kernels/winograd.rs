@@ -505,7 +505,7 @@ impl Transform<4, POINTS> for KernelRow {
     }
 }
 
-// Functions where closures would do: see `simd::read`.
+// Functions where closures would do: see `simd::memory::read`.
 
 #[inline(always)]
 fn fma<S: Simd>(simd: S, factor: f32, a: S::f32s, b: S::f32s) -> S::f32s {

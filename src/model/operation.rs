@@ -4,7 +4,6 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, ExtensionType, Flex, TensorMetadata, backend_extension};
 use burn::tensor::{DType, TensorData};
 
-use crate::kernels::zeros;
 use crate::kernels::{Extent, Map, MapMut, NormInput, UnitShape, Vectors, unit_forward, upsample as upsample_map};
 #[cfg(feature = "train")]
 use crate::kernels::{Forward, UnitGradients, unit_backward, upsample_backward};
@@ -152,7 +151,7 @@ impl UnitOps for Flex {
         let x = contiguous(x);
         let [batch, height, width, channels] = x.shape().dims::<4>();
         let fine = Extent::new([batch, height * factor, width * factor, channels]);
-        let mut out = zeros(fine.len());
+        let mut out = vec![0.0; fine.len()];
         upsample_map(Vectors::best(), map(&x), factor, None, MapMut::new(fine, &mut out));
         tensor(out, dims(&fine))
     }
@@ -277,7 +276,7 @@ mod backward {
                     let (coarse, factor) = ops.state;
                     unary::<Flex, _>(ops.parents, ops.node, grads, |dy| {
                         let dy = contiguous(dy);
-                        let mut dx = zeros(coarse.len());
+                        let mut dx = vec![0.0; coarse.len()];
                         upsample_backward(Vectors::best(), map(&dy), factor, MapMut::new(coarse, &mut dx));
                         tensor(dx, dims(&coarse))
                     });

@@ -1,0 +1,188 @@
+//! Depthwise sums: positions × one vector of channels.
+
+use pulp::{Simd, WithSimd};
+
+use super::memory::{Shared, read, write};
+use super::{DEPTHWISE_POSITIONS, Vectors};
+
+impl Vectors {
+    /// Computes one row of a depthwise convolution, one vector of channels.
+    ///
+    /// # Panics
+    /// As [`Self::convolve`]; for a kernel that is not 3, 5 or 7 wide.
+    pub fn depthwise(self, row: &DepthwiseRow<'_>) {
+        match row.kernel {
+            3 => self.0.dispatch(Depthwise::<3>(row)),
+            5 => self.0.dispatch(Depthwise::<5>(row)),
+            7 => self.0.dispatch(Depthwise::<7>(row)),
+            other => panic!("a depthwise kernel is 3, 5 or 7 wide, not {other}"),
+        }
+    }
+
+    /// Adds one row's part to the gradient of a depthwise kernel's row.
+    ///
+    /// # Panics
+    /// As [`Self::depthwise`].
+    pub fn depthwise_gradient(self, row: &mut DepthwiseGradientRow<'_>) {
+        match row.kernel {
+            3 => self.0.dispatch(DepthwiseWeight::<3>(row)),
+            5 => self.0.dispatch(DepthwiseWeight::<5>(row)),
+            7 => self.0.dispatch(DepthwiseWeight::<7>(row)),
+            other => panic!("a depthwise kernel is 3, 5 or 7 wide, not {other}"),
+        }
+    }
+}
+
+/// One output row × one vector of channels of a depthwise convolution of stride 1.
+pub struct DepthwiseRow<'a> {
+    /// Input, zeros around it, [`SLACK`] floats after it.
+    pub x: &'a [f32],
+    /// Where the first position's first tap is.
+    pub input: usize,
+    /// From kernel row to kernel row.
+    pub pitch: usize,
+    /// Floats from pixel to pixel of the input.
+    pub channels: usize,
+    /// Side of the kernel.
+    pub kernel: usize,
+    /// `[kernel, kernel, lanes]`.
+    pub weights: &'a [f32],
+    /// Channels of the vector that exist.
+    pub width: usize,
+    /// Added first, `[lanes]`.
+    pub start: &'a [f32],
+    /// Negative results are multiplied by it.
+    pub slope: f32,
+    /// Output positions.
+    pub columns: usize,
+    /// Where results go.
+    pub out: Shared<'a>,
+    /// Where the first position's channels are in `out`.
+    pub output: usize,
+    /// Floats from pixel to pixel of the output.
+    pub output_step: usize,
+}
+
+struct Depthwise<'a, const K: usize>(&'a DepthwiseRow<'a>);
+
+impl<const K: usize> WithSimd for Depthwise<'_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        const T: usize = DEPTHWISE_POSITIONS;
+        let row = self.0;
+        let lanes = S::F32_LANES;
+        assert!(row.weights.len() == K * K * lanes && row.start.len() == lanes && row.width <= lanes);
+        let mut done = 0;
+        while done < row.columns {
+            // The last tile goes over what was done once more, where the row has a tile's width.
+            let at = if row.columns >= T { done.min(row.columns - T) } else { done };
+            let here = (row.columns - at).min(T);
+            let input = row.input + at * row.channels;
+            let pixels = here + K - 1;
+            assert!(
+                input + (K - 1) * row.pitch + (pixels - 1) * row.channels + lanes <= row.x.len(),
+                "a tile reads outside its input"
+            );
+            // SAFETY: the furthest read was checked to leave a vector; pixels beyond `pixels` are not
+            // read; writes are checked by `pointer`.
+            unsafe {
+                let x = row.x.as_ptr().add(input);
+                let weights = row.weights.as_ptr().cast::<S::f32s>();
+                let start = row.start.as_ptr().cast::<S::f32s>().read_unaligned();
+                // A narrow row's sums are in memory, a whole tile's in registers.
+                let mut results = [start; T];
+                let mut sums = [start; T];
+                for ky in 0..K {
+                    let line = x.add(ky * row.pitch);
+                    for kx in 0..K {
+                        let tap = weights.add(ky * K + kx).read_unaligned();
+                        let from = line.add(kx * row.channels);
+                        if here == T {
+                            for m in 0..T {
+                                let value = from.add(m * row.channels).cast::<S::f32s>().read_unaligned();
+                                sums[m] = simd.mul_add_e_f32s(value, tap, sums[m]);
+                            }
+                        } else {
+                            for (m, sum) in results.iter_mut().enumerate().take(here) {
+                                let value = from.add(m * row.channels).cast::<S::f32s>().read_unaligned();
+                                *sum = simd.mul_add_e_f32s(value, tap, *sum);
+                            }
+                        }
+                    }
+                }
+                if here == T {
+                    for m in 0..T {
+                        results[m] = sums[m];
+                    }
+                }
+                let slope = simd.splat_f32s(row.slope);
+                for (m, &sum) in results.iter().enumerate().take(here) {
+                    let sum = simd.max_f32s(sum, simd.mul_f32s(sum, slope));
+                    let out = row.out.pointer(row.output + (at + m) * row.output_step, row.width);
+                    if row.width == lanes {
+                        out.cast::<S::f32s>().write_unaligned(sum);
+                    } else {
+                        out.copy_from_nonoverlapping((&raw const sum).cast(), row.width);
+                    }
+                }
+            }
+            done = at + here;
+        }
+    }
+}
+
+/// One output row × one kernel row × one vector of channels of a depthwise kernel's gradient.
+pub struct DepthwiseGradientRow<'a> {
+    /// Input, zeros around it, [`SLACK`] floats after it.
+    pub x: &'a [f32],
+    /// Gradient of the output, [`SLACK`] floats after it.
+    pub dy: &'a [f32],
+    /// Where the first position's first tap is in `x`, and its channels in `dy`.
+    pub start: [usize; 2],
+    /// Floats from pixel to pixel of both.
+    pub channels: usize,
+    /// Positions.
+    pub columns: usize,
+    /// Side of the kernel.
+    pub kernel: usize,
+    /// `[kernel, lanes]`.
+    pub sums: &'a mut [f32],
+}
+
+struct DepthwiseWeight<'a, 'b, const K: usize>(&'a mut DepthwiseGradientRow<'b>);
+
+impl<const K: usize> WithSimd for DepthwiseWeight<'_, '_, K> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let row = self.0;
+        let lanes = S::F32_LANES;
+        assert!(row.sums.len() == K * lanes);
+        if row.columns == 0 {
+            return;
+        }
+        let last = (row.columns - 1) * row.channels + lanes;
+        assert!(
+            row.start[0] + (K - 1) * row.channels + last <= row.x.len() && row.start[1] + last <= row.dy.len(),
+            "a tile reads outside its input"
+        );
+        // SAFETY: the furthest reads were checked to leave a vector; `sums` holds `K` vectors.
+        unsafe {
+            let out = row.sums.as_mut_ptr();
+            let mut sums: [S::f32s; K] = read(simd, out);
+            let x = row.x.as_ptr().add(row.start[0]);
+            let dy = row.dy.as_ptr().add(row.start[1]);
+            for column in 0..row.columns {
+                let gradient = dy.add(column * row.channels).cast::<S::f32s>().read_unaligned();
+                for (k, sum) in sums.iter_mut().enumerate() {
+                    let value = x.add((column + k) * row.channels).cast::<S::f32s>().read_unaligned();
+                    *sum = simd.mul_add_e_f32s(value, gradient, *sum);
+                }
+            }
+            write(out, sums);
+        }
+    }
+}
