@@ -1,12 +1,13 @@
-//! `clips.jsonl` (FORMATS.md): reading and checking.
+//! `clips.jsonl`: reading, checking and writing.
 
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::files::write_whole;
 use crate::image::Picture;
 use crate::physics::Scene;
 
@@ -23,7 +24,7 @@ pub struct Clips {
 }
 
 /// Consecutive frames of one camera.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Clip {
     /// Name, e.g. `train/env1/cam1/0007`.
     pub id: String,
@@ -32,13 +33,14 @@ pub struct Clip {
     /// The camera that took it.
     pub camera: Camera,
     /// The place and its ball.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub scene: Option<Scene>,
     /// The frames.
     pub frames: Vec<Frame>,
 }
 
 /// One picture of a clip and its labels.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Frame {
     /// Picture file, relative to the folder.
@@ -46,12 +48,12 @@ pub struct Frame {
     /// Time, s.
     pub t: f64,
     /// 2D label, px.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub image: Option<[f64; 2]>,
     /// Whether any of the ball is seen.
     pub visible: bool,
     /// 3D truth in the world frame, m: for evaluation, and for training only with 3D labels.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub world: Option<[f64; 3]>,
 }
 
@@ -86,6 +88,19 @@ impl Clips {
         Ok(Self { folder: folder.to_path_buf(), clips })
     }
 
+    /// Writes `folder/clips.jsonl`, whole. Pictures are there already.
+    ///
+    /// # Errors
+    /// As [`Clip::to_line`]; [`Error::Io`].
+    pub fn write_index(&self) -> Result<()> {
+        let mut text = String::new();
+        for clip in &self.clips {
+            text.push_str(&clip.to_line()?);
+            text.push('\n');
+        }
+        write_whole(&self.folder.join(INDEX), text.as_bytes())
+    }
+
     /// The picture of `frame`, checked to have the camera's size.
     ///
     /// # Errors
@@ -108,6 +123,15 @@ impl Clips {
 }
 
 impl Clip {
+    /// Its line in `clips.jsonl`, with camera and scene inside.
+    ///
+    /// # Errors
+    /// [`Error::Format`]; [`Error::Value`] where a number is outside its range.
+    pub fn to_line(&self) -> Result<String> {
+        self.check(&format!("clip `{}`", self.id))?;
+        serde_json::to_string(self).map_err(Error::format(&self.id))
+    }
+
     fn from_line(line: &str, folder: &Path, what: &str) -> Result<Self> {
         let mut fields: serde_json::Map<String, Value> = serde_json::from_str(line).map_err(Error::format(what))?;
         let missing = || Error::Format { what: what.into(), message: "missing field `camera`".into() };
@@ -132,13 +156,22 @@ impl Clip {
         if !(self.fps.is_finite() && self.fps > 0.0) {
             return Err(Error::value(what, "fps", format!("must be positive, not {}", self.fps)));
         }
+        let mut before = f64::NEG_INFINITY;
         for (index, frame) in self.frames.iter().enumerate() {
+            let refuse =
+                |field: &str, reason: String| Err(Error::value(what, format!("frames[{index}].{field}"), reason));
             if frame.visible && frame.image.is_none() {
-                return Err(Error::value(
-                    what,
-                    format!("frames[{index}].image"),
-                    "is missing though `visible` is true",
-                ));
+                return refuse("image", "is missing though `visible` is true".into());
+            }
+            if !(frame.t.is_finite() && frame.t > before) {
+                return refuse("t", format!("must grow from frame to frame, not be {}", frame.t));
+            }
+            before = frame.t;
+            if frame.image.is_some_and(|image| image.iter().any(|value| !value.is_finite())) {
+                return refuse("image", "must be finite".into());
+            }
+            if frame.world.is_some_and(|world| world.iter().any(|value| !value.is_finite())) {
+                return refuse("world", "must be finite".into());
             }
         }
         Ok(())
