@@ -99,6 +99,12 @@ pub enum Error {
         /// Newton iterations spent.
         iterations: usize,
     },
+    /// Labelled points do not fix a camera.
+    #[error("calibration: {reason}")]
+    Calibration {
+        /// Why, and what to do.
+        reason: String,
+    },
     /// The bytes are not a whole PNG, JPEG or WebP picture.
     #[error("the picture cannot be read: {reason}; give a whole PNG, JPEG or WebP file")]
     ImageDecode {
@@ -201,6 +207,7 @@ impl Error {
             Self::CameraMismatch { .. } => "camera-mismatch",
             Self::BehindCamera { .. } => "behind-camera",
             Self::Distortion { .. } => "distortion",
+            Self::Calibration { .. } => "calibration",
             Self::ImageDecode { .. } => "image-decode",
             Self::ImageSize { .. } => "image-size",
             Self::WeightsFile { .. } => "weights-file",

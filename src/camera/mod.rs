@@ -3,11 +3,15 @@
 //! Frames: `world` is right-handed with z up; `camera` is OpenCV's (x right, y down, z forward);
 //! `image` is in pixels with the first pixel's centre at (0, 0). Lengths are metres. All f64.
 
+mod calibrate;
+mod court;
 mod distortion;
 mod file;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 
+pub use self::calibrate::{Calibration, Method, Points, Unknowns, calibrate};
+pub use self::court::Court;
 pub use self::distortion::Distortion;
 use crate::error::{Error, Result};
 

@@ -1,6 +1,7 @@
 //! The `gravisight` command.
 #![warn(clippy::unwrap_used)]
 
+mod calibrate;
 mod device;
 mod evaluate;
 mod fit;
@@ -34,6 +35,7 @@ enum Command {
     Train(train::Arguments),
     Forecast(forecast::Arguments),
     Fit(fit::Arguments),
+    Calibrate(calibrate::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Forecast(arguments) => forecast::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
+        Command::Calibrate(arguments) => calibrate::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,0 +1,320 @@
+//! A camera from labelled points: where clicks on known points say it stands, and how sure that is.
+//!
+//! A start in closed form (direct linear transform, or the homography of a plane), then the least-squares optimum of
+//! the reprojection errors. The paper refines by BFGS; Levenberg–Marquardt finds the same optimum in a tenth of the
+//! steps and gives the covariance.
+
+mod points;
+mod refine;
+mod start;
+
+use nalgebra::{DMatrix, Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
+
+pub use self::points::Points;
+pub use self::refine::Unknowns;
+use self::refine::{Guess, Refined, refine};
+use self::start::{Plane, Pose};
+use super::Camera;
+use crate::error::{Error, Result};
+
+/// Width over length below which points count as one line.
+const LINE: f64 = 1e-3;
+/// Height over length below which six points are too flat for the direct linear transform, and above which a plane's
+/// homography is no start.
+const FLAT: f64 = 1e-4;
+const SOLID: f64 = 0.5;
+/// The same up to which four points are enough.
+const NEARLY_FLAT: f64 = 0.1;
+/// Chance of calling a good click wrong, in one calibration.
+const FALSE_ALARM: f64 = 1e-3;
+/// Clicks are not taken to be better than this, px, when one is called wrong.
+const BEST_CLICK: f64 = 0.3;
+/// One click in so many may be wrong (and one more, if two are mixed up).
+const PER_OUTLIER: usize = 5;
+/// Difference of two costs (px², and as a share) that rounding explains.
+const SAME_COST: f64 = 1e-6;
+/// Focal length that is tried first where none is known and the points do not say, as a share of the picture's width.
+const USUAL_FOCAL: f64 = 1.2;
+
+/// How the start was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Direct linear transform, for points in space.
+    DirectLinearTransform,
+    /// Homography, for points in or near one plane.
+    Homography,
+}
+
+/// A calibrated camera and how good it is.
+#[derive(Debug, Clone)]
+pub struct Calibration {
+    /// The camera.
+    pub camera: Camera,
+    /// Root mean square distance between clicks and points, px, outliers left out.
+    pub rms_px: f64,
+    /// The clicks' own standard deviation a coordinate, px: the same with the parameters' share taken into account.
+    pub noise_px: f64,
+    /// How the start was found.
+    pub method: Method,
+    /// Of each point: where the camera puts it less where it was clicked, px.
+    pub residuals_px: Vec<Vector2<f64>>,
+    /// Clicks that do not belong to the others, by index; they had no part in the camera.
+    pub outliers: Vec<usize>,
+    /// 1-σ of the rotation about the camera's own axes, rad.
+    pub sigma_rotation: Vector3<f64>,
+    /// 1-σ of the camera's place in the world, m.
+    pub sigma_centre: Vector3<f64>,
+    /// 1-σ of the focal length, px; 0 where it was given.
+    pub sigma_focal_px: f64,
+    /// The parameters' covariance, and the camera with each of them moved up and down a little.
+    covariance: DMatrix<f64>,
+    steps: Vec<f64>,
+    neighbours: Vec<[Camera; 2]>,
+}
+
+impl Calibration {
+    /// 1-σ in world axes, m, of a point localised at pixel `image` and camera depth `depth` (m), as far as the camera
+    /// is to blame.
+    ///
+    /// # Errors
+    /// As [`Camera::world_from_image`].
+    pub fn point_sigma(&self, image: &Point2<f64>, depth: f64) -> Result<Vector3<f64>> {
+        self.sigma_of(|camera| camera.world_from_image(image, depth).map(|point| point.coords))
+    }
+
+    /// 1-σ of what depends on the camera, by its derivative.
+    fn sigma_of(&self, value: impl Fn(&Camera) -> Result<Vector3<f64>>) -> Result<Vector3<f64>> {
+        let mut jacobian = DMatrix::zeros(3, self.steps.len());
+        for (column, ([up, down], step)) in self.neighbours.iter().zip(&self.steps).enumerate() {
+            jacobian.set_column(column, &((value(up)? - value(down)?) / (2.0 * step)));
+        }
+        let covariance = &jacobian * &self.covariance * jacobian.transpose();
+        Ok(Vector3::from_fn(|axis, _| covariance[(axis, axis)].max(0.0).sqrt()))
+    }
+}
+
+/// A camera from labelled points: at least six, or four in one plane.
+///
+/// Without [`Points::intrinsic`] the focal length is estimated, with the principal point in the picture's middle.
+///
+/// # Errors
+/// [`Error::Calibration`] with what to add, where the points do not fix a camera.
+pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
+    let mut unknowns = *unknowns;
+    unknowns.focal |= points.intrinsic.is_none();
+    let problem = Problem { points, unknowns };
+    problem.check()?;
+    let all: Vec<usize> = (0..points.image.len()).collect();
+    let mut outliers = Vec::new();
+    let mut found = problem.solve(&all);
+    while outliers.len() < all.len().div_ceil(PER_OUTLIER) {
+        let wrong = |count| problem.wrong_clicks(&all, &outliers, count, found.as_ref().ok());
+        let Some((wrong, better)) = wrong(1).or_else(|| wrong(2)) else { break };
+        outliers.extend(wrong);
+        found = Ok(better);
+    }
+    outliers.sort_unstable();
+    problem.result(found?, outliers)
+}
+
+/// A refined camera and how its start was found.
+type Solution = (Refined, Method);
+
+struct Problem<'a> {
+    points: &'a Points,
+    unknowns: Unknowns,
+}
+
+fn refuse(reason: impl Into<String>) -> Error {
+    Error::Calibration { reason: reason.into() }
+}
+
+impl Problem<'_> {
+    fn check(&self) -> Result<()> {
+        let count = self.points.image.len();
+        let parameters = self.unknowns.count();
+        if count < 4 || 2 * count < parameters {
+            let least = parameters.div_ceil(2).max(4);
+            return Err(refuse(format!(
+                "{count} points are too few for {parameters} unknowns; label at least {least} in one plane, or 6 in space"
+            )));
+        }
+        let plane = Plane::through(&self.points.world)
+            .ok_or_else(|| refuse("the world points are too far apart to compute with"))?;
+        let [length, width, height] = plane.extents;
+        if width <= LINE * length {
+            return Err(refuse(
+                "the world points lie on one line, which leaves the camera free to turn about it; add points beside it",
+            ));
+        }
+        if height > NEARLY_FLAT * length && count < 6 {
+            return Err(refuse(format!("{count} points in space are too few; label at least 6, or 4 in one plane")));
+        }
+        Ok(())
+    }
+
+    /// The intrinsics to start from; without given ones, with a focal length.
+    fn intrinsic(&self, focal: Option<f64>) -> Matrix3<f64> {
+        let [width, height] = self.points.size.map(f64::from);
+        self.points.intrinsic.unwrap_or_else(|| {
+            let focal = focal.unwrap_or(USUAL_FOCAL * width);
+            Matrix3::new(focal, 0.0, (width - 1.0) / 2.0, 0.0, focal, (height - 1.0) / 2.0, 0.0, 0.0, 1.0)
+        })
+    }
+
+    /// Clicks without the intrinsics.
+    fn ideal(&self, intrinsic: &Matrix3<f64>, image: &[Point2<f64>]) -> Vec<Point2<f64>> {
+        let inverse = intrinsic.try_inverse().unwrap_or_else(Matrix3::identity);
+        let ideal = |point: &Point2<f64>| (inverse * point.coords.push(1.0)).xy();
+        let undistorted = |point| self.points.distortion.undistort(point).unwrap_or(point);
+        image.iter().map(|point| Point2::from(undistorted(ideal(point)))).collect()
+    }
+
+    /// Starts in closed form, before it is known whether the points are in front of the camera.
+    fn starts(&self, world: &[Point3<f64>], image: &[Point2<f64>]) -> Vec<(Guess, Method)> {
+        let Some(plane) = Plane::through(world) else { return Vec::new() };
+        let [length, _, height] = plane.extents;
+        let mut starts = Vec::new();
+        let mut add = |poses: Option<&[Pose]>, intrinsic: Matrix3<f64>, method: Method| {
+            let guess = |pose: &Pose| Guess { pose: *pose, intrinsic, distortion: self.points.distortion };
+            starts.extend(poses.unwrap_or_default().iter().map(|pose| (guess(pose), method)));
+        };
+        let middle = self.intrinsic(None).fixed_view::<2, 1>(0, 2).into_owned();
+        if world.len() >= 6 && height > FLAT * length {
+            let focal = start::projection(world, image).as_ref().and_then(start::focal_of_projection);
+            let intrinsic = self.intrinsic(focal);
+            let projection: Option<Matrix3x4<f64>> = start::projection(world, &self.ideal(&intrinsic, image));
+            let pose = projection.and_then(|projection| start::pose_of_projection(&projection, &plane.centre));
+            add(pose.map(|pose| [pose]).as_ref().map(|pose| &pose[..]), intrinsic, Method::DirectLinearTransform);
+        }
+        if height <= SOLID * length {
+            let centred: Vec<Point2<f64>> = image.iter().map(|point| point - middle).collect();
+            let focal = start::homography(&plane, world, &centred).as_ref().and_then(start::focal_of_homography);
+            // What a plane that nearly faces the camera says may be far off.
+            for focal in [None, focal] {
+                let intrinsic = self.intrinsic(focal);
+                let homography = start::homography(&plane, world, &self.ideal(&intrinsic, image));
+                let poses = homography.and_then(|homography| start::poses_of_homography(&homography, &plane));
+                add(poses.as_ref().map(|poses| &poses[..]), intrinsic, Method::Homography);
+            }
+        }
+        starts
+    }
+
+    /// The best camera for some of the points.
+    fn solve(&self, of: &[usize]) -> Result<Solution> {
+        let world: Vec<Point3<f64>> = of.iter().map(|&index| self.points.world[index]).collect();
+        let image: Vec<Point2<f64>> = of.iter().map(|&index| self.points.image[index]).collect();
+        let refined = self.starts(&world, &image).into_iter().filter_map(|(start, method)| {
+            // The pose first: a focal length must not make up for a start that is far off.
+            let pose = refine(start, &Unknowns::default(), &world, &image)?;
+            Some((refine(pose.guess, &self.unknowns, &world, &image)?, method))
+        });
+        // Of two that meet in one minimum, the first.
+        let better = |a: Solution, b: Solution| if b.0.cost < a.0.cost * (1.0 - SAME_COST) - SAME_COST { b } else { a };
+        refined.reduce(better).ok_or_else(|| {
+            refuse(
+                "no camera has all these points in front of it; check that each click belongs to its point, that the \
+                 world is right-handed in metres, and that y counts downwards in the picture",
+            )
+        })
+    }
+
+    /// The `count` (1, or 2 that may have been mixed up) clicks that belong least to the others, and the camera without
+    /// them; [`None`] if they belong: F test of the two errors that each click adds, with Bonferroni's correction for
+    /// looking at every choice.
+    fn wrong_clicks(
+        &self,
+        all: &[usize],
+        outliers: &[usize],
+        count: usize,
+        found: Option<&Solution>,
+    ) -> Option<(Vec<usize>, Solution)> {
+        let left: Vec<usize> = all.iter().copied().filter(|index| !outliers.contains(index)).collect();
+        let freedom =
+            (2 * left.len()).checked_sub(self.unknowns.count() + 2 * count).filter(|&freedom| freedom >= 2)?;
+        if left.len() < 5 + count {
+            return None;
+        }
+        let scatter = found.map_or(f64::INFINITY, |(found, _)| found.cost) / freedom as f64;
+        // Two at once are looked for only where something is wrong: there are many pairs.
+        if count > 1 && scatter < (3.0 * BEST_CLICK).powi(2) {
+            return None;
+        }
+        let choices: Vec<Vec<usize>> = match count {
+            1 => left.iter().map(|&index| vec![index]).collect(),
+            _ => left.iter().flat_map(|&a| left.iter().filter(move |&&b| b > a).map(move |&b| vec![a, b])).collect(),
+        };
+        let without = |wrong: &Vec<usize>| {
+            let rest: Vec<usize> = left.iter().copied().filter(|index| !wrong.contains(index)).collect();
+            self.solve(&rest).ok().map(|solution| (wrong.clone(), solution))
+        };
+        let (wrong, better) =
+            choices.iter().filter_map(without).min_by(|(_, (a, _)), (_, (b, _))| a.cost.total_cmp(&b.cost))?;
+        let freedom = freedom as f64;
+        let variance = (better.0.cost / freedom).max(BEST_CLICK * BEST_CLICK);
+        let added = found.map_or(f64::INFINITY, |(found, _)| found.cost) - better.0.cost;
+        // The F distribution's tail for 2 and 4 degrees of freedom in the numerator.
+        let rest = 1.0 / (1.0 + added / (variance * freedom));
+        let more = if count == 1 { 0.0 } else { freedom / 2.0 * (1.0 - rest) };
+        let chance = rest.powf(freedom / 2.0) * (1.0 + more);
+        (chance * (choices.len() as f64) < FALSE_ALARM).then_some((wrong, better))
+    }
+
+    fn result(&self, (refined, method): Solution, outliers: Vec<usize>) -> Result<Calibration> {
+        let vague = || {
+            refuse(if self.unknowns.count() > 6 {
+                "the points do not tell the camera's distance, focal length and lens apart; add points at other depths \
+                 (off the plane, nearer and farther), or give `intrinsic`"
+            } else {
+                "the points do not fix the camera; add points farther apart, off their line or plane"
+            })
+        };
+        let used = self.points.image.len() - outliers.len();
+        let unit = refined.covariance.clone().ok_or_else(vague)?;
+        let freedom = (2 * used).saturating_sub(self.unknowns.count());
+        // As many unknowns as clicks say nothing of the clicks' errors: 1 px, then.
+        let variance = if freedom > 0 { refined.cost / freedom as f64 } else { 1.0 };
+        // Small enough for a derivative: a millionth of what clicks of 1 px would leave open.
+        let steps: Vec<f64> = unit.diagonal().iter().map(|variance| (1e-6 * variance.sqrt()).max(1e-12)).collect();
+        let size = self.points.size;
+        let camera = refined.guess.camera(size)?;
+        let neighbours = (refined.guess.neighbours(&self.unknowns, &steps).iter())
+            .map(|[up, down]| Ok([up.camera(size)?, down.camera(size)?]))
+            .collect::<Result<Vec<_>>>()?;
+        let residual = |(world, image): (&Point3<f64>, &Point2<f64>)| {
+            camera.image_from_world(world).map_or(Vector2::repeat(f64::INFINITY), |found| found - image)
+        };
+        let mut calibration = Calibration {
+            rms_px: (refined.cost / used as f64).sqrt(),
+            noise_px: variance.sqrt(),
+            method,
+            residuals_px: self.points.world.iter().zip(&self.points.image).map(residual).collect(),
+            outliers,
+            sigma_rotation: Vector3::from_fn(|axis, _| (unit[(axis, axis)] * variance).sqrt()),
+            sigma_centre: Vector3::zeros(),
+            sigma_focal_px: if self.unknowns.focal {
+                (unit[(6, 6)] * variance).sqrt() * camera.intrinsic()[(0, 0)]
+            } else {
+                0.0
+            },
+            covariance: unit.clone(),
+            steps,
+            neighbours,
+            camera,
+        };
+        let centre = |camera: &Camera| Ok(camera.world_from_camera(&Point3::origin()).coords);
+        let distance = calibration.camera.camera_from_world(&Point3::from(self.centre())).coords.norm();
+        if calibration.sigma_of(centre)?.norm() > distance {
+            return Err(vague());
+        }
+        calibration.covariance = unit * variance;
+        calibration.sigma_centre = calibration.sigma_of(centre)?;
+        Ok(calibration)
+    }
+
+    /// The middle of the world points.
+    fn centre(&self) -> Vector3<f64> {
+        self.points.world.iter().map(|point| point.coords).sum::<Vector3<f64>>() / self.points.world.len() as f64
+    }
+}

@@ -1,0 +1,211 @@
+//! The least-squares camera: Levenberg–Marquardt over the sum of squared reprojection errors, and its covariance.
+
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
+
+use super::start::{Pose, nearest_rotation};
+use crate::camera::{Camera, Distortion};
+
+/// Most steps of one refinement.
+const MAX_STEPS: usize = 200;
+/// A step that changes no parameter by more than this (radians, metres, shares of the focal length) is the last.
+const SMALLEST_STEP: f64 = 1e-14;
+/// Damping at the start, as a share of the normal matrix's diagonal; it grows to the limit where no step helps.
+const DAMPING: f64 = 1e-3;
+const DAMPING_LIMIT: f64 = 1e12;
+/// Smallest eigenvalue of the normal matrix (scaled to a unit diagonal) with which parameters are told apart.
+const MIN_EIGENVALUE: f64 = 1e-12;
+
+/// What is estimated beside the pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Unknowns {
+    /// One factor on both focal lengths.
+    pub focal: bool,
+    /// The principal point.
+    pub principal_point: bool,
+    /// k1 and k2, then p1, p2 and k3, of the lens distortion: how many of them, 0 to 5.
+    pub distortion: usize,
+}
+
+impl Unknowns {
+    /// How many parameters, with the six of the pose.
+    pub(super) fn count(&self) -> usize {
+        6 + usize::from(self.focal) + 2 * usize::from(self.principal_point) + self.distortion
+    }
+}
+
+/// A camera as the refinement moves it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Guess {
+    pub pose: Pose,
+    pub intrinsic: Matrix3<f64>,
+    pub distortion: Distortion,
+}
+
+impl Guess {
+    /// Moved by parameters: rotation vector (in the camera frame, rad), translation (m), then the unknowns in order.
+    fn moved(&self, unknowns: &Unknowns, by: &[f64]) -> Self {
+        let mut moved = *self;
+        let turn = Rotation3::new(Vector3::new(by[0], by[1], by[2]));
+        moved.pose.rotation = turn * self.pose.rotation;
+        moved.pose.translation += Vector3::new(by[3], by[4], by[5]);
+        let mut rest = by[6..].iter();
+        let mut next = || rest.next().copied().unwrap_or(0.0);
+        if unknowns.focal {
+            let factor = next().exp();
+            moved.intrinsic[(0, 0)] *= factor;
+            moved.intrinsic[(0, 1)] *= factor;
+            moved.intrinsic[(1, 1)] *= factor;
+        }
+        if unknowns.principal_point {
+            moved.intrinsic[(0, 2)] += next();
+            moved.intrinsic[(1, 2)] += next();
+        }
+        let Distortion { k1, k2, p1, p2, k3 } = &mut moved.distortion;
+        [k1, k2, p1, p2, k3].into_iter().take(unknowns.distortion).for_each(|value| *value += next());
+        moved
+    }
+
+    /// A point's error (found less clicked, px) and its derivative by the parameters; [`None`] behind the camera.
+    fn error(
+        &self,
+        unknowns: &Unknowns,
+        world: &Point3<f64>,
+        image: &Point2<f64>,
+    ) -> Option<(Vector2<f64>, Vec<Vector2<f64>>)> {
+        let turned = self.pose.rotation * world.coords;
+        let in_camera = turned + self.pose.translation;
+        if in_camera.z <= 0.0 || !in_camera.z.is_finite() {
+            return None;
+        }
+        let z = in_camera.z;
+        let ideal = Vector2::new(in_camera.x / z, in_camera.y / z);
+        let d_ideal = Matrix2x3::new(1.0 / z, 0.0, -ideal.x / z, 0.0, 1.0 / z, -ideal.y / z);
+        let (distorted, d_distorted) = self.distortion.distort(ideal);
+        let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
+        let scaled = focal * distorted;
+        let d_camera = focal * d_distorted * d_ideal;
+        let mut derivatives = Vec::with_capacity(unknowns.count());
+        derivatives.extend((0..3).map(|axis| d_camera * Vector3::ith(axis, 1.0).cross(&turned)));
+        derivatives.extend((0..3).map(|axis| d_camera.column(axis).into_owned()));
+        if unknowns.focal {
+            derivatives.push(scaled);
+        }
+        if unknowns.principal_point {
+            derivatives.extend([Vector2::x(), Vector2::y()]);
+        }
+        let (x, y, r2) = (ideal.x, ideal.y, ideal.norm_squared());
+        let terms = [
+            ideal * r2,
+            ideal * r2 * r2,
+            Vector2::new(2.0 * x * y, r2 + 2.0 * y * y),
+            Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y),
+            ideal * r2 * r2 * r2,
+        ];
+        derivatives.extend(terms.into_iter().take(unknowns.distortion).map(|term| focal * term));
+        let found = scaled + self.intrinsic.fixed_view::<2, 1>(0, 2);
+        Some((found - image.coords, derivatives))
+    }
+
+    /// Errors and derivatives of all points; [`None`] where one is behind the camera.
+    fn errors(
+        &self,
+        unknowns: &Unknowns,
+        world: &[Point3<f64>],
+        image: &[Point2<f64>],
+    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let mut errors = DVector::zeros(2 * world.len());
+        let mut jacobian = DMatrix::zeros(2 * world.len(), unknowns.count());
+        for (index, (world, image)) in world.iter().zip(image).enumerate() {
+            let (error, derivatives) = self.error(unknowns, world, image)?;
+            errors.fixed_rows_mut::<2>(2 * index).copy_from(&error);
+            for (column, derivative) in derivatives.iter().enumerate() {
+                jacobian.fixed_view_mut::<2, 1>(2 * index, column).copy_from(derivative);
+            }
+        }
+        errors.iter().chain(jacobian.iter()).all(|value| value.is_finite()).then_some((errors, jacobian))
+    }
+
+    /// The camera, for pictures of a size.
+    pub(super) fn camera(&self, size: [u32; 2]) -> crate::error::Result<Camera> {
+        Camera::new(size, self.intrinsic, self.distortion, self.pose.rotation, self.pose.translation)
+    }
+
+    /// The camera with each parameter moved up and down by its own 1-σ step, for what depends on it.
+    pub(super) fn neighbours(&self, unknowns: &Unknowns, steps: &[f64]) -> Vec<[Self; 2]> {
+        let moved = |index: usize, sign: f64| {
+            let mut by = vec![0.0; unknowns.count()];
+            by[index] = sign * steps[index];
+            self.moved(unknowns, &by)
+        };
+        (0..unknowns.count()).map(|index| [moved(index, 1.0), moved(index, -1.0)]).collect()
+    }
+}
+
+/// The end of a refinement.
+#[derive(Debug, Clone)]
+pub(super) struct Refined {
+    pub guess: Guess,
+    /// Sum of squared errors, px².
+    pub cost: f64,
+    /// Inverse of the normal matrix: the parameters' covariance for clicks of 1 px; [`None`] where the points do not
+    /// tell some of the parameters apart.
+    pub covariance: Option<DMatrix<f64>>,
+}
+
+/// The nearest minimum; [`None`] where a point is behind the camera at the start.
+pub(super) fn refine(
+    start: Guess,
+    unknowns: &Unknowns,
+    world: &[Point3<f64>],
+    image: &[Point2<f64>],
+) -> Option<Refined> {
+    let mut guess = start;
+    let (mut errors, mut jacobian) = guess.errors(unknowns, world, image)?;
+    let mut damping = DAMPING;
+    for _ in 0..MAX_STEPS {
+        let gradient = jacobian.transpose() * &errors;
+        let normal = jacobian.transpose() * &jacobian;
+        let mut damped = normal.clone();
+        for index in 0..unknowns.count() {
+            damped[(index, index)] += damping * normal[(index, index)].max(f64::MIN_POSITIVE);
+        }
+        let step = damped.cholesky().map(|cholesky| cholesky.solve(&-&gradient));
+        let next = step.as_ref().and_then(|step| {
+            let next = guess.moved(unknowns, step.as_slice());
+            let (errors, jacobian) = next.errors(unknowns, world, image)?;
+            Some((next, errors, jacobian))
+        });
+        let size = step.map_or(f64::INFINITY, |step| step.amax());
+        match next {
+            Some((next, new_errors, new_jacobian)) if new_errors.norm_squared() < errors.norm_squared() => {
+                (guess, errors, jacobian) = (next, new_errors, new_jacobian);
+                damping = (damping / 10.0).max(1e-15);
+            }
+            _ => damping *= 10.0,
+        }
+        if size < SMALLEST_STEP || damping > DAMPING_LIMIT {
+            break;
+        }
+    }
+    // Rounding of many small turns.
+    if let Some((rotation, _)) = nearest_rotation(&guess.pose.rotation) {
+        guess.pose.rotation = rotation;
+    }
+    Some(Refined { guess, cost: errors.norm_squared(), covariance: covariance(&jacobian) })
+}
+
+/// The inverse of the normal matrix, if it has one.
+fn covariance(jacobian: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let normal = jacobian.transpose() * jacobian;
+    let scale = normal.diagonal().map(|value| 1.0 / value.sqrt());
+    let scaled = DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| normal[(i, j)] * scale[i] * scale[j]);
+    if scaled.iter().any(|value| !value.is_finite()) {
+        return None;
+    }
+    let eigen = scaled.clone().try_symmetric_eigen(f64::EPSILON, 1000)?;
+    if eigen.eigenvalues.min() < MIN_EIGENVALUE {
+        return None;
+    }
+    let inverse = scaled.try_inverse()?;
+    Some(DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]))
+}

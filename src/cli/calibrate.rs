@@ -1,0 +1,148 @@
+//! `gravisight calibrate`.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result};
+use clap::{Args, ValueEnum};
+use gravisight::camera::{Calibration, Court, Method, Points, Unknowns, calibrate};
+use gravisight::files::write_whole;
+use nalgebra::Point2;
+use serde_json::{Value, json};
+
+use super::print_line;
+
+/// Find a camera from labelled points.
+#[derive(Args)]
+pub struct Arguments {
+    /// The points (points.json: width, height, intrinsic if known, image, and world or court and names).
+    #[arg(long, value_name = "POINTS.JSON", required_unless_present = "list")]
+    points: Option<PathBuf>,
+    /// Estimate these, too; the focal length is estimated where the file has no intrinsic.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    estimate: Vec<Unknown>,
+    /// Write the camera here.
+    #[arg(long, value_name = "CAMERA.JSON")]
+    out: Option<PathBuf>,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+    /// List the named points of a court instead (tennis, volleyball, …).
+    #[arg(long, value_name = "COURT", conflicts_with = "points")]
+    list: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Unknown {
+    Focal,
+    PrincipalPoint,
+    /// k1 and k2.
+    Distortion,
+    /// k1, k2, p1, p2 and k3.
+    FullDistortion,
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    if let Some(court) = &arguments.list {
+        return list(court, arguments.json);
+    }
+    let path = arguments.points.context("--points is missing")?;
+    let points = Points::from_file(&path)?;
+    let estimates = |unknown| arguments.estimate.contains(&unknown);
+    let unknowns = Unknowns {
+        focal: estimates(Unknown::Focal),
+        principal_point: estimates(Unknown::PrincipalPoint),
+        distortion: match (estimates(Unknown::FullDistortion), estimates(Unknown::Distortion)) {
+            (true, _) => 5,
+            (false, true) => 2,
+            (false, false) => 0,
+        },
+    };
+    let found = calibrate(&points, &unknowns).with_context(|| path.display().to_string())?;
+    if let Some(out) = &arguments.out {
+        write_whole(out, serde_json::to_string_pretty(&found.camera)?.as_bytes())?;
+    }
+    match arguments.json {
+        true => print_line(as_json(&points, &found)?)?,
+        false => print(&points, &found, arguments.out.is_none())?,
+    }
+    Ok(())
+}
+
+fn list(court: &str, as_json: bool) -> Result<()> {
+    let Court { about, points } = Court::named(court)?;
+    if as_json {
+        return Ok(print_line(json!({"court": court, "about": about, "points": points}))?);
+    }
+    print_line(about)?;
+    print_line("origin on the floor in the middle; x right, y away, z up, as seen from the near end; metres")?;
+    for (name, [x, y, z]) in points {
+        print_line(format_args!("{x:9.3} {y:9.3} {z:7.3}  {name}"))?;
+    }
+    Ok(())
+}
+
+fn method(found: &Calibration) -> &'static str {
+    match found.method {
+        Method::DirectLinearTransform => "dlt",
+        Method::Homography => "homography",
+    }
+}
+
+/// The picture's middle and the points' mean depth, where a position's 1-σ is told.
+fn middle(points: &Points, found: &Calibration) -> (Point2<f64>, f64) {
+    let [width, height] = points.size.map(|side| (f64::from(side) - 1.0) / 2.0);
+    let depths = points.world.iter().map(|point| found.camera.camera_from_world(point).z);
+    (Point2::new(width, height), depths.sum::<f64>() / points.world.len() as f64)
+}
+
+fn as_json(points: &Points, found: &Calibration) -> Result<Value> {
+    let (image, depth) = middle(points, found);
+    let outliers = found.outliers.iter().map(|&index| {
+        json!({"index": index, "name": points.names.get(index), "residual_px": <[f64; 2]>::from(found.residuals_px[index])})
+    });
+    Ok(json!({
+        "camera": found.camera, "rms_px": found.rms_px, "noise_px": found.noise_px, "method": method(found),
+        "residuals_px": found.residuals_px.iter().map(|&residual| <[f64; 2]>::from(residual)).collect::<Vec<_>>(),
+        "outliers": outliers.collect::<Vec<_>>(),
+        "sigma": {"rotation": <[f64; 3]>::from(found.sigma_rotation), "centre": <[f64; 3]>::from(found.sigma_centre),
+            "focal_px": found.sigma_focal_px},
+        "point_sigma": {"image": <[f64; 2]>::from(image), "depth": depth,
+            "world": <[f64; 3]>::from(found.point_sigma(&image, depth)?)},
+    }))
+}
+
+fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> {
+    let camera = &found.camera;
+    print_line("  x px     y px   residual px   point")?;
+    for (index, (image, residual)) in points.image.iter().zip(&found.residuals_px).enumerate() {
+        let name = points.names.get(index).cloned().unwrap_or_else(|| format!("{}", points.world[index]));
+        let mark = if found.outliers.contains(&index) { "  WRONG CLICK? left out" } else { "" };
+        print_line(format_args!("{:7.1} {:8.1} {:9.2}      {name}{mark}", image.x, image.y, residual.norm()))?;
+    }
+    let used = points.image.len() - found.outliers.len();
+    print_line(format_args!(
+        "{used} points, {:.2} px rms (clicks are good to about {:.2} px a coordinate), start by {}",
+        found.rms_px,
+        found.noise_px,
+        method(found)
+    ))?;
+    let centre = camera.world_from_camera(&nalgebra::Point3::origin());
+    let [sx, sy, sz] = <[f64; 3]>::from(found.sigma_centre).map(|sigma| 100.0 * sigma);
+    print_line(format_args!(
+        "camera at x {:.3}  y {:.3}  z {:.3} m, ± {sx:.1} {sy:.1} {sz:.1} cm; turned to ± {:.2}°",
+        centre.x,
+        centre.y,
+        centre.z,
+        found.sigma_rotation.norm().to_degrees()
+    ))?;
+    print_line(format_args!("focal length {:.1} ± {:.1} px", camera.intrinsic()[(0, 0)], found.sigma_focal_px))?;
+    let (image, depth) = middle(points, found);
+    let sigma = 100.0 * found.point_sigma(&image, depth)?.norm();
+    print_line(format_args!(
+        "a ball in the picture's middle, {depth:.1} m away, is placed to ± {sigma:.1} cm by this camera"
+    ))?;
+    if with_camera {
+        print_line(serde_json::to_string(camera)?)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,289 @@
+//! Cameras from labelled points: `cargo test --release --test calibrate -- --nocapture` prints how far off they are.
+
+use gravisight::Camera;
+use gravisight::camera::{Court, Distortion, Method, Points, Unknowns, calibrate};
+use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
+use proptest::prelude::*;
+use serde_json::Value;
+
+const ONLY_POSE: Unknowns = Unknowns { focal: false, principal_point: false, distortion: 0 };
+
+/// Reproducible Gaussian noise.
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// A camera that stands at `at` and looks at `to`.
+fn looking(at: [f64; 3], to: [f64; 3], focal: f64, size: [u32; 2], distortion: Distortion) -> Camera {
+    let forward = (Vector3::from(to) - Vector3::from(at)).normalize();
+    let right = forward.cross(&Vector3::z()).normalize();
+    let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
+    let middle = size.map(|side| (f64::from(side) - 1.0) / 2.0);
+    let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);
+    Camera::new(size, intrinsic, distortion, rotation, -rotation * Vector3::from(at)).unwrap()
+}
+
+/// Clicks on `world` as `camera` sees it, with noise, px.
+fn clicked(camera: &Camera, world: &[[f64; 3]], known: bool, noise: f64, seed: u64) -> Points {
+    let mut random = Noise(seed);
+    let world: Vec<Point3<f64>> = world.iter().map(|&point| Point3::from(point)).collect();
+    let mut click = |point| {
+        let image = camera.image_from_world(point).unwrap();
+        Point2::new(image.x + noise * random.normal(), image.y + noise * random.normal())
+    };
+    Points {
+        size: [camera.width(), camera.height()],
+        intrinsic: known.then(|| *camera.intrinsic()),
+        distortion: Distortion::default(),
+        names: Vec::new(),
+        image: world.iter().map(&mut click).collect(),
+        world,
+    }
+}
+
+fn centre(camera: &Camera) -> Point3<f64> {
+    camera.world_from_camera(&Point3::origin())
+}
+
+fn rotation(camera: &Camera) -> Matrix3<f64> {
+    let origin = camera.camera_from_world(&Point3::origin());
+    Matrix3::from_columns(
+        &[0, 1, 2].map(|axis| camera.camera_from_world(&Point3::from(Vector3::ith(axis, 1.0))) - origin),
+    )
+}
+
+/// Distance of two cameras: places, m, and directions, rad.
+fn apart(a: &Camera, b: &Camera) -> (f64, f64) {
+    let turn = Rotation3::from_matrix_unchecked(rotation(a) * rotation(b).transpose());
+    // The angle by its sine: an arc cosine is blind to small ones.
+    let m = turn.matrix();
+    let sine = Vector3::new(m[(2, 1)] - m[(1, 2)], m[(0, 2)] - m[(2, 0)], m[(1, 0)] - m[(0, 1)]).norm() / 2.0;
+    ((centre(a) - centre(b)).norm(), sine.asin())
+}
+
+/// Two heights of a box's corners.
+const BOX: [[f64; 3]; 8] = [
+    [0.0, 0.0, 0.0],
+    [2.0, 0.0, 0.0],
+    [2.0, 3.0, 0.0],
+    [0.0, 3.0, 0.0],
+    [0.0, 0.0, 1.5],
+    [2.0, 0.0, 1.5],
+    [2.0, 3.0, 1.5],
+    [0.0, 3.0, 1.5],
+];
+
+#[test]
+fn the_optimum_is_the_references() {
+    let golden: Value = serde_json::from_str(include_str!("golden/camera.json")).unwrap();
+    let read = |value: &Value| -> Vec<Vec<f64>> { serde_json::from_value(value.clone()).unwrap() };
+    let mut worst = (0.0_f64, 0.0_f64);
+    for (index, case) in golden["calibration"].as_array().unwrap().iter().enumerate() {
+        let matrix = |rows: &[Vec<f64>]| Matrix3::from_fn(|i, j| rows[i][j]);
+        let points = Points {
+            size: [384, 224],
+            intrinsic: Some(matrix(&read(&case["M_int"]))),
+            distortion: Distortion::default(),
+            names: Vec::new(),
+            world: read(&case["world"]).iter().map(|p| Point3::new(p[0], p[1], p[2])).collect(),
+            image: read(&case["image"]).iter().map(|p| Point2::new(p[0], p[1])).collect(),
+        };
+        let optimum = read(&case["M_ext_opt"]);
+        let translation = Vector3::from_fn(|i, _| optimum[i][3]);
+        let expected = Camera::new(
+            [384, 224],
+            *points.intrinsic.as_ref().unwrap(),
+            Distortion::default(),
+            matrix(&optimum),
+            translation,
+        )
+        .unwrap();
+        let found = calibrate(&points, &ONLY_POSE).unwrap();
+        assert!(found.outliers.is_empty(), "case {index}: {:?}", found.outliers);
+        let cost = found.rms_px * found.rms_px * points.image.len() as f64;
+        let reference = case["cost_opt"].as_f64().unwrap();
+        assert!(cost <= reference * (1.0 + 1e-9) + 1e-12, "case {index}: {cost} px² instead of {reference}");
+        let (place, direction) = apart(&found.camera, &expected);
+        assert!(place < 1e-6 && direction < 1e-6, "case {index}: {place} m, {direction} rad");
+        worst = (worst.0.max(place), worst.1.max(direction));
+    }
+    println!("16 reference cases: at most {:.1e} m and {:.1e} rad from the optimum", worst.0, worst.1);
+}
+
+#[test]
+fn exact_clicks_give_the_camera_with_focal_length_and_lens() {
+    let lens = Distortion { k1: -0.21, k2: 0.05, ..Distortion::default() };
+    for (lens, distortion) in [(Distortion::default(), 0), (lens, 2)] {
+        let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], lens);
+        let mut world = BOX.to_vec();
+        world.extend([[1.0, 1.0, 0.7], [0.3, 2.2, 1.1], [1.7, 0.4, 0.2], [0.9, 2.9, 0.4]]);
+        let unknowns = Unknowns { focal: true, distortion, ..ONLY_POSE };
+        let found = calibrate(&clicked(&camera, &world, false, 0.0, 1), &unknowns).unwrap();
+        let (place, direction) = apart(&found.camera, &camera);
+        assert!(place < 1e-6 && direction < 1e-6, "{place} m, {direction} rad");
+        assert!((found.camera.intrinsic()[(0, 0)] - 900.0).abs() < 1e-4);
+        assert!((found.camera.distortion().k1 - lens.k1).abs() < 1e-6);
+        assert_eq!(found.method, Method::DirectLinearTransform);
+    }
+}
+
+#[test]
+fn four_points_of_a_plane_are_enough() {
+    let camera = looking([3.0, -8.0, 4.0], [0.0, 0.0, 0.0], 700.0, [960, 540], Distortion::default());
+    let corners = [[-4.5, -9.0 + 7.0, 0.0], [4.5, -2.0, 0.0], [4.5, 9.0, 0.0], [-4.5, 9.0, 0.0]];
+    for known in [true, false] {
+        let found = calibrate(&clicked(&camera, &corners, known, 0.0, 1), &ONLY_POSE).unwrap();
+        let (place, direction) = apart(&found.camera, &camera);
+        assert!(place < 1e-6 && direction < 1e-6, "intrinsic known: {known}: {place} m, {direction} rad");
+        assert_eq!(found.method, Method::Homography);
+    }
+}
+
+#[test]
+fn every_court_calibrates_from_clicks_of_half_a_pixel() {
+    for name in Court::names() {
+        let court = Court::named(name).unwrap();
+        let reach = court.points.values().map(|p| p[0].hypot(p[1])).fold(0.0, f64::max);
+        let camera = looking(
+            [0.6 * reach, -1.9 * reach, 0.9 * reach],
+            [0.0, 0.0, 0.0],
+            1400.0,
+            [1920, 1080],
+            Distortion::default(),
+        );
+        let world: Vec<[f64; 3]> = court.points.values().copied().collect();
+        let found = calibrate(&clicked(&camera, &world, false, 0.5, 7), &ONLY_POSE).unwrap();
+        let (place, direction) = apart(&found.camera, &camera);
+        println!(
+            "{name}: {} points, camera {:.1} cm of {reach:.1} m off, {:.3}°",
+            world.len(),
+            100.0 * place,
+            direction.to_degrees()
+        );
+        assert!(place < 0.02 * reach && direction < 0.01, "{name}: {place} m");
+        assert!(found.outliers.is_empty() && (0.3..0.8).contains(&found.noise_px), "{name}: {:?}", found.outliers);
+    }
+}
+
+#[test]
+fn a_wrong_click_is_named_and_left_out() {
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], Distortion::default());
+    let mut world = BOX.to_vec();
+    world.extend([[1.0, 1.0, 0.7], [0.3, 2.2, 1.1]]);
+    for wrong in 0..world.len() {
+        for known in [true, false] {
+            let mut points = clicked(&camera, &world, known, 0.5, 11 + wrong as u64);
+            points.image[wrong].x += 25.0;
+            points.image[wrong].y -= 10.0;
+            let found = calibrate(&points, &ONLY_POSE).unwrap();
+            assert_eq!(found.outliers, [wrong]);
+            assert!(apart(&found.camera, &camera).0 < 5.0 * found.sigma_centre.norm());
+        }
+    }
+    // Two points that were mixed up.
+    let mut points = clicked(&camera, &world, true, 0.5, 5);
+    points.image.swap(2, 6);
+    assert_eq!(calibrate(&points, &ONLY_POSE).unwrap().outliers, [2, 6]);
+}
+
+#[test]
+fn the_stated_uncertainty_is_the_one_found() {
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], Distortion::default());
+    let (image, depth) = (Point2::new(700.0, 300.0), 6.0);
+    let ball = camera.world_from_image(&image, depth).unwrap();
+    for known in [true, false] {
+        let (mut squares, mut stated) = ([0.0; 2], [0.0; 2]);
+        let rounds = 400;
+        for seed in 0..rounds {
+            let found = calibrate(&clicked(&camera, &BOX, known, 1.0, 1000 + seed), &ONLY_POSE).unwrap();
+            squares[0] += (centre(&found.camera) - centre(&camera)).norm_squared();
+            squares[1] += (found.camera.world_from_image(&image, depth).unwrap() - ball).norm_squared();
+            stated[0] += found.sigma_centre.norm_squared();
+            stated[1] += found.point_sigma(&image, depth).unwrap().norm_squared();
+        }
+        for (what, square, stated) in [("camera", squares[0], stated[0]), ("ball", squares[1], stated[1])] {
+            let ratio = (stated / square).sqrt();
+            println!("{what}, intrinsic known {known}: stated over found 1-σ {ratio:.2}");
+            assert!((0.85..1.2).contains(&ratio), "{what}, intrinsic known {known}: {ratio}");
+        }
+    }
+}
+
+#[test]
+fn points_that_fix_no_camera_are_refused_with_what_to_add() {
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], Distortion::default());
+    let refused = |world: &[[f64; 3]], known: bool| {
+        calibrate(&clicked(&camera, world, known, 0.0, 1), &ONLY_POSE).unwrap_err().to_string()
+    };
+    let line: Vec<[f64; 3]> = (0..8).map(|i| [0.3 * f64::from(i), 0.2, 0.1]).collect();
+    assert!(refused(&line, true).contains("one line"), "{}", refused(&line, true));
+    assert!(refused(&BOX[..3], true).contains("too few"));
+    let space = [BOX[0], BOX[2], BOX[5], BOX[7]];
+    assert!(refused(&space, true).contains("at least 6"), "{}", refused(&space, true));
+    // A plane that faces the camera does not tell the focal length from the distance.
+    let facing = looking([0.0, -10.0, 0.0], [0.0, 0.0, 0.0], 900.0, [1280, 720], Distortion::default());
+    let wall: Vec<[f64; 3]> = (0..9).map(|i| [f64::from(i % 3), 0.0, f64::from(i / 3)]).collect();
+    let error = calibrate(&clicked(&facing, &wall, false, 0.0, 1), &ONLY_POSE).unwrap_err();
+    assert!(error.to_string().contains("off the plane"), "{error}");
+    assert_eq!(error.code(), "calibration");
+    // A world that is left-handed has its points behind the camera, or fits badly.
+    let mut mirrored = clicked(&camera, &BOX, true, 0.0, 1);
+    mirrored.world.iter_mut().for_each(|point| point.x = -point.x);
+    assert!(calibrate(&mirrored, &ONLY_POSE).map_or(true, |found| found.rms_px > 10.0));
+}
+
+#[test]
+fn files_are_read_with_their_errors() {
+    let text = r#"{"width": 960, "height": 540, "court": "tennis", "names": ["near service T", "far service T"],
+        "image": [[1, 2], [3, 4]]}"#;
+    let points = Points::from_json(text, "points.json").unwrap();
+    assert_eq!(points.world[0], Point3::new(0.0, -6.4, 0.0));
+    for (text, expected) in [
+        (text.replace("far service T", "far service X"), "no point of tennis"),
+        (text.replace("tennis", "tenis"), "there are badminton"),
+        (text.replace("[3, 4]", "[3, 4], [5, 6]"), "has 3 points"),
+        (text.replace("960", "0"), "width"),
+        (text.replace("\"names\"", "\"nmes\""), "nmes"),
+        (text.replace("[3, 4]", "[3, NaN]"), "points.json"),
+    ] {
+        let error = Points::from_json(&text, "points.json").unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn odd_points_are_refused_or_give_finite_cameras(
+        points in prop::collection::vec((prop::array::uniform3(prop_oneof![-9.0..9.0_f64, Just(0.0), Just(1e8)]), prop::array::uniform2(-2e3..2e3_f64)), 0..12),
+        focal in any::<bool>(),
+        principal_point in any::<bool>(),
+        distortion in 0..6_usize,
+        known in any::<bool>(),
+    ) {
+        let (world, image): (Vec<_>, Vec<_>) = points.into_iter().map(|(w, i)| (Point3::from(w), Point2::from(i))).unzip();
+        let intrinsic = known.then(|| Matrix3::new(800.0, 0.0, 320.0, 0.0, 800.0, 240.0, 0.0, 0.0, 1.0));
+        let points = Points { size: [640, 480], intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image };
+        if let Ok(found) = calibrate(&points, &Unknowns { focal, principal_point, distortion }) {
+            prop_assert!(found.rms_px.is_finite() && found.sigma_centre.iter().all(|sigma| sigma.is_finite()));
+        }
+    }
+
+    #[test]
+    fn odd_texts_are_refused(text in ".{0,80}") {
+        prop_assert!(Points::from_json(&text, "points.json").is_err());
+    }
+}
