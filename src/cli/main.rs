@@ -10,6 +10,7 @@ mod localise;
 mod model;
 mod overlay;
 mod progress;
+mod synth;
 mod train;
 
 use std::io::{self, Write as _};
@@ -36,6 +37,7 @@ enum Command {
     Forecast(forecast::Arguments),
     Fit(fit::Arguments),
     Calibrate(calibrate::Arguments),
+    Synth(synth::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -46,6 +48,7 @@ fn main() -> ExitCode {
         Command::Forecast(arguments) => forecast::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
+        Command::Synth(arguments) => synth::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,6 +1,7 @@
-//! Clips (pictures with their labels, cameras and scenes) and 2D tracks.
+//! Clips (pictures with their labels, cameras and scenes), 2D tracks, and the paper's synthetic sets.
 
 mod clips;
+pub mod synth;
 mod track;
 
 pub use self::clips::{Clip, Clips, Frame};

@@ -1,0 +1,456 @@
+//! A small ray-caster that draws the paper's scenes as MuJoCo's renderer does: OpenGL's lighting at the corners of a grid
+//! on each face and interpolated in between, one shadow-casting spot light, the headlight, a floor that mirrors, four
+//! samples a pixel.
+//!
+//! Only the ball moves. What a pixel shows without it is worked out once for a camera; a frame then looks again only at
+//! pixels where the ball, its shadow or its mirror image can be.
+
+use image::{Rgb, RgbImage};
+use nalgebra::{Point2, Point3, Rotation3, Vector3};
+
+use super::scenes::{Block, Paper};
+use crate::camera::Camera;
+use crate::error::Result;
+
+/// Samples of a pixel, px from its centre.
+const SAMPLES: [[f64; 2]; 4] = [[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]];
+/// Distance between the floor's lighting corners, m: MuJoCo's, for a floor of 800 m.
+const FLOOR_GRID: f64 = 1600.0 / 198.0;
+/// Cells of a box face's lighting grid in each direction: MuJoCo's.
+const FACE_GRID: usize = 4;
+/// MuJoCo draws a polyhedron of 28 slices and 16 stacks inside the sphere; its outline is a little smaller.
+const INSCRIBED: f64 = 0.995;
+/// How far from a surface rays start, m.
+const CLEAR: f64 = 1e-4;
+
+type Colour = Vector3<f64>;
+
+/// Light that leaves a surface towards the eye: what its colour tints, and what shines white.
+#[derive(Debug, Clone, Copy)]
+struct Shine {
+    diffuse: f64,
+    specular: f64,
+}
+
+/// The same from the headlight and from the spot light.
+#[derive(Debug, Clone, Copy)]
+struct Lit {
+    head: Shine,
+    spot: Shine,
+}
+
+impl Lit {
+    /// Weighted sum.
+    fn mix(parts: [(f64, Self); 3]) -> Self {
+        let sum = |of: fn(&Self) -> f64| parts.iter().map(|(weight, lit)| weight * of(lit)).sum();
+        Self {
+            head: Shine { diffuse: sum(|lit| lit.head.diffuse), specular: sum(|lit| lit.head.specular) },
+            spot: Shine { diffuse: sum(|lit| lit.spot.diffuse), specular: sum(|lit| lit.spot.specular) },
+        }
+    }
+}
+
+impl Shine {
+    fn of(&self, colour: &Colour) -> Colour {
+        colour * self.diffuse + Colour::repeat(self.specular)
+    }
+}
+
+/// A face of a box, or the floor.
+struct Face {
+    centre: Point3<f64>,
+    /// Two directions in the face and its normal.
+    axes: [Vector3<f64>; 3],
+    /// Half its sides; the floor's are infinite.
+    half: [f64; 2],
+    /// Sides of a lighting cell.
+    cell: [f64; 2],
+    colour: Colour,
+    alpha: f64,
+}
+
+/// A ray's meeting with a face.
+#[derive(Clone, Copy)]
+struct Hit {
+    distance: f64,
+    face: usize,
+    point: Point3<f64>,
+}
+
+impl Face {
+    /// Lighting at a point, interpolated between a cell's corners as two triangles do it.
+    fn lit(&self, studio: &Studio<'_>, point: &Point3<f64>, eye: &Point3<f64>) -> Lit {
+        let offset = point - self.centre;
+        let at = [0, 1].map(|axis| {
+            let corner = if self.half[axis].is_finite() { self.half[axis] } else { 0.0 };
+            (offset.dot(&self.axes[axis]) + corner) / self.cell[axis]
+        });
+        let cell = at.map(f64::floor);
+        let [x, y] = [at[0] - cell[0], at[1] - cell[1]];
+        let corner = |right: f64, up: f64| {
+            let place = [0, 1].map(|axis| {
+                let corner = if self.half[axis].is_finite() { self.half[axis] } else { 0.0 };
+                (cell[axis] + [right, up][axis]) * self.cell[axis] - corner
+            });
+            studio.light(&(self.centre + self.axes[0] * place[0] + self.axes[1] * place[1]), &self.axes[2], eye)
+        };
+        if x + y < 1.0 {
+            Lit::mix([(1.0 - x - y, corner(0.0, 0.0)), (x, corner(1.0, 0.0)), (y, corner(0.0, 1.0))])
+        } else {
+            Lit::mix([(x + y - 1.0, corner(1.0, 1.0)), (1.0 - x, corner(0.0, 1.0)), (1.0 - y, corner(1.0, 0.0))])
+        }
+    }
+}
+
+/// The lights and everything that does not move.
+struct Studio<'a> {
+    paper: &'a Paper,
+    faces: Vec<Face>,
+    /// Whether the first face is a floor.
+    floor: bool,
+    /// Direction that the camera looks in.
+    forward: Vector3<f64>,
+    light: Point3<f64>,
+    axis: Vector3<f64>,
+}
+
+impl Studio<'_> {
+    /// OpenGL's fixed lighting of a point, without shadows.
+    fn light(&self, point: &Point3<f64>, normal: &Vector3<f64>, eye: &Point3<f64>) -> Lit {
+        let Paper { light, headlight, material, .. } = self.paper;
+        let view = (eye - point).normalize();
+        let shine = |towards: &Vector3<f64>, diffuse: f64, specular: f64| {
+            let facing = normal.dot(towards);
+            if facing <= 0.0 {
+                return Shine { diffuse: 0.0, specular: 0.0 };
+            }
+            let half = (towards + view).try_normalize(1e-12).unwrap_or(*normal);
+            let gloss = normal.dot(&half).max(0.0).powf(material.shininess);
+            Shine { diffuse: diffuse * facing, specular: specular * material.specular * gloss }
+        };
+        let mut head = shine(&-self.forward, headlight.diffuse, headlight.specular);
+        head.diffuse += headlight.ambient;
+        let towards = (self.light - point).normalize();
+        let cosine = -towards.dot(&self.axis);
+        let cone = if cosine > light.cutoff.to_radians().cos() { cosine.powf(light.exponent) } else { 0.0 };
+        Lit { head, spot: shine(&towards, light.diffuse * cone, light.specular * cone) }
+    }
+
+    /// The nearest face that a ray meets from the front, of those that `wanted` names.
+    fn cast(&self, from: &Point3<f64>, along: &Vector3<f64>, wanted: impl Fn(&Face) -> bool) -> Option<Hit> {
+        let mut nearest: Option<Hit> = None;
+        for (index, face) in self.faces.iter().enumerate().filter(|(_, face)| wanted(face)) {
+            let slope = along.dot(&face.axes[2]);
+            if slope >= -1e-12 {
+                continue;
+            }
+            let distance = (face.centre - from).dot(&face.axes[2]) / slope;
+            if distance <= CLEAR || nearest.is_some_and(|hit| hit.distance <= distance) {
+                continue;
+            }
+            let point = from + along * distance;
+            let offset = point - face.centre;
+            if (0..2).all(|axis| offset.dot(&face.axes[axis]).abs() <= face.half[axis]) {
+                nearest = Some(Hit { distance, face: index, point });
+            }
+        }
+        nearest
+    }
+
+    /// Whether a box (not the ball) is between a point and the light.
+    fn shadowed(&self, point: &Point3<f64>) -> bool {
+        let way = self.light - point;
+        let distance = way.norm();
+        let boxes = |face: &Face| face.half[0].is_finite();
+        // From the light, so that faces are met from the front.
+        self.cast(&self.light, &(-way / distance), boxes).is_some_and(|hit| hit.distance < distance - 10.0 * CLEAR)
+    }
+}
+
+/// What a see-through face adds to what is behind it. It is drawn twice, as OpenGL's two sorted passes do.
+#[derive(Clone, Copy)]
+struct Veil {
+    distance: f64,
+    cover: f64,
+    colour: Colour,
+}
+
+impl Veil {
+    fn over(veil: Option<Self>, distance: f64, behind: Colour) -> Colour {
+        match veil {
+            Some(veil) if veil.distance < distance => veil.colour * veil.cover + behind * (1.0 - veil.cover),
+            _ => behind,
+        }
+    }
+}
+
+/// What one sample shows without the ball.
+struct Sample {
+    along: Vector3<f64>,
+    /// The opaque surface: how far, where; infinitely far without one.
+    distance: f64,
+    point: Point3<f64>,
+    /// Its light without the spot, and the spot's if no box shadows it.
+    dark: Colour,
+    spot: Colour,
+    /// What a floor mirrors: direction, distance of what is seen there, its colour.
+    mirror: Option<(Vector3<f64>, f64, Colour)>,
+    veil: Option<Veil>,
+}
+
+/// A pixel without the ball, and a ball around what its samples see.
+struct Pixel {
+    colour: Rgb<u8>,
+    middle: Point3<f64>,
+    reach: f64,
+    mirrors: bool,
+    lit: bool,
+}
+
+/// Draws one environment through one camera.
+pub struct Renderer {
+    studio: Studio<'static>,
+    camera: Camera,
+    eye: Point3<f64>,
+    samples: Vec<Sample>,
+    pixels: Vec<Pixel>,
+}
+
+fn byte(colour: Colour) -> Rgb<u8> {
+    Rgb([0, 1, 2].map(|channel| (colour[channel].clamp(0.0, 1.0) * 255.0).round() as u8))
+}
+
+/// Distance along a ray to a sphere.
+fn sphere(from: &Point3<f64>, along: &Vector3<f64>, centre: &Point3<f64>, radius: f64) -> Option<f64> {
+    let way = centre - from;
+    let middle = way.dot(along);
+    let square = radius * radius - (way.norm_squared() - middle * middle);
+    (square > 0.0 && middle > square.sqrt()).then(|| middle - square.sqrt())
+}
+
+/// The faces of a box that can be seen: its sides and its top.
+fn faces(block: &Block) -> Vec<Face> {
+    let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), block.yaw.to_radians());
+    let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| turn * axis);
+    let face = |normal: usize, sign: f64| {
+        let (u, v) = ((normal + 1) % 3, (normal + 2) % 3);
+        let half = [block.half_size[u], block.half_size[v]];
+        Face {
+            centre: Point3::from(block.position) + axes[normal] * sign * block.half_size[normal],
+            axes: [axes[u], axes[v] * sign, axes[normal] * sign],
+            half,
+            cell: half.map(|half| 2.0 * half / FACE_GRID as f64),
+            colour: Vector3::from(block.colour).cast(),
+            alpha: block.alpha,
+        }
+    };
+    vec![face(0, 1.0), face(0, -1.0), face(1, 1.0), face(1, -1.0), face(2, 1.0)]
+}
+
+impl Renderer {
+    /// For an environment of the bouncing ball, or (without) the spring's empty space.
+    pub(super) fn new(paper: &'static Paper, environment: Option<usize>, camera: &Camera) -> Result<Self> {
+        let mut all = Vec::new();
+        if let Some(environment) = environment {
+            let floor = &paper.bouncing.floor;
+            all.push(Face {
+                centre: Point3::origin(),
+                axes: [Vector3::x(), Vector3::y(), Vector3::z()],
+                half: [f64::INFINITY; 2],
+                cell: [FLOOR_GRID; 2],
+                colour: Vector3::from(floor.colour).cast(),
+                alpha: 1.0,
+            });
+            all.extend(paper.blocks(environment)?.iter().flat_map(faces));
+        }
+        let eye = camera.world_from_camera(&Point3::origin());
+        let studio = Studio {
+            paper,
+            floor: environment.is_some(),
+            faces: all,
+            forward: camera.world_from_camera(&Point3::new(0.0, 0.0, 1.0)) - eye,
+            light: Point3::from(paper.light.position),
+            axis: Vector3::from(paper.light.direction).normalize(),
+        };
+        let mut renderer = Self { studio, camera: camera.clone(), eye, samples: Vec::new(), pixels: Vec::new() };
+        for row in 0..camera.height() {
+            for column in 0..camera.width() {
+                renderer.prepare(f64::from(column), f64::from(row))?;
+            }
+        }
+        Ok(renderer)
+    }
+
+    /// Adds a pixel.
+    fn prepare(&mut self, column: f64, row: f64) -> Result<()> {
+        let first = self.samples.len();
+        for [x, y] in SAMPLES {
+            let along = self.camera.world_from_image(&Point2::new(column + x, row + y), 1.0)? - self.eye;
+            let sample = self.look(along.normalize());
+            self.samples.push(sample);
+        }
+        let samples = &self.samples[first..];
+        let colour = samples.iter().map(|sample| self.shade(sample, None)).sum::<Colour>() / SAMPLES.len() as f64;
+        let middle = Point3::from(samples.iter().map(|sample| sample.point.coords).sum::<Vector3<f64>>() / 4.0);
+        self.pixels.push(Pixel {
+            colour: byte(colour),
+            middle,
+            reach: samples.iter().map(|sample| (sample.point - middle).norm()).fold(0.0, f64::max),
+            mirrors: samples.iter().any(|sample| sample.mirror.is_some()),
+            lit: samples.iter().any(|sample| sample.spot != Colour::zeros()),
+        });
+        Ok(())
+    }
+
+    /// What a ray from the eye shows without the ball.
+    fn look(&self, along: Vector3<f64>) -> Sample {
+        let studio = &self.studio;
+        let veil = self.veil(&self.eye, &along, &self.eye, None);
+        let Some(hit) = studio.cast(&self.eye, &along, |face| face.alpha >= 1.0) else {
+            let (point, none) = (self.eye, Colour::zeros());
+            return Sample { along, distance: f64::INFINITY, point, dark: none, spot: none, mirror: None, veil };
+        };
+        let face = &studio.faces[hit.face];
+        let lit = face.lit(studio, &hit.point, &self.eye);
+        let spot = if studio.shadowed(&hit.point) { Colour::zeros() } else { lit.spot.of(&face.colour) };
+        let mirror = (studio.floor && hit.face == 0).then(|| self.mirrored(&hit.point, &along));
+        Sample { along, distance: hit.distance, point: hit.point, dark: lit.head.of(&face.colour), spot, mirror, veil }
+    }
+
+    /// The see-through face that a ray meets; its colour is dimmed by `reflectance` in a mirror.
+    fn veil(
+        &self,
+        from: &Point3<f64>,
+        along: &Vector3<f64>,
+        eye: &Point3<f64>,
+        reflectance: Option<f64>,
+    ) -> Option<Veil> {
+        let hit = self.studio.cast(from, along, |face| face.alpha < 1.0)?;
+        let face = &self.studio.faces[hit.face];
+        let lit = face.lit(&self.studio, &hit.point, eye);
+        let colour = face.colour * reflectance.unwrap_or(1.0);
+        let cover = 1.0 - (1.0 - face.alpha) * (1.0 - face.alpha);
+        Some(Veil { distance: hit.distance, cover, colour: lit.head.of(&colour) + lit.spot.of(&colour) })
+    }
+
+    /// The eye's mirror image, from which a mirror's picture is lit.
+    fn mirrored_eye(&self) -> Point3<f64> {
+        Point3::new(self.eye.x, self.eye.y, -self.eye.z)
+    }
+
+    /// What the floor mirrors at a point: MuJoCo dims the colours, not what shines, and leaves shadows out.
+    fn mirrored(&self, point: &Point3<f64>, along: &Vector3<f64>) -> (Vector3<f64>, f64, Colour) {
+        let studio = &self.studio;
+        let up = Vector3::new(along.x, along.y, -along.z);
+        let reflectance = studio.paper.bouncing.floor.reflectance;
+        let eye = self.mirrored_eye();
+        let hit = studio.cast(point, &up, |face| face.alpha >= 1.0 && face.half[0].is_finite());
+        let seen = hit.map_or(Colour::zeros(), |hit| {
+            let face = &studio.faces[hit.face];
+            let (lit, colour) = (face.lit(studio, &hit.point, &eye), face.colour * reflectance);
+            lit.head.of(&colour) + lit.spot.of(&colour)
+        });
+        let distance = hit.map_or(f64::INFINITY, |hit| hit.distance);
+        (up, distance, Veil::over(self.veil(point, &up, &eye, Some(reflectance)), distance, seen))
+    }
+
+    /// A sample's colour, with the ball where there is one.
+    fn shade(&self, sample: &Sample, ball: Option<&Point3<f64>>) -> Colour {
+        let paper = self.studio.paper;
+        let radius = INSCRIBED * paper.ball.radius;
+        let tint: Colour = Vector3::from(paper.ball.colour).cast();
+        if let Some(centre) = ball
+            && let Some(distance) = sphere(&self.eye, &sample.along, centre, radius).filter(|&d| d < sample.distance)
+        {
+            let point = self.eye + sample.along * distance;
+            let normal = (point - centre) / radius;
+            let lit = self.studio.light(&point, &normal, &self.eye);
+            let spot =
+                if self.studio.shadowed(&(point + normal * CLEAR)) { Colour::zeros() } else { lit.spot.of(&tint) };
+            return Veil::over(sample.veil, distance, lit.head.of(&tint) + spot);
+        }
+        let mut colour = sample.dark;
+        let in_ball_shadow = ball.is_some_and(|centre| {
+            let way = self.studio.light - sample.point;
+            let distance = way.norm();
+            sphere(&sample.point, &(way / distance), centre, radius).is_some_and(|d| d > CLEAR && d < distance)
+        });
+        if !in_ball_shadow {
+            colour += sample.spot;
+        }
+        if let Some((up, distance, seen)) = &sample.mirror {
+            let met = ball.and_then(|centre| Some((centre, sphere(&sample.point, up, centre, radius)?)));
+            colour += match met.filter(|(_, met)| met < distance) {
+                Some((centre, met)) => {
+                    let point = sample.point + up * met;
+                    let lit = self.studio.light(&point, &((point - centre) / radius), &self.mirrored_eye());
+                    let tint = tint * paper.bouncing.floor.reflectance;
+                    lit.head.of(&tint) + lit.spot.of(&tint)
+                }
+                None => *seen,
+            };
+        }
+        // Each pass is clamped before the next is added, and so is the sum.
+        Veil::over(sample.veil, sample.distance, colour.map(|channel| channel.min(1.0)))
+    }
+
+    /// The picture with the ball at `centre` (world frame, m).
+    pub fn frame(&self, centre: &Point3<f64>) -> RgbImage {
+        let radius = self.studio.paper.ball.radius;
+        let outline = self.outline(centre);
+        let width = self.camera.width();
+        let mirror = Point3::new(centre.x, centre.y, -centre.z);
+        // The shadow's and the mirror image's axes, from the light and from the eye.
+        let from_light = (centre - self.studio.light).normalize();
+        let from_eye = (mirror - self.eye).normalize();
+        let near = |from: &Point3<f64>, axis: &Vector3<f64>, pixel: &Pixel, at: &Point3<f64>| {
+            let way = pixel.middle - from;
+            let along = way.dot(axis);
+            // The cone that touches the ball widens with distance.
+            let wide = radius * along / ((at - from).norm_squared() - radius * radius).max(1e-9).sqrt();
+            way.norm_squared() - along * along < (wide + pixel.reach).powi(2)
+        };
+        RgbImage::from_fn(width, self.camera.height(), |x, y| {
+            let index = (y * width + x) as usize;
+            let pixel = &self.pixels[index];
+            let [left, top, right, bottom] = outline;
+            let inside = (left..=right).contains(&f64::from(x)) && (top..=bottom).contains(&f64::from(y));
+            let touched = inside
+                || pixel.lit && near(&self.studio.light, &from_light, pixel, centre)
+                || pixel.mirrors && near(&self.eye, &from_eye, pixel, &mirror);
+            if !touched {
+                return pixel.colour;
+            }
+            let samples = &self.samples[SAMPLES.len() * index..SAMPLES.len() * (index + 1)];
+            byte(samples.iter().map(|sample| self.shade(sample, Some(centre))).sum::<Colour>() / SAMPLES.len() as f64)
+        })
+    }
+
+    /// A rectangle around the ball's picture, px: left, top, right, bottom.
+    fn outline(&self, centre: &Point3<f64>) -> [f64; 4] {
+        let in_camera = self.camera.camera_from_world(centre);
+        let reach = (in_camera.coords.norm_squared() - self.studio.paper.ball.radius.powi(2)).max(1e-9).sqrt();
+        let Ok(image) = self.camera.image_from_camera(&in_camera) else { return [0.0, 0.0, -1.0, -1.0] };
+        let focal = self.camera.intrinsic()[(0, 0)].max(self.camera.intrinsic()[(1, 1)]);
+        // Generous: an ellipse off the picture's middle is longer than the circle in it.
+        let size = 1.5 * focal * self.studio.paper.ball.radius / reach * (in_camera.coords.norm() / in_camera.z) + 1.0;
+        [image.x - size, image.y - size, image.x + size, image.y + size]
+    }
+
+    /// Share of 13 points of the ball's disc, as the camera sees it, that no box hides.
+    pub fn visible(&self, centre: &Point3<f64>) -> f64 {
+        let radius = self.studio.paper.ball.radius;
+        let axis = |x: f64, y: f64| self.camera.world_from_camera(&Point3::new(x, y, 0.0)) - self.eye;
+        let (right, down) = (axis(1.0, 0.0), axis(0.0, 1.0));
+        let rings = [(0.0, 1), (0.45, 4), (0.85, 8)];
+        let points = rings.into_iter().flat_map(|(share, count)| (0..count).map(move |index| (share, index, count)));
+        let seen = points.filter(|&(share, index, count)| {
+            let angle = std::f64::consts::TAU * f64::from(index) / f64::from(count);
+            let point = centre + (right * angle.cos() + down * angle.sin()) * share * radius;
+            let distance = (point - self.eye).norm();
+            let along = (point - self.eye) / distance;
+            self.studio.cast(&self.eye, &along, |_| true).is_none_or(|hit| hit.distance > distance)
+        });
+        seen.count() as f64 / 13.0
+    }
+}
