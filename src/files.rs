@@ -28,7 +28,7 @@ pub(crate) fn temporary_name(path: &Path) -> PathBuf {
 /// A folder that is filled under a temporary name and appears when it is whole; dropped before, it is gone.
 #[derive(Debug)]
 pub struct NewFolder {
-    path: PathBuf,
+    final_path: PathBuf,
     temporary: PathBuf,
 }
 
@@ -42,10 +42,10 @@ impl NewFolder {
             let reason = "is there already; choose another name or remove it".to_string();
             return Err(Error::Data { what: path.display().to_string(), reason });
         }
-        let path = std::path::absolute(path).map_err(Error::io(path))?;
-        let temporary = temporary_name(&path);
+        let final_path = std::path::absolute(path).map_err(Error::io(path))?;
+        let temporary = temporary_name(&final_path);
         std::fs::create_dir_all(&temporary).map_err(Error::io(&temporary))?;
-        Ok(Self { path, temporary })
+        Ok(Self { final_path, temporary })
     }
 
     /// Where to put what belongs into it.
@@ -59,8 +59,8 @@ impl NewFolder {
     /// [`Error::Io`].
     pub fn finish(self) -> Result<()> {
         // An empty folder in its place gives way.
-        std::fs::remove_dir(&self.path).unwrap_or_default();
-        std::fs::rename(&self.temporary, &self.path).map_err(Error::io(&self.path))
+        std::fs::remove_dir(&self.final_path).unwrap_or_default();
+        std::fs::rename(&self.temporary, &self.final_path).map_err(Error::io(&self.final_path))
     }
 }
 

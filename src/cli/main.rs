@@ -5,6 +5,7 @@ mod device;
 mod evaluate;
 mod fit;
 mod forecast;
+mod import;
 mod localise;
 mod model;
 mod overlay;
@@ -34,6 +35,7 @@ enum Command {
     Train(train::Arguments),
     Forecast(forecast::Arguments),
     Fit(fit::Arguments),
+    Import(import::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Forecast(arguments) => forecast::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
+        Command::Import(arguments) => import::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
