@@ -137,9 +137,9 @@ fn print(arguments: &Arguments, report: &ImportReport) -> Result<()> {
     print_line(format_args!("frames     {frames}, {labels} with a 2D label, {positions} with a 3D position"))?;
     let fps = |pick: fn(f64, f64) -> f64| report.fps.iter().copied().reduce(pick).unwrap_or_default();
     let (slowest, fastest) = (fps(f64::min), fps(f64::max));
-    match slowest == fastest {
-        true => print_line(format_args!("frame rate {slowest:.3} a second, {gaps} gaps"))?,
-        false => print_line(format_args!("frame rate {slowest:.3} to {fastest:.3} a second, {gaps} gaps"))?,
+    match fastest - slowest < 1e-3 {
+        true => print_line(format_args!("frame rate {slowest:.3} a second; longer steps: {gaps}"))?,
+        false => print_line(format_args!("frame rate {slowest:.3} to {fastest:.3} a second; longer steps: {gaps}"))?,
     }
     if let Statistic { mean: Some(mean), std: Some(std), n, .. } = Statistic::of(report.reprojection_px.iter().copied())
     {

@@ -8,12 +8,14 @@ use serde::Deserialize;
 use serde_json::Value;
 
 use super::ImportOptions;
-use super::draft::{Draft, Job, Shot, fps_of};
+use super::draft::{Draft, Job, Shot, fps_of_numbers};
 use super::pictures::{id_of, last_number, natural, read_text};
 use crate::error::{Error, Result};
 
 /// A keypoint's flag where it is seen; 1 is one that is labelled though hidden.
 const VISIBLE: f64 = 2.0;
+/// A keypoint's flag where it is not labelled.
+const UNLABELLED: f64 = 0.0;
 /// From the picture's corner to the middle of its first pixel, px.
 const HALF_PIXEL: f64 = 0.5;
 
@@ -81,8 +83,7 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
         let id = if parts().next().is_some() { id_of(parts()) } else { id_of([stem.as_str()]) };
         let read = move |_: &Path| {
             let shots = shots(&images, &folder, &balls, [camera.width(), camera.height()], fps, &what)?;
-            let times: Vec<f64> = shots.iter().map(|shot| shot.t).collect();
-            let fps = if times.len() < 2 { fps } else { fps_of(&times, &what)? };
+            let fps = fps_of_numbers(frame_numbers(&images), fps);
             Ok(Draft { camera: camera.clone(), scene: scene.clone(), fps, shots })
         };
         Job { id, read: Box::new(read) }
@@ -162,20 +163,21 @@ impl File {
 }
 
 impl Annotation {
-    /// The first visible keypoint, else the box's centre.
+    /// The first visible keypoint; where none is labelled, the box's centre.
     fn label(&self) -> std::result::Result<Option<Point2<f64>>, &'static str> {
-        match (self.keypoints.as_deref(), self.bbox.as_deref()) {
-            (Some(keypoints @ [_, ..]), _) => {
-                let (points, []) = keypoints.as_chunks::<3>() else {
-                    return Err("`keypoints` must hold x, y and visibility of every point");
-                };
-                Ok(points.iter().find(|[_, _, flag]| *flag == VISIBLE).map(|[x, y, _]| Point2::new(*x, *y)))
-            }
-            (_, Some(&[x, y, width, height])) if width >= 0.0 && height >= 0.0 => {
+        let (points, []) = self.keypoints.as_deref().unwrap_or_default().as_chunks::<3>() else {
+            return Err("`keypoints` must hold x, y and visibility of every point");
+        };
+        if points.iter().any(|[_, _, flag]| *flag != UNLABELLED) {
+            return Ok(points.iter().find(|[_, _, flag]| *flag == VISIBLE).map(|[x, y, _]| Point2::new(*x, *y)));
+        }
+        match self.bbox.as_deref() {
+            Some(&[x, y, width, height]) if width >= 0.0 && height >= 0.0 => {
                 Ok(Some(Point2::new(x + width / 2.0 - HALF_PIXEL, y + height / 2.0 - HALF_PIXEL)))
             }
-            (_, Some(_)) => Err("`bbox` must hold x, y, width and height, neither of which is negative"),
-            (_, None) => Err("has neither `keypoints` nor `bbox`"),
+            Some(_) => Err("`bbox` must hold x, y, width and height, neither of which is negative"),
+            None if points.is_empty() => Err("has neither `keypoints` nor `bbox`"),
+            None => Ok(None),
         }
     }
 }

@@ -7,7 +7,7 @@ use nalgebra::Point2;
 use roxmltree::{Document, Node, ParsingOptions};
 
 use super::ImportOptions;
-use super::draft::{Draft, Job, Shot, fps_of};
+use super::draft::{Draft, Job, Shot, fps_of_numbers};
 use super::pictures::{id_of, read_text};
 use super::video::{Labelled, Media, draft};
 use crate::error::{Error, Result};
@@ -174,12 +174,10 @@ impl Annotations<'_> {
                 world: None,
             };
             let shots: Vec<Shot> = images.iter().map(shot).collect();
-            let (camera, scene, what) = (camera.clone(), options.scene.clone(), self.what.clone());
-            let read = move |_: &Path| {
-                let times: Vec<f64> = shots.iter().map(|shot| shot.t).collect();
-                let fps = if times.len() < 2 { fps } else { fps_of(&times, &what)? };
-                Ok(Draft { camera: camera.clone(), scene: scene.clone(), fps, shots: shots.clone() })
-            };
+            let fps = fps_of_numbers(images.iter().map(|image| image.frame), fps);
+            let (camera, scene) = (camera.clone(), options.scene.clone());
+            let read =
+                move |_: &Path| Ok(Draft { camera: camera.clone(), scene: scene.clone(), fps, shots: shots.clone() });
             Job { id, read: Box::new(read) }
         };
         Ok(groups.into_iter().map(job).collect())

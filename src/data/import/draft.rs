@@ -126,8 +126,7 @@ impl Draft {
         let mut before = f64::NEG_INFINITY;
         for shot in &self.shots {
             if !(shot.t.is_finite() && shot.t > before) {
-                let reason = format!("must grow from frame to frame: {} s follows {before} s", shot.t);
-                return Err(Error::value(&shot.what, "time", reason));
+                return Err(not_growing(shot, before));
             }
             before = shot.t;
             let outside =
@@ -145,20 +144,38 @@ impl Draft {
     }
 }
 
-/// Frames a second of `times` (s): the median step is one frame, longer steps are so many frames that lie between.
+/// Frames a second by the frames' times: the median step is one frame, longer steps are so many frames that lie between.
 ///
 /// # Errors
-/// [`Error::Value`] for fewer than two times, and for times that do not grow.
-pub(super) fn fps_of(times: &[f64], what: &str) -> Result<f64> {
-    let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    if let Some(at) = steps.iter().position(|&step| !(step > 0.0 && step.is_finite())) {
-        let reason = format!("must grow from frame to frame: {} s follows {} s", times[at + 1], times[at]);
-        return Err(Error::value(what, "time", reason));
+/// [`Error::Value`] for fewer than two frames, and for times that do not grow.
+pub(super) fn fps_of(shots: &[Shot]) -> Result<f64> {
+    let (Some(first), Some(last)) = (shots.first(), shots.last()) else {
+        return Err(Error::Data { what: "clip".into(), reason: "has no frames".into() });
+    };
+    if let Some([before, after]) = shots.array_windows().find(|[before, after]| !(after.t > before.t)) {
+        return Err(not_growing(after, before.t));
     }
+    let mut steps: Vec<f64> = shots.windows(2).map(|pair| pair[1].t - pair[0].t).collect();
     steps.sort_by(f64::total_cmp);
     let Some(&step) = steps.get(steps.len() / 2) else {
-        return Err(Error::value(what, "time", "two frames at least are needed to read the frame rate"));
+        return Err(Error::value(&first.what, "time", "two frames at least are needed to read the frame rate"));
     };
     let frames: f64 = steps.iter().map(|other| (other / step).round().max(1.0)).sum();
-    Ok(frames / (times[times.len() - 1] - times[0]))
+    Ok(frames / (last.t - first.t))
+}
+
+/// Frames a second of a clip that has these of a film's frames (`fps` a second): every fifth are a fifth as many.
+pub(super) fn fps_of_numbers(numbers: impl IntoIterator<Item = u64>, fps: f64) -> f64 {
+    let numbers: Vec<u64> = numbers.into_iter().collect();
+    let steps = numbers.windows(2).map(|pair| pair[1].abs_diff(pair[0]));
+    fps / steps.fold(0, common_divisor).max(1) as f64
+}
+
+/// Greatest common divisor (Euclid's algorithm).
+fn common_divisor(one: u64, other: u64) -> u64 {
+    if other == 0 { one } else { common_divisor(other, one % other) }
+}
+
+fn not_growing(shot: &Shot, before: f64) -> Error {
+    Error::value(&shot.what, "time", format!("must grow from frame to frame: {} s follows {before} s", shot.t))
 }

@@ -73,17 +73,15 @@ fn id(folder: &Path) -> Option<String> {
 
 fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {
     let labels = Table::from_file(&folder.join(LABELS))?;
-    let times = folder.join(TIMES);
-    let times = (Table::from_file(&times)?, times.display().to_string());
-    if labels.rows.len() != times.0.rows.len() {
-        let reason = format!("{LABELS} has {} rows, {TIMES} {}", labels.rows.len(), times.0.rows.len());
+    let times = Table::from_file(&folder.join(TIMES))?;
+    if labels.rows.len() != times.rows.len() {
+        let reason = format!("{LABELS} has {} rows, {TIMES} {}", labels.rows.len(), times.rows.len());
         return Err(Error::Data { what: folder.display().to_string(), reason });
     }
     let pictures = one_a_row(folder, "frame", labels.rows.len(), LABELS)?;
     let metadata = Metadata::from_file(&beside(folder, METADATA)?)?;
     let camera = camera(&beside(folder, MATRICES)?, &metadata)?;
-    let seconds = seconds(&times.0)?;
-    let fps = fps_of(&seconds, &times.1)?;
+    let seconds = seconds(&times)?;
     let depths = by_number(folder, "depth")?;
     let columns = labels.columns(["ball_x", "ball_y"])?;
     let shot = |((row, picture), t): ((&Row, PathBuf), f64)| {
@@ -101,7 +99,7 @@ fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {
         Ok(Shot { picture, what: row.what.clone(), t, image, world })
     };
     let shots = labels.rows.iter().zip(pictures).zip(seconds).map(shot).collect::<Result<Vec<_>>>()?;
-    Ok(Draft { camera, scene, fps, shots })
+    Ok(Draft { camera, scene, fps: fps_of(&shots)?, shots })
 }
 
 /// The file `name` of a video: in its folder, or of its camera, in whichever folder above.
@@ -122,7 +120,7 @@ fn seconds(times: &Table) -> Result<Vec<f64>> {
     let nanoseconds = |row: &Row| match row.text(column)?.map(str::parse::<i64>) {
         // Whole numbers are subtracted as such: as floats they are sixty years since 1970 to 256 ns.
         Some(Ok(whole)) => Ok(i128::from(whole)),
-        _ => Ok(row.number(column)? as i128),
+        _ => Ok(i128::from(row.number(column)? as i64)),
     };
     let all = times.rows.iter().map(nanoseconds).collect::<Result<Vec<i128>>>()?;
     if let Some(at) = all.windows(2).position(|pair| pair[1] <= pair[0]) {

@@ -64,8 +64,7 @@ fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {
     let info = folder.join(INFO);
     let camera = Matrices::from_text(&read_text(&info)?, &info.display().to_string())?.camera(size)?;
     let shots = shots(&table, pictures, f64::from(size[1]))?;
-    let times: Vec<f64> = shots.iter().map(|shot| shot.t).collect();
-    let draft = Draft { camera, scene, fps: fps_of(&times, &what)?, shots };
+    let draft = Draft { camera, scene, fps: fps_of(&shots)?, shots };
     draft.agrees(&info)?;
     Ok(draft)
 }

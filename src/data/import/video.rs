@@ -9,7 +9,7 @@ use std::process::Command;
 use nalgebra::Point2;
 
 use super::ImportOptions;
-use super::draft::{Draft, Shot, fps_of};
+use super::draft::{Draft, Shot, fps_of, fps_of_numbers};
 use super::pictures::by_number;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -105,11 +105,12 @@ pub(super) fn draft(
         let Labelled { what, image } = labels.get(&number).unwrap_or(&nothing).clone();
         Shot { picture, what, t, image, world: None }
     };
+    let numbers: Vec<u64> = frames.pictures.keys().copied().collect();
+    let shots: Vec<Shot> = frames.pictures.into_iter().zip(frames.times).map(shot).collect();
     let fps = match options.fps {
-        Some(fps) if frames.times.len() < 2 => fps,
-        _ => fps_of(&frames.times, &what)?,
+        Some(fps) => fps_of_numbers(numbers, fps),
+        None => fps_of(&shots)?,
     };
-    let shots = frames.pictures.into_iter().zip(frames.times).map(shot).collect();
     Ok(Draft { camera: camera.clone(), scene: options.scene.clone(), fps, shots })
 }
 
