@@ -152,7 +152,7 @@ pub(super) fn fps_of(shots: &[Shot]) -> Result<f64> {
     let (Some(first), Some(last)) = (shots.first(), shots.last()) else {
         return Err(Error::Data { what: "clip".into(), reason: "has no frames".into() });
     };
-    if let Some([before, after]) = shots.array_windows().find(|[before, after]| !(after.t > before.t)) {
+    if let Some([before, after]) = shots.array_windows().find(|[before, after]| after.t <= before.t) {
         return Err(not_growing(after, before.t));
     }
     let mut steps: Vec<f64> = shots.windows(2).map(|pair| pair[1].t - pair[0].t).collect();

@@ -13,8 +13,9 @@ use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::physics::Scene;
 
-/// Largest mean distance of the labels from the projected positions, px: the published ones are off by up to 3.
-const MAX_DISAGREEMENT_PX: f64 = 10.0;
+/// Largest mean distance of the labels from the projected positions, in widths of the picture: the published ones are
+/// off by up to 3 px of 224, which is a quarter of it.
+const MAX_DISAGREEMENT: f64 = 0.05;
 /// The tables.
 const LABELS: &str = "label.csv";
 /// The matrices.
@@ -89,7 +90,7 @@ impl Draft {
         let both = self.shots.iter().filter(|shot| shot.image.is_some()).count();
         let distances: Vec<f64> = self.reprojection_px().collect();
         let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
-        if distances.len() == both && mean <= MAX_DISAGREEMENT_PX {
+        if distances.len() == both && mean <= MAX_DISAGREEMENT * f64::from(self.camera.width()) {
             return Ok(());
         }
         let reason = format!(
