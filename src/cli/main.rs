@@ -6,6 +6,7 @@ mod device;
 mod evaluate;
 mod fit;
 mod forecast;
+mod import;
 mod localise;
 mod model;
 mod overlay;
@@ -38,6 +39,7 @@ enum Command {
     Fit(fit::Arguments),
     Calibrate(calibrate::Arguments),
     Synth(synth::Arguments),
+    Import(import::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
         Command::Fit(arguments) => fit::run(arguments),
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),
+        Command::Import(arguments) => import::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

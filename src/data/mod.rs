@@ -1,6 +1,8 @@
 //! Clips (pictures with their labels, cameras and scenes), 2D tracks, and the paper's synthetic sets.
 
 mod clips;
+#[cfg(feature = "cli")]
+pub mod import;
 pub mod synth;
 mod track;
 
