@@ -9,6 +9,7 @@ use super::pictures::{files_below, id_of, one_a_row, read_text, tail};
 use super::table::Table;
 use super::{Format, ImportOptions};
 use crate::camera::{Camera, Distortion};
+use crate::data::synth;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::physics::Scene;
@@ -29,7 +30,8 @@ pub(super) fn jobs(source: &Path, format: Format, options: &ImportOptions) -> Re
         let folder = table.parent().unwrap_or(&source).to_path_buf();
         let id = id(&folder, format);
         let name = id.as_ref().map_or_else(|_| folder.display().to_string(), String::clone);
-        let (scene, misplaced) = (options.scene.clone(), id.err());
+        let scene = options.scene.clone().or_else(|| published_scene(&name, format));
+        let misplaced = id.err();
         let read = move |_: &Path| match &misplaced {
             Some(reason) => Err(Error::Data { what: folder.display().to_string(), reason: reason.clone() }),
             None => draft(&folder, scene.clone()),
@@ -51,6 +53,15 @@ fn id(folder: &Path, format: Format) -> std::result::Result<String, String> {
     let (xml, camera) = after(&xml, "xml").zip(after(&camera, "camera")).ok_or(misplaced)?;
     let [environment, camera] = [format!("env{}", u64::from(xml) + 1), format!("cam{}", u64::from(camera) + 1)];
     Ok(id_of([split.as_str(), &environment, &camera, &video]))
+}
+
+/// The scene that the paper made a clip in.
+fn published_scene(id: &str, format: Format) -> Option<Scene> {
+    let environment = match format {
+        Format::Spring => None,
+        _ => Some(id.split('/').nth(1)?.strip_prefix("env")?.parse().ok()?),
+    };
+    synth::scene(environment).ok()
 }
 
 fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {

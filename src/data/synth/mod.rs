@@ -109,6 +109,15 @@ impl Shot {
     }
 }
 
+/// What the physics needs to know of an environment (the paper's number), or (without) of the spring set.
+///
+/// # Errors
+/// [`Error::Data`] for an environment that the paper does not have.
+pub fn scene(environment: Option<usize>) -> Result<Scene> {
+    let paper = Paper::get()?;
+    environment.map_or_else(|| paper.spring_scene(), |environment| paper.scene(environment))
+}
+
 /// Makes the clips of one shot.
 pub struct Studio {
     paper: &'static Paper,
@@ -126,10 +135,11 @@ impl Studio {
     /// [`Error::Data`] for an environment or camera that the paper does not have.
     pub fn new(shot: Shot) -> Result<Self> {
         let paper = Paper::get()?;
-        let (camera, scene) = match shot.environment {
-            Some(environment) => (paper.camera(shot.camera)?, paper.scene(environment)?),
-            None => (paper.spring_camera()?, paper.spring_scene()?),
+        let camera = match shot.environment {
+            Some(_) => paper.camera(shot.camera)?,
+            None => paper.spring_camera()?,
         };
+        let scene = scene(shot.environment)?;
         let renderer = Renderer::new(paper, shot.environment, &camera)?;
         Ok(Self { paper, shot, forecaster: Forecaster::new(&scene)?, renderer, camera, scene })
     }
