@@ -1,7 +1,9 @@
-//! Clips (pictures with their labels, cameras and scenes) and 2D tracks.
+//! Clips (pictures with their labels, cameras and scenes), 2D tracks, proposals for labels.
 
 mod clips;
+mod label;
 mod track;
 
 pub use self::clips::{Clip, Clips, Frame};
+pub use self::label::{DOUBTFUL, LabelOptions, Proposal, propose_labels};
 pub use self::track::{Track, TrackPoint, trajectory_csv};
