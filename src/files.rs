@@ -49,6 +49,7 @@ impl NewFolder {
     }
 
     /// Where to put what belongs into it.
+    #[allow(clippy::misnamed_getters)] // its name is not its own until it is whole
     pub fn path(&self) -> &Path {
         &self.temporary
     }

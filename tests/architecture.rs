@@ -14,7 +14,7 @@ const ARROWS: [(&str, &[&str]); 11] = [
     ("kernels", &[]),
     ("model", &["image", "files", "kernels"]),
     ("physics", &["camera"]),
-    ("data", &["camera", "image", "physics"]),
+    ("data", &["camera", "files", "image", "physics"]),
     ("localise", &["camera", "image", "model"]),
     ("evaluate", &["camera", "data", "image", "localise"]),
     ("train", &["camera", "data", "evaluate", "files", "image", "localise", "model", "physics"]),

@@ -5,11 +5,13 @@ mod device;
 mod evaluate;
 mod fit;
 mod forecast;
+mod label;
 mod localise;
 mod model;
 mod overlay;
 mod progress;
 mod train;
+mod video;
 
 use std::io::{self, Write as _};
 use std::process::ExitCode;
@@ -34,6 +36,7 @@ enum Command {
     Train(train::Arguments),
     Forecast(forecast::Arguments),
     Fit(fit::Arguments),
+    Label(label::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -43,6 +46,7 @@ fn main() -> ExitCode {
         Command::Train(arguments) => train::run(arguments),
         Command::Forecast(arguments) => forecast::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),
+        Command::Label(arguments) => label::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

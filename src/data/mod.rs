@@ -5,5 +5,5 @@ mod label;
 mod track;
 
 pub use self::clips::{Clip, Clips, Frame};
-pub use self::label::{DOUBTFUL, LabelOptions, Proposal, propose_labels};
+pub use self::label::{DOUBTFUL, LabelOptions, Proposal, cvat_xml, labels_csv, propose_labels, track_of_labels};
 pub use self::track::{Track, TrackPoint, trajectory_csv};

@@ -17,7 +17,10 @@ mod evidence;
 mod frame;
 mod link;
 mod outline;
+mod text;
 mod vote;
+
+pub use self::text::{cvat_xml, labels_csv, track_of_labels};
 
 use self::ball::Ball;
 use self::evidence::Candidate;
@@ -152,12 +155,15 @@ fn chosen(frames: &[Vec<Candidate>]) -> Vec<Option<Candidate>> {
 /// Whether `frame` has no good outline of the ball yet.
 fn needs_second_look(ball: &Ball, frame: usize, candidates: &[Candidate]) -> bool {
     let radius = ball.radius(frame);
-    let good = |candidate: &Candidate| {
+    let good = |candidate: Candidate| {
         let Outline { circle, coverage, rms, .. } = candidate.outline;
         let ordinary = radius.is_none_or(|prior| (circle.radius - prior.radius).abs() < prior.sigma);
         coverage > GOOD_COVERAGE && rms < GOOD_RMS && ordinary
     };
-    !ball.label(frame).is_some_and(|label| good(&label)) && !(candidates.is_empty() && ball.places(frame).is_empty())
+    match ball.label(frame) {
+        Some(label) => !good(label),
+        None => !candidates.is_empty() || !ball.places(frame).is_empty(),
+    }
 }
 
 /// A frame and what it is compared with.

@@ -47,23 +47,15 @@ pub(super) struct Outline {
     pub rms: f64,
     /// Standard deviation of the centre by the fit along its worse axis, px.
     pub sigma: f64,
-    /// Median strength of those edges, levels.
-    pub strength: f32,
 }
 
-/// An edge across the guessed outline.
-struct EdgePoint {
-    /// In the plane across the guessed centre's ray, in px of that centre's distance.
-    place: Vector2<f64>,
-    strength: f32,
-}
-
-/// A circle in that plane.
+/// A circle in the plane across the guessed centre's ray, px at that ray.
 struct Fitted {
     centre: Vector2<f64>,
     radius: f64,
     covariance: Matrix3<f64>,
-    inliers: Vec<bool>,
+    /// Points on it.
+    inliers: usize,
     rms: f64,
 }
 
@@ -95,13 +87,13 @@ impl Finder<'_> {
                 return None;
             }
             circle = Circle { x: centre.x, y: centre.y, radius: fitted.radius };
-            outline = Some(summary(circle, &points, asked, &fitted));
+            outline = Some(summary(circle, asked, &fitted));
         }
         outline
     }
 
     /// The strongest edge in each direction, and in how many directions there was picture to look at.
-    fn edge_points(&self, circle: &Circle, reach: f64, plane: &Plane) -> (Vec<EdgePoint>, usize) {
+    fn edge_points(&self, circle: &Circle, reach: f64, plane: &Plane) -> (Vec<Vector2<f64>>, usize) {
         let reach = reach.min(circle.radius - HALF_SLOPE).max(2.0 * STEP);
         let mut asked = 0;
         let mut points = Vec::with_capacity(DIRECTIONS);
@@ -110,18 +102,16 @@ impl Finder<'_> {
             let place = |distance: f64| Point2::new(circle.x + distance * cos, circle.y + distance * sin);
             let inside = self.frame.between(place(circle.radius).x, place(circle.radius).y).is_some();
             asked += usize::from(inside);
-            let Some((distance, strength)) = self.strongest(&place, circle.radius, reach).filter(|_| inside) else {
+            let Some(distance) = self.strongest(&place, circle.radius, reach).filter(|_| inside) else {
                 continue;
             };
-            if let Some(place) = plane.place(&place(distance)) {
-                points.push(EdgePoint { place, strength });
-            }
+            points.extend(plane.place(&place(distance)));
         }
         (points, asked)
     }
 
-    /// Distance of the strongest slope within `reach` of `radius`, and its strength in levels.
-    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<(f64, f32)> {
+    /// Distance of the strongest slope within `reach` of `radius`; none where nothing is stronger than noise.
+    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<f64> {
         let count = (2.0 * reach / STEP).round() as usize + 1;
         let pad = (HALF_SLOPE / STEP).round() as usize;
         let first = radius - reach;
@@ -149,7 +139,7 @@ impl Finder<'_> {
         let (before, peak, after) = (strength[best - 1], strength[best], strength[best + 1]);
         let bend = before - 2.0 * peak + after;
         let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-1.0, 1.0) } else { 0.0 };
-        Some((at(best + pad) + f64::from(shift) * STEP, peak))
+        Some(at(best + pad) + f64::from(shift) * STEP)
     }
 }
 
@@ -206,14 +196,14 @@ impl<'a> Plane<'a> {
 }
 
 /// The circle about edge points: Gauss–Newton with Tukey's weights, from the guess (centre 0).
-fn fit(points: &[EdgePoint], radius: f64, prior: Option<RadiusPrior>) -> Option<Fitted> {
+fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Option<Fitted> {
     if points.len() < FEWEST_POINTS {
         return None;
     }
     let narrow = OUTLIER_PX + OUTLIER_SHARE * radius;
     let (mut centre, mut radius) = (Vector2::zeros(), radius);
     let mut scale = {
-        let mut distances: Vec<f64> = points.iter().map(|point| (point.place.norm() - radius).abs()).collect();
+        let mut distances: Vec<f64> = points.iter().map(|point| (point.norm() - radius).abs()).collect();
         let middle = distances.len() / 2;
         (3.0 * *distances.select_nth_unstable_by(middle, f64::total_cmp).1).max(narrow)
     };
@@ -222,7 +212,7 @@ fn fit(points: &[EdgePoint], radius: f64, prior: Option<RadiusPrior>) -> Option<
         normal = Matrix3::zeros();
         let mut slope = Vector3::zeros();
         for point in points {
-            let offset = point.place - centre;
+            let offset = point - centre;
             let distance = offset.norm().max(f64::MIN_POSITIVE);
             let residual = distance - radius;
             let share = 1.0 - (residual / scale).powi(2);
@@ -243,25 +233,20 @@ fn fit(points: &[EdgePoint], radius: f64, prior: Option<RadiusPrior>) -> Option<
         radius += step.z;
         scale = (0.7 * scale).max(narrow);
     }
-    let residuals = points.iter().map(|point| (point.place - centre).norm() - radius);
-    let inliers: Vec<bool> = residuals.clone().map(|residual| residual.abs() < narrow).collect();
-    let kept = inliers.iter().filter(|&&inlier| inlier).count();
-    if kept < FEWEST_POINTS || !radius.is_finite() {
+    let residuals = points.iter().map(|point| (point - centre).norm() - radius);
+    let kept: Vec<f64> = residuals.filter(|residual| residual.abs() < narrow).collect();
+    if kept.len() < FEWEST_POINTS || !radius.is_finite() {
         return None;
     }
-    let squares: f64 =
-        residuals.zip(&inliers).filter(|(_, inlier)| **inlier).map(|(residual, _)| residual * residual).sum();
-    let rms = (squares / kept as f64).sqrt();
-    Some(Fitted { centre, radius, covariance: normal.try_inverse()? * rms.max(POINT_ERROR).powi(2), inliers, rms })
+    let rms = (kept.iter().map(|residual| residual * residual).sum::<f64>() / kept.len() as f64).sqrt();
+    let covariance = normal.try_inverse()? * rms.max(POINT_ERROR).powi(2);
+    Some(Fitted { centre, radius, covariance, inliers: kept.len(), rms })
 }
 
-fn summary(circle: Circle, points: &[EdgePoint], asked: usize, fitted: &Fitted) -> Outline {
-    let on_it = points.iter().zip(&fitted.inliers).filter(|(_, inlier)| **inlier).map(|(point, _)| point.strength);
-    let mut strengths: Vec<f32> = on_it.collect();
-    let middle = strengths.len() / 2;
-    let strength = *strengths.select_nth_unstable_by(middle, f32::total_cmp).1;
+/// Of directions, `asked` were in the picture.
+fn summary(circle: Circle, asked: usize, fitted: &Fitted) -> Outline {
     let centre = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
-    let coverage = strengths.len() as f64 / DIRECTIONS.min(asked.max(1)) as f64;
-    Outline { circle, coverage: coverage.min(1.0), rms: fitted.rms, sigma, strength }
+    let coverage = (fitted.inliers as f64 / asked.max(1) as f64).min(1.0);
+    Outline { circle, coverage, rms: fitted.rms, sigma }
 }
