@@ -17,6 +17,24 @@ const RING_SAMPLES: usize = 32;
 /// in a shadow.
 const SHADE: f32 = 0.03;
 
+// What speaks for and against a circle, logs of odds, tuned by hand on rendered clips.
+/// A whole outline's gain over one of which so much is there that nothing speaks for or against it.
+const COVERED: f64 = 8.0;
+const HALF_COVERED: f64 = 0.45;
+/// Radius from which an outline's edge has pixels enough that noise does not make it, px.
+const SURE_RADIUS: f64 = 5.0;
+/// Against each pixel of rms above that of a sharp outline: ball and shadow taken for one circle have more.
+const BLURRED: f64 = 4.0;
+const SHARP: f64 = 0.25;
+/// Against what lies inside another thing, a spot on it: by the share of the ring about it that is not background.
+const SPOT: f64 = 6.0;
+const HALF_SURROUNDED: f64 = 0.6;
+/// For an inside that is not background.
+const CHANGED: f64 = 2.0;
+const HALF_CHANGED: f64 = 0.6;
+/// Against a shadow.
+const SHADED: f64 = 4.0;
+
 /// A circle that may be the ball.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
@@ -57,13 +75,11 @@ impl Candidate {
 
     /// Log of the odds by the outline and the inside's difference from the background.
     fn shape_gain(&self) -> f64 {
-        // A small circle's edge has few pixels, which noise can make.
-        let size = (self.outline.circle.radius / 5.0).min(1.0);
-        let outline = 8.0 * (self.outline.coverage - 0.45) * size;
-        let blurred = 4.0 * (self.outline.rms - 0.25).max(0.0);
-        // What lies inside another thing is a spot on it.
-        let spot = 6.0 * (self.surround - 0.6).max(0.0);
-        outline - blurred - spot + 2.0 * (self.changed - 0.6) - 4.0 * self.shade
+        let Outline { circle, coverage, rms, .. } = self.outline;
+        let outline = COVERED * (coverage - HALF_COVERED) * (circle.radius / SURE_RADIUS).min(1.0);
+        let blurred = BLURRED * (rms - SHARP).max(0.0);
+        let spot = SPOT * (self.surround - HALF_SURROUNDED).max(0.0);
+        outline - blurred - spot + CHANGED * (self.changed - HALF_CHANGED) - SHADED * self.shade
     }
 }
 
