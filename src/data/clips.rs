@@ -7,6 +7,7 @@ use serde_json::Value;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+#[cfg(not(target_arch = "wasm32"))]
 use crate::files::write_whole;
 use crate::image::Picture;
 use crate::physics::Scene;
@@ -92,6 +93,7 @@ impl Clips {
     ///
     /// # Errors
     /// As [`Clip::to_line`]; [`Error::Io`].
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn write_index(&self) -> Result<()> {
         let mut text = String::new();
         for clip in &self.clips {
