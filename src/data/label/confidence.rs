@@ -1,8 +1,8 @@
 //! How sure a label is: a logistic regression of "within 1 px of the truth" on what the label shows.
 //!
-//! Fitted on 6,892 labels of 84 rendered clips (three scenes, eight cameras; a dark and a grey ball; a fifth of the
-//! clips with things painted in front and noise, an eighth with JPEG's traces, too), none of them
-//! among the clips the tests read.
+//! Fitted on 6,892 labels of 84 rendered clips: three scenes, eight cameras; a dark and a grey ball; a fifth of the
+//! clips with things painted in front and noise, an eighth with JPEG's traces, too. On pictures of another kind it
+//! is a ranking, not a measured share.
 
 use super::ball::Ball;
 use super::evidence::Candidate;

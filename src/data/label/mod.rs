@@ -61,7 +61,7 @@ pub struct Proposal {
     pub image: [f64; 2],
     /// Mean distance of the ball's outline from it, px.
     pub radius_px: f64,
-    /// Share of such labels that are within 1 px of the truth, 0..1.
+    /// Share of such labels that are within 1 px of the truth, 0..1, as measured on rendered clips.
     pub confidence: f64,
     /// Whether a person should look at it: `confidence` is below [`DOUBTFUL`].
     pub doubtful: bool,
