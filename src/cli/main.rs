@@ -7,6 +7,7 @@ mod evaluate;
 mod fit;
 mod forecast;
 mod import;
+mod label;
 mod localise;
 mod model;
 mod overlay;
@@ -40,6 +41,7 @@ enum Command {
     Calibrate(calibrate::Arguments),
     Synth(synth::Arguments),
     Import(import::Arguments),
+    Label(label::Arguments),
 }
 
 fn main() -> ExitCode {
@@ -52,6 +54,7 @@ fn main() -> ExitCode {
         Command::Calibrate(arguments) => calibrate::run(arguments),
         Command::Synth(arguments) => synth::run(arguments),
         Command::Import(arguments) => import::run(arguments),
+        Command::Label(arguments) => label::run(arguments),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -155,7 +155,8 @@ pub fn trajectory_csv(frames: &[u64], fit: &Fit) -> Result<String> {
     csv_of(&frames.iter().zip(&fit.frames).map(line).collect::<Vec<_>>())
 }
 
-fn csv_of<T: Serialize>(lines: &[T]) -> Result<String> {
+/// Lines with a header.
+pub(super) fn csv_of<T: Serialize>(lines: &[T]) -> Result<String> {
     let refuse = |message: String| Error::Format { what: "CSV".into(), message };
     let mut writer = csv::Writer::from_writer(vec![]);
     for line in lines {

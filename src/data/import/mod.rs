@@ -21,6 +21,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use self::draft::{Draft, Job};
+pub use self::video::video_frames;
 use super::{Clip, Clips};
 use crate::camera::Camera;
 use crate::error::{Error, Result};

@@ -121,6 +121,15 @@ fn pictures(folder: &Path, [first, last]: [u64; 2], fps: f64) -> Result<Frames> 
     Ok(Frames { pictures, times })
 }
 
+/// The frames of a video, written to `folder` (which is made), and their times, s: its own, or evenly spaced by `fps`.
+///
+/// # Errors
+/// [`Error::Data`] where ffmpeg or ffprobe is not installed or cannot read it; [`Error::Io`].
+pub fn video_frames(video: &Path, fps: Option<f64>, folder: &Path) -> Result<(Vec<PathBuf>, Vec<f64>)> {
+    let frames = decoded(video, [0, u64::MAX], fps, folder)?;
+    Ok((frames.pictures.into_values().collect(), frames.times))
+}
+
 fn decoded(video: &Path, [first, last]: [u64; 2], fps: Option<f64>, scratch: &Path) -> Result<Frames> {
     let all = frame_times(video)?;
     let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };

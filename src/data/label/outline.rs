@@ -1,0 +1,252 @@
+//! The ball's outline to a part of a pixel, and the image of its centre.
+//!
+//! A sphere's outline is a circular cone of rays about the ray of its centre. So edge points are looked for across
+//! the circle that was guessed, turned into rays, seen in the plane across the guessed centre's ray, where the
+//! outline is a circle about the centre's own image; the lens and the perspective, which make the outline in the
+//! picture an ellipse beside the centre's image, drop out.
+
+use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
+
+use super::Circle;
+use super::frame::{Background, Levels, Raster};
+use crate::camera::Camera;
+
+/// Directions in which an edge is looked for.
+const DIRECTIONS: usize = 64;
+/// Distance of samples across the edge, px.
+const STEP: f64 = 0.25;
+/// Half the distance of the two samples whose difference is the slope, px: an edge is about two pixels wide.
+const HALF_SLOPE: f64 = 0.75;
+/// Rounds of looking and fitting.
+const ROUNDS: usize = 3;
+/// Rounds of reweighting in a fit.
+const REWEIGHTS: usize = 8;
+/// Distance from the circle at which an edge point loses its weight (Tukey), px and shares of the radius.
+const OUTLIER_PX: f64 = 0.6;
+const OUTLIER_SHARE: f64 = 0.03;
+/// Fewest edge points that make a circle.
+const FEWEST_POINTS: usize = 10;
+/// Error of one edge point that is always there, px.
+const POINT_ERROR: f64 = 0.15;
+
+/// What is known of the radius before an outline is fitted, px.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RadiusPrior {
+    pub radius: f64,
+    pub sigma: f64,
+}
+
+/// A fitted outline.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Outline {
+    /// The image of the ball's centre, and the outline's mean distance from it, px.
+    pub circle: Circle,
+    /// Share of the directions (within the picture) in which there is an edge on the circle.
+    pub coverage: f64,
+    /// Root mean square of the distances of those edges from the circle, px.
+    pub rms: f64,
+    /// Standard deviation of the centre by the fit along its worse axis, px.
+    pub sigma: f64,
+}
+
+/// A circle in the plane across the guessed centre's ray, px at that ray.
+struct Fitted {
+    centre: Vector2<f64>,
+    radius: f64,
+    covariance: Matrix3<f64>,
+    /// Points on it.
+    inliers: usize,
+    rms: f64,
+}
+
+/// Where outlines are looked for.
+pub(super) struct Finder<'a> {
+    pub frame: &'a Raster,
+    pub background: &'a Background,
+    pub camera: &'a Camera,
+    /// Whether edges must move to count.
+    pub moving: bool,
+}
+
+impl Finder<'_> {
+    /// The outline near `guess`; none where there are too few edges for one or it is lost.
+    pub fn outline(&self, guess: &Circle, prior: Option<RadiusPrior>) -> Option<Outline> {
+        let mut circle = *guess;
+        let mut outline = None;
+        for round in 0..ROUNDS {
+            let reach = match round {
+                0 => 2.0 + 0.2 * circle.radius,
+                _ => 1.5 + 0.1 * circle.radius,
+            };
+            let plane = Plane::across(self.camera, &circle)?;
+            let (points, asked) = self.edge_points(&circle, reach, &plane);
+            let fitted = fit(&points, circle.radius, prior)?;
+            let centre = plane.image(fitted.centre)?;
+            let moved = (centre.x - guess.x).hypot(centre.y - guess.y);
+            if moved > 2.0 + 0.5 * guess.radius || fitted.radius < 1.0 || fitted.radius > 2.0 * guess.radius + 2.0 {
+                return None;
+            }
+            circle = Circle { x: centre.x, y: centre.y, radius: fitted.radius };
+            outline = Some(summary(circle, asked, &fitted));
+        }
+        outline
+    }
+
+    /// The strongest edge in each direction, and in how many directions there was picture to look at.
+    fn edge_points(&self, circle: &Circle, reach: f64, plane: &Plane) -> (Vec<Vector2<f64>>, usize) {
+        let reach = reach.min(circle.radius - HALF_SLOPE).max(2.0 * STEP);
+        let mut asked = 0;
+        let mut points = Vec::with_capacity(DIRECTIONS);
+        for index in 0..DIRECTIONS {
+            let (sin, cos) = (std::f64::consts::TAU * index as f64 / DIRECTIONS as f64).sin_cos();
+            let place = |distance: f64| Point2::new(circle.x + distance * cos, circle.y + distance * sin);
+            let inside = self.frame.between(place(circle.radius).x, place(circle.radius).y).is_some();
+            asked += usize::from(inside);
+            let Some(distance) = self.strongest(&place, circle.radius, reach).filter(|_| inside) else {
+                continue;
+            };
+            points.extend(plane.place(&place(distance)));
+        }
+        (points, asked)
+    }
+
+    /// Distance of the strongest slope within `reach` of `radius`; none where nothing is stronger than noise.
+    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<f64> {
+        let count = (2.0 * reach / STEP).round() as usize + 1;
+        let pad = (HALF_SLOPE / STEP).round() as usize;
+        let first = radius - reach;
+        let at = |index: usize| first + (index as f64 - pad as f64) * STEP;
+        let samples = |raster: &Raster| -> Vec<Option<Levels>> {
+            let places = (0..count + 2 * pad).map(|index| place(at(index)));
+            places.map(|point| raster.between(point.x, point.y)).collect()
+        };
+        let frame = samples(self.frame);
+        let still = self.background.still.as_ref().filter(|_| self.moving).map(samples);
+        let strength: Vec<f32> = (0..count).map(|index| slope(&frame, still.as_deref(), index, 2 * pad)).collect();
+        // An edge near the guess is preferred to one a little stronger at the rim.
+        let weighted = |index: usize| {
+            let off = (at(index + pad) - radius) / reach;
+            strength[index] * (1.0 - 0.5 * off * off) as f32
+        };
+        let best = (0..count).max_by(|&a, &b| weighted(a).total_cmp(&weighted(b)))?;
+        if best == 0 || best + 1 == count || strength[best] <= 0.0 {
+            return None;
+        }
+        let at_edge = place(at(best + pad));
+        if strength[best] < self.background.contrast(at_edge.x.round() as usize, at_edge.y.round() as usize) {
+            return None;
+        }
+        let (before, peak, after) = (strength[best - 1], strength[best], strength[best + 1]);
+        let bend = before - 2.0 * peak + after;
+        let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-1.0, 1.0) } else { 0.0 };
+        Some(at(best + pad) + f64::from(shift) * STEP)
+    }
+}
+
+/// Strength of the slope between samples `index` and `index + apart`: per channel the weaker of the frame's and of
+/// its difference from the background's; 0 where a sample is outside the picture.
+fn slope(frame: &[Option<Levels>], still: Option<&[Option<Levels>]>, index: usize, apart: usize) -> f32 {
+    let rise = |samples: &[Option<Levels>]| -> Option<Levels> {
+        let (low, high) = (samples[index]?, samples[index + apart]?);
+        Some(std::array::from_fn(|channel| high[channel] - low[channel]))
+    };
+    let Some(rises) = rise(frame) else { return 0.0 };
+    let standing = still.and_then(rise).unwrap_or_default();
+    let weaker = |channel: usize| rises[channel].abs().min((rises[channel] - standing[channel]).abs());
+    let [a, b, c] = [0, 1, 2].map(weaker);
+    let weak_sum = (a * a + b * b + c * c).sqrt();
+    if still.is_some() { weak_sum } else { rises.iter().map(|rise| rise * rise).sum::<f32>().sqrt() }
+}
+
+/// The plane across the ray of a circle's centre.
+struct Plane<'a> {
+    camera: &'a Camera,
+    /// Turns that ray onto the z axis.
+    plane_from_camera: Rotation3<f64>,
+    /// Pixels at that ray that the plane's unit spans.
+    scale: f64,
+}
+
+impl<'a> Plane<'a> {
+    fn across(camera: &'a Camera, circle: &Circle) -> Option<Self> {
+        let ray = |x: f64, y: f64| camera.camera_from_image(&Point2::new(x, y), 1.0).ok().map(|ray| ray.coords);
+        let axis = ray(circle.x, circle.y)?;
+        let plane_from_camera = Rotation3::rotation_between(&axis, &Vector3::z())?;
+        let mut plane = Self { camera, plane_from_camera, scale: 1.0 };
+        // The scale that keeps areas: how far one pixel to the right and one down reach, and whether they are square.
+        let [right, down] =
+            [(1.0, 0.0), (0.0, 1.0)].map(|(dx, dy)| plane.place(&Point2::new(circle.x + dx, circle.y + dy)));
+        let (right, down) = (right?, down?);
+        plane.scale = (right.x * down.y - right.y * down.x).abs().sqrt().recip();
+        plane.scale.is_finite().then_some(plane)
+    }
+
+    /// Where the ray of a pixel meets the plane.
+    fn place(&self, image: &Point2<f64>) -> Option<Vector2<f64>> {
+        let ray = self.plane_from_camera * self.camera.camera_from_image(image, 1.0).ok()?.coords;
+        let place = ray.xy() * (self.scale / ray.z);
+        (ray.z > 0.0 && place.iter().all(|part| part.is_finite())).then_some(place)
+    }
+
+    /// The pixel of a place in the plane.
+    fn image(&self, place: Vector2<f64>) -> Option<Point2<f64>> {
+        let ray = self.plane_from_camera.inverse() * place.push(self.scale);
+        self.camera.image_from_camera(&ray.into()).ok().filter(|image| image.x.is_finite() && image.y.is_finite())
+    }
+}
+
+/// The circle about edge points: Gauss–Newton with Tukey's weights, from the guess (centre 0).
+fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Option<Fitted> {
+    if points.len() < FEWEST_POINTS {
+        return None;
+    }
+    let narrow = OUTLIER_PX + OUTLIER_SHARE * radius;
+    let (mut centre, mut radius) = (Vector2::zeros(), radius);
+    let mut scale = {
+        let mut distances: Vec<f64> = points.iter().map(|point| (point.norm() - radius).abs()).collect();
+        let middle = distances.len() / 2;
+        (3.0 * *distances.select_nth_unstable_by(middle, f64::total_cmp).1).max(narrow)
+    };
+    let mut normal = Matrix3::zeros();
+    for _ in 0..REWEIGHTS {
+        normal = Matrix3::zeros();
+        let mut slope = Vector3::zeros();
+        for point in points {
+            let offset = point - centre;
+            let distance = offset.norm().max(f64::MIN_POSITIVE);
+            let residual = distance - radius;
+            let share = 1.0 - (residual / scale).powi(2);
+            if share > 0.0 {
+                let weight = share * share;
+                let row = Vector3::new(offset.x / distance, offset.y / distance, 1.0);
+                normal += row * row.transpose() * weight;
+                slope += row * (residual * weight);
+            }
+        }
+        if let Some(prior) = prior {
+            let weight = (POINT_ERROR / prior.sigma).powi(2);
+            normal[(2, 2)] += weight;
+            slope[2] += weight * (prior.radius - radius);
+        }
+        let step = normal.cholesky()?.solve(&slope);
+        centre += step.xy();
+        radius += step.z;
+        scale = (0.7 * scale).max(narrow);
+    }
+    let residuals = points.iter().map(|point| (point - centre).norm() - radius);
+    let kept: Vec<f64> = residuals.filter(|residual| residual.abs() < narrow).collect();
+    if kept.len() < FEWEST_POINTS || !radius.is_finite() {
+        return None;
+    }
+    let rms = (kept.iter().map(|residual| residual * residual).sum::<f64>() / kept.len() as f64).sqrt();
+    let covariance = normal.try_inverse()? * rms.max(POINT_ERROR).powi(2);
+    Some(Fitted { centre, radius, covariance, inliers: kept.len(), rms })
+}
+
+/// Of directions, `asked` were in the picture.
+fn summary(circle: Circle, asked: usize, fitted: &Fitted) -> Outline {
+    let centre = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
+    let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
+    let coverage = (fitted.inliers as f64 / asked.max(1) as f64).min(1.0);
+    Outline { circle, coverage, rms: fitted.rms, sigma }
+}
