@@ -34,14 +34,14 @@ struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Localise(localise::Arguments),
-    Evaluate(evaluate::Arguments),
-    Train(train::Arguments),
-    Forecast(forecast::Arguments),
-    Fit(fit::Arguments),
     Calibrate(calibrate::Arguments),
-    Synth(synth::Arguments),
-    Import(import::Arguments),
     Label(label::Arguments),
+    Import(import::Arguments),
+    Synth(synth::Arguments),
+    Train(train::Arguments),
+    Evaluate(evaluate::Arguments),
+    Fit(fit::Arguments),
+    Forecast(forecast::Arguments),
 }
 
 fn main() -> ExitCode {
