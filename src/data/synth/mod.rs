@@ -4,6 +4,7 @@
 
 mod render;
 mod scenes;
+mod studio;
 
 use std::f64::consts::TAU;
 use std::ops::Range;
