@@ -136,7 +136,7 @@ impl Problem<'_> {
         if count < 4 || 2 * count < parameters {
             let least = parameters.div_ceil(2).max(4);
             return Err(refuse(format!(
-                "{count} points are too few for {parameters} unknowns; label at least {least} in one plane, or 6 in space"
+                "too few points ({count}) for {parameters} unknowns; label at least {least} in one plane, or 6 in space"
             )));
         }
         let plane = Plane::through(&self.points.world)
@@ -148,7 +148,7 @@ impl Problem<'_> {
             ));
         }
         if height > NEARLY_FLAT * length && count < 6 {
-            return Err(refuse(format!("{count} points in space are too few; label at least 6, or 4 in one plane")));
+            return Err(refuse(format!("too few points in space ({count}); label at least 6, or 4 in one plane")));
         }
         Ok(())
     }
