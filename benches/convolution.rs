@@ -195,7 +195,7 @@ fn shares(labels: &Labels, cells: usize) -> Vec<Vec<f64>> {
         let mass: f64 = values.iter().sum();
         values.iter().map(|value| value / mass).collect()
     };
-    labels.image.iter().map(of).collect()
+    labels.image.iter().flatten().map(of).collect()
 }
 
 /// Weights and card of a job's network, for benches/browser.
@@ -243,21 +243,24 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
     let mut ours: Box<dyn FnMut() -> f64 + Send> = if job.training {
         let middle = |index: usize| 20.0 + 3.0 * index as f64;
         let labels = Labels {
-            image: (0..job.batch).map(|index| [middle(index), middle(job.batch - index)]).collect(),
+            image: (0..job.batch).map(|index| Some([middle(index), middle(job.batch - index)])).collect(),
             depth: (0..job.batch).map(|index| 5.0 + 0.2 * index as f64).collect(),
+            depth_weight: vec![1.0; job.batch],
         };
         load["share"] = json!(shares(&labels, job.side / 4).concat());
         load["depth"] = json!(labels.depth);
         let options = StepOptions {
             heatmap_loss: HeatmapLoss::CrossEntropy { sigma: SIGMA },
             depth_weight: 0.2,
+            future_weight: 0.0,
+            robust_px: None,
             depth_transition: 0.5,
             clip_norm: 1.0,
             learning_rate: 1e-3,
         };
         let mut optimiser = AdamConfig::new().init();
         let mut pen = Some(pen);
-        let batch = Batch { pictures, size: [job.side; 2], labels };
+        let batch = Batch { pictures, size: [job.side; 2], labels, windows: vec![] };
         // The next step's batch is made beforehand, as the peer's is.
         let mut next = Some(batch.clone());
         Box::new(move || {

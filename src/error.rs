@@ -182,9 +182,9 @@ pub enum Error {
         /// Why, and what to do.
         reason: String,
     },
-    /// Training produced a loss that is not finite.
+    /// Training produced a loss that is not finite, or many times what it was before.
     #[error(
-        "training diverged: the loss at step {step} is {loss}; lower `learning_rate` in the run folder's run.toml and go on with --resume"
+        "training diverged: the loss at step {step} is {loss}; lower `learning_rate` in the run folder's run.toml and go on with --resume; the best weights so far are kept in its checkpoints"
     )]
     Diverged {
         /// Optimiser step.

@@ -4,20 +4,24 @@ mod common;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{formula, formula_tensor, root, safetensors_of, scratch, vector};
+use gravisight::data::synth::{Shot, Split, Studio};
+use gravisight::data::{Clip, Clips, Frame};
 use gravisight::error::Error;
 use gravisight::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
 use gravisight::physics::{Forecaster, Scene, State};
+use gravisight::train::config::FitConfig;
 use gravisight::train::ema::Ema;
-use gravisight::train::forecast::forecast;
-use gravisight::train::loss::{HeatmapLoss, Labels, labels_3d};
-use gravisight::train::run::{self, Progress};
+use gravisight::train::future::{Place, Target, Window, future, future_loss};
+use gravisight::train::loss::{HeatmapLoss, Labels, map_losses};
+use gravisight::train::run::{self, Event, Validation};
 use gravisight::train::step::{Batch, StepOptions, step};
+use gravisight::train::teacher::teach;
 use nalgebra::{Point3, Vector3};
 
 const CROSS_ENTROPY: HeatmapLoss = HeatmapLoss::CrossEntropy { sigma: 4.0 };
@@ -69,7 +73,7 @@ learning_rate = 1e-3
     path
 }
 
-fn start(path: &Path, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf, Error> {
+fn start(path: &Path, observe: &mut dyn FnMut(Event)) -> Result<PathBuf, Error> {
     run::start(run::read_config(path)?, &Device::flex(), observe)
 }
 
@@ -84,7 +88,10 @@ fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
     for kill_after in [1, 3, 5, 6] {
         let path = configuration(&format!("killed_{kill_after}"), "");
         let folder = path.parent().unwrap().to_path_buf();
-        let mut observe = |progress: &Progress| assert!(progress.step < kill_after, "killed by the test");
+        let mut observe = |event: Event| match event {
+            Event::Step(progress) => assert!(progress.step < kill_after, "killed by the test"),
+            Event::Prepared(_) => {}
+        };
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
         let card = run::resume(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
         let found = std::fs::read(card.with_extension("safetensors")).unwrap();
@@ -145,10 +152,10 @@ fn senseless_configurations_are_refused_with_the_field() {
         ("ema_decay = 1.5", "ema_decay"),
         ("depth_weight = -1.0", "depth_weight"),
         ("checkpoint_every = 0", "checkpoint_every"),
-        ("jitter = inf", "jitter"),
+        ("augmentation = { noise = inf }", "noise"),
         ("name = \"a/b\"", "name"),
         ("heatmap_loss = { kind = \"cross_entropy\", sigma = 0.0 }", "sigma"),
-        ("preset = \"huge\"", "huge"),
+        ("network = \"huge\"", "huge"),
     ] {
         let path = configuration("senseless", "");
         let text = std::fs::read_to_string(&path).unwrap();
@@ -180,7 +187,12 @@ fn batch() -> Batch {
     Batch {
         pictures,
         size: [32, 64],
-        labels: Labels { image: vec![[20.3, 11.8], [47.1, 20.2]], depth: vec![7.0, 8.1] },
+        labels: Labels {
+            image: vec![Some([20.3, 11.8]), Some([47.1, 20.2])],
+            depth: vec![7.0, 8.1],
+            depth_weight: vec![1.0, 0.6],
+        },
+        windows: vec![],
     }
 }
 
@@ -188,6 +200,8 @@ fn options(learning_rate: f64) -> StepOptions {
     StepOptions {
         heatmap_loss: CROSS_ENTROPY,
         depth_weight: 0.2,
+        future_weight: 0.0,
+        robust_px: None,
         depth_transition: 0.05,
         clip_norm: 5.0,
         learning_rate,
@@ -298,7 +312,7 @@ fn the_losses_gradients_equal_central_differences() {
     for loss in [CROSS_ENTROPY, HeatmapLoss::Mse { amplitude: 3.0, sigma: 4.0 }] {
         let total = |heatmap: &Tensor<3>, depth: &Tensor<3>| {
             let output = PenOutput { heatmap: heatmap.clone(), depth: depth.clone() };
-            let losses = labels_3d(output, &labels, &tiny(), loss, 0.05);
+            let losses = map_losses(output, &labels, &tiny(), loss, 0.05);
             losses.heatmap + losses.depth.mul_scalar(0.2)
         };
         let tensor = |values: &[f32]| Tensor::<3>::from_data(TensorData::new(values.to_vec(), [2, 8, 16]), &device);
@@ -340,7 +354,7 @@ fn gradients_through_the_whole_network_equal_central_differences() {
 fn loss_of(pen: &Pen, device: &Device) -> Tensor<1> {
     let batch = batch();
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 32, 64, 3]), device);
-    let losses = labels_3d(pen.forward(pictures), &batch.labels, &tiny(), CROSS_ENTROPY, 0.5);
+    let losses = map_losses(pen.forward(pictures), &batch.labels, &tiny(), CROSS_ENTROPY, 0.5);
     losses.heatmap + losses.depth.mul_scalar(0.2)
 }
 
@@ -381,66 +395,292 @@ fn the_average_moves_by_its_decay_from_a_tenth_up() {
     }
 }
 
-/// A mean of squared positions and velocities, as a loss would be: its value and its gradient by the starts.
-fn loss_through_forecast(starts: &[f32], scene: &Scene, times: &[f64]) -> (f64, Vec<f32>) {
-    let device = Device::flex().autodiff();
-    let batch = starts.len() / 6;
-    let tensor = Tensor::<2>::from_data(TensorData::new(starts.to_vec(), [batch, 6]), &device).require_grad();
-    let forecaster = Forecaster::new(scene).unwrap();
-    let forecasts = pollster::block_on(forecast(tensor.clone(), &forecaster, times)).unwrap();
-    let loss = forecasts.states.powi_scalar(2).sum();
-    let value = f64::from(loss.clone().into_scalar::<f32>());
-    let gradients = loss.backward();
-    (value, tensor.grad(&gradients).unwrap().into_data().iter::<f32>().collect())
+/// A clips folder of `count` clips of 90 frames by the built-in engine, each changed; only the first `drawn` frames of
+/// each have pictures.
+fn synthetic(name: &str, count: usize, drawn: usize, change: impl Fn(&mut Clip)) -> PathBuf {
+    let folder = scratch(name).join("clips");
+    std::fs::create_dir_all(&folder).unwrap();
+    let studio = Studio::new(Shot { environment: Some(1), camera: 1 }).unwrap();
+    let clips = (0..count).map(|number| {
+        let mut clip = studio.clip(7, Split::Train, number).unwrap();
+        for (frame, picture) in clip.frames.iter().zip(studio.pictures(&clip)).take(drawn) {
+            let file = folder.join(&frame.file);
+            std::fs::create_dir_all(file.parent().unwrap()).unwrap();
+            picture.save(file).unwrap();
+        }
+        change(&mut clip);
+        clip
+    });
+    let clips = Clips { folder: folder.clone(), clips: clips.collect() };
+    clips.write_index().unwrap();
+    folder
+}
+
+/// A configuration with other clips and another supervision.
+fn on(name: &str, clips: &Path, supervision: &str, extra: &str) -> PathBuf {
+    let path = configuration(name, extra);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let samples = format!("{:?}", root().join("tests/samples"));
+    let text = text.replace(&samples, &format!("{clips:?}")).replace("3d-gt", supervision);
+    std::fs::write(&path, text).unwrap();
+    path
 }
 
 #[test]
-fn gradients_flow_through_the_forecast_and_its_contacts() {
-    let scene = Scene::from_json(
-        r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2}, "contact": {"model": "spring"}, "floor": {"height": 0}}"#,
-        "scene",
-    );
-    let (scene, times) = (scene.unwrap(), [-0.2, 0.5, 1.0]);
-    // one that bounces, one that flies
-    let starts = [0.3, -0.2, 0.6, 0.4, 0.1, -0.5, -0.5, 0.4, 2.0, 0.2, -0.3, 0.6_f32];
-    let (_, gradient) = loss_through_forecast(&starts, &scene, &times);
-    // differences of the same sum in f64, without tensors
-    let loss = |starts: &[f64]| -> f64 {
-        let forecaster = Forecaster::new(&scene).unwrap();
-        let of = |n: &[f64]| {
-            let start = State { position: Point3::new(n[0], n[1], n[2]), velocity: Vector3::new(n[3], n[4], n[5]) };
-            let forecast = forecaster.forecast(&start, &times);
-            forecast.states.iter().map(|s| s.position.coords.norm_squared() + s.velocity.norm_squared()).sum::<f64>()
-        };
-        starts.chunks_exact(6).map(of).sum()
-    };
-    for index in 0..starts.len() {
-        let at = |by: f64| {
-            let mut starts = starts.map(f64::from);
-            starts[index] += by;
-            loss(&starts)
-        };
-        let expected = (at(1e-5) - at(-1e-5)) / 2e-5;
-        let found = f64::from(gradient[index]);
-        assert!((found - expected).abs() < 1e-4 * (1.0 + expected.abs()), "{index}: {found} {expected}");
+fn physics_teaches_depths_from_2d_labels_alone() {
+    let folder = synthetic("taught", 2, 0, |_| {});
+    for clip in Clips::read(&folder).unwrap().clips {
+        let mut blind = clip.clone();
+        blind.frames.iter_mut().for_each(|frame| frame.world = None);
+        let taught = teach(&blind, &FitConfig::default());
+        assert_eq!(taught.left_out, None);
+        assert!(taught.frames.iter().flatten().count() > 80);
+        for (frame, taught) in clip.frames.iter().zip(&taught.frames) {
+            let Some(taught) = taught else { continue };
+            let truth = clip.camera.camera_from_world(&Point3::from(frame.world.unwrap())).z;
+            assert!((taught.depth - truth).abs() < 0.05, "{} {truth}", taught.depth);
+        }
     }
 }
 
 #[test]
-fn a_forecast_that_fails_has_no_value_and_no_gradient() {
-    let scene = Scene::from_json(r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2}}"#, "scene").unwrap();
+fn of_noisy_labels_the_fit_makes_better_2d_targets() {
+    let folder = synthetic("noisy", 1, 0, |_| {});
+    let clip = Clips::read(&folder).unwrap().clips.remove(0);
+    let mut noisy = clip.clone();
+    let noise = formula("noise", 2 * clip.frames.len());
+    let spread = (noise.iter().map(|value| value * value).sum::<f64>() / noise.len() as f64).sqrt();
+    for (frame, by) in noisy.frames.iter_mut().zip(noise.chunks_exact(2)) {
+        frame.image = frame.image.map(|[x, y]| [x + by[0] / spread, y + by[1] / spread]);
+    }
+    let taught = teach(&noisy, &FitConfig::default());
+    let error = |images: Vec<Option<[f64; 2]>>| {
+        let pairs = images.into_iter().zip(&clip.frames).filter_map(|(image, frame)| Some((image?, frame.image?)));
+        let squares: Vec<f64> = pairs.map(|(a, b)| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let labels = error(noisy.frames.iter().map(|frame| frame.image).collect());
+    let targets = error(taught.frames.iter().map(|frame| frame.map(|frame| frame.image)).collect());
+    assert!(targets < 0.5 * labels, "{targets} {labels}");
+}
+
+#[test]
+fn every_supervision_runs_and_resumes_to_the_same_weights() {
+    let _alone = alone();
+    let folder = synthetic("supervised", 2, 45, |clip| clip.frames.truncate(45));
+    let extra =
+        "empty_share = 0.3\nvalidate_every = 2\naugmentation = { shift = 4, flip = 0.5, blur = 0.1, colour = 0.1 }";
+    for (supervision, more) in
+        [("physics-fit", ""), ("mixed", "labelled_share = 0.5"), ("future-2d-predict", ""), ("future-2d-gt", "")]
+    {
+        let of = |kind: &str| on(&format!("{supervision}_{kind}"), &folder, supervision, &format!("{extra}\n{more}"));
+        let card = start(&of("whole"), &mut |_| {}).unwrap();
+        let expected = std::fs::read(card.with_extension("safetensors")).unwrap();
+        let path = of("killed");
+        let mut observe = |event: Event| match event {
+            Event::Step(progress) => assert!(progress.step < 5, "killed by the test"),
+            Event::Prepared(prepared) => assert_eq!((prepared.clips, prepared.left_out.len()), (2, 0)),
+        };
+        catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
+        let card = run::resume(&path.parent().unwrap().join("out"), &Device::flex(), &mut |_| {}).unwrap();
+        let found = std::fs::read(card.with_extension("safetensors")).unwrap();
+        assert!(found == expected, "{supervision}");
+        let text = std::fs::read_to_string(card).unwrap();
+        assert_eq!(text.contains("3D labels"), supervision == "mixed", "{supervision}: {text}");
+    }
+}
+
+#[test]
+fn the_weights_with_the_least_forecast_error_are_kept() {
+    let _alone = alone();
+    let folder = synthetic("best", 1, 45, |clip| {
+        clip.frames.truncate(45);
+        clip.frames.iter_mut().for_each(|frame| frame.world = None);
+    });
+    let path = on("best_run", &folder, "physics-fit", "validate_every = 1");
+    let mut scores = Vec::new();
+    let card = start(&path, &mut |event| {
+        if let Event::Step(progress) = event
+            && let Some(Validation::Score(score)) = &progress.validation
+        {
+            assert_eq!(score.dtg.n, 0, "there is no truth");
+            scores.push((progress.step, score.forecast_px.unwrap()));
+        }
+    });
+    card.unwrap();
+    assert_eq!(scores.len(), 7);
+    let best = scores.iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+    let kept = std::fs::read_to_string(path.with_file_name("out/checkpoints/score.json")).unwrap();
+    let kept: serde_json::Value = serde_json::from_str(&kept).unwrap();
+    assert_eq!((kept["step"].as_u64().unwrap() as usize, kept["score"].as_f64().unwrap()), *best);
+}
+
+#[test]
+fn labels_written_otherwise_are_recognised() {
+    for (name, hint, change) in [
+        ("swapped", "exchanged", (|frame| frame.image = frame.image.map(|[x, y]| [y, x])) as fn(&mut Frame)),
+        ("slow", "twice", |frame| frame.t *= 2.0),
+        ("fast", "half", |frame| frame.t /= 2.0),
+        ("upward", "bottom", |frame| frame.image = frame.image.map(|[x, y]| [x, 223.0 - y])),
+    ] {
+        let folder = synthetic(name, 2, 0, |clip| {
+            clip.frames.truncate(40);
+            clip.frames.iter_mut().for_each(change);
+        });
+        let error =
+            start(&on(&format!("{name}_run"), &folder, "physics-fit", ""), &mut |_| {}).unwrap_err().to_string();
+        assert!(error.contains(hint) && error.contains("of 2 clips"), "{name}: {error}");
+    }
+}
+
+#[test]
+fn clips_that_cannot_teach_are_refused_by_name() {
+    let short = synthetic("short", 1, 0, |clip| clip.frames.truncate(12));
+    let invisible = synthetic("invisible", 1, 0, |clip| {
+        clip.frames.iter_mut().for_each(|frame| (frame.visible, frame.image, frame.world) = (false, None, None));
+    });
+    let floating = synthetic("floating", 1, 0, |clip| clip.scene.as_mut().unwrap().gravity = [0.0; 3]);
+    let nowhere = synthetic("nowhere", 1, 0, |clip| clip.scene = None);
+    for (folder, supervision, named) in [
+        (&short, "future-2d-predict", "17 frames"),
+        (&invisible, "future-2d-gt", "visible"),
+        (&invisible, "physics-fit", "explains 0 of 1"),
+        (&invisible, "3d-gt", "visible"),
+        (&floating, "physics-fit", "gravity"),
+        (&floating, "future-2d-gt", "gravity"),
+        (&nowhere, "physics-fit", "scene"),
+    ] {
+        let error = start(&on("refused", folder, supervision, ""), &mut |_| {}).unwrap_err().to_string();
+        assert!(error.contains(named), "{supervision}: {error}");
+    }
+}
+
+#[test]
+fn a_run_that_diverges_stops_and_says_so() {
+    let _alone = alone();
+    let path = configuration("diverges", "");
+    let text = std::fs::read_to_string(&path).unwrap().replacen("learning_rate = 1e-3", "learning_rate = 1e12", 1);
+    std::fs::write(&path, text.replacen("steps = 4", "steps = 400", 1)).unwrap();
+    let error = start(&path, &mut |_| {}).unwrap_err();
+    assert!(matches!(error, Error::Diverged { .. }), "{error}");
+    assert!(error.to_string().contains("learning_rate"), "{error}");
+}
+
+/// Three balls' windows in a batch of twelve pictures (three of the start, one ahead): one flies, one bounces, one is
+/// seen in a mirrored and scaled picture; and positions near the truth, but off.
+fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
+    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.clone();
+    let scene =
+        r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2}, "contact": {"model": "spring"}, "floor": {"height": 0}}"#;
+    let forecaster = Arc::new(Forecaster::new(&Scene::from_json(scene, "scene").unwrap()).unwrap());
+    let plain = Place([[1.0, 0.0], [1.0, 0.0]]);
+    let mirrored = Place([[-2.0, 200.0], [2.0, 7.0]]);
+    let starts = [
+        ([0.4, 0.3, 2.0], [0.2, -0.3, 0.6]),
+        ([-0.3, 0.2, 0.6], [0.4, 0.1, -0.5]),
+        ([0.1, 0.5, 1.5], [-0.2, 0.3, 0.1]),
+    ];
+    let mut positions = Vec::new();
+    let mut windows = Vec::new();
+    for (number, (position, velocity)) in starts.into_iter().enumerate() {
+        let place = if number == 2 { mirrored } else { plain };
+        let state = State { position: Point3::from(position), velocity: Vector3::from(velocity) };
+        let times = [-1.0 / 15.0, 0.0, 1.0 / 15.0, 1.0];
+        let forecast = forecaster.forecast(&state, &times);
+        let first = positions.len();
+        for (index, state) in forecast.states.iter().enumerate() {
+            let image = camera.image_from_world(&state.position).unwrap();
+            let depth = camera.camera_from_world(&state.position).z;
+            let off = 0.3 * (number as f64 + 1.0) * (index as f64 - 1.3);
+            let drawn = [0, 1].map(|axis| ([image.x, image.y][axis] - place.0[axis][1]) / place.0[axis][0]);
+            positions.push([drawn[0] + off, drawn[1] - 0.5 * off, depth + 0.02 * off]);
+        }
+        let target = match number {
+            1 => Target::Label([100.0, 120.0]),
+            _ => Target::Predicted { picture: first + 3, place },
+        };
+        windows.push(Window {
+            first,
+            places: [place; 3],
+            times: [times[0], times[1], times[2]],
+            camera: camera.clone(),
+            forecaster: forecaster.clone(),
+            ahead: vec![(1.0, target)],
+        });
+    }
+    (positions, windows)
+}
+
+#[test]
+fn the_future_losss_gradients_equal_central_differences() {
+    let (positions, windows) = windows();
+    for robust in [None, Some(5.0)] {
+        let loss = future_loss(&positions, &windows, robust);
+        assert_eq!(loss.whole, 3);
+        for picture in 0..positions.len() {
+            for axis in 0..3 {
+                let at = |by: f64| {
+                    let mut moved = positions.clone();
+                    moved[picture][axis] += by;
+                    // targets are detached: they stay where they were
+                    let fixed: Vec<Window> = windows.iter().map(|window| detached(window, &positions)).collect();
+                    future_loss(&moved, &fixed, robust).value
+                };
+                let expected = (at(1e-6) - at(-1e-6)) / 2e-6;
+                let found = loss.gradient[picture][axis];
+                assert!(
+                    (found - expected).abs() < 1e-5 * (1.0 + expected.abs()),
+                    "{robust:?} {picture} {axis}: {found} {expected}"
+                );
+            }
+        }
+        assert_eq!(loss.gradient[3], [0.0; 3], "a target has no gradient");
+    }
+}
+
+/// The window with its targets as they are at `positions`.
+fn detached(window: &Window, positions: &[[f64; 3]]) -> Window {
+    let fixed = |target: Target| match target {
+        Target::Predicted { picture, place } => {
+            Target::Label(place.in_clip([positions[picture][0], positions[picture][1]]))
+        }
+        label => label,
+    };
+    Window { ahead: window.ahead.iter().map(|&(time, target)| (time, fixed(target))).collect(), ..window.clone() }
+}
+
+#[test]
+fn the_future_loss_enters_the_graph_with_its_value_and_gradient() {
+    let (positions, windows) = windows();
     let device = Device::flex().autodiff();
-    let starts = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0, f32::NAN, 0.0, 1.0, 0.0, 0.0, 0.0];
-    let tensor = Tensor::<2>::from_data(TensorData::new(starts.to_vec(), [2, 6]), &device);
-    let tensor = tensor.require_grad();
-    let forecasts = pollster::block_on(forecast(tensor.clone(), &Forecaster::new(&scene).unwrap(), &[0.5])).unwrap();
-    let states: Vec<f32> = forecasts.states.clone().into_data().iter().collect();
-    assert!(
-        states[..6].iter().any(|value| *value != 0.0) && states[6..].iter().all(|value| *value == 0.0),
-        "{states:?}"
-    );
-    let gradient = tensor.grad(&forecasts.states.sum().backward()).unwrap();
-    assert!(gradient.into_data().iter::<f32>().skip(6).all(|value| value == 0.0));
-    assert_eq!(forecasts.valid.into_data().iter::<f32>().collect::<Vec<_>>(), [1.0, 0.0]);
-    assert!(forecasts.statuses[1].code() == "not-finite");
+    let column = |axis: usize| -> Vec<f32> { positions.iter().map(|position| position[axis] as f32).collect() };
+    let image: Vec<f32> = positions.iter().flat_map(|[x, y, _]| [*x as f32, *y as f32]).collect();
+    let image = Tensor::<2>::from_data(TensorData::new(image, [12, 2]), &device).require_grad();
+    let depth = Tensor::<1>::from_data(TensorData::new(column(2), [12]), &device).require_grad();
+    let probability = Tensor::<3>::zeros([12, 1, 1], &device);
+    let decoded = gravisight::model::Decoded { image: image.clone(), depth: depth.clone(), probability };
+    let loss = future(&decoded, &windows, Some(5.0));
+    let expected = future_loss(&positions, &windows, Some(5.0));
+    let value = f64::from(loss.clone().into_scalar::<f32>());
+    assert!((value - expected.value).abs() < 1e-4 * expected.value, "{value} {}", expected.value);
+    let gradients = loss.backward();
+    let images: Vec<f64> = image.grad(&gradients).unwrap().into_data().iter::<f64>().collect();
+    let depths: Vec<f64> = depth.grad(&gradients).unwrap().into_data().iter::<f64>().collect();
+    for (index, [x, y, z]) in expected.gradient.iter().enumerate() {
+        let found = [images[2 * index], images[2 * index + 1], depths[index]];
+        for (found, expected) in found.iter().zip([x, y, z]) {
+            assert!((found - expected).abs() < 1e-3 * (1.0 + expected.abs()), "{index}: {found} {expected}");
+        }
+    }
+}
+
+#[test]
+fn a_forecast_that_fails_teaches_nothing() {
+    let (mut positions, windows) = windows();
+    let whole = future_loss(&positions, &windows, None);
+    positions[0][2] = f64::NAN;
+    let loss = future_loss(&positions, &windows, None);
+    assert_eq!(loss.whole, 2);
+    assert!(loss.value < whole.value && loss.gradient[..4].iter().flatten().all(|&slope| slope == 0.0));
+    assert_eq!(loss.gradient[4..], whole.gradient[4..]);
 }

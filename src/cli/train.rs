@@ -4,7 +4,8 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
-use gravisight::train::run::{self, Validation};
+use gravisight::train::run::{self, Event, Prepared, Validation};
+use gravisight::train::score::Score;
 
 use super::device::DeviceChoice;
 use super::print_line;
@@ -33,7 +34,10 @@ pub struct Arguments {
 pub fn run(arguments: Arguments) -> Result<()> {
     let device = arguments.device.open()?;
     let mut progress = Progress::new();
-    let mut observe = |now: &run::Progress| show(&mut progress, now);
+    let mut observe = |event: Event| match event {
+        Event::Prepared(prepared) => show_prepared(&mut progress, prepared),
+        Event::Step(now) => show(&mut progress, now),
+    };
     let card = match (arguments.config, arguments.resume) {
         (Some(config), _) => run::start(run::read_config(&config)?, &device, &mut observe)?,
         (None, Some(folder)) => run::resume(&folder, &device, &mut observe)?,
@@ -49,18 +53,36 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
+fn show_prepared(progress: &mut Progress, prepared: &Prepared) {
+    let Prepared { clips, frames, left_out } = prepared;
+    progress.say(&format!("{frames} frames of {clips} clips to learn from"));
+    if !left_out.is_empty() {
+        progress.say(&format!("{} clips are left out, for physics does not explain them:", left_out.len()));
+    }
+    for (clip, reason) in left_out {
+        progress.say(&format!("  {clip}: {reason}"));
+    }
+}
+
 fn show(progress: &mut Progress, now: &run::Progress) {
-    let run::Progress { step, steps, loss, heatmap, depth, seconds, .. } = *now;
-    let losses = format!("loss {loss:.4} (heatmap {heatmap:.4}, depth {depth:.4} m), {seconds:.2} s a step");
-    progress.set(step as u64, steps as u64, &losses);
+    let run::Progress { step, steps, loss, heatmap, depth, future, seconds, .. } = *now;
+    let mut losses = format!("loss {loss:.4} (heatmap {heatmap:.4}, depth {depth:.4} m");
+    if future > 0.0 {
+        losses += &format!(", future {future:.2} px");
+    }
+    progress.set(step as u64, steps as u64, &format!("{losses}), {seconds:.2} s a step"));
     match &now.validation {
-        Some(Validation::Score { dtg, image_error_px }) => {
-            let centimetres = |metres: Option<f64>| metres.unwrap_or(f64::NAN) * 100.0;
-            let (mean, median) = (centimetres(dtg.mean), centimetres(dtg.median));
-            let pixels = image_error_px.median.unwrap_or(f64::NAN);
-            progress.say(&format!(
-                "step {step}: validation DtG {mean:.1} cm (median {median:.1}), 2D error {pixels:.2} px"
-            ));
+        Some(Validation::Score(Score { forecast_px, image_error_px, dtg })) => {
+            let pixels = |value: Option<f64>| value.map_or("none".into(), |value| format!("{value:.2} px"));
+            let mut line = format!(
+                "step {step}: validation: forecast error {}, 2D error {}",
+                pixels(*forecast_px),
+                pixels(image_error_px.median)
+            );
+            if let (Some(mean), Some(median)) = (dtg.mean, dtg.median) {
+                line += &format!("; DtG {:.1} cm (median {:.1})", 100.0 * mean, 100.0 * median);
+            }
+            progress.say(&line);
         }
         Some(Validation::Failed { failed }) => progress.say(&format!("step {step}: validation failed: {failed}")),
         None => {}

@@ -66,6 +66,11 @@ impl Picture {
         Ok(Self::from_dynamic(image::DynamicImage::ImageRgba8(buffer)))
     }
 
+    /// From pixels that are 8-bit RGB already.
+    pub fn from_rgb(rgb: RgbImage) -> Self {
+        Self { rgb, notes: Vec::new() }
+    }
+
     /// Width and height, px.
     pub fn size(&self) -> [u32; 2] {
         [self.rgb.width(), self.rgb.height()]

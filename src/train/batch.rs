@@ -1,142 +1,198 @@
-//! Drawing training pictures: frames, crops, jitter.
+//! Drawing batches: which frames, which part of them, with which labels.
+
+use std::sync::Arc;
 
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
-use rayon::iter::{IntoParallelIterator, ParallelIterator};
+use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
-use super::config::{Phase, TrainConfig};
+use super::augment::{View, change_light};
+use super::config::{Phase, Supervision, TrainConfig};
+use super::examples::Examples;
+use super::future::{Place, Target, Window};
 use super::loss::Labels;
+use super::pictures::Pictures;
 use super::step::Batch;
-use crate::data::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
+use crate::physics::Forecaster;
 
-/// Grid that crops are placed on, px: the compact backbone's largest stride, so that a crop sees
-/// the same pixels in the same cells as the whole picture.
-const CROP_GRID: u32 = 32;
+/// Pictures of a window that the forecast starts from.
+const STARTS: usize = 3;
 
-/// Share of the picture's side by which a label may lie outside (a ball cut by the edge).
-const LABEL_MARGIN: f64 = 0.05;
-
-/// Training frames with 3D labels.
+/// Draws batches.
 pub struct Sampler {
-    clips: Clips,
-    /// Clip, frame, depth.
-    frames: Vec<(usize, usize, f64)>,
+    config: TrainConfig,
+    examples: Examples,
+    pictures: Pictures,
+    /// Middles of windows, clip and frame; where forecasts teach.
+    windows: Vec<(usize, usize)>,
+    /// One a clip, likewise.
+    forecasters: Vec<Arc<Forecaster>>,
 }
 
-/// One picture of a batch: `[height, width, 3]`, its 2D label, its depth.
-type Drawn = (Vec<f32>, [f64; 2], f64);
+/// One picture to be drawn.
+#[derive(Debug, Clone, Copy)]
+struct Shot {
+    clip: usize,
+    /// None for the empty scene.
+    frame: Option<usize>,
+    seed: u64,
+}
+
+/// One picture of a batch.
+struct Drawn {
+    /// `[height, width, 3]`.
+    values: Vec<f32>,
+    /// 2D target, px of the drawn picture.
+    image: Option<[f64; 2]>,
+    depth: [f64; 2],
+    place: Place,
+}
 
 impl Sampler {
-    /// All visible frames of `clips`.
+    /// Of `examples`.
     ///
     /// # Errors
-    /// [`Error::Data`] for a visible frame without `world`, or for clips without visible frames.
-    pub fn with_3d_labels(clips: Clips) -> Result<Self> {
-        let mut frames = Vec::new();
-        for (clip_index, clip) in clips.clips.iter().enumerate() {
-            for (frame_index, frame) in clip.frames.iter().enumerate().filter(|(_, frame)| frame.visible) {
-                check_label(clip, frame)?;
-                frames.push((clip_index, frame_index, true_depth(clip, frame)?));
-            }
+    /// [`Error::Value`] for scenes that cannot be forecast.
+    pub fn new(config: &TrainConfig, examples: Examples) -> Result<Self> {
+        let is_future = config.supervision.is_future();
+        let windows = if is_future { examples.windows(&config.future.ahead) } else { vec![] };
+        let mut forecasters = Vec::new();
+        for scene in examples.clips.clips.iter().filter_map(|clip| clip.scene.as_ref()).filter(|_| is_future) {
+            forecasters.push(Arc::new(Forecaster::new(scene)?));
         }
-        if frames.is_empty() {
-            let reason = "no frame shows the ball (`visible`: true)".into();
-            return Err(Error::Data { what: clips.folder.display().to_string(), reason });
-        }
-        Ok(Self { clips, frames })
+        let pictures = Pictures::new(examples.clips.clone(), config.cache_mb << 20);
+        Ok(Self { config: config.clone(), examples, pictures, windows, forecasters })
     }
 
-    /// Number of frames.
-    pub fn frame_count(&self) -> usize {
-        self.frames.len()
-    }
-
-    /// Smallest, mean and largest depth, m.
-    pub fn depths(&self) -> [f64; 3] {
-        let depths = || self.frames.iter().map(|&(_, _, depth)| depth);
-        let mean = depths().sum::<f64>() / self.frames.len() as f64;
-        [depths().fold(f64::INFINITY, f64::min), mean, depths().fold(0.0, f64::max)]
+    /// What it draws from.
+    pub fn examples(&self) -> &Examples {
+        &self.examples
     }
 
     /// The batch of step `step`: the same for the same seed and step, whatever came before.
     ///
     /// # Errors
-    /// As [`Clips::picture`].
-    pub fn batch(&self, config: &TrainConfig, phase: &Phase, step: usize) -> Result<Batch> {
-        let draw = |index: usize| {
-            let mut rng = StdRng::seed_from_u64(seed(config.seed, step, index));
-            self.draw(config, phase, &mut rng)
-        };
-        let drawn: Vec<Drawn> = (0..phase.batch).into_par_iter().map(draw).collect::<Result<_>>()?;
-        let [width, height] = phase.crop.map_or([config.input.width, config.input.height], |side| [side, side]);
+    /// As [`Clips::picture`](crate::data::Clips::picture).
+    pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
+        let (shots, middles) = self.shots(phase, step);
+        let drawn: Vec<Drawn> = shots.par_iter().map(|shot| self.draw(shot, phase)).collect::<Result<_>>()?;
+        let [width, height] =
+            phase.crop.map_or([self.config.input.width, self.config.input.height], |side| [side, side]);
+        let windows = middles.iter().enumerate().map(|(index, &middle)| self.window(index, middle, &drawn)).collect();
         let mut batch = Batch {
             pictures: Vec::with_capacity(drawn.len() * 3 * (width * height) as usize),
             size: [height as usize, width as usize],
-            labels: Labels { image: Vec::new(), depth: Vec::new() },
+            labels: Labels::default(),
+            windows,
         };
-        for (picture, image, depth) in drawn {
-            batch.pictures.extend(picture);
-            batch.labels.image.push(image);
-            batch.labels.depth.push(depth);
+        for picture in drawn {
+            batch.pictures.extend(picture.values);
+            batch.labels.image.push(picture.image);
+            batch.labels.depth.push(picture.depth[0]);
+            batch.labels.depth_weight.push(picture.depth[1]);
         }
         Ok(batch)
     }
 
-    fn draw(&self, config: &TrainConfig, phase: &Phase, rng: &mut StdRng) -> Result<Drawn> {
-        let (clip, frame, depth) = self.frames[rng.random_range(0..self.frames.len())];
-        let clip = &self.clips.clips[clip];
-        let frame = &clip.frames[frame];
-        let picture = self.clips.picture(clip, frame)?;
-        let size = [config.input.width, config.input.height];
-        let input = picture.network_input(size, &config.normalisation);
-        let label = frame.image.unwrap_or_default(); // `Clips` refuses visible frames without one
-        let scaled: [f64; 2] = std::array::from_fn(|axis| {
-            let scale = f64::from(input.content[axis]) / f64::from(picture.size()[axis]);
-            (label[axis] + 0.5) * scale - 0.5
+    /// What is drawn, and the middles of its windows.
+    fn shots(&self, phase: &Phase, step: usize) -> (Vec<Shot>, Vec<(usize, usize)>) {
+        let seed = |index: usize| seed(self.config.seed, step, index);
+        let mut random = StdRng::seed_from_u64(seed(usize::MAX));
+        let pick = |random: &mut StdRng| self.examples.frames[random.random_range(0..self.examples.frames.len())];
+        if self.windows.is_empty() {
+            let shot = |index: usize| {
+                let example = pick(&mut random);
+                let empty = random.random_bool(self.config.empty_share);
+                Shot { clip: example.clip, frame: (!empty).then_some(example.frame), seed: seed(index) }
+            };
+            return ((0..phase.batch).map(shot).collect(), vec![]);
+        }
+        let ahead = &self.config.future.ahead;
+        let count = (phase.batch / (STARTS + ahead.len())).max(1);
+        let middles: Vec<(usize, usize)> =
+            (0..count).map(|_| self.windows[random.random_range(0..self.windows.len())]).collect();
+        let frames = middles.iter().flat_map(|&(clip, middle)| {
+            let starts = [middle - 1, middle, middle + 1].into_iter();
+            starts.chain(ahead.iter().map(move |by| middle + by)).map(move |frame| (clip, frame))
         });
-        let (mut values, image) = match phase.crop {
-            Some(side) => {
-                let corner = [0, 1].map(|axis| crop_start(scaled[axis], size[axis], side, rng));
-                let part = crop(&input.values, size, corner, side);
-                (part, [scaled[0] - f64::from(corner[0]), scaled[1] - f64::from(corner[1])])
+        let shots =
+            frames.enumerate().map(|(index, (clip, frame))| Shot { clip, frame: Some(frame), seed: seed(index) });
+        (shots.collect(), middles)
+    }
+
+    /// The `index`-th window of a batch, whose pictures are in order.
+    fn window(&self, index: usize, (clip, middle): (usize, usize), drawn: &[Drawn]) -> Window {
+        let ahead = &self.config.future.ahead;
+        let first = index * (STARTS + ahead.len());
+        let frames = &self.pictures.clips()[clip].frames;
+        let later = ahead.iter().enumerate().map(|(number, by)| {
+            let label = self.examples.example(clip, middle + by).map_or([0.0; 2], |example| example.image);
+            let picture = first + STARTS + number;
+            match self.config.supervision {
+                Supervision::Future2dGt => Target::Label(label),
+                _ => Target::Predicted { picture, place: drawn[picture].place },
             }
-            None => (input.values, scaled),
+        });
+        Window {
+            first,
+            places: [0, 1, 2].map(|number| drawn[first + number].place),
+            times: [0, 1, 2].map(|number| frames[middle + number - 1].t - frames[middle].t),
+            camera: self.pictures.clips()[clip].camera.clone(),
+            forecaster: self.forecasters[clip].clone(),
+            ahead: ahead.iter().map(|by| frames[middle + by].t - frames[middle].t).zip(later).collect(),
+        }
+    }
+
+    fn draw(&self, shot: &Shot, phase: &Phase) -> Result<Drawn> {
+        let mut random = StdRng::seed_from_u64(shot.seed);
+        let Some(frame) = shot.frame else {
+            // a clip that has no empty scene gives one of its frames instead
+            let centre = [0, 1].map(|_| random.random_range(0.0..1.0));
+            let empty = self.pictures.with_empty(shot.clip, |picture| {
+                let size = picture.size().map(f64::from);
+                self.view(picture, [centre[0] * size[0], centre[1] * size[1]], phase, &mut random)
+            })?;
+            return match empty {
+                Some((values, _, place)) => Ok(Drawn { values, image: None, depth: [1.0, 0.0], place }),
+                None => {
+                    let frame = self.examples.frames.iter().find(|example| example.clip == shot.clip);
+                    self.draw(&Shot { frame: Some(frame.map_or(0, |example| example.frame)), ..*shot }, phase)
+                }
+            };
         };
-        jitter(&mut values, config, rng);
-        Ok((values, image, depth))
+        let example = self.examples.example(shot.clip, frame);
+        let Some(example) = example else {
+            let reason = format!("frame {frame} has no target");
+            return Err(Error::Data { what: format!("clip `{}`", self.pictures.clips()[shot.clip].id), reason });
+        };
+        let (values, image, place) =
+            self.pictures.with(shot.clip, frame, |picture| self.view(picture, example.image, phase, &mut random))?;
+        Ok(Drawn { values, image: Some(image), depth: example.depth.unwrap_or([1.0, 0.0]), place })
     }
-}
 
-/// Refuses a 2D label so far outside the picture that no cell of the heatmap is near it.
-fn check_label(clip: &Clip, frame: &Frame) -> Result<()> {
-    let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
-    let [x, y] = frame.image.unwrap_or_default();
-    let near = |at: f64, side: f64| (-LABEL_MARGIN * side..side * (1.0 + LABEL_MARGIN)).contains(&at);
-    if near(x, size[0]) && near(y, size[1]) {
-        return Ok(());
+    /// A random view of `picture` around `centre` (px of it): its values, where the centre is in it, and the way back.
+    fn view(
+        &self,
+        picture: &crate::image::Picture,
+        centre: [f64; 2],
+        phase: &Phase,
+        random: &mut StdRng,
+    ) -> (Vec<f32>, [f64; 2], Place) {
+        let size = [self.config.input.width, self.config.input.height];
+        let input = picture.network_input(size, &self.config.normalisation);
+        let scale = [0, 1].map(|axis| f64::from(input.content[axis]) / f64::from(picture.size()[axis]));
+        let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
+        let view = View::random(size, phase.crop, in_input, &self.config.augmentation, random);
+        let mut values = view.cut(input.values, size);
+        change_light(&mut values, view.size, &self.config.augmentation, random);
+        let back = view.to_input();
+        let place = Place([0, 1].map(|axis| {
+            let [slope, offset] = back[axis];
+            [slope / scale[axis], (offset + 0.5) / scale[axis] - 0.5]
+        }));
+        (values, view.of_input(in_input), place)
     }
-    let reason = format!("its `image` label ({x}, {y}) lies outside the {}×{} picture", size[0], size[1]);
-    Err(Error::Data { what: name(clip, frame), reason })
-}
-
-/// Name of a frame for errors.
-fn name(clip: &Clip, frame: &Frame) -> String {
-    format!("clip `{}`, frame {}", clip.id, frame.file.display())
-}
-
-/// Depth (camera z) of a frame's 3D label, m.
-fn true_depth(clip: &Clip, frame: &Frame) -> Result<f64> {
-    let what = || name(clip, frame);
-    let Some(world) = frame.world else {
-        let reason = "has no `world` label, which supervision \"3d-gt\" needs".into();
-        return Err(Error::Data { what: what(), reason });
-    };
-    let depth = clip.camera.camera_from_world(&world.into()).z;
-    if depth > 0.0 {
-        return Ok(depth);
-    }
-    Err(Error::Data { what: what(), reason: format!("its `world` label lies behind the camera (z = {depth} m)") })
 }
 
 /// One number of three, by SplitMix64's finaliser, so that neighbouring steps share nothing.
@@ -147,31 +203,4 @@ fn seed(seed: u64, step: usize, index: usize) -> u64 {
         z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         z ^ (z >> 31)
     })
-}
-
-/// A random start on the grid such that `[start, start + side)` holds `centre` and lies in `0..size`.
-fn crop_start(centre: f64, size: u32, side: u32, rng: &mut StdRng) -> u32 {
-    let holds = |start: u32| (f64::from(start)..f64::from(start + side)).contains(&(centre + 0.5));
-    let starts: Vec<u32> = (0..=size - side).step_by(CROP_GRID as usize).filter(|&start| holds(start)).collect();
-    match starts.len() {
-        // A label outside the picture, or between the grid's last start and the edge.
-        0 => (centre - f64::from(side) / 2.0).clamp(0.0, f64::from(size - side)) as u32,
-        count => starts[rng.random_range(0..count)],
-    }
-}
-
-/// The square part of `[height, width, 3]` values at `corner`.
-fn crop(values: &[f32], [width, _]: [u32; 2], [left, top]: [u32; 2], side: u32) -> Vec<f32> {
-    let [width, left, top, side] = [width, left, top, side].map(|number| number as usize);
-    let rows = values.chunks_exact(3 * width).skip(top).take(side);
-    rows.flat_map(|row| &row[3 * left..3 * (left + side)]).copied().collect()
-}
-
-/// Random contrast and brightness of the picture, random noise of every pixel.
-fn jitter(values: &mut [f32], config: &TrainConfig, rng: &mut StdRng) {
-    let mut within = |range: f32| if range > 0.0 { rng.random_range(-range..range) } else { 0.0 };
-    let (gain, offset) = (1.0 + within(config.jitter), within(config.jitter));
-    for value in values {
-        *value = *value * gain + offset + within(config.noise);
-    }
 }

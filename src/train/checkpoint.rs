@@ -5,14 +5,18 @@ use std::path::{Path, PathBuf};
 use burn::module::Module;
 use burn::optim::ModuleOptimizer;
 use burn::store::{ModuleRecord, RecordError};
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::files::temporary_name;
+use crate::files::{temporary_name, write_whole};
 use crate::model::Pen;
 
 const MODEL: &str = "model.bpk";
 const AVERAGE: &str = "average.bpk";
 const OPTIMISER: &str = "optimiser.bpk";
+/// Folder of the weights that scored best so far.
+const BEST: &str = "best";
+const SCORE: &str = "score.json";
 /// Folders are named by their step.
 const PREFIX: &str = "step-";
 /// Checkpoints kept: the last and the one before it.
@@ -77,6 +81,76 @@ impl Checkpoint {
             optimiser: optimiser.load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
         }))
     }
+}
+
+/// The averaged weights that scored best so far.
+#[derive(Debug, Clone)]
+pub struct Best {
+    /// Steps done.
+    pub step: usize,
+    /// Their score, px; less is better.
+    pub score: f64,
+    /// The network.
+    pub average: Pen,
+}
+
+/// What is written beside the weights.
+#[derive(Serialize, Deserialize)]
+struct BestScore {
+    step: usize,
+    score: f64,
+}
+
+impl Best {
+    /// Writes it under `folder` in place of the one before.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Data`] where the record cannot be written.
+    pub fn save(&self, folder: &Path) -> Result<()> {
+        std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
+        let named = BestScore { step: self.step, score: self.score };
+        let weights = weights_of(folder, self.step);
+        self.average.clone().into_record().save(&weights).map_err(record(&weights))?;
+        std::fs::File::open(&weights).and_then(|file| file.sync_all()).map_err(Error::io(&weights))?;
+        let before = Self::score(folder)?;
+        let text = serde_json::to_string(&named).map_err(Error::format(SCORE))?;
+        // From here on the new one counts.
+        write_whole(&folder.join(SCORE), text.as_bytes())?;
+        match before.filter(|before| before.step != self.step) {
+            Some(before) => {
+                let old = weights_of(folder, before.step);
+                std::fs::remove_file(&old).map_err(Error::io(&old))
+            }
+            None => Ok(()),
+        }
+    }
+
+    /// The one under `folder`, read into `blank`, a network of the run's architecture without gradients. None where
+    /// there is none yet.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Format`], [`Error::Data`] for a damaged record.
+    pub fn load(folder: &Path, blank: &Pen) -> Result<Option<Self>> {
+        let Some(BestScore { step, score }) = Self::score(folder)? else { return Ok(None) };
+        let weights = weights_of(folder, step);
+        let loaded = ModuleRecord::load(&weights).map_err(record(&weights))?;
+        let average = blank.clone().try_load_record(loaded).map_err(|error| damaged(&weights, error))?;
+        Ok(Some(Self { step, score, average }))
+    }
+
+    fn score(folder: &Path) -> Result<Option<BestScore>> {
+        let file = folder.join(SCORE);
+        if !file.exists() {
+            return Ok(None);
+        }
+        let text = std::fs::read_to_string(&file).map_err(Error::io(&file))?;
+        serde_json::from_str(&text).map(Some).map_err(Error::format(file.display().to_string()))
+    }
+}
+
+/// Name of the best weights' file: another one for each, so that the score never speaks of other weights.
+fn weights_of(folder: &Path, step: usize) -> PathBuf {
+    folder.join(format!("{BEST}-{step:08}.bpk"))
 }
 
 /// Complete checkpoints under `folder`, oldest first.

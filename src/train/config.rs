@@ -8,8 +8,9 @@ use super::loss::HeatmapLoss;
 use crate::error::{Error, Result};
 use crate::image::Normalisation;
 use crate::model::{InputSize, PenConfig, check_input};
+use crate::physics::Contact;
 
-/// A training run.
+/// A training run. `run.toml` is this structure; so are the presets, and `train --set FIELD=VALUE` sets any field.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrainConfig {
@@ -35,40 +36,63 @@ pub struct TrainConfig {
     pub seed: u64,
     /// What teaches depth.
     pub supervision: Supervision,
-    /// Architecture by name; [`Self::architecture`] overrides it.
-    #[serde(default = "default_preset")]
-    pub preset: Preset,
+    /// Share of the clips whose 3D labels teach in supervision `mixed`; the physics of the others does.
+    #[serde(default)]
+    pub labelled_share: f64,
+    /// Contact model instead of the scenes' own: for comparisons, or where the scenes name none.
+    #[serde(default)]
+    pub contact: Option<Contact>,
+    /// Standard deviation of noise that is added to every 2D label, px, to see what labels by hand would do.
+    #[serde(default)]
+    pub label_noise_px: f64,
+    /// Clips that are used of each camera and environment: all where absent.
+    #[serde(default)]
+    pub clips_per_camera: Option<usize>,
+    /// How physics is fitted to the labels (supervision `physics-fit`, `mixed`).
+    #[serde(default)]
+    pub fit: FitConfig,
+    /// How forecasts teach (supervision `future-2d-…`).
+    #[serde(default)]
+    pub future: FutureConfig,
+    /// Share of the pictures of a batch that show the scene without its ball (the clips' median), so that the
+    /// network learns to say that there is none.
+    #[serde(default = "default_empty_share")]
+    pub empty_share: f64,
+    /// Network by name; [`Self::architecture`] overrides it.
+    #[serde(default = "default_network")]
+    pub network: Network,
     /// Depth the network starts at, m; the mean of the training labels where absent.
     #[serde(default)]
     pub prior_depth: Option<f64>,
-    /// Weight of the depth loss against the heatmap loss.
+    /// Weight of the depth loss against the heatmap loss. It must stay small: with 2 the 2D error is four times
+    /// worse early on.
     #[serde(default = "default_depth_weight")]
     pub depth_weight: f64,
-    /// Depth error at which the depth loss turns from square to linear, m.
+    /// Depth error at which the depth loss turns from square to linear, m: of the size that is to be reached.
     #[serde(default = "default_depth_transition")]
     pub depth_transition: f64,
-    /// Weight decay of AdamW (decoupled, times the learning rate).
+    /// Weight decay of AdamW (decoupled, times the learning rate). Zero makes it Adam.
     #[serde(default = "default_weight_decay")]
     pub weight_decay: f64,
-    /// Decay of the exponential moving average of the weights, a step.
+    /// Decay of the exponential moving average of the weights, a step. The average is what is scored and kept.
     #[serde(default = "default_ema_decay")]
     pub ema_decay: f64,
     /// Global gradient norm above which gradients are scaled down.
     #[serde(default = "default_clip_norm")]
     pub clip_norm: f64,
-    /// Half range of the random contrast and brightness changes, as shares of the channels' deviation.
-    #[serde(default = "default_jitter")]
-    pub jitter: f32,
-    /// Half range of the random noise of every pixel, as a share of the channels' deviation.
-    #[serde(default = "default_jitter")]
-    pub noise: f32,
+    /// Random changes of the pictures.
+    #[serde(default)]
+    pub augmentation: Augmentation,
+    /// Memory for decoded pictures, MB; what does not fit is decoded again each time.
+    #[serde(default = "default_cache_mb")]
+    pub cache_mb: usize,
     /// Steps between checkpoints.
     #[serde(default = "default_checkpoint_every")]
     pub checkpoint_every: usize,
     /// Steps between scores on the validation clips.
     #[serde(default = "default_validate_every")]
     pub validate_every: usize,
-    /// Validation frames scored each time, spread over all.
+    /// Validation frames scored each time, in whole clips spread over all.
     #[serde(default = "default_validate_frames")]
     pub validate_frames: usize,
     /// Size of the network's input.
@@ -76,10 +100,10 @@ pub struct TrainConfig {
     /// Normalisation of the network's input.
     #[serde(default)]
     pub normalisation: Normalisation,
-    /// A file with timm's `resnet34` weights (ImageNet, say) for the backbone to start from.
+    /// A file with timm weights (ImageNet, say) for the backbone to start from.
     #[serde(default)]
     pub backbone_weights: Option<PathBuf>,
-    /// Architecture, where no preset fits.
+    /// Architecture, where no named one fits.
     #[serde(default)]
     pub architecture: Option<PenConfig>,
     /// Heatmap loss; where absent, the published one for `paper` and cross-entropy for `compact`.
@@ -92,15 +116,114 @@ pub struct TrainConfig {
 /// What teaches depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Supervision {
+    /// 2D labels and physics: each clip's track is fitted by the scene's physics, all frames at once, and the
+    /// network learns the fitted depths.
+    #[serde(rename = "physics-fit")]
+    PhysicsFit,
+    /// The paper's method: the forecast from three neighbouring frames must meet the network's own later 2D
+    /// positions (detached).
+    #[serde(rename = "future-2d-predict")]
+    Future2dPredict,
+    /// The paper's variant: the forecast must meet the later 2D labels.
+    #[serde(rename = "future-2d-gt")]
+    Future2dGt,
     /// 3D labels (`world` of each frame): the paper's baseline, not its method.
     #[serde(rename = "3d-gt")]
     Labels3d,
+    /// 3D labels on [`TrainConfig::labelled_share`] of the clips, `physics-fit` on the others.
+    #[serde(rename = "mixed")]
+    Mixed,
 }
 
-/// Architecture by name.
+impl Supervision {
+    /// As in `run.toml`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::PhysicsFit => "physics-fit",
+            Self::Future2dPredict => "future-2d-predict",
+            Self::Future2dGt => "future-2d-gt",
+            Self::Labels3d => "3d-gt",
+            Self::Mixed => "mixed",
+        }
+    }
+
+    /// Whether it learns through forecasts.
+    pub fn is_future(self) -> bool {
+        matches!(self, Self::Future2dPredict | Self::Future2dGt)
+    }
+}
+
+/// How physics is fitted to a clip's 2D labels, and which fits teach.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FitConfig {
+    /// Standard deviation of the 2D labels, px; found from each track where absent.
+    pub noise_px: Option<f64>,
+    /// Standard deviation of a fitted depth at which a frame counts half, m.
+    pub half_weight_sigma: f64,
+    /// Largest standard deviation of a fitted depth that teaches at all, m.
+    pub largest_sigma: f64,
+    /// Largest share of outliers among the labels of a clip that teaches at all.
+    pub largest_outlier_share: f64,
+}
+
+impl Default for FitConfig {
+    /// Half weight at 5 cm, where a fit is no better than the network is to be; none beyond 30 cm.
+    fn default() -> Self {
+        Self { noise_px: None, half_weight_sigma: 0.05, largest_sigma: 0.3, largest_outlier_share: 0.2 }
+    }
+}
+
+/// How forecasts teach.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FutureConfig {
+    /// Frames ahead at which forecast and track are compared (the paper's Δn).
+    pub ahead: Vec<usize>,
+    /// Weight of the future loss (px) against the heatmap loss, after the ramp.
+    pub weight: f64,
+    /// Steps over which the weight rises from zero: early depths forecast nothing sensible.
+    pub ramp: usize,
+    /// Error beyond which the loss grows only logarithmically, px; the paper's plain L1 where absent.
+    pub robust_px: Option<f64>,
+}
+
+impl Default for FutureConfig {
+    /// The paper's Δn for its synthetic data; robust, because one start inside a wall forecasts hundreds of px.
+    fn default() -> Self {
+        Self { ahead: vec![4, 8, 15], weight: 0.05, ramp: 500, robust_px: Some(10.0) }
+    }
+}
+
+/// Random changes of training pictures.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Augmentation {
+    /// Half range of contrast and brightness changes, as shares of the channels' deviation.
+    pub brightness: f32,
+    /// Half range of each channel's own contrast and brightness changes, likewise.
+    pub colour: f32,
+    /// Half range of the noise of every pixel, likewise.
+    pub noise: f32,
+    /// Largest share that a pixel takes from its neighbours in each direction.
+    pub blur: f32,
+    /// Largest shift, px of the network's input; the camera's matrix moves along.
+    pub shift: u32,
+    /// Probability of a horizontal mirroring; physics and camera are mirrored along.
+    pub flip: f64,
+}
+
+impl Default for Augmentation {
+    /// Light only. A fixed camera's picture does not shift, and of its background the network learns depth.
+    fn default() -> Self {
+        Self { brightness: 0.05, colour: 0.0, noise: 0.05, blur: 0.0, shift: 0, flip: 0.0 }
+    }
+}
+
+/// Network by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Preset {
+pub enum Network {
     /// [`PenConfig::compact`].
     Compact,
     /// [`PenConfig::paper`].
@@ -134,8 +257,11 @@ fn default_licence() -> String {
 fn default_seed() -> u64 {
     1
 }
-fn default_preset() -> Preset {
-    Preset::Compact
+fn default_empty_share() -> f64 {
+    0.04
+}
+fn default_network() -> Network {
+    Network::Compact
 }
 fn default_depth_weight() -> f64 {
     0.2
@@ -152,8 +278,8 @@ fn default_ema_decay() -> f64 {
 fn default_clip_norm() -> f64 {
     5.0
 }
-fn default_jitter() -> f32 {
-    0.05
+fn default_cache_mb() -> usize {
+    2048
 }
 fn default_checkpoint_every() -> usize {
     100
@@ -162,7 +288,7 @@ fn default_validate_every() -> usize {
     500
 }
 fn default_validate_frames() -> usize {
-    100
+    900
 }
 
 impl TrainConfig {
@@ -180,6 +306,7 @@ impl TrainConfig {
         if self.name.is_empty() || self.name.contains(['/', '\\']) {
             return refuse("name", format!("must be a file name, not `{}`", self.name));
         }
+        let largest = self.input.width.min(self.input.height);
         for (index, phase) in self.phases.iter().enumerate() {
             let field = |name: &str| format!("phases[{index}].{name}");
             if phase.steps == 0 || phase.batch == 0 {
@@ -192,7 +319,6 @@ impl TrainConfig {
                 let reason = format!("must be from 0 to the learning rate, not {}", phase.final_learning_rate);
                 return refuse(&field("final_learning_rate"), reason);
             }
-            let largest = self.input.width.min(self.input.height);
             if let Some(side) = phase.crop.filter(|&side| side == 0 || side % multiple != 0 || side > largest) {
                 let reason = format!("must be a multiple of {multiple} up to {largest}, not {side}");
                 return refuse(&field("crop"), reason);
@@ -209,36 +335,81 @@ impl TrainConfig {
             ("depth_transition", self.depth_transition),
             ("clip_norm", self.clip_norm),
             ("prior_depth", self.prior_depth.unwrap_or(1.0)),
+            ("fit.noise_px", self.fit.noise_px.unwrap_or(1.0)),
+            ("fit.half_weight_sigma", self.fit.half_weight_sigma),
+            ("fit.largest_sigma", self.fit.largest_sigma),
             ("heatmap_loss.sigma", self.heatmap_loss().sigma()),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(field, format!("must be positive, not {value}"));
             }
         }
-        for (field, value) in
-            [("jitter", f64::from(self.jitter)), ("noise", f64::from(self.noise)), ("weight_decay", self.weight_decay)]
-        {
+        let Augmentation { brightness, colour, noise, blur, flip, shift } = self.augmentation;
+        for (field, value) in [
+            ("augmentation.brightness", f64::from(brightness)),
+            ("augmentation.colour", f64::from(colour)),
+            ("augmentation.noise", f64::from(noise)),
+            ("augmentation.flip", flip),
+            ("weight_decay", self.weight_decay),
+            ("labelled_share", self.labelled_share),
+            ("fit.largest_outlier_share", self.fit.largest_outlier_share),
+        ] {
             if !(0.0..=1.0).contains(&value) {
                 return refuse(field, format!("must be from 0 to 1, not {value}"));
             }
         }
-        Ok(())
+        if !(0.0..=0.25).contains(&blur) {
+            return refuse("augmentation.blur", format!("must be from 0 to 0.25, not {blur}"));
+        }
+        if shift > largest / 4 {
+            return refuse("augmentation.shift", format!("must be at most a quarter of the input, not {shift} px"));
+        }
+        if !(0.0..=0.5).contains(&self.empty_share) {
+            return refuse("empty_share", format!("must be from 0 to 0.5, not {}", self.empty_share));
+        }
+        if !(0.0..=100.0).contains(&self.label_noise_px) {
+            return refuse("label_noise_px", format!("must be from 0 to 100 px, not {}", self.label_noise_px));
+        }
+        if self.clips_per_camera == Some(0) {
+            return refuse("clips_per_camera", "must be at least 1".into());
+        }
+        if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
+            return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());
+        }
+        self.check_future()
+    }
+
+    fn check_future(&self) -> Result<()> {
+        let FutureConfig { ahead, weight, robust_px, .. } = &self.future;
+        let refuse = |field: &str, reason: String| Err(Error::value("run configuration", field, reason));
+        if ahead.is_empty() || ahead.iter().any(|&frames| frames < 2) {
+            return refuse("future.ahead", "needs frames ahead, each at least 2 (the window holds 1)".into());
+        }
+        if !(weight.is_finite() && *weight > 0.0) {
+            return refuse("future.weight", format!("must be positive, not {weight}"));
+        }
+        match robust_px {
+            Some(scale) if !(scale.is_finite() && *scale > 0.0) => {
+                refuse("future.robust_px", format!("must be positive, not {scale}"))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
-        self.heatmap_loss.unwrap_or(match self.preset {
-            Preset::Compact => HeatmapLoss::CrossEntropy { sigma: 4.0 },
-            Preset::Paper => HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 },
+        self.heatmap_loss.unwrap_or(match self.network {
+            Network::Compact => HeatmapLoss::CrossEntropy { sigma: 4.0 },
+            Network::Paper => HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 },
         })
     }
 
     /// The architecture, with `prior_depth` in m where the preset takes one.
     pub fn architecture(&self, prior_depth: f64) -> PenConfig {
-        match (&self.architecture, self.preset) {
+        match (&self.architecture, self.network) {
             (Some(architecture), _) => architecture.clone(),
-            (None, Preset::Compact) => PenConfig::compact(prior_depth),
-            (None, Preset::Paper) => PenConfig::paper(),
+            (None, Network::Compact) => PenConfig::compact(prior_depth),
+            (None, Network::Paper) => PenConfig::paper(),
         }
     }
 

@@ -33,16 +33,18 @@ impl HeatmapLoss {
     }
 }
 
-/// Labels of a batch.
-#[derive(Debug, Clone)]
+/// Labels of a batch, one a picture.
+#[derive(Debug, Clone, Default)]
 pub struct Labels {
-    /// 2D positions, px of the network's input.
-    pub image: Vec<[f64; 2]>,
+    /// 2D positions, px of the network's input; none for a picture without the ball.
+    pub image: Vec<Option<[f64; 2]>>,
     /// Depths (camera z), m.
     pub depth: Vec<f64>,
+    /// How much each depth counts, 0 (not at all: forecasts teach, or there is no ball) to 1.
+    pub depth_weight: Vec<f64>,
 }
 
-/// The parts of the loss, each a scalar tensor `[1]`.
+/// The parts of the loss on the maps, each a scalar tensor `[1]`.
 #[derive(Debug, Clone)]
 pub struct Losses {
     /// Heatmap loss.
@@ -51,17 +53,23 @@ pub struct Losses {
     pub depth: Tensor<1>,
 }
 
-/// Heatmap loss and smooth-L1 depth loss (square below `transition` m) against 3D labels.
+/// Heatmap loss against 2D labels, and smooth-L1 depth loss (square below `transition` m) against depths.
 ///
 /// Depth is read out with the *target* heatmap's weights, so that it is taught where the ball is
-/// from the first step on.
-pub fn labels_3d(output: PenOutput, labels: &Labels, config: &PenConfig, loss: HeatmapLoss, transition: f64) -> Losses {
+/// from the first step on. A picture without the ball is to give the same everywhere.
+pub fn map_losses(
+    output: PenOutput,
+    labels: &Labels,
+    config: &PenConfig,
+    loss: HeatmapLoss,
+    transition: f64,
+) -> Losses {
     let [batch, height, width] = output.heatmap.dims();
     let device = output.heatmap.device();
-    let target = gaussians(&labels.image, [height, width], config.output_stride(), loss.sigma(), &device);
-    // [batch, 1, 1]; a Gaussian around a label in the picture never sums to zero
+    let target = gaussians(&labels.image, [height, width], config.output_stride(), loss, &device);
+    // [batch, 1, 1]; a Gaussian around a label near the picture never sums to zero, and nothing is divided by 0
     let mass = target.clone().reshape([batch, height * width]).sum_dim(1).reshape([batch, 1, 1]);
-    let share = target.clone() / mass;
+    let share = target.clone() / mass.clamp_min(f32::MIN_POSITIVE);
     let heatmap = match loss {
         HeatmapLoss::CrossEntropy { .. } => {
             let logits = output.heatmap.mul_scalar(config.heatmap.beta).reshape([batch, height * width]);
@@ -70,10 +78,13 @@ pub fn labels_3d(output: PenOutput, labels: &Labels, config: &PenConfig, loss: H
         }
         HeatmapLoss::Mse { amplitude, .. } => (output.heatmap - target.mul_scalar(amplitude)).powi_scalar(2).mean(),
     };
-    let true_depth: Vec<f32> = labels.depth.iter().map(|&depth| depth as f32).collect();
-    let true_depth = Tensor::from_data(TensorData::new(true_depth, [batch]), &device);
-    let error = weighted_depth(output.depth, share) - true_depth;
-    Losses { heatmap, depth: smooth_l1(error, transition).mean() }
+    let column = |values: &[f64]| {
+        let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
+        Tensor::<1>::from_data(TensorData::new(values, [batch]), &device)
+    };
+    let error = weighted_depth(output.depth, share) - column(&labels.depth);
+    let depth = (smooth_l1(error, transition) * column(&labels.depth_weight)).mean();
+    Losses { heatmap, depth }
 }
 
 /// `e²/(2t)` below the transition `t`, `|e| − t/2` above.
@@ -84,20 +95,26 @@ fn smooth_l1(error: Tensor<1>, transition: f64) -> Tensor<1> {
     inside.clone().powi_scalar(2).div_scalar(2.0 * transition) + (size - inside)
 }
 
-/// Gaussians of height 1 around `centres` (input px): `[batch, height, width]` cells of `stride` px.
+/// Gaussians of height 1 around `centres` (input px): `[batch, height, width]` cells of `stride` px. Without a ball:
+/// the same everywhere, 1 as a distribution, 0 as a heatmap that is to be met.
 fn gaussians(
-    centres: &[[f64; 2]],
+    centres: &[Option<[f64; 2]>],
     [height, width]: [usize; 2],
     stride: usize,
-    sigma: f64,
+    loss: HeatmapLoss,
     device: &Device,
 ) -> Tensor<3> {
     let along = |count: usize, centre: f64| -> Vec<f64> {
-        let square = |cell| ((cell_centre(cell, stride) - centre) / sigma).powi(2);
+        let square = |cell| ((cell_centre(cell, stride) - centre) / loss.sigma()).powi(2);
         (0..count).map(|cell| (-0.5 * square(cell)).exp()).collect()
     };
+    let empty = if matches!(loss, HeatmapLoss::CrossEntropy { .. }) { 1.0 } else { 0.0 };
     let mut values = Vec::with_capacity(centres.len() * height * width);
-    for &[x, y] in centres {
+    for centre in centres {
+        let Some([x, y]) = *centre else {
+            values.extend(std::iter::repeat_n(empty, height * width));
+            continue;
+        };
         let (columns, rows) = (along(width, x), along(height, y));
         values.extend(rows.iter().flat_map(|row| columns.iter().map(move |column| (row * column) as f32)));
     }

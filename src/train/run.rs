@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Instant;
 
 use burn::module::Module;
@@ -10,13 +11,15 @@ use burn::tensor::Device;
 use serde::Serialize;
 
 use super::batch::Sampler;
-use super::checkpoint::Checkpoint;
+use super::checkpoint::{Best, Checkpoint};
 use super::config::{Supervision, TrainConfig};
 use super::ema::Ema;
+use super::examples::Examples;
+use super::loader::Loader;
+use super::score::{Score, score};
 use super::step::{StepOptions, StepReport, step};
 use crate::data::Clips;
 use crate::error::{Error, Result};
-use crate::evaluate::{self, Statistic};
 use crate::files::write_whole;
 use crate::localise::Localiser;
 use crate::model::{self, Card, Pen, PenConfig, sha256_hex};
@@ -24,6 +27,11 @@ use crate::model::{self, Card, Pen, PenConfig, sha256_hex};
 const CONFIG: &str = "run.toml";
 const LOG: &str = "log.jsonl";
 const CHECKPOINTS: &str = "checkpoints";
+const FITS: &str = "fits.jsonl";
+/// Steps over which the loss is averaged to see whether it explodes.
+const WATCHED: f64 = 50.0;
+/// How many times its lowest average the loss may rise to.
+const EXPLODED: f64 = 10.0;
 
 /// What the loop tells its caller after each step.
 #[derive(Debug, Clone, Serialize)]
@@ -38,28 +46,27 @@ pub struct Progress {
     pub heatmap: f64,
     /// Depth loss, unweighted.
     pub depth: f64,
+    /// Future loss, unweighted, px; zero where forecasts do not teach.
+    pub future: f64,
     /// Global gradient norm before clipping.
     pub gradient_norm: f64,
     /// Learning rate.
     pub learning_rate: f64,
     /// Wall time of the step, s.
     pub seconds: f64,
+    /// Part of it that was spent waiting for pictures, s.
+    pub waited: f64,
     /// Score on the validation clips, after some steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub validation: Option<Validation>,
 }
 
-/// Score of the averaged weights on validation frames.
+/// Score of the averaged weights on validation clips.
 #[derive(Debug, Clone, Serialize)]
 #[serde(untagged)]
 pub enum Validation {
     /// It was scored.
-    Score {
-        /// Distance to ground truth, m.
-        dtg: Statistic,
-        /// 2D error, px.
-        image_error_px: Statistic,
-    },
+    Score(Score),
     /// A frame could not be scored. Training goes on: early networks do that.
     Failed {
         /// Why, in words.
@@ -67,22 +74,45 @@ pub enum Validation {
     },
 }
 
+/// What the loop tells before its first step.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Prepared {
+    /// Clips that are trained on.
+    pub clips: usize,
+    /// Frames with targets.
+    pub frames: usize,
+    /// Clips that physics cannot explain, and why.
+    pub left_out: Vec<(String, String)>,
+}
+
+/// What a run tells its caller.
+#[derive(Debug, Clone)]
+pub enum Event<'a> {
+    /// What there is to learn.
+    Prepared(&'a Prepared),
+    /// A step was made.
+    Step(&'a Progress),
+}
+
 /// A run in progress.
 struct Run<'a> {
     config: &'a TrainConfig,
-    sampler: Sampler,
+    sampler: Arc<Sampler>,
     validation: Clips,
     device: Device,
     state: Checkpoint,
+    best: Option<Best>,
     ema: Ema,
     log: String,
+    /// Running mean of the loss, and its lowest value in this phase.
+    watch: Option<(f64, f64)>,
 }
 
 /// Starts the run of `config` in its `out` folder: the path of the card of the model made.
 ///
 /// # Errors
 /// [`Error::Data`] for an `out` folder that already holds a run; else as [`resume`].
-pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf> {
+pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(Event)) -> Result<PathBuf> {
     config.check()?;
     let saved = config.out.join(CONFIG);
     if saved.exists() {
@@ -99,7 +129,7 @@ pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(&
     }
     let text = toml::to_string(&config).map_err(Error::format(saved.display().to_string()))?;
     // A run that cannot start leaves nothing that would have to be resumed.
-    let run = Run::new(&config, device)?;
+    let run = Run::new(&config, device, observe)?;
     write_whole(&saved, text.as_bytes())?;
     run.finish(observe)
 }
@@ -110,14 +140,14 @@ pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(&
 /// # Errors
 /// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
 /// [`Error::Diverged`] for a loss that is not finite.
-pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf> {
+pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(Event)) -> Result<PathBuf> {
     if !out.join(CONFIG).exists() {
         let reason = format!("holds no run (no {CONFIG}); start one with `train --config`");
         return Err(Error::Data { what: out.display().to_string(), reason });
     }
     let mut config = read_config(&out.join(CONFIG))?;
     config.out = out.to_path_buf();
-    Run::new(&config, device)?.finish(observe)
+    Run::new(&config, device, observe)?.finish(observe)
 }
 
 /// Reads and checks a `run.toml`. Its paths are relative to the file.
@@ -137,12 +167,14 @@ pub fn read_config(path: &Path) -> Result<TrainConfig> {
 }
 
 impl<'a> Run<'a> {
-    fn new(config: &'a TrainConfig, device: &Device) -> Result<Self> {
+    fn new(config: &'a TrainConfig, device: &Device, observe: &mut dyn FnMut(Event)) -> Result<Self> {
         let device = device.clone().autodiff();
-        let sampler = match config.supervision {
-            Supervision::Labels3d => Sampler::with_3d_labels(Clips::read(&config.train)?)?,
-        };
         let validation = Clips::read(&config.validation)?;
+        let examples = Examples::of(config, &config.out.join(FITS))?;
+        let clips = examples.clips.clips.len();
+        let prepared = Prepared { clips, frames: examples.frames.len(), left_out: examples.left_out.clone() };
+        observe(Event::Prepared(&prepared));
+        let sampler = Arc::new(Sampler::new(config, examples)?);
         let architecture = architecture(config, &sampler);
         device.seed(config.seed);
         let blank = Pen::new(&architecture, &device)?;
@@ -155,41 +187,47 @@ impl<'a> Run<'a> {
                 Checkpoint { step: 0, average: model.valid(), model, optimiser }
             }
         };
+        let best = Best::load(&folder, &state.average)?;
         let ema = Ema::new(state.average.clone(), config.ema_decay, state.step);
         let log = log_until(&config.out.join(LOG), state.step)?;
-        Ok(Self { config, sampler, validation, device, state, ema, log })
+        Ok(Self { config, sampler, validation, device, state, best, ema, log, watch: None })
     }
 
     /// All steps that are left, then the model.
-    fn finish(mut self, observe: &mut dyn FnMut(&Progress)) -> Result<PathBuf> {
-        while let Some(progress) = self.next()? {
+    fn finish(mut self, observe: &mut dyn FnMut(Event)) -> Result<PathBuf> {
+        let loader = Loader::start(self.sampler.clone(), self.config, self.state.step)?;
+        while let Some(progress) = self.next(&loader)? {
             let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;
             writeln!(self.log, "{line}").map_err(Error::format(LOG))?;
             if self.state.step.is_multiple_of(self.config.checkpoint_every) || progress.step == progress.steps {
                 self.checkpoint()?;
             }
-            observe(&progress);
+            observe(Event::Step(&progress));
         }
         self.publish()
     }
 
     /// One step; None after the last.
-    fn next(&mut self) -> Result<Option<Progress>> {
+    fn next(&mut self, loader: &Loader) -> Result<Option<Progress>> {
         let Some((phase, index)) = self.config.phase(self.state.step) else { return Ok(None) };
         let began = Instant::now();
-        let batch = self.sampler.batch(self.config, phase, self.state.step)?;
+        let batch = loader.next()?;
+        let waited = began.elapsed().as_secs_f64();
+        let ramp = (self.state.step as f64 / self.config.future.ramp.max(1) as f64).min(1.0);
         let options = StepOptions {
             heatmap_loss: self.config.heatmap_loss(),
             depth_weight: self.config.depth_weight,
             depth_transition: self.config.depth_transition,
+            future_weight: self.config.future.weight * ramp,
+            robust_px: self.config.future.robust_px,
             clip_norm: self.config.clip_norm,
             learning_rate: phase.learning_rate(index),
         };
         let model = self.state.model.clone();
         let (model, report) = step(model, &mut self.state.optimiser, batch, &options, &self.device);
         self.state.step += 1;
-        let StepReport { loss, heatmap, depth, gradient_norm } = report;
-        if !loss.is_finite() {
+        let StepReport { loss, heatmap, depth, future, gradient_norm } = report;
+        if !loss.is_finite() || self.explodes(heatmap + options.depth_weight * depth, index) {
             return Err(Error::Diverged { step: self.state.step, loss });
         }
         self.ema.update(&model);
@@ -202,26 +240,45 @@ impl<'a> Run<'a> {
             loss,
             heatmap,
             depth,
+            future,
             gradient_norm,
             learning_rate: options.learning_rate,
             seconds: began.elapsed().as_secs_f64(),
-            validation: scores.then(|| self.validate()),
+            waited,
+            validation: if scores { Some(self.validate()?) } else { None },
         }))
     }
 
-    /// Scores the averaged weights.
-    fn validate(&self) -> Validation {
+    /// Whether the loss on the maps, averaged over some steps, has risen far above what it was in this phase; `index`
+    /// counts the phase's steps. (The future loss rises by its ramp.)
+    fn explodes(&mut self, loss: f64, index: usize) -> bool {
+        let (mean, lowest) = match self.watch {
+            Some((mean, lowest)) if index > 0 => (mean + (loss - mean) / WATCHED, lowest),
+            _ => (loss, f64::INFINITY),
+        };
+        // the first steps' mean is not one yet
+        let lowest = if index as f64 > WATCHED { lowest.min(mean) } else { lowest };
+        self.watch = Some((mean, lowest));
+        mean > EXPLODED * lowest
+    }
+
+    /// Scores the averaged weights, and keeps them if none were better.
+    fn validate(&mut self) -> Result<Validation> {
         let device = self.device.clone().without_autodiff();
         let card = card(self.config, &self.sampler, self.ema.model().config(), String::new());
         let localiser = Localiser::from_pen(self.ema.model().clone(), card, &device);
-        let limit = Some(self.config.validate_frames);
-        match pollster::block_on(evaluate::score(&localiser, &self.validation, limit, &mut |_, _| {})) {
-            Ok(samples) => Validation::Score {
-                dtg: Statistic::of(samples.iter().map(evaluate::Sample::dtg)),
-                image_error_px: Statistic::of(samples.iter().map(evaluate::Sample::image_error)),
-            },
-            Err(error) => Validation::Failed { failed: error.to_string() },
+        let scored = match pollster::block_on(score(&localiser, &self.validation, self.config.validate_frames)) {
+            Ok(scored) => scored,
+            Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
+        };
+        if let Some(score) = scored.forecast_px.filter(|score| score.is_finite())
+            && self.best.as_ref().is_none_or(|best| score < best.score)
+        {
+            let best = Best { step: self.state.step, score, average: self.ema.model().clone() };
+            best.save(&self.config.out.join(CHECKPOINTS))?;
+            self.best = Some(best);
         }
+        Ok(Validation::Score(scored))
     }
 
     /// Log first: a line too many is dropped on resume, a missing one could not be made up.
@@ -231,10 +288,11 @@ impl<'a> Run<'a> {
         self.state.save(&self.config.out.join(CHECKPOINTS))
     }
 
-    /// Writes the averaged weights and their card.
+    /// Writes the averaged weights that scored best (without scores: the last) and their card.
     fn publish(&self) -> Result<PathBuf> {
-        let weights = model::save(self.ema.model())?;
-        let card = card(self.config, &self.sampler, self.ema.model().config(), sha256_hex(&weights));
+        let pen = self.best.as_ref().map_or(self.ema.model(), |best| &best.average);
+        let weights = model::save(pen)?;
+        let card = card(self.config, &self.sampler, pen.config(), sha256_hex(&weights));
         write_whole(&self.config.out.join(&card.weights), &weights)?;
         let path = self.config.out.join(format!("{}.json", card.name));
         card.write(&path)?;
@@ -250,21 +308,27 @@ fn with_backbone(pen: Pen, config: &TrainConfig) -> Result<Pen> {
 
 /// The run's architecture, with the prior depth of its data.
 fn architecture(config: &TrainConfig, sampler: &Sampler) -> PenConfig {
-    let [_, mean, _] = sampler.depths();
+    let [_, mean, _] = sampler.examples().depths();
     config.architecture(config.prior_depth.unwrap_or(mean))
 }
 
 /// The card of the model this run makes.
 fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha256: String) -> Card {
-    let [nearest, _, farthest] = sampler.depths();
-    let Supervision::Labels3d = config.supervision;
+    let examples = sampler.examples();
+    let [nearest, _, farthest] = examples.depths();
     let folder = || config.train.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let data = config.data_name.clone().unwrap_or_else(folder);
-    let supervision = format!(
-        "Trained with 3D labels (the paper's baseline, not its method): {} steps, seed {}.",
-        config.steps(),
-        config.seed
-    );
+    let taught = match config.supervision {
+        Supervision::PhysicsFit => "2D labels and physics, fitted clip by clip".into(),
+        Supervision::Future2dPredict => "2D labels and physics, through forecasts (the paper's 2D-predict)".into(),
+        Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
+        Supervision::Labels3d => "3D labels (the paper's baseline, not its method)".into(),
+        Supervision::Mixed => format!(
+            "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
+            100.0 * config.labelled_share
+        ),
+    };
+    let supervision = format!("Trained with {taught}: {} steps, seed {}.", config.steps(), config.seed);
     Card {
         name: config.name.clone(),
         weights: format!("{}.safetensors", config.name),
@@ -273,7 +337,7 @@ fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha25
         input: config.input,
         normalisation: config.normalisation,
         depth_range: [nearest, farthest],
-        training_data: format!("{data}: {} labelled frames", sampler.frame_count()),
+        training_data: format!("{data}: {} frames", examples.frames.len()),
         description: format!("{} {supervision}", config.description).trim().to_string(),
         metrics: serde_json::Value::Null,
         licence: config.licence.clone(),

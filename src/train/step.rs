@@ -4,8 +4,9 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 
-use super::loss::{HeatmapLoss, Labels, labels_3d};
-use crate::model::Pen;
+use super::future::{Window, future};
+use super::loss::{HeatmapLoss, Labels, map_losses};
+use crate::model::{Pen, decode};
 
 /// Pictures with their labels.
 #[derive(Debug, Clone)]
@@ -16,6 +17,8 @@ pub struct Batch {
     pub size: [usize; 2],
     /// Their labels.
     pub labels: Labels,
+    /// Windows among them, where forecasts teach.
+    pub windows: Vec<Window>,
 }
 
 /// What a step optimises, and how.
@@ -25,6 +28,10 @@ pub struct StepOptions {
     pub heatmap_loss: HeatmapLoss,
     /// Weight of the depth loss.
     pub depth_weight: f64,
+    /// Weight of the future loss.
+    pub future_weight: f64,
+    /// Error beyond which the future loss grows only logarithmically, px.
+    pub robust_px: Option<f64>,
     /// Depth error at which the depth loss turns linear, m.
     pub depth_transition: f64,
     /// Global gradient norm above which gradients are scaled down.
@@ -42,6 +49,8 @@ pub struct StepReport {
     pub heatmap: f64,
     /// Its depth part, unweighted.
     pub depth: f64,
+    /// Its future part, unweighted, px; zero without windows.
+    pub future: f64,
     /// Global gradient norm before clipping.
     pub gradient_norm: f64,
 }
@@ -60,13 +69,19 @@ pub fn step(
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, shape), device);
     let output = pen.forward(pictures);
     let config = pen.config().clone();
-    let losses = labels_3d(output, &batch.labels, &config, options.heatmap_loss, options.depth_transition);
-    let loss = losses.heatmap.clone() + losses.depth.clone().mul_scalar(options.depth_weight);
+    let future = (!batch.windows.is_empty())
+        .then(|| future(&decode(output.clone(), &config), &batch.windows, options.robust_px));
+    let losses = map_losses(output, &batch.labels, &config, options.heatmap_loss, options.depth_transition);
+    let mut loss = losses.heatmap.clone() + losses.depth.clone().mul_scalar(options.depth_weight);
+    if let Some(future) = &future {
+        loss = loss + future.clone().mul_scalar(options.future_weight);
+    }
     let scalar = |tensor: Tensor<1>| f64::from(tensor.into_scalar::<f32>());
     let mut report = StepReport {
         loss: scalar(loss.clone()),
         heatmap: scalar(losses.heatmap),
         depth: scalar(losses.depth),
+        future: future.map_or(0.0, scalar),
         gradient_norm: f64::NAN,
     };
     if !report.loss.is_finite() {

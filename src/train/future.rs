@@ -1,0 +1,168 @@
+//! Where physics meets autodiff: the future loss of the paper, through the forecaster.
+//!
+//! All of it is computed in f64 outside the tensor graph, with its gradient g by the network's positions u, and enters
+//! the graph as `value + ⟨g, u − detach(u)⟩`: the same on every device, and no tape of solver steps.
+
+use std::sync::Arc;
+
+use burn::tensor::{Tensor, TensorData};
+use nalgebra::{Matrix3, Point2, Vector2, Vector3};
+
+use crate::camera::Camera;
+use crate::error::Result;
+use crate::model::Decoded;
+use crate::physics::{Forecaster, State};
+
+/// Slope and offset of each axis, from px of a drawn picture to px of the clip's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place(pub [[f64; 2]; 2]);
+
+impl Place {
+    /// Where a point of the drawn picture is in the clip's, px.
+    pub fn in_clip(&self, point: [f64; 2]) -> [f64; 2] {
+        [0, 1].map(|axis| self.0[axis][0] * point[axis] + self.0[axis][1])
+    }
+}
+
+/// What a forecast must meet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Target {
+    /// A 2D label, px of the clip's picture.
+    Label([f64; 2]),
+    /// The network's own 2D position in this picture of the batch, detached.
+    Predicted {
+        /// Index in the batch.
+        picture: usize,
+        /// Its place.
+        place: Place,
+    },
+}
+
+/// Three neighbouring frames that a forecast starts from, and what it must meet.
+#[derive(Debug, Clone)]
+pub struct Window {
+    /// Index in the batch of the first of the three pictures; the others follow.
+    pub first: usize,
+    /// Their places.
+    pub places: [Place; 3],
+    /// Their times, s; the middle one's is 0.
+    pub times: [f64; 3],
+    /// The camera of the clip's pictures.
+    pub camera: Camera,
+    /// The clip's physics.
+    pub forecaster: Arc<Forecaster>,
+    /// Times, s, and targets.
+    pub ahead: Vec<(f64, Target)>,
+}
+
+/// The future loss and its gradient.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FutureLoss {
+    /// Mean over windows, times and axes, px.
+    pub value: f64,
+    /// By each picture's position (x and y in px of the drawn picture, depth in m).
+    pub gradient: Vec<[f64; 3]>,
+    /// Windows whose forecast was whole; the others count as zero.
+    pub whole: usize,
+}
+
+/// The future loss of `windows` as a scalar `[1]` of the graph of `decoded`.
+pub fn future(decoded: &Decoded, windows: &[Window], robust_px: Option<f64>) -> Tensor<1> {
+    let [batch, _] = decoded.image.dims();
+    let device = decoded.image.device();
+    let positions = Tensor::cat(vec![decoded.image.clone(), decoded.depth.clone().reshape([batch, 1])], 1);
+    let still = positions.clone().detach();
+    let numbers: Vec<f64> = still.clone().into_data().iter::<f64>().collect();
+    let read: Vec<[f64; 3]> = numbers.chunks_exact(3).map(|three| [three[0], three[1], three[2]]).collect();
+    let loss = future_loss(&read, windows, robust_px);
+    let gradient: Vec<f32> = loss.gradient.iter().flatten().map(|&slope| slope as f32).collect();
+    let gradient = Tensor::<2>::from_data(TensorData::new(gradient, [batch, 3]), &device);
+    ((positions - still) * gradient).sum().add_scalar(loss.value)
+}
+
+/// The future loss at `positions` (x and y in px of the drawn picture, depth in m), one a picture of the batch: L1
+/// between forecast and target; with `robust_px`, s·ln(1 + e/s). A window whose forecast fails counts as zero.
+pub fn future_loss(positions: &[[f64; 3]], windows: &[Window], robust_px: Option<f64>) -> FutureLoss {
+    let mut loss = FutureLoss { value: 0.0, gradient: vec![[0.0; 3]; positions.len()], whole: 0 };
+    let terms: usize = windows.iter().map(|window| 2 * window.ahead.len()).sum();
+    for window in windows {
+        let Ok(Some((value, slopes))) = window_loss(positions, window, robust_px) else { continue };
+        loss.whole += 1;
+        loss.value += value / terms as f64;
+        for (gradient, slope) in loss.gradient[window.first..].iter_mut().zip(slopes) {
+            for (sum, part) in gradient.iter_mut().zip(slope.iter()) {
+                *sum += part / terms as f64;
+            }
+        }
+    }
+    loss
+}
+
+/// Sum over a window's times and axes, and its gradient by the three positions; none where the forecast stops early.
+fn window_loss(
+    positions: &[[f64; 3]],
+    window: &Window,
+    robust_px: Option<f64>,
+) -> Result<Option<(f64, [Vector3<f64>; 3])>> {
+    let mut points = [Vector3::zeros(); 3];
+    let mut jacobians = [Matrix3::zeros(); 3];
+    for index in 0..3 {
+        let [x, y, depth] = positions[window.first + index];
+        let image = window.places[index].in_clip([x, y]);
+        let (point, mut jacobian) = window.camera.world_from_image_with_jacobian(&Point2::from(image), depth)?;
+        for axis in 0..2 {
+            let slope = window.places[index].0[axis][0];
+            jacobian.column_mut(axis).scale_mut(slope);
+        }
+        (points[index], jacobians[index]) = (point.coords, jacobian);
+    }
+    // The slope at the middle of the parabola through three points: exact in free flight.
+    let (before, after) = (window.times[1] - window.times[0], window.times[2] - window.times[1]);
+    let shares = [
+        -after / (before * (before + after)),
+        (after - before) / (before * after),
+        before / (after * (before + after)),
+    ];
+    let velocity: Vector3<f64> = points.iter().zip(shares).map(|(point, share)| point * share).sum();
+    let start = State { position: points[1].into(), velocity };
+    let times: Vec<f64> = window.ahead.iter().map(|(time, _)| *time).collect();
+    let forecast = window.forecaster.forecast_with_jacobians(&start, &times);
+    if !forecast.status.is_exact() || forecast.states.len() != times.len() {
+        return Ok(None);
+    }
+    let mut value = 0.0;
+    let (mut by_position, mut by_velocity) = (Vector3::zeros(), Vector3::zeros());
+    for ((state, jacobian), (_, target)) in forecast.states.iter().zip(&forecast.jacobians).zip(&window.ahead) {
+        let (image, projection) = window.camera.image_from_world_with_jacobian(&state.position)?;
+        let target = match *target {
+            Target::Label(label) => label,
+            Target::Predicted { picture, place } => place.in_clip([positions[picture][0], positions[picture][1]]),
+        };
+        let mut slope = Vector2::zeros();
+        for axis in 0..2 {
+            let error = image[axis] - target[axis];
+            let (part, derivative) = penalty(error.abs(), robust_px);
+            value += part;
+            slope[axis] = derivative * error.signum();
+        }
+        let by_state = projection.transpose() * slope;
+        by_position += jacobian.fixed_view::<3, 3>(0, 0).transpose() * by_state;
+        by_velocity += jacobian.fixed_view::<3, 3>(0, 3).transpose() * by_state;
+    }
+    if !value.is_finite() {
+        return Ok(None);
+    }
+    let slopes = [0, 1, 2].map(|index| {
+        let middle = if index == 1 { by_position } else { Vector3::zeros() };
+        jacobians[index].transpose() * (middle + by_velocity * shares[index])
+    });
+    Ok(Some((value, slopes)))
+}
+
+/// What an error of `size` px costs, and its derivative.
+fn penalty(size: f64, robust_px: Option<f64>) -> (f64, f64) {
+    match robust_px {
+        None => (size, 1.0),
+        Some(scale) => (scale * (size / scale).ln_1p(), 1.0 / (1.0 + size / scale)),
+    }
+}

@@ -1,0 +1,135 @@
+//! Scores of a network on clips it does not learn from.
+
+use nalgebra::{Matrix6, Point2, Point3, Vector3, Vector6, distance};
+use serde::Serialize;
+
+use crate::data::{Clip, Clips};
+use crate::error::{Error, Result};
+use crate::evaluate::Statistic;
+use crate::localise::Localiser;
+use crate::physics::{Forecaster, State};
+
+/// Frames on each side of a frame from whose positions its velocity is found.
+const REACH: usize = 5;
+/// Fewest positions that a state is fitted to.
+const FEWEST: usize = 5;
+/// Frames from a state to the label that its forecast must meet (the paper's largest Δn).
+const AHEAD: usize = 15;
+/// Gauss–Newton steps of a state's fit; the first comes within millimetres.
+const FIT_STEPS: usize = 3;
+
+/// How good a network is.
+#[derive(Debug, Clone, Serialize)]
+pub struct Score {
+    /// Median forecast error, px: a state is fitted to the network's positions in t ± 5 frames by the scene's physics,
+    /// and its forecasts at t ± 15 frames are compared with the 2D labels. Needs no 3D truth, and orders networks as
+    /// their distance to the truth does. A forecast that fails counts as infinite. Absent where no clip has a scene
+    /// or is long enough.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub forecast_px: Option<f64>,
+    /// 2D error, px.
+    pub image_error_px: Statistic,
+    /// Distance to ground truth, m; without values where the clips have no 3D truth. For looking at, not for choosing.
+    pub dtg: Statistic,
+}
+
+/// Scores `localiser` on about `frames` frames of `clips`: whole clips, evenly spread.
+///
+/// # Errors
+/// [`Error::Data`] where no frame has a label, and for a picture that cannot be localised; as [`Clips::picture`].
+pub async fn score(localiser: &Localiser, clips: &Clips, frames: usize) -> Result<Score> {
+    let all: usize = clips.clips.iter().map(|clip| clip.frames.len()).sum();
+    let count = (frames * clips.clips.len()).div_ceil(all.max(1)).clamp(1, clips.clips.len());
+    let (mut forecast, mut image, mut dtg) = (Vec::new(), Vec::new(), Vec::new());
+    for index in 0..count {
+        let clip = &clips.clips[index * clips.clips.len() / count];
+        let found = positions(localiser, clips, clip).await?;
+        for (frame, found) in clip.frames.iter().zip(&found) {
+            let (Some((position, at)), Some(label)) = (found, frame.image) else { continue };
+            image.push(distance(at, &Point2::from(label)));
+            dtg.extend(frame.world.map(|truth| distance(position, &Point3::from(truth))));
+        }
+        if let Some(scene) = &clip.scene {
+            forecast.extend(forecast_errors(clip, &Forecaster::new(scene)?, &found));
+        }
+    }
+    if image.is_empty() {
+        let reason = "no frame shows the ball (`visible`: true), so there is nothing to score against".into();
+        return Err(Error::Data { what: clips.folder.display().to_string(), reason });
+    }
+    forecast.sort_by(f64::total_cmp);
+    Ok(Score {
+        forecast_px: forecast.get(forecast.len() / 2).copied(),
+        image_error_px: Statistic::of(image),
+        dtg: Statistic::of(dtg),
+    })
+}
+
+/// What the network finds in each frame that shows the ball: position in the world, m, and in the picture, px.
+type Found = Option<(Point3<f64>, Point2<f64>)>;
+
+async fn positions(localiser: &Localiser, clips: &Clips, clip: &Clip) -> Result<Vec<Found>> {
+    let mut found = Vec::with_capacity(clip.frames.len());
+    for frame in &clip.frames {
+        if !frame.visible {
+            found.push(None);
+            continue;
+        }
+        let picture = clips.picture(clip, frame)?;
+        let name = || format!("clip `{}`, frame {}", clip.id, frame.file.display());
+        let failed = |error: Error| Error::Data { what: name(), reason: error.to_string() };
+        let position = localiser.localise(&picture, &clip.camera, false).await.map_err(failed)?;
+        found.push(Some((Point3::from(position.world), Point2::from(position.image))));
+    }
+    Ok(found)
+}
+
+/// Forecast errors of all frames from which a label is within reach, px.
+fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Found]) -> Vec<f64> {
+    let frames = &clip.frames;
+    let mut errors = Vec::new();
+    for middle in 0..frames.len() {
+        let near = middle.saturating_sub(REACH)..(middle + REACH + 1).min(frames.len());
+        let points: Vec<(f64, Point3<f64>)> =
+            near.filter_map(|frame| Some((frames[frame].t - frames[middle].t, found[frame]?.0))).collect();
+        if points.len() < FEWEST || found[middle].is_none() {
+            continue;
+        }
+        let state = fitted(forecaster, &points);
+        let later = [middle.checked_sub(AHEAD), Some(middle + AHEAD)].into_iter().flatten();
+        for other in later.filter(|&other| other < frames.len()) {
+            let Some(label) = frames[other].image.filter(|_| frames[other].visible) else { continue };
+            let error = state.and_then(|state| {
+                let forecast = forecaster.forecast(&state, &[frames[other].t - frames[middle].t]);
+                let image = clip.camera.image_from_world(&forecast.states.first()?.position).ok()?;
+                Some(distance(&image, &Point2::from(label)))
+            });
+            errors.push(error.filter(|error| error.is_finite()).unwrap_or(f64::INFINITY));
+        }
+    }
+    errors
+}
+
+/// The state at time 0 whose trajectory passes nearest to `points` (s, m), by least squares.
+fn fitted(forecaster: &Forecaster, points: &[(f64, Point3<f64>)]) -> Option<State> {
+    let (first, last) = (points.first()?, points.last()?);
+    let nearest = points.iter().min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
+    let mut state = State { position: nearest.1, velocity: (last.1 - first.1) / (last.0 - first.0) };
+    let times: Vec<f64> = points.iter().map(|(time, _)| *time).collect();
+    for _ in 0..FIT_STEPS {
+        let forecast = forecaster.forecast_with_jacobians(&state, &times);
+        if forecast.states.len() != times.len() {
+            return None;
+        }
+        let (mut normal, mut right) = (Matrix6::zeros(), Vector6::zeros());
+        for ((at, jacobian), (_, point)) in forecast.states.iter().zip(&forecast.jacobians).zip(points) {
+            let rows = jacobian.fixed_view::<3, 6>(0, 0);
+            normal += rows.transpose() * rows;
+            right += rows.transpose() * (point - at.position);
+        }
+        let step = normal.cholesky()?.solve(&right);
+        state.position += Vector3::new(step[0], step[1], step[2]);
+        state.velocity += Vector3::new(step[3], step[4], step[5]);
+    }
+    Some(state)
+}

@@ -1,0 +1,180 @@
+//! What physics says of a clip: depths for the network to learn, from 2D labels alone.
+
+use nalgebra::{Point2, Point3, Vector3};
+use serde::{Deserialize, Serialize};
+
+use super::config::FitConfig;
+use crate::data::{Clip, Frame};
+use crate::error::{Error, Result};
+use crate::physics::{Fit, FitOptions, FittedFrame, Forecaster, Observation};
+
+/// Clips that are tried under another reading of their labels, where hardly any can be explained.
+const DIAGNOSED: usize = 3;
+
+/// What physics says of one frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TaughtFrame {
+    /// 2D position, px of the clip's picture: the label and the fitted trajectory, by their certainties.
+    pub image: [f64; 2],
+    /// Depth (camera z), m.
+    pub depth: f64,
+    /// Standard deviation of the depth, m.
+    pub sigma: f64,
+}
+
+/// What physics says of one clip.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaughtClip {
+    /// The clip's id.
+    pub id: String,
+    /// One a frame of the clip; none where the ball is not between its first and last label, or too uncertain.
+    pub frames: Vec<Option<TaughtFrame>>,
+    /// Why the clip teaches nothing, in words.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub left_out: Option<String>,
+}
+
+/// Fits the scene's physics to the labels of `clip`'s visible frames. What cannot be fitted teaches nothing, and
+/// says why.
+pub fn teach(clip: &Clip, config: &FitConfig) -> TaughtClip {
+    let taught = fit(clip, config).and_then(|fit| taught_frames(clip, &fit, config));
+    let (frames, left_out) = match taught {
+        Ok(frames) => (frames, None),
+        Err(error) => (vec![None; clip.frames.len()], Some(error.to_string())),
+    };
+    TaughtClip { id: clip.id.clone(), frames, left_out }
+}
+
+/// The clip's trajectory.
+fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
+    let Some(scene) = &clip.scene else {
+        let reason = "has no `scene`, so physics can teach nothing; give it one, or train with 3D labels".into();
+        return Err(Error::Data { what: format!("clip `{}`", clip.id), reason });
+    };
+    let observations: Vec<Observation> = clip.frames.iter().map(observation).collect();
+    let options = FitOptions { noise_px: config.noise_px, ..FitOptions::default() };
+    let fit = Forecaster::new(scene)?.fit(&clip.camera, &observations, &options)?;
+    let refuse = |reason: String| Err(Error::Fit { reason });
+    if !fit.explained {
+        return refuse(format!("no trajectory explains its labels ({:.2} px rms at best)", fit.rms_px));
+    }
+    let labelled = observations.iter().filter(|observation| observation.image.is_some()).count();
+    let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
+    if outliers as f64 > config.largest_outlier_share * labelled as f64 {
+        return refuse(format!("{outliers} of its {labelled} labels do not belong to its trajectory"));
+    }
+    Ok(fit)
+}
+
+/// A frame as the fit sees it: labels of hidden balls are not clicked by anyone.
+fn observation(frame: &Frame) -> Observation {
+    let image = frame.image.filter(|_| frame.visible).map(Point2::from);
+    Observation { time: frame.t, image }
+}
+
+fn taught_frames(clip: &Clip, fit: &Fit, config: &FitConfig) -> Result<Vec<Option<TaughtFrame>>> {
+    let labelled = |frame: &Frame| frame.visible && frame.image.is_some();
+    let first = clip.frames.iter().position(labelled).unwrap_or(0);
+    let last = clip.frames.iter().rposition(labelled).unwrap_or(0);
+    let frames = clip.frames.iter().zip(&fit.frames).enumerate().map(|(index, (frame, fitted))| {
+        let taught = taught_frame(clip, frame, fitted, fit.noise_px)?;
+        let sure = taught.sigma <= config.largest_sigma && (first..=last).contains(&index);
+        Ok(Some(taught).filter(|taught| sure && taught.depth > 0.0 && in_picture(clip, taught.image)))
+    });
+    frames.collect()
+}
+
+fn taught_frame(clip: &Clip, frame: &Frame, fitted: &FittedFrame, noise_px: f64) -> Result<TaughtFrame> {
+    let position = fitted.state.position;
+    let (projected, jacobian) = clip.camera.image_from_world_with_jacobian(&position)?;
+    let covariance = jacobian * fitted.covariance * jacobian.transpose();
+    let fitted_variance = covariance.trace().max(0.0) / 2.0;
+    // The label itself is one of the fit's observations; of the two the surer one counts more.
+    let label = frame.image.filter(|_| frame.visible && !fitted.outlier).map(Point2::from);
+    let image = label.map_or(projected, |label| {
+        let trust = noise_px * noise_px / (noise_px * noise_px + fitted_variance);
+        label + (projected - label) * trust
+    });
+    let along = view_axis(clip, &position);
+    let variance = (along.transpose() * fitted.covariance * along).x;
+    Ok(TaughtFrame {
+        image: image.into(),
+        depth: clip.camera.camera_from_world(&position).z,
+        sigma: variance.max(0.0).sqrt(),
+    })
+}
+
+/// The camera's z axis in the world frame.
+fn view_axis(clip: &Clip, position: &Point3<f64>) -> Vector3<f64> {
+    let depth = |point: &Point3<f64>| clip.camera.camera_from_world(point).z;
+    Vector3::from_fn(|axis, _| depth(&(position + Vector3::ith(axis, 1.0))) - depth(position))
+}
+
+fn in_picture(clip: &Clip, image: [f64; 2]) -> bool {
+    let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
+    image.iter().zip(size).all(|(&at, side)| (-0.5..side - 0.5).contains(&at))
+}
+
+/// How labels may have been written otherwise than the clip says.
+#[derive(Debug, Clone, Copy)]
+enum Reading {
+    Swapped,
+    Faster,
+    Slower,
+    Upward,
+}
+
+impl Reading {
+    const ALL: [Self; 4] = [Self::Swapped, Self::Faster, Self::Slower, Self::Upward];
+
+    fn of(self, clip: &Clip) -> Clip {
+        let mut clip = clip.clone();
+        let height = f64::from(clip.camera.height());
+        for frame in &mut clip.frames {
+            match self {
+                Self::Swapped => frame.image = frame.image.map(|[x, y]| [y, x]),
+                Self::Faster => frame.t /= 2.0,
+                Self::Slower => frame.t *= 2.0,
+                Self::Upward => frame.image = frame.image.map(|[x, y]| [x, height - 1.0 - y]),
+            }
+        }
+        clip
+    }
+
+    fn hint(self) -> &'static str {
+        match self {
+            Self::Swapped => "x and y of the labels are exchanged",
+            Self::Faster => "the true frame rate is twice the stated one (times `t` are twice too long)",
+            Self::Slower => "the true frame rate is half the stated one (times `t` are half too short)",
+            Self::Upward => "y of the labels counts from the bottom instead of the top",
+        }
+    }
+}
+
+/// Refuses clips of which physics explains less than half, with what may be wrong: other readings of the labels
+/// are tried on some.
+///
+/// # Errors
+/// [`Error::Data`].
+pub fn check_taught(clips: &[Clip], taught: &[TaughtClip], config: &FitConfig, what: &str) -> Result<()> {
+    let left_out: Vec<(&Clip, &str)> =
+        clips.iter().zip(taught).filter_map(|(clip, taught)| Some((clip, taught.left_out.as_deref()?))).collect();
+    let explained = clips.len() - left_out.len();
+    if 2 * explained >= clips.len() {
+        return Ok(());
+    }
+    let tried: Vec<&Clip> = left_out.iter().take(DIAGNOSED).map(|&(clip, _)| clip).collect();
+    let fits = |reading: Reading| tried.iter().filter(|clip| fit(&reading.of(clip), config).is_ok()).count();
+    let hint = Reading::ALL.into_iter().map(|reading| (fits(reading), reading)).max_by_key(|&(count, _)| count);
+    let advice = match hint {
+        Some((count, reading)) if 2 * count > tried.len() => {
+            format!("but {count} of {} tried are explained if {}", tried.len(), reading.hint())
+        }
+        _ => {
+            let (clip, reason) = left_out[0];
+            format!("check camera, scene and labels; the first that is not, clip `{}`: {reason}", clip.id)
+        }
+    };
+    let reason = format!("the scene's physics explains {explained} of {} clips; {advice}", clips.len());
+    Err(Error::Data { what: what.into(), reason })
+}
