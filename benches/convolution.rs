@@ -210,6 +210,7 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
         input: InputSize { width: SIDE as u32, height: SIDE as u32 },
         normalisation: Normalisation::default(),
         depth_range: [1.0, 20.0],
+        confidence_threshold: None,
         training_data: "none".into(),
         description: "Random weights, for timing.".into(),
         metrics: json!({}),

@@ -143,12 +143,16 @@ impl Localiser {
             let (cw, ch) = (camera.width(), camera.height());
             notes.push(format!("camera.json is for a {cw}×{ch} picture; scaled to this one's {width}×{height}"));
         }
+        let confidence = model::confidence(&raw.probability, raw.width, stride, raw.image);
+        if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| confidence < threshold) {
+            notes.push(format!("there is probably no ball: the confidence is below the model's {threshold:.2}"));
+        }
         Ok(Localisation {
             image,
             depth: raw.depth,
             camera: in_camera.coords.into(),
             world: in_world.coords.into(),
-            confidence: model::confidence(&raw.probability, raw.width, stride, raw.image),
+            confidence,
             notes,
             maps: with_maps.then(|| raw.maps(input.content, stride)),
         })

@@ -6,8 +6,8 @@ use burn::tensor::{Device, Tensor, TensorData};
 use common::{formula, formula_tensor, golden, safetensors_of, vector};
 use gravisight::error::Error;
 use gravisight::model::{
-    self, BackboneConfig, Card, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, load, load_backbone_timm,
-    save,
+    self, BackboneConfig, Card, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, halved, load,
+    load_backbone_timm, save,
 };
 use proptest::prelude::*;
 
@@ -151,18 +151,35 @@ fn one_runner_serves_many_threads_and_batches_alike() {
 }
 
 #[test]
-fn half_precision_weights_are_refused_with_what_to_do() {
+fn halved_weights_are_half_the_size_and_nearly_the_same_network() {
+    let device = Device::flex();
+    device.seed(3);
+    let pen = Pen::new(&PenConfig::compact(7.0), &device).unwrap();
+    let whole = save(&pen).unwrap();
+    let half = halved(&whole).unwrap();
+    assert!(half.len() < whole.len() * 53 / 100, "{} {}", half.len(), whole.len());
+    assert_eq!(halved(&whole).unwrap(), half, "the same bytes each time");
+    let again = load(&PenConfig::compact(7.0), half, &device).unwrap();
+    let read = |pen: &Pen| pen.forward(picture(&device)).heatmap.into_data().try_to_vec::<f32>().unwrap();
+    let (exact, rounded) = (read(&pen), read(&again));
+    let scale = exact.iter().map(|value| value.abs()).fold(0.0, f32::max);
+    let largest = exact.iter().zip(&rounded).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(largest > 0.0 && largest < 5e-3 * scale, "{largest} of {scale}");
+}
+
+#[test]
+fn weights_of_another_type_are_refused_with_what_to_do() {
     let bytes = formula_weights(&small(), &Device::flex());
     let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
     let zeros = vec![0_u8; 1 << 20];
     let halves = file.tensors().into_iter().map(|(name, view)| {
         let length = view.data().len() / 2;
         let half =
-            safetensors::tensor::TensorView::new(safetensors::Dtype::F16, view.shape().to_vec(), &zeros[..length]);
+            safetensors::tensor::TensorView::new(safetensors::Dtype::BF16, view.shape().to_vec(), &zeros[..length]);
         (name, half.unwrap())
     });
     let error = load(&small(), safetensors::serialize(halves, None).unwrap(), &Device::flex()).unwrap_err();
-    assert!(error.to_string().contains("F16") && error.to_string().contains("F32"), "{error}");
+    assert!(error.to_string().contains("BF16") && error.to_string().contains("F32"), "{error}");
 }
 
 #[test]

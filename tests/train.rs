@@ -15,7 +15,7 @@ use gravisight::data::{Clip, Clips, Frame};
 use gravisight::error::Error;
 use gravisight::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
 use gravisight::physics::{Forecaster, Scene, State};
-use gravisight::train::config::FitConfig;
+use gravisight::train::config::{FitConfig, TrainConfig, assignment, lay_over, preset, presets, read_fields};
 use gravisight::train::ema::Ema;
 use gravisight::train::future::{Place, Target, Window, future, future_loss};
 use gravisight::train::loss::{HeatmapLoss, Labels, map_losses};
@@ -74,7 +74,7 @@ learning_rate = 1e-3
 }
 
 fn start(path: &Path, observe: &mut dyn FnMut(Event)) -> Result<PathBuf, Error> {
-    run::start(run::read_config(path)?, &Device::flex(), observe)
+    run::start(TrainConfig::of(read_fields(path)?)?, &Device::flex(), observe)
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
         let folder = path.parent().unwrap().to_path_buf();
         let mut observe = |event: Event| match event {
             Event::Step(progress) => assert!(progress.step < kill_after, "killed by the test"),
-            Event::Prepared(_) => {}
+            Event::Prepared(_) | Event::Fitting { .. } => {}
         };
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
         let card = run::resume(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
@@ -162,16 +162,35 @@ fn senseless_configurations_are_refused_with_the_field() {
         let field = extra.split(' ').next().unwrap();
         let kept: Vec<&str> = text.lines().filter(|line| !line.starts_with(field)).collect();
         std::fs::write(&path, format!("{extra}\n{}", kept.join("\n"))).unwrap();
-        let error = run::read_config(&path).unwrap_err();
+        let error = read_fields(&path).and_then(TrainConfig::of).unwrap_err();
         assert!(error.to_string().contains(named), "{extra}: {error}");
     }
     for (from, to, named) in [("crop = 32", "crop = 33", "crop"), ("supervision = \"3d-gt\"", "", "supervision")] {
         let path = configuration("senseless", "");
         let text = std::fs::read_to_string(&path).unwrap().replace(from, to);
         std::fs::write(&path, text).unwrap();
-        let error = run::read_config(&path).unwrap_err();
+        let error = read_fields(&path).and_then(TrainConfig::of).unwrap_err();
         assert!(error.to_string().contains(named), "{to}: {error}");
     }
+}
+
+#[test]
+fn presets_files_and_flags_are_laid_over_each_other() {
+    for name in presets() {
+        let mut fields = preset(name).unwrap();
+        lay_over(&mut fields, assignment("train=a").unwrap());
+        lay_over(&mut fields, assignment("validation=b").unwrap());
+        lay_over(&mut fields, assignment("out=c").unwrap());
+        lay_over(&mut fields, assignment("augmentation.shift=8").unwrap());
+        lay_over(&mut fields, assignment("augmentation.flip=0.5").unwrap());
+        let config = TrainConfig::of(fields).unwrap();
+        assert_eq!((config.augmentation.shift, config.augmentation.flip), (8, 0.5), "{name}");
+        assert_eq!(config.train, Path::new("a"));
+    }
+    for wrong in ["seed", "=3", "a..b=3", "a b=3"] {
+        assert!(assignment(wrong).is_err(), "{wrong}");
+    }
+    assert!(preset("huge").unwrap_err().to_string().contains("sd-s"));
 }
 
 #[test]
@@ -480,6 +499,7 @@ fn every_supervision_runs_and_resumes_to_the_same_weights() {
         let mut observe = |event: Event| match event {
             Event::Step(progress) => assert!(progress.step < 5, "killed by the test"),
             Event::Prepared(prepared) => assert_eq!((prepared.clips, prepared.left_out.len()), (2, 0)),
+            Event::Fitting { .. } => {}
         };
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
         let card = run::resume(&path.parent().unwrap().join("out"), &Device::flex(), &mut |_| {}).unwrap();
@@ -524,7 +544,7 @@ fn labels_written_otherwise_are_recognised() {
         ("upward", "bottom", |frame| frame.image = frame.image.map(|[x, y]| [x, 223.0 - y])),
     ] {
         let folder = synthetic(name, 2, 0, |clip| {
-            clip.frames.truncate(40);
+            clip.frames.truncate(70);
             clip.frames.iter_mut().for_each(change);
         });
         let error =

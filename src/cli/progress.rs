@@ -36,6 +36,12 @@ impl Progress {
         }
     }
 
+    /// Another piece of work begins: it has its own length and rate.
+    pub fn restart(&mut self) {
+        self.bar.reset();
+        self.started = false;
+    }
+
     /// A line that stays.
     pub fn say(&self, line: &str) {
         match self.bar.is_hidden() {

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::Args;
+use gravisight::train::config::{TrainConfig, assignment, lay_over, preset, presets, read_fields};
 use gravisight::train::run::{self, Event, Prepared, Validation};
 use gravisight::train::score::Score;
 
@@ -13,15 +14,31 @@ use super::progress::Progress;
 
 /// Train a model on labelled clips.
 ///
-/// Checkpoints are written as it goes; after a stop at any point, `--resume` goes on from the last.
+/// 2D labels and the scene's physics are enough: `--preset sd-s --train DIR --validation DIR --out DIR`. Checkpoints are
+/// written as it goes; after a stop at any point, `--resume` goes on from the last.
 #[derive(Args)]
-#[command(group(clap::ArgGroup::new("what").required(true).args(["config", "resume"])))]
+#[command(group(clap::ArgGroup::new("what").required(true).multiple(true).args(["config", "preset", "resume"])))]
 pub struct Arguments {
     /// Configuration of a new run (TOML; paths in it are relative to it).
     #[arg(long, value_name = "RUN.TOML")]
     config: Option<PathBuf>,
-    /// Folder of a run to go on with.
+    /// Start from a recipe; --config, the folders and --set are laid over it.
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(presets()))]
+    preset: Option<String>,
+    /// Clips folder to train on.
     #[arg(long, value_name = "DIR")]
+    train: Option<PathBuf>,
+    /// Clips folder that is scored while training, never trained on.
+    #[arg(long, value_name = "DIR")]
+    validation: Option<PathBuf>,
+    /// Folder of the run: checkpoints, log and the model made.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Set any field of the configuration, as in seed=3 or augmentation.shift=8; can be repeated.
+    #[arg(long = "set", value_name = "FIELD=VALUE")]
+    fields: Vec<String>,
+    /// Folder of a run to go on with.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "preset", "train", "validation", "out", "fields"])]
     resume: Option<PathBuf>,
     /// Device to train on.
     #[arg(long, value_enum, default_value = "cpu")]
@@ -31,17 +48,36 @@ pub struct Arguments {
     json: bool,
 }
 
+impl Arguments {
+    /// The configuration of a new run: preset, file, flags, each over the one before.
+    fn configuration(&self) -> Result<TrainConfig> {
+        let mut fields = self.preset.as_deref().map_or_else(|| Ok(toml::Table::new()), preset)?;
+        if let Some(file) = &self.config {
+            lay_over(&mut fields, read_fields(file)?);
+        }
+        for (name, folder) in [("train", &self.train), ("validation", &self.validation), ("out", &self.out)] {
+            if let Some(folder) = folder {
+                fields.insert(name.into(), folder.display().to_string().into());
+            }
+        }
+        for text in &self.fields {
+            lay_over(&mut fields, assignment(text)?);
+        }
+        Ok(TrainConfig::of(fields)?)
+    }
+}
+
 pub fn run(arguments: Arguments) -> Result<()> {
     let device = arguments.device.open()?;
     let mut progress = Progress::new();
     let mut observe = |event: Event| match event {
+        Event::Fitting { done, all } => progress.set(done as u64, all as u64, "clips fitted by physics"),
         Event::Prepared(prepared) => show_prepared(&mut progress, prepared),
         Event::Step(now) => show(&mut progress, now),
     };
-    let card = match (arguments.config, arguments.resume) {
-        (Some(config), _) => run::start(run::read_config(&config)?, &device, &mut observe)?,
-        (None, Some(folder)) => run::resume(&folder, &device, &mut observe)?,
-        (None, None) => unreachable!("clap requires one of them"),
+    let card = match &arguments.resume {
+        Some(folder) => run::resume(folder, &device, &mut observe)?,
+        None => run::start(arguments.configuration()?, &device, &mut observe)?,
     };
     progress.finish();
     let path = card.display();
@@ -55,6 +91,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
 
 fn show_prepared(progress: &mut Progress, prepared: &Prepared) {
     let Prepared { clips, frames, left_out } = prepared;
+    progress.restart();
     progress.say(&format!("{frames} frames of {clips} clips to learn from"));
     if !left_out.is_empty() {
         progress.say(&format!("{} clips are left out, for physics does not explain them:", left_out.len()));
@@ -72,7 +109,7 @@ fn show(progress: &mut Progress, now: &run::Progress) {
     }
     progress.set(step as u64, steps as u64, &format!("{losses}), {seconds:.2} s a step"));
     match &now.validation {
-        Some(Validation::Score(Score { forecast_px, image_error_px, dtg })) => {
+        Some(Validation::Score(Score { forecast_px, image_error_px, dtg, .. })) => {
             let pixels = |value: Option<f64>| value.map_or("none".into(), |value| format!("{value:.2} px"));
             let mut line = format!(
                 "step {step}: validation: forecast error {}, 2D error {}",

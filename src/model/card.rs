@@ -31,6 +31,10 @@ pub struct Card {
     pub normalisation: Normalisation,
     /// Smallest and largest depth (camera z) in the training data, m.
     pub depth_range: [f64; 2],
+    /// Confidence below which a picture is taken to be without the ball: half of what nearly all (99.5 %) of the
+    /// visible balls of the validation clips exceed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub confidence_threshold: Option<f64>,
     /// Name of the training data.
     pub training_data: String,
     /// How it was trained and what to expect, in plain words.
@@ -62,6 +66,9 @@ impl Card {
         let [nearest, farthest] = card.depth_range;
         if !(nearest.is_finite() && farthest.is_finite() && 0.0 < nearest && nearest <= farthest) {
             return Err(Error::value(what, "depth_range", "must be two positive depths, the nearest first"));
+        }
+        if card.confidence_threshold.is_some_and(|threshold| !(0.0..=1.0).contains(&threshold)) {
+            return Err(Error::value(what, "confidence_threshold", "must be from 0 to 1"));
         }
         Ok(card)
     }

@@ -88,8 +88,10 @@ impl Checkpoint {
 pub struct Best {
     /// Steps done.
     pub step: usize,
-    /// Their score, px; less is better.
-    pub score: f64,
+    /// Their forecast error, px; less is better. Absent where there is none to be had: then the last count as best.
+    pub score: Option<f64>,
+    /// Confidence that nearly all visible balls exceed.
+    pub least_confidence: f64,
     /// The network.
     pub average: Pen,
 }
@@ -98,17 +100,27 @@ pub struct Best {
 #[derive(Serialize, Deserialize)]
 struct BestScore {
     step: usize,
-    score: f64,
+    score: Option<f64>,
+    least_confidence: f64,
 }
 
 impl Best {
+    /// Whether weights of this forecast error are to take its place.
+    pub fn is_beaten_by(&self, score: Option<f64>) -> bool {
+        match (score, self.score) {
+            (Some(new), Some(old)) => new < old,
+            (new, old) => new.is_some() || old.is_none(),
+        }
+    }
+
     /// Writes it under `folder` in place of the one before.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Data`] where the record cannot be written.
     pub fn save(&self, folder: &Path) -> Result<()> {
         std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        let named = BestScore { step: self.step, score: self.score };
+        let Self { step, score, least_confidence, .. } = *self;
+        let named = BestScore { step, score, least_confidence };
         let weights = weights_of(folder, self.step);
         self.average.clone().into_record().save(&weights).map_err(record(&weights))?;
         std::fs::File::open(&weights).and_then(|file| file.sync_all()).map_err(Error::io(&weights))?;
@@ -131,11 +143,11 @@ impl Best {
     /// # Errors
     /// [`Error::Io`], [`Error::Format`], [`Error::Data`] for a damaged record.
     pub fn load(folder: &Path, blank: &Pen) -> Result<Option<Self>> {
-        let Some(BestScore { step, score }) = Self::score(folder)? else { return Ok(None) };
+        let Some(BestScore { step, score, least_confidence }) = Self::score(folder)? else { return Ok(None) };
         let weights = weights_of(folder, step);
         let loaded = ModuleRecord::load(&weights).map_err(record(&weights))?;
         let average = blank.clone().try_load_record(loaded).map_err(|error| damaged(&weights, error))?;
-        Ok(Some(Self { step, score, average }))
+        Ok(Some(Self { step, score, least_confidence, average }))
     }
 
     fn score(folder: &Path) -> Result<Option<BestScore>> {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
-use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
+use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
 use super::config::{Supervision, TrainConfig};
 use super::teacher::{TaughtClip, check_taught, teach};
@@ -16,6 +16,9 @@ use crate::files::write_whole;
 
 /// Share of the picture's side by which a label may lie outside (a ball cut by the edge).
 const LABEL_MARGIN: f64 = 0.05;
+
+/// Clips that are fitted between two reports of progress.
+const FITTED_TOGETHER: usize = 20;
 
 /// A frame and what it teaches.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,12 +47,13 @@ pub struct Examples {
 }
 
 impl Examples {
-    /// Those of `config`'s training clips. Fits are kept in the file `fits` and taken from it if it is there.
+    /// Those of `config`'s training clips. Fits are kept in the file `fits` and taken from it if it is there; `progress`
+    /// gets the number of clips fitted and of all.
     ///
     /// # Errors
     /// [`Error::Data`] for labels that cannot teach (with the clip), for clips that physics cannot explain, and
     /// where nothing is left; [`Error::Io`] and [`Error::Format`] for `fits`.
-    pub fn of(config: &TrainConfig, fits: &Path) -> Result<Self> {
+    pub fn of(config: &TrainConfig, fits: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<Self> {
         let clips = prepared(config)?;
         let what = clips.folder.display().to_string();
         let (frames, left_out) = match config.supervision {
@@ -58,12 +62,12 @@ impl Examples {
                 check_physics(&clips.clips)?;
                 (labelled_2d(&clips), vec![])
             }
-            Supervision::PhysicsFit => taught(&clips, config, fits, |_| true)?,
+            Supervision::PhysicsFit => taught(&clips, config, fits, |_| true, progress)?,
             Supervision::Mixed => {
                 let share = config.labelled_share;
                 // evenly spread: the clips at which the running share passes a whole number
                 let is_labelled = |clip: usize| ((clip + 1) as f64 * share).floor() > (clip as f64 * share).floor();
-                let (mut frames, left_out) = taught(&clips, config, fits, |clip| !is_labelled(clip))?;
+                let (mut frames, left_out) = taught(&clips, config, fits, |clip| !is_labelled(clip), progress)?;
                 frames.extend(labelled_3d(&clips, is_labelled)?);
                 (frames, left_out)
             }
@@ -181,6 +185,7 @@ fn taught(
     config: &TrainConfig,
     file: &Path,
     wanted: impl Fn(usize) -> bool,
+    progress: &mut dyn FnMut(usize, usize),
 ) -> Result<(Vec<Example>, Vec<(String, String)>)> {
     let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
     let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
@@ -188,7 +193,11 @@ fn taught(
     let fits = match file.exists() {
         true => read_fits(file, &of_chosen)?,
         false => {
-            let fits: Vec<TaughtClip> = of_chosen.par_iter().map(|clip| teach(clip, &config.fit)).collect();
+            let mut fits: Vec<TaughtClip> = Vec::new();
+            for some in of_chosen.chunks(FITTED_TOGETHER) {
+                fits.par_extend(some.par_iter().map(|clip| teach(clip, &config.fit)));
+                progress(fits.len(), of_chosen.len());
+            }
             check_taught(&of_chosen, &fits, &config.fit, &clips.folder.display().to_string())?;
             write_fits(file, &fits)?;
             fits

@@ -12,7 +12,7 @@ use serde::Serialize;
 
 use super::batch::Sampler;
 use super::checkpoint::{Best, Checkpoint};
-use super::config::{Supervision, TrainConfig};
+use super::config::{Supervision, TrainConfig, read_fields};
 use super::ema::Ema;
 use super::examples::Examples;
 use super::loader::Loader;
@@ -88,6 +88,13 @@ pub struct Prepared {
 /// What a run tells its caller.
 #[derive(Debug, Clone)]
 pub enum Event<'a> {
+    /// Clips are fitted by physics.
+    Fitting {
+        /// Clips done.
+        done: usize,
+        /// Clips in all.
+        all: usize,
+    },
     /// What there is to learn.
     Prepared(&'a Prepared),
     /// A step was made.
@@ -145,32 +152,17 @@ pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(Event)) -> Re
         let reason = format!("holds no run (no {CONFIG}); start one with `train --config`");
         return Err(Error::Data { what: out.display().to_string(), reason });
     }
-    let mut config = read_config(&out.join(CONFIG))?;
+    let mut config = TrainConfig::of(read_fields(&out.join(CONFIG))?)?;
     config.out = out.to_path_buf();
     Run::new(&config, device, observe)?.finish(observe)
-}
-
-/// Reads and checks a `run.toml`. Its paths are relative to the file.
-///
-/// # Errors
-/// [`Error::Io`], [`Error::Format`], [`Error::Value`].
-pub fn read_config(path: &Path) -> Result<TrainConfig> {
-    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-    let mut config: TrainConfig = toml::from_str(&text).map_err(Error::format(path.display().to_string()))?;
-    config.check()?;
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let paths = [&mut config.train, &mut config.validation, &mut config.out];
-    for relative in paths.into_iter().chain(&mut config.backbone_weights) {
-        *relative = folder.join(&*relative);
-    }
-    Ok(config)
 }
 
 impl<'a> Run<'a> {
     fn new(config: &'a TrainConfig, device: &Device, observe: &mut dyn FnMut(Event)) -> Result<Self> {
         let device = device.clone().autodiff();
         let validation = Clips::read(&config.validation)?;
-        let examples = Examples::of(config, &config.out.join(FITS))?;
+        let examples =
+            Examples::of(config, &config.out.join(FITS), &mut |done, all| observe(Event::Fitting { done, all }))?;
         let clips = examples.clips.clips.len();
         let prepared = Prepared { clips, frames: examples.frames.len(), left_out: examples.left_out.clone() };
         observe(Event::Prepared(&prepared));
@@ -219,7 +211,7 @@ impl<'a> Run<'a> {
             depth_weight: self.config.depth_weight,
             depth_transition: self.config.depth_transition,
             future_weight: self.config.future.weight * ramp,
-            robust_px: self.config.future.robust_px,
+            robust_px: Some(self.config.future.robust_px).filter(|scale| scale.is_finite()),
             clip_norm: self.config.clip_norm,
             learning_rate: phase.learning_rate(index),
         };
@@ -271,10 +263,10 @@ impl<'a> Run<'a> {
             Ok(scored) => scored,
             Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
         };
-        if let Some(score) = scored.forecast_px.filter(|score| score.is_finite())
-            && self.best.as_ref().is_none_or(|best| score < best.score)
-        {
-            let best = Best { step: self.state.step, score, average: self.ema.model().clone() };
+        let score = scored.forecast_px.filter(|score| score.is_finite());
+        if self.best.as_ref().is_none_or(|best| best.is_beaten_by(score)) {
+            let (step, average) = (self.state.step, self.ema.model().clone());
+            let best = Best { step, score, least_confidence: scored.least_confidence, average };
             best.save(&self.config.out.join(CHECKPOINTS))?;
             self.best = Some(best);
         }
@@ -288,11 +280,12 @@ impl<'a> Run<'a> {
         self.state.save(&self.config.out.join(CHECKPOINTS))
     }
 
-    /// Writes the averaged weights that scored best (without scores: the last) and their card.
+    /// Writes the averaged weights that scored best (where none could be scored: the last) and their card.
     fn publish(&self) -> Result<PathBuf> {
         let pen = self.best.as_ref().map_or(self.ema.model(), |best| &best.average);
-        let weights = model::save(pen)?;
-        let card = card(self.config, &self.sampler, pen.config(), sha256_hex(&weights));
+        let weights = model::halved(&model::save(pen)?)?;
+        let mut card = card(self.config, &self.sampler, pen.config(), sha256_hex(&weights));
+        card.confidence_threshold = self.best.as_ref().map(|best| best.least_confidence / 2.0);
         write_whole(&self.config.out.join(&card.weights), &weights)?;
         let path = self.config.out.join(format!("{}.json", card.name));
         card.write(&path)?;
@@ -337,6 +330,7 @@ fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha25
         input: config.input,
         normalisation: config.normalisation,
         depth_range: [nearest, farthest],
+        confidence_threshold: None,
         training_data: format!("{data}: {} frames", examples.frames.len()),
         description: format!("{} {supervision}", config.description).trim().to_string(),
         metrics: serde_json::Value::Null,

@@ -18,6 +18,9 @@ const AHEAD: usize = 15;
 /// Gauss–Newton steps of a state's fit; the first comes within millimetres.
 const FIT_STEPS: usize = 3;
 
+/// Share of the visible balls that may be less sure than the confidence stated.
+const UNSURE: f64 = 0.005;
+
 /// How good a network is.
 #[derive(Debug, Clone, Serialize)]
 pub struct Score {
@@ -27,6 +30,8 @@ pub struct Score {
     /// or is long enough.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub forecast_px: Option<f64>,
+    /// Confidence that all but 0.5 % of the visible balls exceed.
+    pub least_confidence: f64,
     /// 2D error, px.
     pub image_error_px: Statistic,
     /// Distance to ground truth, m; without values where the clips have no 3D truth. For looking at, not for choosing.
@@ -40,12 +45,13 @@ pub struct Score {
 pub async fn score(localiser: &Localiser, clips: &Clips, frames: usize) -> Result<Score> {
     let all: usize = clips.clips.iter().map(|clip| clip.frames.len()).sum();
     let count = (frames * clips.clips.len()).div_ceil(all.max(1)).clamp(1, clips.clips.len());
-    let (mut forecast, mut image, mut dtg) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut forecast, mut image, mut dtg, mut confidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for index in 0..count {
         let clip = &clips.clips[index * clips.clips.len() / count];
         let found = positions(localiser, clips, clip).await?;
         for (frame, found) in clip.frames.iter().zip(&found) {
-            let (Some((position, at)), Some(label)) = (found, frame.image) else { continue };
+            let (Some(Found { position, at, confidence: sure }), Some(label)) = (found, frame.image) else { continue };
+            confidence.push(*sure);
             image.push(distance(at, &Point2::from(label)));
             dtg.extend(frame.world.map(|truth| distance(position, &Point3::from(truth))));
         }
@@ -58,17 +64,26 @@ pub async fn score(localiser: &Localiser, clips: &Clips, frames: usize) -> Resul
         return Err(Error::Data { what: clips.folder.display().to_string(), reason });
     }
     forecast.sort_by(f64::total_cmp);
+    confidence.sort_by(f64::total_cmp);
     Ok(Score {
         forecast_px: forecast.get(forecast.len() / 2).copied(),
+        least_confidence: confidence[(UNSURE * confidence.len() as f64) as usize],
         image_error_px: Statistic::of(image),
         dtg: Statistic::of(dtg),
     })
 }
 
-/// What the network finds in each frame that shows the ball: position in the world, m, and in the picture, px.
-type Found = Option<(Point3<f64>, Point2<f64>)>;
+/// What the network finds in a frame.
+struct Found {
+    /// In the world, m.
+    position: Point3<f64>,
+    /// In the picture, px.
+    at: Point2<f64>,
+    confidence: f64,
+}
 
-async fn positions(localiser: &Localiser, clips: &Clips, clip: &Clip) -> Result<Vec<Found>> {
+/// What the network finds in each frame that shows the ball.
+async fn positions(localiser: &Localiser, clips: &Clips, clip: &Clip) -> Result<Vec<Option<Found>>> {
     let mut found = Vec::with_capacity(clip.frames.len());
     for frame in &clip.frames {
         if !frame.visible {
@@ -78,20 +93,22 @@ async fn positions(localiser: &Localiser, clips: &Clips, clip: &Clip) -> Result<
         let picture = clips.picture(clip, frame)?;
         let name = || format!("clip `{}`, frame {}", clip.id, frame.file.display());
         let failed = |error: Error| Error::Data { what: name(), reason: error.to_string() };
-        let position = localiser.localise(&picture, &clip.camera, false).await.map_err(failed)?;
-        found.push(Some((Point3::from(position.world), Point2::from(position.image))));
+        let ball = localiser.localise(&picture, &clip.camera, false).await.map_err(failed)?;
+        let (position, at) = (Point3::from(ball.world), Point2::from(ball.image));
+        found.push(Some(Found { position, at, confidence: ball.confidence }));
     }
     Ok(found)
 }
 
 /// Forecast errors of all frames from which a label is within reach, px.
-fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Found]) -> Vec<f64> {
+fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<Found>]) -> Vec<f64> {
     let frames = &clip.frames;
     let mut errors = Vec::new();
     for middle in 0..frames.len() {
         let near = middle.saturating_sub(REACH)..(middle + REACH + 1).min(frames.len());
-        let points: Vec<(f64, Point3<f64>)> =
-            near.filter_map(|frame| Some((frames[frame].t - frames[middle].t, found[frame]?.0))).collect();
+        let points: Vec<(f64, Point3<f64>)> = near
+            .filter_map(|frame| Some((frames[frame].t - frames[middle].t, found[frame].as_ref()?.position)))
+            .collect();
         if points.len() < FEWEST || found[middle].is_none() {
             continue;
         }
