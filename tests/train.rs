@@ -22,7 +22,7 @@ use gravisight::train::loss::{HeatmapLoss, Labels, map_losses};
 use gravisight::train::run::{self, Event, Validation};
 use gravisight::train::step::{Batch, StepOptions, step};
 use gravisight::train::teacher::teach;
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 
 const CROSS_ENTROPY: HeatmapLoss = HeatmapLoss::CrossEntropy { sigma: 4.0 };
 
@@ -487,8 +487,7 @@ fn of_noisy_labels_the_fit_makes_better_2d_targets() {
 fn every_supervision_runs_and_resumes_to_the_same_weights() {
     let _alone = alone();
     let folder = synthetic("supervised", 2, 45, |clip| clip.frames.truncate(45));
-    let extra =
-        "empty_share = 0.3\nvalidate_every = 2\naugmentation = { shift = 4, flip = 0.5, blur = 0.1, colour = 0.1 }";
+    let extra = "empty_share = 0.3\nvalidate_every = 2\naugmentation = { shift = 4, flip = 0.5, blur = 0.1, colour = 0.1, zoom = 0.1, roll_degrees = 5.0 }";
     for (supervision, more) in
         [("physics-fit", ""), ("mixed", "labelled_share = 0.5"), ("future-2d-predict", ""), ("future-2d-gt", "")]
     {
@@ -593,8 +592,8 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
     let scene =
         r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2}, "contact": {"model": "spring"}, "floor": {"height": 0}}"#;
     let forecaster = Arc::new(Forecaster::new(&Scene::from_json(scene, "scene").unwrap()).unwrap());
-    let plain = Place([[1.0, 0.0], [1.0, 0.0]]);
-    let mirrored = Place([[-2.0, 200.0], [2.0, 7.0]]);
+    let plain = Place { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
+    let mirrored = Place { linear: Matrix2::new(-1.9, 0.3, 0.2, 2.0), origin: Vector2::new(200.0, 7.0), zoom: 1.2 };
     let starts = [
         ([0.4, 0.3, 2.0], [0.2, -0.3, 0.6]),
         ([-0.3, 0.2, 0.6], [0.4, 0.1, -0.5]),
@@ -612,8 +611,8 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
             let image = camera.image_from_world(&state.position).unwrap();
             let depth = camera.camera_from_world(&state.position).z;
             let off = 0.3 * (number as f64 + 1.0) * (index as f64 - 1.3);
-            let drawn = [0, 1].map(|axis| ([image.x, image.y][axis] - place.0[axis][1]) / place.0[axis][0]);
-            positions.push([drawn[0] + off, drawn[1] - 0.5 * off, depth + 0.02 * off]);
+            let drawn = place.linear.try_inverse().unwrap() * (image.coords - place.origin);
+            positions.push([drawn[0] + off, drawn[1] - 0.5 * off, depth / place.zoom + 0.02 * off]);
         }
         let target = match number {
             1 => Target::Label([100.0, 120.0]),

@@ -1,5 +1,6 @@
 //! Random changes of training pictures: which part, how bright, how sharp.
 
+use nalgebra::{Matrix2, Rotation2, Vector2};
 use rand::RngExt;
 use rand::rngs::StdRng;
 
@@ -9,20 +10,23 @@ use super::config::Augmentation;
 /// the same pixels in the same cells as the whole picture.
 const CROP_GRID: u32 = 32;
 
-/// A part of the network's input, perhaps mirrored.
+/// A view of the network's input: a part of it, perhaps moved, turned, magnified or mirrored. All of it is what
+/// another camera at the same place would see: one with another principal point, rolled, or with a longer lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
-    /// Left and top of the part, px; it may begin outside.
-    pub corner: [i64; 2],
-    /// Width and height of the part, px.
+    /// Width and height, px.
     pub size: [u32; 2],
-    /// Whether left and right are exchanged (after the cut).
-    pub mirrored: bool,
+    /// From an offset in the view to an offset in the input, px.
+    linear: Matrix2<f64>,
+    /// Where the view's first pixel lies in the input, px.
+    origin: Vector2<f64>,
+    /// Magnification.
+    pub zoom: f64,
 }
 
 impl View {
-    /// A random view of an input of `size`: with `crop`, a square of that side around `centre`, on a grid; moved by
-    /// up to the configuration's shift; perhaps mirrored.
+    /// A random view of an input of `size`: with `crop`, a square of that side around `centre`, on a grid; then moved,
+    /// turned, magnified and mirrored within the configuration's bounds.
     pub fn random(
         size: [u32; 2],
         crop: Option<u32>,
@@ -30,52 +34,78 @@ impl View {
         config: &Augmentation,
         random: &mut StdRng,
     ) -> Self {
-        let mut corner = [0, 0];
+        let size_of_view = crop.map_or(size, |side| [side, side]);
+        let mut corner = Vector2::zeros();
         if let Some(side) = crop {
-            corner = [0, 1].map(|axis| i64::from(crop_start(centre[axis], size[axis], side, random)));
+            corner = Vector2::from([0, 1].map(|axis| f64::from(crop_start(centre[axis], size[axis], side, random))));
         }
         if config.shift > 0 {
             let most = i64::from(config.shift);
-            corner = corner.map(|start| start + random.random_range(-most..=most));
+            corner += Vector2::from_fn(|_, _| random.random_range(-most..=most) as f64);
         }
-        let mirrored = config.flip > 0.0 && random.random_bool(config.flip);
-        Self { corner, size: crop.map_or(size, |side| [side, side]), mirrored }
+        let mut within = |range: f64| if range > 0.0 { random.random_range(-range..range) } else { 0.0 };
+        let turn = Rotation2::new(within(config.roll_degrees.to_radians()));
+        let zoom = (1.0 + config.zoom).powf(within(1.0) * f64::from(config.zoom > 0.0));
+        let mirror = if config.flip > 0.0 && random.random_bool(config.flip) { -1.0 } else { 1.0 };
+        let linear = turn.matrix() / zoom * Matrix2::new(mirror, 0.0, 0.0, 1.0);
+        // Turned and magnified about the ball where there is one to keep in sight, in a crop.
+        let about = match crop {
+            Some(_) => Vector2::from(centre),
+            None => Vector2::from(size.map(|side| (f64::from(side) - 1.0) / 2.0)),
+        };
+        let in_view = about - corner;
+        let in_view =
+            if mirror < 0.0 { Vector2::new(f64::from(size_of_view[0]) - 1.0 - in_view.x, in_view.y) } else { in_view };
+        Self { size: size_of_view, linear, origin: about - linear * in_view, zoom }
     }
 
     /// Where a point of the input is in the view, px.
-    pub fn of_input(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let x = x - self.corner[0] as f64;
-        let x = if self.mirrored { f64::from(self.size[0]) - 1.0 - x } else { x };
-        [x, y - self.corner[1] as f64]
+    pub fn of_input(&self, point: [f64; 2]) -> [f64; 2] {
+        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a turn times a number is never singular
+        (inverse * (Vector2::from(point) - self.origin)).into()
     }
 
-    /// Slope and offset of each axis from the view back to the input, px.
-    pub fn to_input(&self) -> [[f64; 2]; 2] {
-        let [left, top] = self.corner.map(|start| start as f64);
-        let x = if self.mirrored { [-1.0, f64::from(self.size[0]) - 1.0 + left] } else { [1.0, left] };
-        [x, [1.0, top]]
+    /// From px of the view to px of the input: slopes and offset.
+    pub fn to_input(&self) -> (Matrix2<f64>, Vector2<f64>) {
+        (self.linear, self.origin)
     }
 
     /// The view's part of `values`, `[height, width, 3]` of an input of `size`; beyond the edge, the edge's colour.
-    pub fn cut(&self, values: Vec<f32>, size: [u32; 2]) -> Vec<f32> {
-        if *self == (Self { corner: [0, 0], size, mirrored: false }) {
-            return values;
-        }
-        let [width, height] = size.map(i64::from);
-        let columns: Vec<usize> = (0..i64::from(self.size[0]))
-            .map(|column| if self.mirrored { i64::from(self.size[0]) - 1 - column } else { column })
-            .map(|column| (column + self.corner[0]).clamp(0, width - 1) as usize)
-            .collect();
+    pub fn cut(&self, values: &[f32], size: [u32; 2]) -> Vec<f32> {
+        let [width, height] = size.map(|side| side as usize);
         let mut part = Vec::with_capacity(3 * (self.size[0] * self.size[1]) as usize);
-        for row in 0..i64::from(self.size[1]) {
-            let row = (row + self.corner[1]).clamp(0, height - 1) as usize;
-            let row = &values[3 * row * width as usize..3 * (row + 1) * width as usize];
-            for &column in &columns {
-                part.extend_from_slice(&row[3 * column..3 * column + 3]);
+        // Most views lie on whole pixels: nothing is between any.
+        if self.linear == Matrix2::identity() && self.origin == self.origin.map(f64::round) {
+            let columns: Vec<usize> =
+                (0..self.size[0]).map(|column| neighbours(f64::from(column) + self.origin.x, width).0).collect();
+            for row in 0..self.size[1] {
+                let row = 3 * width * neighbours(f64::from(row) + self.origin.y, height).0;
+                part.extend(columns.iter().flat_map(|column| &values[row + 3 * column..row + 3 * column + 3]));
+            }
+            return part;
+        }
+        for row in 0..self.size[1] {
+            for column in 0..self.size[0] {
+                let at = self.linear * Vector2::new(f64::from(column), f64::from(row)) + self.origin;
+                let (left, right) = neighbours(at.x, width);
+                let (above, below) = neighbours(at.y, height);
+                let [u, v] = [at.x - at.x.floor(), at.y - at.y.floor()].map(|share| share as f32);
+                for channel in 0..3 {
+                    let value = |x: usize, y: usize| values[3 * (y * width + x) + channel];
+                    let upper = value(left, above) + u * (value(right, above) - value(left, above));
+                    let lower = value(left, below) + u * (value(right, below) - value(left, below));
+                    part.push(upper + v * (lower - upper));
+                }
             }
         }
         part
     }
+}
+
+/// The pixels to both sides of a place, within `0..count`.
+fn neighbours(at: f64, count: usize) -> (usize, usize) {
+    let within = |at: f64| at.clamp(0.0, (count - 1) as f64) as usize;
+    (within(at.floor()), within(at.floor() + 1.0))
 }
 
 /// A random start on the grid such that `[start, start + side)` holds `centre` and lies in `0..size`.

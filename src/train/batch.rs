@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use nalgebra::{Matrix2, Vector2};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
@@ -168,7 +169,8 @@ impl Sampler {
         };
         let (values, image, place) =
             self.pictures.with(shot.clip, frame, |picture| self.view(picture, example.image, phase, &mut random))?;
-        Ok(Drawn { values, image: Some(image), depth: example.depth.unwrap_or([1.0, 0.0]), place })
+        let [depth, weight] = example.depth.unwrap_or([1.0, 0.0]);
+        Ok(Drawn { values, image: Some(image), depth: [depth / place.zoom, weight], place })
     }
 
     /// A random view of `picture` around `centre` (px of it): its values, where the centre is in it, and the way back.
@@ -184,13 +186,12 @@ impl Sampler {
         let scale = [0, 1].map(|axis| f64::from(input.content[axis]) / f64::from(picture.size()[axis]));
         let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
         let view = View::random(size, phase.crop, in_input, &self.config.augmentation, random);
-        let mut values = view.cut(input.values, size);
+        let mut values = view.cut(&input.values, size);
         change_light(&mut values, view.size, &self.config.augmentation, random);
-        let back = view.to_input();
-        let place = Place([0, 1].map(|axis| {
-            let [slope, offset] = back[axis];
-            [slope / scale[axis], (offset + 0.5) / scale[axis] - 0.5]
-        }));
+        let (linear, origin) = view.to_input();
+        let unscale = Matrix2::new(1.0 / scale[0], 0.0, 0.0, 1.0 / scale[1]);
+        let half = Vector2::repeat(0.5);
+        let place = Place { linear: unscale * linear, origin: unscale * (origin + half) - half, zoom: view.zoom };
         (values, view.of_input(in_input), place)
     }
 }

@@ -209,6 +209,11 @@ pub struct Augmentation {
     pub blur: f32,
     /// Largest shift, px of the network's input; the camera's matrix moves along.
     pub shift: u32,
+    /// Largest turn in the picture's plane, degrees: a rolled camera sees the same depths.
+    pub roll_degrees: f64,
+    /// Largest magnification less one, up or down: a longer lens shows a ball that is as large as a nearer one, and is
+    /// taught as that.
+    pub zoom: f64,
     /// Probability of a horizontal mirroring; physics and camera are mirrored along.
     pub flip: f64,
 }
@@ -216,7 +221,16 @@ pub struct Augmentation {
 impl Default for Augmentation {
     /// Light only. A fixed camera's picture does not shift, and of its background the network learns depth.
     fn default() -> Self {
-        Self { brightness: 0.05, colour: 0.0, noise: 0.05, blur: 0.0, shift: 0, flip: 0.0 }
+        Self {
+            brightness: 0.05,
+            colour: 0.0,
+            noise: 0.05,
+            blur: 0.0,
+            shift: 0,
+            roll_degrees: 0.0,
+            zoom: 0.0,
+            flip: 0.0,
+        }
     }
 }
 
@@ -432,12 +446,14 @@ impl TrainConfig {
                 return refuse(field, format!("must be positive, not {value}"));
             }
         }
-        let Augmentation { brightness, colour, noise, blur, flip, shift } = self.augmentation;
+        let Augmentation { brightness, colour, noise, blur, flip, shift, roll_degrees, zoom } = self.augmentation;
         for (field, value) in [
             ("augmentation.brightness", f64::from(brightness)),
             ("augmentation.colour", f64::from(colour)),
             ("augmentation.noise", f64::from(noise)),
             ("augmentation.flip", flip),
+            ("augmentation.zoom", zoom),
+            ("augmentation.roll_degrees / 180", roll_degrees / 180.0),
             ("weight_decay", self.weight_decay),
             ("labelled_share", self.labelled_share),
             ("fit.largest_outlier_share", self.fit.largest_outlier_share),

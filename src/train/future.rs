@@ -6,21 +6,28 @@
 use std::sync::Arc;
 
 use burn::tensor::{Tensor, TensorData};
-use nalgebra::{Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::model::Decoded;
 use crate::physics::{Forecaster, State};
 
-/// Slope and offset of each axis, from px of a drawn picture to px of the clip's.
+/// Where a drawn picture lies in the clip's.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place(pub [[f64; 2]; 2]);
+pub struct Place {
+    /// From an offset in the drawn picture to an offset in the clip's, px.
+    pub linear: Matrix2<f64>,
+    /// Where the drawn picture's first pixel lies in the clip's, px.
+    pub origin: Vector2<f64>,
+    /// The clip's depths over the drawn picture's: it was magnified by as much, and looks nearer.
+    pub zoom: f64,
+}
 
 impl Place {
     /// Where a point of the drawn picture is in the clip's, px.
     pub fn in_clip(&self, point: [f64; 2]) -> [f64; 2] {
-        [0, 1].map(|axis| self.0[axis][0] * point[axis] + self.0[axis][1])
+        (self.linear * Vector2::from(point) + self.origin).into()
     }
 }
 
@@ -108,13 +115,12 @@ fn window_loss(
     let mut jacobians = [Matrix3::zeros(); 3];
     for index in 0..3 {
         let [x, y, depth] = positions[window.first + index];
-        let image = window.places[index].in_clip([x, y]);
-        let (point, mut jacobian) = window.camera.world_from_image_with_jacobian(&Point2::from(image), depth)?;
-        for axis in 0..2 {
-            let slope = window.places[index].0[axis][0];
-            jacobian.column_mut(axis).scale_mut(slope);
-        }
-        (points[index], jacobians[index]) = (point.coords, jacobian);
+        let place = &window.places[index];
+        let image = Point2::from(place.in_clip([x, y]));
+        let (point, by_clip) = window.camera.world_from_image_with_jacobian(&image, depth * place.zoom)?;
+        let mut by_drawn = Matrix3::from_diagonal_element(place.zoom);
+        by_drawn.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.linear);
+        (points[index], jacobians[index]) = (point.coords, by_clip * by_drawn);
     }
     // The slope at the middle of the parabola through three points: exact in free flight.
     let (before, after) = (window.times[1] - window.times[0], window.times[2] - window.times[1]);
