@@ -146,7 +146,7 @@ impl Best {
         let Some(BestScore { step, score, least_confidence }) = Self::score(folder)? else { return Ok(None) };
         let weights = weights_of(folder, step);
         let loaded = ModuleRecord::load(&weights).map_err(record(&weights))?;
-        let average = blank.clone().try_load_record(loaded).map_err(|error| damaged(&weights, error))?;
+        let average = blank.valid().try_load_record(loaded).map_err(|error| damaged(&weights, error))?;
         Ok(Some(Self { step, score, least_confidence, average }))
     }
 

@@ -180,7 +180,7 @@ impl<'a> Run<'a> {
             }
         };
         let best = Best::load(&folder, &state.average)?;
-        let ema = Ema::new(state.average.clone(), config.ema_decay, state.step);
+        let ema = Ema::new(state.average.valid(), config.ema_decay, state.step);
         let log = log_until(&config.out.join(LOG), state.step)?;
         Ok(Self { config, sampler, validation, device, state, best, ema, log, watch: None })
     }
@@ -258,14 +258,15 @@ impl<'a> Run<'a> {
     fn validate(&mut self) -> Result<Validation> {
         let device = self.device.clone().without_autodiff();
         let card = card(self.config, &self.sampler, self.ema.model().config(), String::new());
-        let localiser = Localiser::from_pen(self.ema.model().clone(), card, &device);
+        let localiser = Localiser::from_pen(self.ema.model().valid(), card, &device);
         let scored = match pollster::block_on(score(&localiser, &self.validation, self.config.validate_frames)) {
             Ok(scored) => scored,
             Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
         };
         let score = scored.forecast_px.filter(|score| score.is_finite());
         if self.best.as_ref().is_none_or(|best| best.is_beaten_by(score)) {
-            let (step, average) = (self.state.step, self.ema.model().clone());
+            // `valid` makes a copy of its own: a clone shares its norms' statistics, which go on moving.
+            let (step, average) = (self.state.step, self.ema.model().valid());
             let best = Best { step, score, least_confidence: scored.least_confidence, average };
             best.save(&self.config.out.join(CHECKPOINTS))?;
             self.best = Some(best);
@@ -276,7 +277,7 @@ impl<'a> Run<'a> {
     /// Log first: a line too many is dropped on resume, a missing one could not be made up.
     fn checkpoint(&mut self) -> Result<()> {
         write_whole(&self.config.out.join(LOG), self.log.as_bytes())?;
-        self.state.average = self.ema.model().clone();
+        self.state.average = self.ema.model().valid();
         self.state.save(&self.config.out.join(CHECKPOINTS))
     }
 
