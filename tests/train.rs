@@ -589,6 +589,17 @@ fn clips_that_cannot_teach_are_refused_by_name() {
 }
 
 #[test]
+fn a_step_that_cannot_fit_the_memory_is_refused_before_the_start() {
+    let _alone = alone();
+    let path = configuration("memory", "");
+    let text = std::fs::read_to_string(&path).unwrap().replacen("batch = 3", "batch = 100000000", 1);
+    std::fs::write(&path, text).unwrap();
+    let error = start(&path, &mut |_| {}).unwrap_err().to_string();
+    assert!(error.contains("GB") && error.contains("batch"), "{error}");
+    assert!(!path.with_file_name("out/run.toml").exists());
+}
+
+#[test]
 fn a_run_that_diverges_stops_and_says_so() {
     let _alone = alone();
     let path = configuration("diverges", "");

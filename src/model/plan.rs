@@ -64,6 +64,18 @@ impl Plan {
         recorder.finish(&outputs)
     }
 
+    /// Values of all maps of a network that takes `[1, height, width, 3]`.
+    #[cfg(feature = "train")]
+    pub(super) fn map_values(
+        [height, width]: [usize; 2],
+        network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
+    ) -> usize {
+        let picture = Extent::new([1, height, width, 3]);
+        let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![picture], records: Vec::new() };
+        network(&mut recorder, &PICTURE);
+        recorder.maps.iter().map(Extent::len).sum()
+    }
+
     /// Runs the network on pictures `[batch, height, width, 3]`; its outputs' layouts and values.
     ///
     /// Enough pictures go through the network one to a thread: their maps stay in the thread's cache.
