@@ -155,6 +155,12 @@ impl Sample {
 }
 
 impl Bins {
+    /// `count` bins from the nearest to the farthest ball of `samples`.
+    pub fn over(samples: &[Sample], count: usize) -> Self {
+        let depths = || samples.iter().map(|sample| sample.true_depth);
+        Self { count, z_min: depths().fold(f64::INFINITY, f64::min), z_max: depths().fold(0.0, f64::max) }
+    }
+
     /// The `count + 1` edges, ascending, m.
     pub fn edges(&self) -> Vec<f64> {
         let width = (self.z_max - self.z_min) / self.count as f64;

@@ -64,6 +64,8 @@ fn a_depth_on_an_edge_is_in_the_farther_bin_and_the_last_edge_in_the_last() {
     assert_eq!(counts, [1, 1, 2]);
     let outside = [sample("a", 0.1, 0.05 - 1e-12), sample("a", 0.1, 2.0 + 1e-12)];
     assert!(Metrics::of(&outside, bins).dtg_binned.iter().all(|bin| bin.n == 0));
+    let over = Bins::over(&[sample("a", 0.1, 3.0), sample("a", 0.1, 2.0), sample("a", 0.1, 5.0)], 4);
+    assert_eq!((over.count, over.z_min, over.z_max), (4, 2.0, 5.0));
     // All balls at one depth.
     let counts =
         Bins { count: 2, z_min: 1.0, z_max: 1.0 }.sorted(&[sample("a", 0.1, 1.0)]).iter().map(Vec::len).sum::<usize>();

@@ -49,7 +49,7 @@ fn a_report_is_one_file_that_asks_for_no_other() {
 #[test]
 fn the_papers_numbers_stand_beside_its_own_scenes_only() {
     let html = report("paper", &clips("train/env1/cam1/0000"), None).unwrap();
-    assert!(html.contains("22 ± 19 (SD-S), 19 ± 10 (SD-M), 11 ± 6 (SD-L)"));
+    assert!(html.contains("22 ± 19 (SD-S)\n19 ± 10 (SD-M)\n11 ± 6 (SD-L)"));
     let mut others = clips("train/env1/cam1/0000");
     others.clips[1].scene.as_mut().unwrap().boxes[0].half_size[2] = 0.5;
     let html = report("not-the-papers", &others, None).unwrap();

@@ -61,12 +61,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures");
     let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
     progress.finish();
-    let depths = || samples.iter().map(|sample| sample.true_depth);
-    let bins = Bins {
-        count: arguments.bins.into(),
-        z_min: arguments.z_min.unwrap_or_else(|| depths().fold(f64::INFINITY, f64::min)),
-        z_max: arguments.z_max.unwrap_or_else(|| depths().fold(0.0, f64::max)),
-    };
+    let Bins { count, z_min, z_max } = Bins::over(&samples, arguments.bins.into());
+    let bins = Bins { count, z_min: arguments.z_min.unwrap_or(z_min), z_max: arguments.z_max.unwrap_or(z_max) };
     if bins.z_min > bins.z_max {
         bail!("no ball lies between --z-min {} and --z-max {} (m)", bins.z_min, bins.z_max);
     }

@@ -65,6 +65,12 @@ pub fn figure(drawing: &str, caption: &str, keys: &[(&str, &str)]) -> String {
     )
 }
 
+/// Drawings (HTML) beside each other, each with what it is.
+pub fn strip(drawings: &[(String, String)]) -> String {
+    let part = |(drawing, name): &(String, String)| format!("<div>{drawing}<small>{}</small></div>\n", escape(name));
+    format!("<div class=\"strip\">\n{}</div>\n", drawings.iter().map(part).collect::<String>())
+}
+
 /// A table; the first cell of a row is its name.
 pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let mut out = String::from("<div class=\"card scroll\" tabindex=\"0\">\n<table>\n<thead><tr>");

@@ -42,12 +42,13 @@ pub fn chapter(path: &Path) -> Result<String> {
     let curves = several.iter().map(|((_, curve), (colour, _))| (*curve, *colour));
     cards.push(html::figure(&drawn(curves, "loss")?, "Losses", &keys));
     for (name, curve) in &validation {
-        let drawing = drawn([(curve, ACCENT)].into_iter(), "mean")?;
+        let unit = if name.ends_with("_px") { "px" } else { "m" };
+        let drawing = drawn([(curve, ACCENT)].into_iter(), unit)?;
         cards.push(html::figure(&drawing, &format!("Validation: {name}"), &[]));
     }
     let lead = format!(
         "Vertical axes are logarithmic; a point of a loss is the mean of the steps up to the next. Validation scores the \
-         averaged weights, in the units of `evaluate` (metres, px). A curve that is still falling asks for more steps."
+         averaged weights; means are shown. A curve that is still falling asks for more steps."
     );
     Ok(html::section("How it was trained", &lead, &html::row("", &cards)))
 }

@@ -6,7 +6,7 @@ use super::paper::{Place, Score};
 use super::plots::{ACCENT, Axis, FOUND, Mark, OTHER, chart};
 use super::{Report, cm, html};
 use crate::error::Result;
-use crate::evaluate::{Metrics, Sample, Statistic};
+use crate::evaluate::{Confidence, Metrics, Sample, Seconds, Statistic};
 
 /// Bars of the histogram.
 const BARS: usize = 40;
@@ -15,23 +15,24 @@ const SHOWN: f64 = 0.99;
 
 /// The numbers to read first.
 pub fn tiles(metrics: &Metrics) -> Vec<[String; 3]> {
-    let mean = |statistic: &Statistic, factor: f64, digits: usize| {
-        let value = |value: Option<f64>| value.map_or("–".into(), |value| format!("{:.digits$}", value * factor));
-        [value(statistic.mean), value(statistic.std), value(statistic.median)]
+    let words = |value: Option<f64>, factor: f64, digits: usize| {
+        value.map_or("–".into(), |value| format!("{:.digits$}", value * factor))
     };
     let tile = |name: &str, statistic: &Statistic, factor: f64, digits: usize, unit: &str| {
-        let [mean, std, median] = mean(statistic, factor, digits);
-        [name.to_string(), format!("{mean} {unit}"), format!("± {std}, median {median}, {} pictures", statistic.n)]
+        let [mean, std, median] =
+            [statistic.mean, statistic.std, statistic.median].map(|value| words(value, factor, digits));
+        [name.to_string(), format!("{mean} {unit}"), format!("± {std}, median {median}")]
     };
-    let mut speed = tile("Time a picture", &metrics.seconds_per_picture.network, 1e3, 1, "ms");
-    let [with_decoding, _, _] = mean(&metrics.seconds_per_picture.with_decoding, 1e3, 1);
-    speed[2] = format!("{with_decoding} ms with the file's decoding");
+    let mut visible = tile("… ball in view", &metrics.dtg_visible, 100.0, 1, "cm");
+    visible[2] = format!("{} of {} pictures", metrics.dtg_visible.n, metrics.dtg.n);
+    let Seconds { network, with_decoding } = &metrics.seconds_per_picture;
+    let [network, with_decoding] = [network, with_decoding].map(|seconds| words(seconds.median, 1e3, 1));
     vec![
-        tile("Distance to ground truth", &metrics.dtg, 100.0, 1, "cm"),
-        tile("… where the ball is seen", &metrics.dtg_visible, 100.0, 1, "cm"),
-        tile("… of the distance", &metrics.dtg_relative, 100.0, 2, "%"),
-        tile("Error in the picture", &metrics.image_error_px, 1.0, 2, "px"),
-        speed,
+        tile("Distance to truth", &metrics.dtg, 100.0, 1, "cm"),
+        visible,
+        tile("… per distance", &metrics.dtg_relative, 100.0, 2, "%"),
+        tile("In the picture", &metrics.image_error_px, 1.0, 2, "px"),
+        ["Time a picture".into(), format!("{network} ms"), format!("{with_decoding} with decoding (medians)")],
     ]
 }
 
@@ -100,7 +101,7 @@ pub fn places(report: &Report<'_>) -> String {
         let words = |(model, mean, deviation): &Score| format!("{mean} ± {deviation} ({model})");
         let theirs: Vec<String> = scores.iter().map(words).collect();
         let ours = Statistic::of(samples.iter().map(|sample| sample.dtg()));
-        let theirs = if theirs.is_empty() { "–".into() } else { theirs.join(", ") };
+        let theirs = if theirs.is_empty() { "–".into() } else { theirs.join("\n") };
         rows.push([vec![name.to_string()], cells(&ours), vec![theirs]].concat());
     };
     let place = |samples: &[&Sample]| -> Option<Place> {
@@ -143,7 +144,7 @@ fn grouped<'a>(samples: &[&'a Sample], prefix: &str) -> BTreeMap<String, Vec<&'a
 /// What the confidence is worth.
 pub fn confidence(metrics: &Metrics) -> Result<String> {
     let groups = &metrics.calibration;
-    let points = |of: fn(&crate::evaluate::Confidence) -> f64| -> Vec<(f64, f64)> {
+    let points = |of: fn(&Confidence) -> f64| -> Vec<(f64, f64)> {
         groups.iter().map(|group| (group.confidence.mean.unwrap_or_default(), of(group))).collect()
     };
     let near = points(|group| group.near);
@@ -163,7 +164,7 @@ pub fn confidence(metrics: &Metrics) -> Result<String> {
         &Axis::new("mean DtG, cm", 0.0..top),
         &[Mark::Line(dtg.clone(), ACCENT), Mark::Dots(dtg, ACCENT)],
     )?;
-    let keys = [("accent", "this model"), ("other", "a model that knows how sure it may be")];
+    let keys = [("accent", "this model"), ("other", "a confidence that is right")];
     let cards = [
         html::figure(&calibration, "Confidence against what came of it", &keys),
         html::figure(&error, "Distance to ground truth by confidence", &[]),

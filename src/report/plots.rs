@@ -14,6 +14,8 @@ const SIZE: (u32, u32) = (440, 270);
 const SPACE_SIZE: (u32, u32) = (440, 360);
 /// plotters divides it by 1.24.
 const FONT_SIZE: u32 = 16;
+/// Most labels of an axis.
+const LABELS: usize = 6;
 /// Colours by their name in the style sheet. A chart holds those of the light page; [`colour_rules`] does the rest.
 const QUIET: RGBColor = RGBColor(0x5a, 0x60, 0x75);
 const GRID: RGBColor = RGBColor(0xdd, 0xe0, 0xea);
@@ -21,8 +23,16 @@ pub const FOUND: RGBColor = RGBColor(0xe0, 0x16, 0x5f);
 pub const TRUTH: RGBColor = RGBColor(0x12, 0x80, 0x5c);
 pub const ACCENT: RGBColor = RGBColor(0x43, 0x38, 0xb8);
 pub const OTHER: RGBColor = RGBColor(0xa3, 0x5c, 0x00);
-const COLOURS: [(&str, RGBColor); 6] =
-    [("quiet", QUIET), ("line", GRID), ("found", FOUND), ("truth", TRUTH), ("accent", ACCENT), ("other", OTHER)];
+const COLOURS: [(&str, RGBColor); 7] = [
+    ("quiet", QUIET),
+    ("line", GRID),
+    // plotters' own, for the axes in space.
+    ("line", BLACK),
+    ("found", FOUND),
+    ("truth", TRUTH),
+    ("accent", ACCENT),
+    ("other", OTHER),
+];
 
 /// One axis.
 pub struct Axis {
@@ -69,7 +79,12 @@ impl Axis {
     }
 
     fn words(&self, value: f64) -> String {
-        if self.log { number(10_f64.powf(value)) } else { number(value) }
+        if self.log {
+            let meant = 10_f64.powf(value);
+            // Two digits that count.
+            return number(meant, (1.0 - meant.log10().floor()).max(0.0) as usize);
+        }
+        number(value, digits(&self.range))
     }
 }
 
@@ -83,7 +98,7 @@ pub fn chart(x: &Axis, y: &Axis, marks: &[Mark]) -> Result<String> {
             .margin(6)
             .margin_right(14)
             .x_label_area_size(46)
-            .y_label_area_size(56)
+            .y_label_area_size(62)
             .build_cartesian_2d(x.range.clone(), y.range.clone())
             .map_err(refused)?;
         let label = ("sans-serif", FONT_SIZE).into_font().color(&QUIET);
@@ -94,8 +109,8 @@ pub fn chart(x: &Axis, y: &Axis, marks: &[Mark]) -> Result<String> {
             .bold_line_style(GRID)
             .axis_style(GRID)
             .label_style(label)
-            .x_labels(6)
-            .y_labels(6)
+            .x_labels(LABELS)
+            .y_labels(LABELS)
             .x_label_formatter(&|value| x.words(*value))
             .y_label_formatter(&|value| y.words(*value))
             .x_desc(x.label)
@@ -152,7 +167,7 @@ pub fn space(truth: &[Point3<f64>], found: &[Point3<f64>]) -> Result<String> {
             .build_cartesian_3d(around(middle[0]), around(middle[2]), around(-middle[1]))
             .map_err(refused)?;
         chart.with_projection(|mut projection| {
-            (projection.pitch, projection.yaw, projection.scale) = (0.35, 0.6, 0.9);
+            (projection.pitch, projection.yaw, projection.scale) = (0.3, 0.6, 0.8);
             projection.into_matrix()
         });
         chart
@@ -164,9 +179,9 @@ pub fn space(truth: &[Point3<f64>], found: &[Point3<f64>]) -> Result<String> {
             .x_labels(4)
             .y_labels(4)
             .z_labels(4)
-            .x_formatter(&|x| format!("x {}", number(*x)))
-            .y_formatter(&|z| format!("z {}", number(*z)))
-            .z_formatter(&|y| format!("y {}", number(-y)))
+            .x_formatter(&|x| format!("x {}", number(*x, 1)))
+            .y_formatter(&|z| format!("z {}", number(*z, 1)))
+            .z_formatter(&|y| format!("y {}", number(-y, 1)))
             .draw()
             .map_err(refused)?;
         for (path, colour) in [(truth, TRUTH), (found, FOUND)] {
@@ -194,14 +209,14 @@ fn refused(error: impl Display) -> Error {
     Error::format("chart")(error)
 }
 
-/// A number as short as it can be said.
-fn number(value: f64) -> String {
-    let digits = match value.abs() {
-        size if size >= 100.0 => 0,
-        size if size >= 10.0 => 1,
-        size if size >= 0.1 => 2,
-        _ => 3,
-    };
+/// Decimal places that tell neighbouring labels of an axis apart.
+fn digits(range: &Range<f64>) -> usize {
+    let step = (range.end - range.start) / LABELS as f64;
+    (1.0 - step.max(1e-9).log10().floor()).max(0.0) as usize
+}
+
+/// A number without zeros that say nothing.
+fn number(value: f64, digits: usize) -> String {
     let text = format!("{value:.digits$}");
     let short = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     if short == "-0" { "0".into() } else { short.replace('-', "−") }
