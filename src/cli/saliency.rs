@@ -45,8 +45,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let name = || arguments.image.display().to_string();
     let found = pollster::block_on(localiser.localise(&picture, &camera, false)).with_context(name)?;
     let saliency = localiser.saliency(&picture).with_context(name)?;
-    let (mut drawn, full) = draw::with_saliency(picture.rgb(), &saliency);
-    draw::mark(&mut drawn, found.image);
+    let (drawn, full) = draw::with_saliency(picture.rgb(), &saliency);
     write_whole(&arguments.out, &draw::png(&drawn)?)?;
     let radius = localiser.confidence_radius(picture.size());
     let near = share_near(&saliency, &found, picture.size(), radius);

@@ -46,11 +46,10 @@ pub fn chapter(path: &Path) -> Result<String> {
         let drawing = drawn([(curve, ACCENT)].into_iter(), unit)?;
         cards.push(html::figure(&drawing, &format!("Validation: {name}"), &[]));
     }
-    let lead = format!(
-        "Vertical axes are logarithmic; a point of a loss is the mean of the steps up to the next. Validation scores the \
-         averaged weights; means are shown. A curve that is still falling asks for more steps."
-    );
-    Ok(html::section("How it was trained", &lead, &html::row("", &cards)))
+    let lead = "Vertical axes are logarithmic; a point of a loss is the mean of the steps up to the next. \
+                Validation scores the averaged weights; means are shown. A curve that is still falling asks for \
+                more steps.";
+    Ok(html::section("How it was trained", lead, &html::row("", &cards)))
 }
 
 /// A chart of curves by step, on a logarithmic scale.

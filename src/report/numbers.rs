@@ -57,9 +57,9 @@ pub fn accuracy(report: &Report<'_>, metrics: &Metrics) -> Result<String> {
     let (by_depth, table) = by_depth(report, metrics)?;
     let keys = [("accent", "mean"), ("found", "median")];
     let cards = [html::figure(&histogram, &caption, &[]), html::figure(&by_depth, "By true depth", &keys)];
-    let lead = "Distance to ground truth (DtG) is the distance in space between the position found and the true one. All \
-                pictures count, also those in which something hides the ball. A depth bin holds its lower edge, the last \
-                one its upper edge, too.";
+    let lead = "Distance to ground truth (DtG) is the distance in space between the position found and the true \
+                one. All pictures count, also those in which something hides the ball. A depth bin holds its lower \
+                edge, the last one its upper edge, too.";
     Ok(html::section("How far off", lead, &(html::row("", &cards) + &table)))
 }
 
@@ -81,7 +81,7 @@ fn by_depth(report: &Report<'_>, metrics: &Metrics) -> Result<(String, String)> 
     let range = edges[0]..edges[edges.len() - 1].max(edges[0] + 1e-3);
     let marks = [Mark::Bars { edges: edges.clone(), heights }, Mark::Dots(medians, FOUND)];
     let drawing = chart(&Axis::new("true depth, m", range), &Axis::new("DtG, cm", 0.0..top), &marks)?;
-    Ok((drawing, html::table(&["Depth", "Pictures", "DtG, cm", "Median, cm"], &rows)))
+    Ok((drawing, html::table(&["Depth", "Pictures", "DtG, cm", "Median"], &rows)))
 }
 
 /// Number, mean ± deviation and median of DtG, the lengths in cm.
@@ -125,10 +125,10 @@ pub fn places(report: &Report<'_>) -> String {
     if rows.is_empty() {
         return String::new();
     }
-    let head = ["Where", "Pictures", "DtG, cm", "Median, cm", "The paper's DtG, cm"];
-    let lead = "Environments and cameras as the clips' ids name them. The paper's numbers (mean ± deviation, and the model they \
-                are of) stand only where the clips are of its data sets; those of an environment are over all of its nine \
-                cameras.";
+    let head = ["Where", "Pictures", "DtG, cm", "Median", "The paper, cm"];
+    let lead = "Environments and cameras as the clips' ids name them. The paper's numbers (mean ± deviation, and \
+                the model they are of) stand only where the clips are of its data sets; those of an environment are \
+                over all of its nine cameras.";
     html::section("Environments and cameras", lead, &html::table(&head, &rows))
 }
 
@@ -169,8 +169,8 @@ pub fn confidence(metrics: &Metrics) -> Result<String> {
         html::figure(&calibration, "Confidence against what came of it", &keys),
         html::figure(&error, "Distance to ground truth by confidence", &[]),
     ];
-    let lead = "The confidence says which share of the heatmap lies within 12 px (of the network's input) of the position found. \
-                Pictures are sorted by it into groups of equally many; a dot is a group. Above the line the model is too \
-                modest, below it too sure.";
+    let lead = "The confidence says which share of the heatmap lies within 12 px (of the network's input) of the \
+                position found. Pictures are sorted by it into groups of equally many; a dot is a group. Above the \
+                line the model is too modest, below it too sure.";
     Ok(html::section("Does it know?", lead, &html::row("", &cards)))
 }

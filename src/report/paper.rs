@@ -49,8 +49,8 @@ const SD_L_ENVIRONMENTS: [(f64, f64); 3] = [(18.0, 16.0), (17.0, 16.0), (18.0, 1
 const RD: [(f64, f64); 2] = [(7.0, 4.0), (6.0, 4.0)];
 
 impl Place {
-    /// The place that the clip's id names (`…/env1/cam2/…`, `…/real/cam1/…`, `…/spring/…`). A synthetic one counts only if
-    /// the clip's scene has the boxes of the paper's environment: `env1` is a name that anyone could give.
+    /// The place that the clip's id names (`…/env1/cam2/…`, `…/real/cam1/…`, `…/spring/…`). A synthetic one counts
+    /// only if the clip's scene has the boxes of the paper's environment: `env1` is a name that anyone could give.
     pub fn of(clip: &Clip) -> Option<Self> {
         let parts: Vec<&str> = clip.id.split('/').collect();
         let number = |prefix: &str| parts.iter().find_map(|part| part.strip_prefix(prefix)?.parse::<usize>().ok());

@@ -30,8 +30,8 @@ pub fn worst(report: &Report<'_>) -> Result<String> {
         new
     });
     let cards = sorted.iter().take(WORST).map(|sample| bad(report, sample)).collect::<Result<Vec<_>>>()?;
-    let lead = "The worst picture of each of the worst clips: the ball with the position found (cross) and the true one (ring), \
-                the heatmap, and the depth map (bright is far).";
+    let lead = "The worst picture of each of the worst clips: the ball with the position found (cross) and the true \
+                one (ring), the heatmap, and the depth map (bright is far).";
     Ok(html::section("Where it failed most", lead, &html::row("", &cards)))
 }
 
@@ -74,9 +74,10 @@ pub fn saliency(report: &Report<'_>) -> Result<String> {
         Ok(html::figure(&glow, &format!("{} cm off", cm(sample.dtg())), &[]))
     };
     let cards = some.map(card).collect::<Result<Vec<_>>>()?;
-    let lead = "|∂depth/∂pixel|: how far the depth found would move if a pixel got brighter, from black to white (paper, \
-                “Interpretation of the learning process”). What glows is what the network measures the depth by; colours follow \
-                its square root, so that weak traces show. From a good picture to a bad one.";
+    let lead = "|∂depth/∂pixel|: how far the depth found would move if a pixel got brighter, from black to white \
+                (paper, “Interpretation of the learning process”). What glows is what the network measures the \
+                depth by; colours follow its square root, so that weak traces show. From a good picture to a bad \
+                one.";
     Ok(html::section("What the depth looks at", lead, &html::row("four", &cards)))
 }
 
@@ -108,8 +109,8 @@ fn marked(drawing: &RgbImage, sample: &Sample, share: f64) -> Result<String> {
     part(drawing, sample, share, &marks)
 }
 
-/// The part of `drawing` around the positions found and true whose sides are `share` of the whole's, or as large as both
-/// need; `marks` (SVG, in px of the picture) lie over it.
+/// The part of `drawing` around the positions found and true whose sides are `share` of the whole's, or as large as
+/// both need; `marks` (SVG, in px of the picture) lie over it.
 fn part(drawing: &RgbImage, sample: &Sample, share: f64, marks: &str) -> Result<String> {
     let (found, truth) = (sample.found_image, sample.true_image);
     let sides = [drawing.width(), drawing.height()];

@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use nalgebra::Point3;
 use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use crate::error::{Error, Result};
@@ -33,6 +34,9 @@ const COLOURS: [(&str, RGBColor); 7] = [
     ("accent", ACCENT),
     ("other", OTHER),
 ];
+
+/// A chart with two axes.
+type Flat<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// One axis.
 pub struct Axis {
@@ -117,25 +121,27 @@ pub fn chart(x: &Axis, y: &Axis, marks: &[Mark]) -> Result<String> {
             .y_desc(y.label)
             .draw()
             .map_err(refused)?;
-        for mark in marks {
-            match mark {
-                Mark::Bars { edges, heights } => {
-                    let bars = edges.windows(2).zip(heights);
-                    let bars = bars.map(|(side, &height)| Rectangle::new([(side[0], 0.0), (side[1], height)], bar()));
-                    chart.draw_series(bars).map(|_| ())
-                }
-                Mark::Line(points, colour) => {
-                    chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2))).map(|_| ())
-                }
-                Mark::Dots(points, colour) => {
-                    let dots = points.iter().map(|&point| Circle::new(point, 4, colour.filled()));
-                    chart.draw_series(dots).map(|_| ())
-                }
-            }
-            .map_err(refused)?;
-        }
-        Ok(())
+        marks.iter().try_for_each(|mark| draw(mark, &mut chart))
     })
+}
+
+/// Draws one mark.
+fn draw(mark: &Mark, chart: &mut Flat<'_>) -> Result<()> {
+    match mark {
+        Mark::Bars { edges, heights } => {
+            let bars = edges.windows(2).zip(heights);
+            let bars = bars.map(|(side, &height)| Rectangle::new([(side[0], 0.0), (side[1], height)], bar()));
+            chart.draw_series(bars).map_err(refused)?;
+        }
+        Mark::Line(points, colour) => {
+            chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2))).map_err(refused)?;
+        }
+        Mark::Dots(points, colour) => {
+            let dots = points.iter().map(|&point| Circle::new(point, 4, colour.filled()));
+            chart.draw_series(dots).map_err(refused)?;
+        }
+    }
+    Ok(())
 }
 
 /// Bars are a little lighter than lines, so that what is on them stands out.
@@ -148,24 +154,13 @@ fn bar() -> ShapeStyle {
 /// # Errors
 /// [`Error::Format`] where it cannot be drawn.
 pub fn space(truth: &[Point3<f64>], found: &[Point3<f64>]) -> Result<String> {
-    let points = || truth.iter().chain(found);
-    let middle: [f64; 3] = std::array::from_fn(|axis| {
-        let low = points().map(|point| point[axis]).fold(f64::INFINITY, f64::min);
-        let high = points().map(|point| point[axis]).fold(f64::NEG_INFINITY, f64::max);
-        (low + high) / 2.0
-    });
-    // One scale for all axes.
-    let half = points().flat_map(|point| (0..3).map(move |axis| (point[axis] - middle[axis]).abs()));
-    let half = half.fold(0.1, f64::max) * 1.05;
-    let around = |value: f64| value - half..value + half;
-    let ground = middle[2] - half;
+    let [x, y, z] = cube(truth, found);
+    let ground = z.start;
     // plotters has y up and z towards the viewer.
-    let place = |point: &Point3<f64>| (point.x, point.z, -point.y);
+    let away = -y.end..-y.start;
     drawn(SPACE_SIZE, |root| {
-        let mut chart = ChartBuilder::on(root)
-            .margin(4)
-            .build_cartesian_3d(around(middle[0]), around(middle[2]), around(-middle[1]))
-            .map_err(refused)?;
+        let mut chart =
+            ChartBuilder::on(root).margin(4).build_cartesian_3d(x.clone(), z.clone(), away.clone()).map_err(refused)?;
         chart.with_projection(|mut projection| {
             (projection.pitch, projection.yaw, projection.scale) = (0.3, 0.6, 0.8);
             projection.into_matrix()
@@ -189,9 +184,23 @@ pub fn space(truth: &[Point3<f64>], found: &[Point3<f64>]) -> Result<String> {
             chart.draw_series(LineSeries::new(shadow, colour.mix(0.3).stroke_width(2))).map_err(refused)?;
         }
         for (path, colour) in [(truth, TRUTH), (found, FOUND)] {
-            chart.draw_series(LineSeries::new(path.iter().map(place), colour.stroke_width(2))).map_err(refused)?;
+            let path = path.iter().map(|point| (point.x, point.z, -point.y));
+            chart.draw_series(LineSeries::new(path, colour.stroke_width(2))).map_err(refused)?;
         }
         Ok(())
+    })
+}
+
+/// The cube around two paths: one scale for all axes.
+fn cube(truth: &[Point3<f64>], found: &[Point3<f64>]) -> [Range<f64>; 3] {
+    let extent = |axis: usize| {
+        let values = || truth.iter().chain(found).map(|point| point[axis]);
+        (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
+    };
+    let half = (0..3).map(|axis| extent(axis).1 - extent(axis).0).fold(0.2, f64::max) * 0.525;
+    std::array::from_fn(|axis| {
+        let middle = (extent(axis).0 + extent(axis).1) / 2.0;
+        middle - half..middle + half
     })
 }
 

@@ -11,7 +11,8 @@ use crate::evaluate::{Sample, Statistic};
 
 const KEYS: [(&str, &str); 2] = [("found", "found"), ("truth", "true")];
 
-/// Found and true path of the clip whose mean error is the median of all clips'; nothing where clips are single pictures.
+/// Found and true path of the clip whose mean error is the median of all clips'; nothing where clips are single
+/// pictures.
 pub fn chapter(report: &Report<'_>) -> Result<String> {
     let Some((samples, mean)) = typical(report.samples) else { return Ok(String::new()) };
     let path =
@@ -32,8 +33,8 @@ pub fn chapter(report: &Report<'_>) -> Result<String> {
         html::figure(&depth, "Depth over time", &KEYS),
     ];
     let lead = format!(
-        "Clip {}: {} pictures, each localised by itself, {} cm off on average. It is the clip in the middle: half of the others \
-         are better.",
+        "Clip {}: {} pictures, each localised by itself, {} cm off on average. It is the clip in the middle: half of \
+         the others are better.",
         clip.id,
         samples.len(),
         cm(mean)
