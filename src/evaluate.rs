@@ -1,19 +1,27 @@
 //! Metrics, with units: how far off the positions found are.
 
 use std::collections::BTreeMap;
+use std::time::Instant;
 
 use nalgebra::{Point2, Point3, distance};
 use serde::Serialize;
 
-use crate::data::{Clip, Clips, Frame};
+use crate::data::{Clip, Clips};
 use crate::error::{Error, Result};
 use crate::localise::Localiser;
+
+/// Groups of equally many pictures in the confidence calibration.
+const CONFIDENCE_GROUPS: usize = 10;
 
 /// One picture's result beside its truth.
 #[derive(Debug, Clone)]
 pub struct Sample {
     /// The clip's id; the parts that begin with `env` and `cam` name environment and camera.
     pub clip: String,
+    /// The clip's place in [`Clips::clips`] and the frame's in the clip.
+    pub place: [usize; 2],
+    /// Whether any of the ball is seen; where not, it is hidden and its labels come from elsewhere.
+    pub visible: bool,
     /// Position found, world frame, m.
     pub found: Point3<f64>,
     /// True position, world frame, m.
@@ -26,6 +34,14 @@ pub struct Sample {
     pub found_image: Point2<f64>,
     /// 2D label, px.
     pub true_image: Point2<f64>,
+    /// The model's confidence, 0 to 1: the heatmap's mass within `confidence_radius` of the position found.
+    pub confidence: f64,
+    /// Radius that the confidence speaks of, px.
+    pub confidence_radius: f64,
+    /// Time to read and decode the picture's file, s.
+    pub seconds_to_decode: f64,
+    /// Time from the decoded picture to the position, s.
+    pub seconds_to_localise: f64,
 }
 
 /// Mean, standard deviation (of the population), median and number of values.
@@ -42,7 +58,10 @@ pub struct Statistic {
     pub n: usize,
 }
 
-/// Depth bins of the binned DtG (paper eq. for DtG_b).
+/// Depth bins of the binned DtG (paper, eq. for DtG_b): `count` of equal width between `z_min` and `z_max`.
+///
+/// A bin holds its lower edge, the last one its upper edge, too; what lies outside is in none. (The
+/// paper closes every bin at both ends, so that a depth on an inner edge would count twice.)
 #[derive(Debug, Clone, Copy)]
 pub struct Bins {
     /// Number of bins.
@@ -56,8 +75,10 @@ pub struct Bins {
 /// FORMATS.md's `evaluate` result. Lengths in m.
 #[derive(Debug, Clone, Serialize)]
 pub struct Metrics {
-    /// Distance to ground truth.
+    /// Distance to ground truth, of all pictures, also those in which something hides the ball (as the paper has it).
     pub dtg: Statistic,
+    /// The same of the pictures in which some of the ball is seen.
+    pub dtg_visible: Statistic,
     /// DtG by true depth, nearest bin first.
     pub dtg_binned: Vec<Statistic>,
     /// DtG over the true distance from the camera (no unit).
@@ -68,6 +89,31 @@ pub struct Metrics {
     pub per_camera: BTreeMap<String, Statistic>,
     /// DtG by environment.
     pub per_environment: BTreeMap<String, Statistic>,
+    /// What the confidence is worth: the pictures in groups of equally many, the least confident first.
+    pub calibration: Vec<Confidence>,
+    /// Time a picture takes.
+    pub seconds_per_picture: Seconds,
+}
+
+/// A group of pictures with similar confidence.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Confidence {
+    /// The model's confidence. It is right where its mean is [`Self::near`].
+    pub confidence: Statistic,
+    /// Share of the pictures whose 2D label lies as near to the position found as the confidence says
+    /// (12 px of the network's input).
+    pub near: f64,
+    /// Distance to ground truth, m.
+    pub dtg: Statistic,
+}
+
+/// Time a picture takes, s.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Seconds {
+    /// From the decoded picture to the position: the network, and what it takes to feed and read it.
+    pub network: Statistic,
+    /// From the file on, its decoding included.
+    pub with_decoding: Statistic,
 }
 
 impl Statistic {
@@ -97,31 +143,79 @@ impl Sample {
         distance(&self.found_image, &self.true_image)
     }
 
+    /// Whether the 2D label lies as near to the position found as the confidence says.
+    fn is_near(&self) -> bool {
+        self.image_error() <= self.confidence_radius
+    }
+
     /// The part of the clip's id that begins with `prefix`, e.g. `cam1`.
-    fn part(&self, prefix: &str) -> Option<&str> {
+    pub(crate) fn part(&self, prefix: &str) -> Option<&str> {
         self.clip.split('/').find(|part| part.starts_with(prefix))
+    }
+}
+
+impl Bins {
+    /// `count` bins from the nearest to the farthest ball of `samples`.
+    pub fn over(samples: &[Sample], count: usize) -> Self {
+        let depths = || samples.iter().map(|sample| sample.true_depth);
+        Self { count, z_min: depths().fold(f64::INFINITY, f64::min), z_max: depths().fold(0.0, f64::max) }
+    }
+
+    /// The `count + 1` edges, ascending, m.
+    pub fn edges(&self) -> Vec<f64> {
+        let width = (self.z_max - self.z_min) / self.count as f64;
+        let inner = (0..self.count).map(|index| self.z_min + index as f64 * width);
+        inner.chain([self.z_max]).collect()
+    }
+
+    /// `samples` by bin, nearest first.
+    pub fn sorted<'a>(&self, samples: &'a [Sample]) -> Vec<Vec<&'a Sample>> {
+        let edges = self.edges();
+        let mut bins = vec![Vec::new(); self.count];
+        for sample in samples.iter().filter(|sample| (self.z_min..=self.z_max).contains(&sample.true_depth)) {
+            let above = edges.partition_point(|&edge| edge <= sample.true_depth);
+            bins[above.clamp(1, self.count) - 1].push(sample);
+        }
+        bins
     }
 }
 
 impl Metrics {
     /// Metrics of `samples` with DtG binned by `bins`.
     pub fn of(samples: &[Sample], bins: Bins) -> Self {
-        let width = (bins.z_max - bins.z_min) / bins.count as f64;
-        // The last bin holds its upper edge, as all of the paper's do; a sample counts once.
-        let bin = |depth: f64| match depth {
-            depth if depth < bins.z_min || depth > bins.z_max => None,
-            depth => Some((((depth - bins.z_min) / width) as usize).min(bins.count - 1)),
-        };
-        let in_bin = |index| samples.iter().filter(move |sample| bin(sample.true_depth) == Some(index));
+        let visible = samples.iter().filter(|sample| sample.visible);
+        let binned = bins.sorted(samples).into_iter().map(|bin| Statistic::of(bin.into_iter().map(Sample::dtg)));
         Self {
             dtg: Statistic::of(samples.iter().map(Sample::dtg)),
-            dtg_binned: (0..bins.count).map(|index| Statistic::of(in_bin(index).map(Sample::dtg))).collect(),
+            dtg_visible: Statistic::of(visible.map(Sample::dtg)),
+            dtg_binned: binned.collect(),
             dtg_relative: Statistic::of(samples.iter().map(|sample| sample.dtg() / sample.true_range)),
             image_error_px: Statistic::of(samples.iter().map(Sample::image_error)),
             per_camera: grouped(samples, "cam"),
             per_environment: grouped(samples, "env"),
+            calibration: calibration(samples),
+            seconds_per_picture: Seconds {
+                network: Statistic::of(samples.iter().map(|sample| sample.seconds_to_localise)),
+                with_decoding: Statistic::of(
+                    samples.iter().map(|sample| sample.seconds_to_decode + sample.seconds_to_localise),
+                ),
+            },
         }
     }
+}
+
+/// Groups of equally many samples (to within one), the least confident first; with few samples, fewer groups.
+fn calibration(samples: &[Sample]) -> Vec<Confidence> {
+    let mut sorted: Vec<&Sample> = samples.iter().collect();
+    sorted.sort_by(|a, b| a.confidence.total_cmp(&b.confidence));
+    let groups = CONFIDENCE_GROUPS.min(sorted.len());
+    let group = |index| &sorted[index * sorted.len() / groups..(index + 1) * sorted.len() / groups];
+    let summary = |group: &[&Sample]| Confidence {
+        confidence: Statistic::of(group.iter().map(|sample| sample.confidence)),
+        near: group.iter().filter(|sample| sample.is_near()).count() as f64 / group.len() as f64,
+        dtg: Statistic::of(group.iter().map(|sample| sample.dtg())),
+    };
+    (0..groups).map(|index| summary(group(index))).collect()
 }
 
 /// DtG of the samples that share the part of the clip's id that begins with `prefix`.
@@ -147,7 +241,8 @@ pub async fn score(
     limit: Option<usize>,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Vec<Sample>> {
-    let labelled: Vec<_> = clips.clips.iter().flat_map(labelled_frames).collect();
+    let clips_with_places = clips.clips.iter().enumerate();
+    let labelled: Vec<_> = clips_with_places.flat_map(|(place, clip)| labelled_frames(place, clip)).collect();
     if labelled.is_empty() {
         let reason = "no frame has both `image` and `world`, so there is nothing to score against".into();
         return Err(Error::Data { what: clips.folder.display().to_string(), reason });
@@ -155,31 +250,54 @@ pub async fn score(
     let count = limit.map_or(labelled.len(), |limit| limit.min(labelled.len()));
     let mut samples = Vec::with_capacity(count);
     for index in 0..count {
-        let (clip, frame, image, world) = labelled[index * labelled.len() / count];
-        let picture = clips.picture(clip, frame)?;
-        let found = localiser.localise(&picture, &clip.camera, false).await.map_err(|error| Error::Data {
-            what: format!("clip `{}`, frame {}", clip.id, frame.file.display()),
-            reason: error.to_string(),
-        })?;
-        let truth = Point3::from(world);
-        let true_camera = clip.camera.camera_from_world(&truth);
-        samples.push(Sample {
-            clip: clip.id.clone(),
-            found: Point3::from(found.world),
-            truth,
-            true_depth: true_camera.z,
-            true_range: true_camera.coords.norm(),
-            found_image: Point2::from(found.image),
-            true_image: Point2::from(image),
-        });
+        samples.push(sample(localiser, clips, &labelled[index * labelled.len() / count]).await?);
         progress(index + 1, count);
     }
     Ok(samples)
 }
 
-/// Frames of `clip` with both labels, and the labels.
-fn labelled_frames(clip: &Clip) -> impl Iterator<Item = (&Clip, &Frame, [f64; 2], [f64; 3])> {
-    clip.frames.iter().filter_map(move |frame| Some((clip, frame, frame.image?, frame.world?)))
+/// A frame to score: its place, and its labels.
+struct Labelled {
+    place: [usize; 2],
+    image: Point2<f64>,
+    world: Point3<f64>,
+}
+
+/// Frames of `clip`, which is at `place`, with both labels.
+fn labelled_frames(place: usize, clip: &Clip) -> impl Iterator<Item = Labelled> {
+    clip.frames.iter().enumerate().filter_map(move |(index, frame)| {
+        Some(Labelled { place: [place, index], image: frame.image?.into(), world: frame.world?.into() })
+    })
+}
+
+/// Runs `localiser` on one frame.
+async fn sample(localiser: &Localiser, clips: &Clips, labelled: &Labelled) -> Result<Sample> {
+    let &Labelled { place, image, world } = labelled;
+    let clip = &clips.clips[place[0]];
+    let frame = &clip.frames[place[1]];
+    let began = Instant::now();
+    let picture = clips.picture(clip, frame)?;
+    let decoded = Instant::now();
+    let found = localiser.localise(&picture, &clip.camera, false).await.map_err(|error| Error::Data {
+        what: format!("clip `{}`, frame {}", clip.id, frame.file.display()),
+        reason: error.to_string(),
+    })?;
+    let true_camera = clip.camera.camera_from_world(&world);
+    Ok(Sample {
+        clip: clip.id.clone(),
+        place,
+        visible: frame.visible,
+        found: Point3::from(found.world),
+        truth: world,
+        true_depth: true_camera.z,
+        true_range: true_camera.coords.norm(),
+        found_image: Point2::from(found.image),
+        true_image: image,
+        confidence: found.confidence,
+        confidence_radius: localiser.confidence_radius(picture.size()),
+        seconds_to_decode: decoded.duration_since(began).as_secs_f64(),
+        seconds_to_localise: decoded.elapsed().as_secs_f64(),
+    })
 }
 
 /// Distance between a position found and the truth, m: DtG of one picture (paper, "Evaluation Metrics").

@@ -17,6 +17,8 @@
 
 pub mod camera;
 pub mod data;
+#[cfg(feature = "cli")]
+pub mod draw;
 pub mod error;
 pub mod evaluate;
 #[cfg(not(target_arch = "wasm32"))]
@@ -26,6 +28,8 @@ pub mod kernels;
 pub mod localise;
 pub mod model;
 pub mod physics;
+#[cfg(feature = "cli")]
+pub mod report;
 #[cfg(feature = "train")]
 pub mod train;
 #[cfg(target_arch = "wasm32")]

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error` is open to all.
-const ARROWS: [(&str, &[&str]); 11] = [
+const ARROWS: [(&str, &[&str]); 13] = [
     ("error", &[]),
     ("files", &[]),
     ("camera", &[]),
@@ -16,7 +16,9 @@ const ARROWS: [(&str, &[&str]); 11] = [
     ("physics", &["camera"]),
     ("data", &["camera", "files", "image", "physics"]),
     ("localise", &["camera", "image", "model"]),
+    ("draw", &["localise"]),
     ("evaluate", &["camera", "data", "image", "localise"]),
+    ("report", &["data", "draw", "evaluate", "files", "image", "localise", "physics"]),
     ("train", &["camera", "data", "evaluate", "files", "image", "localise", "model", "physics"]),
 ];
 /// The browser's boundary, above everything but training's files.

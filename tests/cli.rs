@@ -129,11 +129,46 @@ fn evaluate_prints_the_metrics_of_the_contract() {
             assert!(metrics[key][field].is_number(), "{key}.{field}: {metrics}");
         }
     }
+    for statistic in [&metrics["dtg_visible"], &metrics["seconds_per_picture"]["with_decoding"]] {
+        assert!(statistic["mean"].is_number(), "{metrics}");
+    }
+    assert_eq!(metrics["calibration"].as_array().unwrap().len(), 10);
+    assert!(metrics["calibration"][0]["near"].is_number() && metrics["calibration"][0]["dtg"]["n"].is_number());
     assert_eq!(metrics["dtg_binned"].as_array().unwrap().len(), 3);
     assert_eq!(metrics["per_camera"]["cam1"]["n"], 24);
     assert_eq!(metrics["per_environment"]["env1"]["n"], 24);
     let output = gravisight(&["evaluate", "--data", "tests/samples"]);
     assert!(String::from_utf8(output.stdout).unwrap().contains("DtG"));
+}
+
+#[test]
+fn evaluate_writes_a_report_and_says_how_fast_it_was() {
+    let out = scratch("report-command").join("report.html");
+    let output = gravisight(&["evaluate", "--data", "tests/samples", "--report", text(&out)]);
+    let words = String::from_utf8(output.stdout).unwrap();
+    for word in ["DtG, ball seen", "network", "with decoding"] {
+        assert!(words.contains(word), "{words}");
+    }
+    assert!(String::from_utf8(output.stderr).unwrap().contains("24/24 pictures"));
+    assert!(std::fs::read_to_string(&out).unwrap().ends_with("</html>\n"));
+    assert_eq!(gravisight(&["evaluate", "--data", "tests/samples", "--log", "log.jsonl"]).status.code(), Some(2));
+}
+
+#[test]
+fn saliency_is_strongest_around_the_ball() {
+    let (file, camera, _) = &samples()[0];
+    let out = scratch("saliency").join("out.png");
+    let arguments = ["saliency", text(file), "--camera", text(camera), "--out", text(&out)];
+    let found = json(&gravisight(&[&arguments[..], &["--json"]].concat()));
+    // The circle of 12 px is 0.9 % of the picture.
+    assert!(found["saliency"]["near"].as_f64().unwrap() > 0.1, "{found}");
+    assert!(found["saliency"]["full_m"].as_f64().unwrap() > 0.0);
+    let drawn = image::open(&out).unwrap().into_rgb8();
+    assert_eq!(drawn.dimensions(), image::open(file).unwrap().into_rgb8().dimensions());
+    assert!(String::from_utf8(gravisight(&arguments).stdout).unwrap().contains("of it within 12 px"));
+    let refused = gravisight(&["saliency", text(file), "--camera", text(camera), "--out", "out.jpg"]);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("--out writes a PNG"));
 }
 
 #[test]

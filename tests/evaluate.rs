@@ -6,14 +6,22 @@ use nalgebra::{Point2, Point3};
 fn sample(clip: &str, error: f64, depth: f64) -> Sample {
     Sample {
         clip: clip.into(),
+        place: [0, 0],
+        visible: true,
         found: Point3::new(error, 0.0, 0.0),
         truth: Point3::origin(),
         true_depth: depth,
         true_range: depth * 2.0,
         found_image: Point2::new(3.0, 4.0),
         true_image: Point2::origin(),
+        confidence: 0.5,
+        confidence_radius: 12.0,
+        seconds_to_decode: 0.25,
+        seconds_to_localise: 0.5,
     }
 }
+
+const BINS: Bins = Bins { count: 3, z_min: 1.0, z_max: 4.0 };
 
 #[test]
 fn a_statistic_is_mean_population_deviation_median_and_count() {
@@ -33,7 +41,7 @@ fn samples_are_grouped_by_camera_environment_and_depth() {
         sample("anything", 0.7, 4.0),
         sample("beyond", 9.0, 4.1),
     ];
-    let metrics = Metrics::of(&samples, Bins { count: 3, z_min: 1.0, z_max: 4.0 });
+    let metrics = Metrics::of(&samples, BINS);
     assert_eq!(metrics.dtg.n, 5);
     assert_eq!(metrics.image_error_px.mean, Some(5.0));
     let cameras: Vec<_> = metrics.per_camera.iter().map(|(name, found)| (name.as_str(), found.n)).collect();
@@ -43,6 +51,61 @@ fn samples_are_grouped_by_camera_environment_and_depth() {
     let bins: Vec<_> = metrics.dtg_binned.iter().map(|bin| bin.n).collect();
     assert_eq!(bins, [1, 1, 2]); // the last bin holds its upper edge; 4.1 m is in none
     assert!((metrics.dtg_relative.median.unwrap() - 0.3 / 4.0).abs() < 0.02);
+}
+
+#[test]
+fn a_depth_on_an_edge_is_in_the_farther_bin_and_the_last_edge_in_the_last() {
+    // The real data set's bins: their edges are no round numbers, and one is 0.7 only up to rounding.
+    let bins = Bins { count: 3, z_min: 0.05, z_max: 2.0 };
+    let edges = bins.edges();
+    assert_eq!((edges[0], edges[3], edges.len()), (0.05, 2.0, 4));
+    let samples: Vec<Sample> = edges.iter().map(|&edge| sample("a", 0.1, edge)).collect();
+    let counts: Vec<usize> = Metrics::of(&samples, bins).dtg_binned.iter().map(|bin| bin.n).collect();
+    assert_eq!(counts, [1, 1, 2]);
+    let outside = [sample("a", 0.1, 0.05 - 1e-12), sample("a", 0.1, 2.0 + 1e-12)];
+    assert!(Metrics::of(&outside, bins).dtg_binned.iter().all(|bin| bin.n == 0));
+    let over = Bins::over(&[sample("a", 0.1, 3.0), sample("a", 0.1, 2.0), sample("a", 0.1, 5.0)], 4);
+    assert_eq!((over.count, over.z_min, over.z_max), (4, 2.0, 5.0));
+    // All balls at one depth.
+    let counts =
+        Bins { count: 2, z_min: 1.0, z_max: 1.0 }.sorted(&[sample("a", 0.1, 1.0)]).iter().map(Vec::len).sum::<usize>();
+    assert_eq!(counts, 1);
+}
+
+#[test]
+fn hidden_balls_count_in_the_first_number_and_not_in_the_second() {
+    let hidden = Sample { visible: false, ..sample("a", 0.9, 1.0) };
+    let metrics = Metrics::of(&[sample("a", 0.1, 1.0), sample("a", 0.3, 2.0), hidden], BINS);
+    assert!((metrics.dtg.mean.unwrap() - 1.3 / 3.0).abs() < 1e-12);
+    assert_eq!((metrics.dtg.n, metrics.dtg_visible.n), (3, 2));
+    assert!((metrics.dtg_visible.mean.unwrap() - 0.2).abs() < 1e-12);
+}
+
+#[test]
+fn the_calibration_says_how_often_the_ball_was_where_the_model_was_so_sure_of_it() {
+    // 5 px off: near for a radius of 12 px, not for one of 4 px.
+    let sure = |index: usize| Sample { confidence: 0.9, ..sample("a", 0.1 * index as f64, 1.0) };
+    let unsure = |index: usize| Sample {
+        confidence: 0.2,
+        confidence_radius: if index == 0 { 12.0 } else { 4.0 },
+        ..sample("a", 1.0, 1.0)
+    };
+    let samples: Vec<Sample> =
+        (0..40).map(|index| if index % 2 == 0 { sure(0) } else { unsure(index % 4 - 1) }).collect();
+    let groups = Metrics::of(&samples, BINS).calibration;
+    assert_eq!(groups.len(), 10);
+    assert!(groups.iter().all(|group| group.dtg.n == 4));
+    assert!((groups[0].confidence.mean.unwrap() - 0.2).abs() < 1e-12);
+    assert!((groups[..5].iter().map(|group| group.near).sum::<f64>() / 5.0 - 0.5).abs() < 1e-12);
+    assert_eq!((groups[9].near, groups[9].dtg.mean), (1.0, Some(0.0)));
+    assert_eq!(Metrics::of(&samples[..3], BINS).calibration.len(), 3, "three pictures make three groups");
+    assert!(Metrics::of(&[], BINS).calibration.is_empty());
+}
+
+#[test]
+fn the_time_of_a_picture_is_told_with_and_without_its_decoding() {
+    let seconds = Metrics::of(&[sample("a", 0.1, 1.0)], BINS).seconds_per_picture;
+    assert_eq!((seconds.network.mean, seconds.with_decoding.mean), (Some(0.5), Some(0.75)));
 }
 
 #[test]

@@ -8,8 +8,9 @@ use super::{model, print_line};
 use anyhow::{Result, bail};
 use clap::Args;
 use gravisight::data::Clips;
-use gravisight::evaluate::{Bins, Metrics, Statistic, score};
+use gravisight::evaluate::{Bins, Metrics, Seconds, Statistic, score};
 use gravisight::model::Card;
+use gravisight::report::{self, Report};
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
 #[derive(Args)]
@@ -32,6 +33,12 @@ pub struct Arguments {
     /// Upper edge of the last bin, m [default: the farthest ball].
     #[arg(long, value_name = "B")]
     z_max: Option<f64>,
+    /// Write a report: one HTML file with charts, tables and pictures, which needs nothing else.
+    #[arg(long, value_name = "OUT.HTML")]
+    report: Option<PathBuf>,
+    /// The log.jsonl of the run that made the model: its curves, for the report.
+    #[arg(long, value_name = "LOG.JSONL", requires = "report")]
+    log: Option<PathBuf>,
     /// Write the metrics into the model's card.
     #[arg(long, requires = "model")]
     record: bool,
@@ -48,20 +55,22 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     let clips = Clips::read(&arguments.data)?;
+    // The first picture would pay for memory and kernels, and the speed would tell.
+    pollster::block_on(localiser.warm_up())?;
     let mut progress = Progress::new();
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures");
     let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
     progress.finish();
-    let depths = || samples.iter().map(|sample| sample.true_depth);
-    let bins = Bins {
-        count: arguments.bins.into(),
-        z_min: arguments.z_min.unwrap_or_else(|| depths().fold(f64::INFINITY, f64::min)),
-        z_max: arguments.z_max.unwrap_or_else(|| depths().fold(0.0, f64::max)),
-    };
+    let Bins { count, z_min, z_max } = Bins::over(&samples, arguments.bins.into());
+    let bins = Bins { count, z_min: arguments.z_min.unwrap_or(z_min), z_max: arguments.z_max.unwrap_or(z_max) };
     if bins.z_min > bins.z_max {
         bail!("no ball lies between --z-min {} and --z-max {} (m)", bins.z_min, bins.z_max);
     }
     let metrics = Metrics::of(&samples, bins);
+    if let Some(path) = &arguments.report {
+        let log = arguments.log.as_deref();
+        report::write(path, &Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log })?;
+    }
     if let Some(model) = arguments.model.filter(|_| arguments.record) {
         record(&model::card_path(&model), &metrics)?;
     }
@@ -89,15 +98,17 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
         _ => print_line(format_args!("{name:<22} no pictures")),
     };
     row("DtG", &metrics.dtg, 100.0, "cm")?;
+    row("DtG, ball seen", &metrics.dtg_visible, 100.0, "cm")?;
     row("DtG / distance", &metrics.dtg_relative, 100.0, "%")?;
     row("2D error", &metrics.image_error_px, 1.0, "px")?;
-    let width = (bins.z_max - bins.z_min) / bins.count as f64;
-    for (index, statistic) in metrics.dtg_binned.iter().enumerate() {
-        let low = bins.z_min + index as f64 * width;
-        row(&format!("DtG at {low:.2}–{:.2} m", low + width), statistic, 100.0, "cm")?;
+    for (edges, statistic) in bins.edges().windows(2).zip(&metrics.dtg_binned) {
+        row(&format!("DtG at {:.2}–{:.2} m", edges[0], edges[1]), statistic, 100.0, "cm")?;
     }
     for (name, statistic) in metrics.per_environment.iter().chain(&metrics.per_camera) {
         row(&format!("DtG {name}"), statistic, 100.0, "cm")?;
     }
+    let Seconds { network, with_decoding } = &metrics.seconds_per_picture;
+    row("network", network, 1000.0, "ms")?;
+    row("with decoding", with_decoding, 1000.0, "ms")?;
     Ok(())
 }

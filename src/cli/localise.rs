@@ -1,13 +1,14 @@
 //! `gravisight localise`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
-use gravisight::{Camera, Localisation, Picture};
+use gravisight::files::write_whole;
+use gravisight::{Camera, Localisation, Picture, draw};
 
 use super::device::DeviceChoice;
-use super::{model, overlay, print_line};
+use super::{model, print_line};
 
 /// Find the ball's 3D position in pictures.
 #[derive(Args)]
@@ -36,22 +37,19 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let several = arguments.images.len() > 1;
     ensure!(!(several && arguments.overlay.is_some()), "--overlay takes one picture, {} given", arguments.images.len());
     if let Some(out) = &arguments.overlay {
-        let png = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-        ensure!(png, "--overlay writes a PNG: {} should end in .png", out.display());
+        check_png("--overlay", out)?;
     }
     let camera = Camera::from_file(&arguments.camera)?;
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     for path in &arguments.images {
         let name = || path.display().to_string();
-        // An I/O error names the file itself.
-        let picture = match Picture::open(path) {
-            Err(error @ gravisight::Error::Io { .. }) => Err(error)?,
-            other => other.with_context(name)?,
-        };
+        let picture = open_picture(path)?;
         let found = pollster::block_on(localiser.localise(&picture, &camera, arguments.overlay.is_some()))
             .with_context(name)?;
         if let (Some(out), Some(maps)) = (&arguments.overlay, &found.maps) {
-            overlay::write(out, &picture, maps, found.image)?;
+            let mut drawn = draw::with_heatmap(picture.rgb(), maps);
+            draw::mark(&mut drawn, found.image);
+            write_whole(out, &draw::png(&drawn)?)?;
         }
         if arguments.json {
             let mut object = serde_json::to_value(&found)?;
@@ -64,6 +62,22 @@ pub fn run(arguments: Arguments) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// Refuses an `option` that is no PNG's name.
+pub fn check_png(option: &str, out: &Path) -> Result<()> {
+    let png = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    ensure!(png, "{option} writes a PNG: {} should end in .png", out.display());
+    Ok(())
+}
+
+/// The picture at `path`; errors name it.
+pub fn open_picture(path: &Path) -> Result<Picture> {
+    match Picture::open(path) {
+        // An I/O error names the file itself.
+        Err(error @ gravisight::Error::Io { .. }) => Err(error.into()),
+        other => other.with_context(|| path.display().to_string()),
+    }
 }
 
 fn print(name: Option<String>, found: &Localisation) -> Result<()> {

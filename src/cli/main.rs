@@ -10,8 +10,8 @@ mod import;
 mod label;
 mod localise;
 mod model;
-mod overlay;
 mod progress;
+mod saliency;
 mod synth;
 mod train;
 
@@ -40,6 +40,7 @@ enum Command {
     Synth(synth::Arguments),
     Train(train::Arguments),
     Evaluate(evaluate::Arguments),
+    Saliency(saliency::Arguments),
     Fit(fit::Arguments),
     Forecast(forecast::Arguments),
 }
@@ -48,6 +49,7 @@ fn main() -> ExitCode {
     let result = match Arguments::parse().command {
         Command::Localise(arguments) => localise::run(arguments),
         Command::Evaluate(arguments) => evaluate::run(arguments),
+        Command::Saliency(arguments) => saliency::run(arguments),
         Command::Train(arguments) => train::run(arguments),
         Command::Forecast(arguments) => forecast::run(arguments),
         Command::Fit(arguments) => fit::run(arguments),

@@ -7,7 +7,7 @@ use super::pen::PenOutput;
 
 /// Radius around the position found within which the heatmap's mass counts as confidence,
 /// input px: three standard deviations of the training target.
-const CONFIDENCE_RADIUS: f64 = 12.0;
+pub const CONFIDENCE_RADIUS: f64 = 12.0;
 
 /// Coordinates decoded from a [`PenOutput`].
 #[derive(Debug, Clone)]

@@ -2,10 +2,15 @@
 //!
 //! The only room that knows both model and camera.
 
+#[cfg(feature = "train")]
+mod saliency;
+
 use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;
 use serde::Serialize;
 
+#[cfg(feature = "train")]
+pub use self::saliency::Saliency;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
@@ -80,6 +85,13 @@ impl Localiser {
     /// The model's card.
     pub fn card(&self) -> &Card {
         &self.card
+    }
+
+    /// Radius around the position found that [`Localisation::confidence`] speaks of, px of a picture of `size`.
+    pub fn confidence_radius(&self, size: [u32; 2]) -> f64 {
+        let input = [self.card.input.width, self.card.input.height];
+        let shrinkage = |axis: usize| f64::from(size[axis]) / f64::from(input[axis]);
+        model::CONFIDENCE_RADIUS * shrinkage(0).max(shrinkage(1))
     }
 
     /// Runs the network once on an empty picture, so that the first real one pays for nothing

@@ -1,0 +1,107 @@
+//! Pieces of the page. Whatever comes from outside passes through [`escape`] here.
+
+use std::fmt::Write as _;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
+use super::plots;
+
+const STYLE: &str = include_str!("style.css");
+
+/// Text for HTML, inside attributes, too.
+pub fn escape(text: &str) -> String {
+    let mut out = String::with_capacity(text.len());
+    for character in text.chars() {
+        match character {
+            '&' => out.push_str("&amp;"),
+            '<' => out.push_str("&lt;"),
+            '>' => out.push_str("&gt;"),
+            '"' => out.push_str("&quot;"),
+            '\'' => out.push_str("&#39;"),
+            other => out.push(other),
+        }
+    }
+    out
+}
+
+/// An element with nothing but text in it.
+pub fn text(tag: &str, text: &str) -> String {
+    format!("<{tag}>{}</{tag}>\n", escape(text))
+}
+
+/// The whole document; `body` is HTML.
+pub fn page(title: &str, body: &str) -> String {
+    let title = escape(title);
+    let colours = plots::colour_rules();
+    format!(
+        "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <link rel=\"icon\" href=\"data:,\">\n<title>{title}</title>\n<style>\n{STYLE}{colours}</style>\n\
+         <body>\n{body}</body>\n</html>\n"
+    )
+}
+
+/// A chapter: what it is, in words, and its `body` (HTML).
+pub fn section(title: &str, lead: &str, body: &str) -> String {
+    format!("<section>\n{}{}{body}</section>\n", text("h2", title), text("p", lead))
+}
+
+/// Cards beside each other where there is room; each is HTML.
+pub fn row(class: &str, cards: &[String]) -> String {
+    format!("<div class=\"row {class}\">\n{}</div>\n", cards.concat())
+}
+
+/// A drawing (HTML) with a caption and its keys: class of the colour, and what has it.
+pub fn figure(drawing: &str, caption: &str, keys: &[(&str, &str)]) -> String {
+    let mut legend = String::new();
+    for (class, meaning) in keys {
+        let _ = write!(legend, "<span class=\"key {class}\">{}</span> ", escape(meaning));
+    }
+    let label = escape(caption);
+    format!(
+        "<figure class=\"card\">\n<figcaption>{label}</figcaption>\n<div class=\"keys\">{legend}</div>\n\
+         {drawing}</figure>\n"
+    )
+}
+
+/// Drawings (HTML) beside each other, each with what it is.
+pub fn strip(drawings: &[(String, String)]) -> String {
+    let part = |(drawing, name): &(String, String)| format!("<div>{drawing}<small>{}</small></div>\n", escape(name));
+    format!("<div class=\"strip\">\n{}</div>\n", drawings.iter().map(part).collect::<String>())
+}
+
+/// A table; the first cell of a row is its name.
+pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
+    let mut out = String::from("<div class=\"card scroll\" tabindex=\"0\">\n<table>\n<thead><tr>");
+    for name in head {
+        let _ = write!(out, "<th scope=\"col\">{}</th>", escape(name));
+    }
+    out.push_str("</tr></thead>\n<tbody>\n");
+    for row in rows {
+        out.push_str("<tr>");
+        for (index, cell) in row.iter().enumerate() {
+            let cell = escape(cell);
+            let _ = match index {
+                0 => write!(out, "<th scope=\"row\">{cell}</th>"),
+                _ => write!(out, "<td>{cell}</td>"),
+            };
+        }
+        out.push_str("</tr>\n");
+    }
+    out + "</tbody>\n</table>\n</div>\n"
+}
+
+/// Big numbers: what each is, the number, and what to know of it.
+pub fn tiles(tiles: &[[String; 3]]) -> String {
+    let tile = |[name, value, note]: &[String; 3]| {
+        let [name, value, note] = [name, value, note].map(|words| escape(words));
+        format!("<div class=\"card tile\"><dt>{name}</dt><dd>{value}</dd><dd class=\"note\">{note}</dd></div>\n")
+    };
+    format!("<dl class=\"row tiles\">\n{}</dl>\n", tiles.iter().map(tile).collect::<String>())
+}
+
+/// The address of a PNG that is inside the page.
+pub fn data_uri(png: &[u8]) -> String {
+    format!("data:image/png;base64,{}", STANDARD.encode(png))
+}

@@ -1,0 +1,84 @@
+//! ∂depth/∂pixel against the depth of pictures that were really changed.
+
+mod common;
+
+use burn::tensor::Device;
+use common::{golden, root, tiny_card};
+use gravisight::localise::Saliency;
+use gravisight::{Camera, Localiser, Picture};
+use image::{RgbImage, imageops};
+
+/// Brightness added and taken away, of 255: the least that there is, since units that switch on or off bend the depth.
+const STEP: u8 = 1;
+/// Side of the squares of pixels that are changed together, px.
+const SQUARE: u32 = 4;
+
+fn localiser() -> Localiser {
+    Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap()
+}
+
+/// A sample in the size of the tiny model's input, so that a pixel of it is one of the input.
+fn small() -> RgbImage {
+    let path = root().join("tests/samples/frames/test_e1_c1_0000/000.png");
+    let picture = image::open(path).unwrap().into_rgb8();
+    let mut picture = imageops::resize(&picture, 64, 64, imageops::FilterType::Triangle);
+    // Room for the step.
+    picture.pixels_mut().flat_map(|pixel| &mut pixel.0).for_each(|value| *value = (*value).clamp(STEP, 255 - STEP));
+    picture
+}
+
+fn picture(rgb: &RgbImage) -> Picture {
+    let rgba: Vec<u8> = rgb.pixels().flat_map(|pixel| [pixel.0[0], pixel.0[1], pixel.0[2], 255]).collect();
+    Picture::from_rgba(&rgba, [rgb.width(), rgb.height()]).unwrap()
+}
+
+fn depth(localiser: &Localiser, rgb: &RgbImage) -> f64 {
+    let camera = r#"{"width": 64, "height": 64, "intrinsic": [[77, 0, 31.5], [0, 77, 31.5], [0, 0, 1]],
+        "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 8], [0, 0, 0, 1]]}"#;
+    let camera = Camera::from_json(camera, "test").unwrap();
+    pollster::block_on(localiser.localise(&picture(rgb), &camera, false)).unwrap().depth
+}
+
+/// Sum of the saliency over the square at (x, y).
+fn of_square(saliency: &Saliency, x: u32, y: u32) -> f64 {
+    let pixels = (y..y + SQUARE).flat_map(|y| (x..x + SQUARE).map(move |x| (x, y)));
+    pixels.map(|(x, y)| f64::from(saliency.values[y as usize * saliency.width + x as usize])).sum()
+}
+
+#[test]
+fn brightening_some_pixels_moves_the_depth_as_the_saliency_says() {
+    let localiser = localiser();
+    let rgb = small();
+    let saliency = localiser.saliency(&picture(&rgb)).unwrap();
+    assert_eq!((saliency.width, saliency.height), (64, 64));
+    assert!((saliency.depth - depth(&localiser, &rgb)).abs() < 1e-4);
+    let squares = (0..64).step_by(SQUARE as usize);
+    let mut squares: Vec<_> = squares.clone().flat_map(|y| squares.clone().map(move |x| (x, y))).collect();
+    squares.sort_by(|a, b| of_square(&saliency, b.0, b.1).abs().total_cmp(&of_square(&saliency, a.0, a.1).abs()));
+    let [mut off, mut all] = [0.0; 2];
+    for &(x, y) in squares.iter().take(30) {
+        let moved = |by: i16| {
+            let mut rgb = rgb.clone();
+            let pixels = (y..y + SQUARE).flat_map(|y| (x..x + SQUARE).map(move |x| (x, y)));
+            for (x, y) in pixels {
+                let pixel = rgb.get_pixel_mut(x, y);
+                pixel.0 = pixel.0.map(|value| (i16::from(value) + by) as u8);
+            }
+            depth(&localiser, &rgb)
+        };
+        let slope = (moved(STEP.into()) - moved(-i16::from(STEP))) / (2.0 * f64::from(STEP) / 255.0);
+        let expected = of_square(&saliency, x, y);
+        println!("({x:2}, {y:2}): {slope:8.4} m by differences, {expected:8.4} m by autodiff");
+        off += (slope - expected).powi(2);
+        all += expected.powi(2);
+    }
+    // A unit that switches between the two pictures makes one square's difference wrong, not all of them.
+    assert!((off / all).sqrt() < 0.08, "{:.3} of their root mean square", (off / all).sqrt());
+}
+
+#[test]
+fn a_wide_picture_has_the_saliency_of_the_part_that_it_fills() {
+    let rgb = imageops::resize(&small(), 128, 64, imageops::FilterType::Triangle);
+    let saliency = localiser().saliency(&picture(&rgb)).unwrap();
+    assert_eq!((saliency.width, saliency.height, saliency.values.len()), (64, 32, 64 * 32));
+}
