@@ -534,6 +534,10 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
     });
     let card = Card::from_file(&card.unwrap()).unwrap();
     assert_eq!(scores.len(), 7);
+    let table = std::fs::read_to_string(path.with_file_name("out/log.csv")).unwrap();
+    let lines: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!((lines.len(), lines[0][0], lines[0][9]), (8, "step", "forecast_px"));
+    assert_eq!(lines[7][9].parse::<f64>().unwrap(), scores[6].1);
     let best = scores.iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
     let kept = std::fs::read_to_string(path.with_file_name("out/checkpoints/score.json")).unwrap();
     let kept: serde_json::Value = serde_json::from_str(&kept).unwrap();

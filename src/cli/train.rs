@@ -1,16 +1,23 @@
 //! `gravisight train`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use burn::tensor::Device;
 use clap::Args;
+use gravisight::data::Clips;
+use gravisight::evaluate::{Bins, score};
+use gravisight::report::Report;
 use gravisight::train::config::{TrainConfig, assignment, lay_over, preset, presets, read_fields};
 use gravisight::train::run::{self, Event, Prepared, Validation};
 use gravisight::train::score::Score;
 
 use super::device::DeviceChoice;
-use super::print_line;
 use super::progress::Progress;
+use super::{model, print_line};
+
+/// Depth bins of the report, as `evaluate`'s.
+const BINS: usize = 3;
 
 /// Train a model on labelled clips.
 ///
@@ -43,7 +50,7 @@ pub struct Arguments {
     /// Device to train on.
     #[arg(long, value_enum, default_value = "cpu")]
     device: DeviceChoice,
-    /// Print one JSON object at the end instead of words: `{"card": PATH}`.
+    /// Print one JSON object at the end instead of words: `{"card": PATH, "report": PATH or null}`.
     #[arg(long)]
     json: bool,
 }
@@ -79,14 +86,38 @@ pub fn run(arguments: Arguments) -> Result<()> {
         Some(folder) => run::resume(folder, &device, &mut observe)?,
         None => run::start(arguments.configuration()?, &device, &mut observe)?,
     };
+    let report = report(&card, &device, &mut progress)?;
     progress.finish();
     let path = card.display();
     if arguments.json {
-        return Ok(print_line(serde_json::json!({ "card": path.to_string() }))?);
+        let report = report.map(|path| path.display().to_string());
+        return Ok(print_line(serde_json::json!({ "card": path.to_string(), "report": report }))?);
     }
     print_line(format_args!("model written: {path}"))?;
+    if let Some(report) = report {
+        print_line(format_args!("report, on the validation clips: {}", report.display()))?;
+    }
     print_line(format_args!("score it on data it never saw: gravisight evaluate --data DIR --model {path} --record"))?;
     Ok(())
+}
+
+/// Writes the report of the run that made `card`, on its validation clips; none where those have no 3D truth.
+fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Option<PathBuf>> {
+    let folder = card.parent().unwrap_or(Path::new("."));
+    let config = TrainConfig::of(read_fields(&folder.join(run::CONFIG))?)?;
+    let clips = Clips::read(&config.validation)?;
+    if !clips.clips.iter().flat_map(|clip| &clip.frames).any(|frame| frame.world.is_some() && frame.image.is_some()) {
+        return Ok(None);
+    }
+    let localiser = model::open(Some(card), device)?;
+    progress.restart();
+    let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
+    let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
+    let path = folder.join("report.html");
+    let (bins, log) = (Bins::over(&samples, BINS), folder.join(run::LOG));
+    let report = Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log: Some(&log) };
+    gravisight::report::write(&path, &report)?;
+    Ok(Some(path))
 }
 
 fn show_prepared(progress: &mut Progress, prepared: &Prepared) {

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 /// Most points of a drawn curve; what lies between two is averaged.
 const POINTS: usize = 200;
 /// Numbers of a line that are no losses.
-const OTHERS: [&str; 5] = ["step", "steps", "seconds", "gradient_norm", "learning_rate"];
+const OTHERS: [&str; 6] = ["step", "steps", "seconds", "waited", "gradient_norm", "learning_rate"];
 
 /// Colours of several curves in one chart, and their names in the style sheet.
 const COLOURS: [(plotters::style::RGBColor, &str); 4] =
@@ -26,7 +26,7 @@ type Curve = Vec<(f64, f64)>;
 struct Curves {
     /// Every number of a line that is a loss.
     losses: BTreeMap<String, Curve>,
-    /// Mean of every statistic of the validation.
+    /// Every number of the validation; of a statistic the mean.
     validation: BTreeMap<String, Curve>,
 }
 
@@ -42,12 +42,16 @@ pub fn chapter(path: &Path) -> Result<String> {
     let curves = several.iter().map(|((_, curve), (colour, _))| (*curve, *colour));
     cards.push(html::figure(&drawn(curves, "loss")?, "Losses", &keys));
     for (name, curve) in &validation {
-        let unit = if name.ends_with("_px") { "px" } else { "m" };
+        let unit = match name.as_str() {
+            "dtg" => "m",
+            name if name.ends_with("_px") => "px",
+            _ => "",
+        };
         let drawing = drawn([(curve, ACCENT)].into_iter(), unit)?;
         cards.push(html::figure(&drawing, &format!("Validation: {name}"), &[]));
     }
     let lead = "Vertical axes are logarithmic; a point of a loss is the mean of the steps up to the next. \
-                Validation scores the averaged weights; means are shown. A curve that is still falling asks for \
+                Validation scores the averaged weights: forecast_px, the median forecast error, chooses those that are kept; of the others means are shown. A curve that is still falling asks for \
                 more steps.";
     Ok(html::section("How it was trained", lead, &html::row("", &cards)))
 }
@@ -81,11 +85,13 @@ impl Curves {
                 }
             }
             for (name, statistic) in fields.get("validation").and_then(Value::as_object).into_iter().flatten() {
-                if let Some(mean) = statistic["mean"].as_f64() {
-                    curves.validation.entry(name.clone()).or_default().push((step, mean));
+                if let Some(value) = statistic["mean"].as_f64().or(statistic.as_f64()) {
+                    curves.validation.entry(name.clone()).or_default().push((step, value));
                 }
             }
         }
+        // A loss that is always zero is none of this run's.
+        curves.losses.retain(|_, curve| curve.iter().any(|&(_, value)| value != 0.0));
         Ok(curves)
     }
 }

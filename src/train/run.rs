@@ -24,8 +24,12 @@ use crate::files::write_whole;
 use crate::localise::Localiser;
 use crate::model::{self, Card, Pen, PenConfig, sha256_hex};
 
-const CONFIG: &str = "run.toml";
-const LOG: &str = "log.jsonl";
+/// The configuration's file in a run's folder.
+pub const CONFIG: &str = "run.toml";
+/// The log's file in a run's folder: a line a step.
+pub const LOG: &str = "log.jsonl";
+/// The same as a table.
+const LOG_CSV: &str = "log.csv";
 const CHECKPOINTS: &str = "checkpoints";
 const FITS: &str = "fits.jsonl";
 /// Steps over which the loss is averaged to see whether it explodes.
@@ -278,6 +282,7 @@ impl<'a> Run<'a> {
     /// Log first: a line too many is dropped on resume, a missing one could not be made up.
     fn checkpoint(&mut self) -> Result<()> {
         write_whole(&self.config.out.join(LOG), self.log.as_bytes())?;
+        write_whole(&self.config.out.join(LOG_CSV), &table(&self.log)?)?;
         self.state.average = self.ema.model().valid();
         self.state.save(&self.config.out.join(CHECKPOINTS))
     }
@@ -370,6 +375,27 @@ fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha25
         metrics: serde_json::Value::Null,
         licence: config.licence.clone(),
     }
+}
+
+/// The log as CSV: its numbers, of validations the forecast error and the means.
+fn table(log: &str) -> Result<Vec<u8>> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let names = ["step", "loss", "heatmap", "depth", "future", "gradient_norm", "learning_rate", "seconds", "waited"];
+    let scores = ["forecast_px", "image_error_px", "dtg"];
+    let write = |writer: &mut csv::Writer<Vec<u8>>, fields: Vec<String>| {
+        writer.write_record(fields).map_err(Error::format(LOG_CSV))
+    };
+    write(&mut writer, names.into_iter().chain(scores).map(String::from).collect())?;
+    for line in log.lines() {
+        let fields: serde_json::Value = serde_json::from_str(line).map_err(Error::format(LOG))?;
+        let text = |value: &serde_json::Value| value.as_f64().map_or(String::new(), |number| number.to_string());
+        let score = |name: &str| {
+            let value = &fields["validation"][name];
+            text(value.get("mean").unwrap_or(value))
+        };
+        write(&mut writer, names.iter().map(|name| text(&fields[name])).chain(scores.map(score)).collect())?;
+    }
+    writer.into_inner().map_err(|error| Error::format(LOG_CSV)(error.to_string()))
 }
 
 /// The log's lines up to `step`; later ones belong to steps that were lost.
