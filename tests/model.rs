@@ -79,20 +79,31 @@ fn the_compact_network_equals_pytorch() {
     assert_golden(&pen, "pen_compact.safetensors", 1.0, &device);
 }
 
-#[test]
-fn the_paper_network_with_timm_weights_equals_pytorch() {
-    let device = Device::flex();
-    let config = PenConfig::paper();
-    // Heads from our own file; the backbone from a file with timm's names, fc and layer4 included.
-    let pen = load(&config, formula_weights(&config, &device), &device).unwrap();
-    let shapes: std::collections::BTreeMap<String, Vec<usize>> =
-        serde_json::from_slice(&golden("timm_resnet34.json")).unwrap();
+/// The network with heads from our own file and the backbone from a file with timm's names, unused ones included.
+fn with_timm_backbone(config: &PenConfig, names: &str, device: &Device) -> Pen {
+    let pen = load(config, formula_weights(config, device), device).unwrap();
+    let shapes: std::collections::BTreeMap<String, Vec<usize>> = serde_json::from_slice(&golden(names)).unwrap();
     let timm = shapes.into_iter().filter(|(name, _)| !name.ends_with("num_batches_tracked")).map(|(name, shape)| {
         let values = formula_tensor(&name, &shape);
         (name, shape, values)
     });
-    let pen = load_backbone_timm(pen, safetensors_of(timm.collect())).unwrap();
+    load_backbone_timm(pen, safetensors_of(timm.collect())).unwrap()
+}
+
+#[test]
+fn the_paper_network_with_timm_weights_equals_pytorch() {
+    let device = Device::flex();
+    let pen = with_timm_backbone(&PenConfig::paper(), "timm_resnet34.json", &device);
     assert_golden(&pen, "pen_paper.safetensors", 2.0, &device);
+}
+
+#[test]
+fn the_convnext_networks_with_timm_weights_equal_pytorch() {
+    let device = Device::flex();
+    for (second, name) in [(false, "convnext_nano"), (true, "convnextv2_nano")] {
+        let pen = with_timm_backbone(&PenConfig::convnext_nano(second), &format!("timm_{name}.json"), &device);
+        assert_golden(&pen, &format!("pen_{name}.safetensors"), 2.0, &device);
+    }
 }
 
 #[test]

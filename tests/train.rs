@@ -365,17 +365,23 @@ fn gradients_through_the_whole_network_equal_central_differences() {
     // The stem's convolution (first of rank 4) and its norm (first of rank 1): the longest ways.
     let _alone = alone();
     let device = Device::flex().autodiff();
-    device.seed(11);
-    let pen = Pen::new(&tiny(), &device).unwrap();
-    let gradients = GradientsParams::from_grads(loss_of(&pen, &device).backward(), &pen);
-    assert_slope::<4>(&pen, &gradients, &device);
-    assert_slope::<1>(&pen, &gradients, &device);
+    let convnext = |response_norm: bool| {
+        let backbone = BackboneConfig::ConvNext { depths: [1, 1, 1, 1], widths: [4, 6, 8, 8], response_norm };
+        PenConfig { backbone, head: HeadConfig::Paper { channels: [6, 6, 4] }, ..PenConfig::paper() }
+    };
+    for config in [tiny(), convnext(false), convnext(true)] {
+        device.seed(11);
+        let pen = Pen::new(&config, &device).unwrap();
+        let gradients = GradientsParams::from_grads(loss_of(&pen, &device).backward(), &pen);
+        assert_slope::<4>(&pen, &gradients, &device);
+        assert_slope::<1>(&pen, &gradients, &device);
+    }
 }
 
 fn loss_of(pen: &Pen, device: &Device) -> Tensor<1> {
     let batch = batch();
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 32, 64, 3]), device);
-    let losses = map_losses(pen.forward(pictures), &batch.labels, &tiny(), CROSS_ENTROPY, 0.5);
+    let losses = map_losses(pen.forward(pictures), &batch.labels, pen.config(), CROSS_ENTROPY, 0.5);
     losses.heatmap + losses.depth.mul_scalar(0.2)
 }
 

@@ -221,6 +221,42 @@ vectorised! {
     }
 }
 
+/// x·Φ(x), Φ the normal distribution (Hendrycks & Gimpel, 2016), by the error function.
+pub fn gelu(x: Map<'_>, out: MapMut<'_>) {
+    assert_eq!(x.extent.with_halo(0), out.extent.with_halo(0), "GELU keeps the size");
+    for_each(x.extent.batch * x.extent.height, |line| {
+        let (image, row) = (line / x.extent.height, line % x.extent.height);
+        for (out, &value) in out.row(image, row).iter_mut().zip(x.row(image, row)) {
+            *out = 0.5 * value * (1.0 + libm::erff(value * std::f32::consts::FRAC_1_SQRT_2));
+        }
+    });
+}
+
+/// Global response norm (Woo et al., 2023): each channel times 1 + weight·(its norm over the picture / the channels'
+/// mean norm), plus bias.
+pub fn response_norm(x: Map<'_>, [weight, bias]: [&[f32]; 2], epsilon: f32, out: MapMut<'_>) {
+    let channels = x.extent.channels;
+    assert_eq!(x.extent.with_halo(0), out.extent.with_halo(0), "a response norm keeps the size");
+    assert!(weight.len() == channels && bias.len() == channels, "response norm of {channels} channels");
+    for image in 0..x.extent.batch {
+        let mut squares = vec![0.0_f64; channels];
+        for pixel in (0..x.extent.height).flat_map(|row| x.row(image, row).chunks_exact(channels)) {
+            squares.iter_mut().zip(pixel).for_each(|(sum, &value)| *sum += f64::from(value) * f64::from(value));
+        }
+        let strengths: Vec<f32> = squares.iter().map(|sum| sum.sqrt() as f32).collect();
+        let mean = strengths.iter().sum::<f32>() / channels as f32 + epsilon;
+        let factors: Vec<f32> = strengths.iter().zip(weight).map(|(strength, w)| 1.0 + w * strength / mean).collect();
+        for_each(x.extent.height, |row| {
+            let pixels = out.row(image, row).chunks_exact_mut(channels).zip(x.row(image, row).chunks_exact(channels));
+            for (out, pixel) in pixels {
+                for (((out, &value), factor), bias) in out.iter_mut().zip(pixel).zip(&factors).zip(bias) {
+                    *out = value * factor + bias;
+                }
+            }
+        });
+    }
+}
+
 /// A weighted sum over the channels of each pixel, plus bias and skip, then a leaky ReLU.
 pub(super) fn weighted_sum(
     vectors: Vectors,

@@ -6,6 +6,7 @@ use burn::nn::{BatchNorm, BatchNormConfig};
 use burn::tensor::Device;
 
 use super::config::BackboneConfig;
+use super::convnext::ConvNext;
 use super::layers::{BasicBlock, ConvNorm, Layers, Slope, Unit, conv};
 
 /// Blocks in ResNet34's layer1, layer2, layer3 (layer4 is not used by PEN).
@@ -15,12 +16,14 @@ const RESNET34_BLOCKS: [usize; 3] = [3, 4, 6];
 /// sees them as one map with the channels of all.
 pub(super) type Features<M> = Vec<(M, usize)>;
 
-/// Feature extractor of either kind.
+/// Feature extractor of any kind.
 #[derive(Module, Debug)]
 #[allow(clippy::large_enum_variant)] // there is one a network
 pub(super) enum Backbone {
     /// See [`BackboneConfig::ResNet34`].
     ResNet34(ResNet34),
+    /// See [`BackboneConfig::ConvNext`].
+    ConvNext(ConvNext),
     /// See [`BackboneConfig::Compact`].
     Compact(Compact),
 }
@@ -29,6 +32,9 @@ impl Backbone {
     pub(super) fn new(config: &BackboneConfig, device: &Device) -> Self {
         match *config {
             BackboneConfig::ResNet34 { width } => Self::ResNet34(ResNet34::new(width, device)),
+            BackboneConfig::ConvNext { depths, widths, response_norm } => {
+                Self::ConvNext(ConvNext::new(depths, widths, response_norm, device))
+            }
             BackboneConfig::Compact { stem, stages, pyramid } => {
                 Self::Compact(Compact::new(stem, stages, pyramid, device))
             }
@@ -39,6 +45,7 @@ impl Backbone {
     pub(super) fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Features<L::Map> {
         match self {
             Self::ResNet34(net) => net.forward(layers, picture),
+            Self::ConvNext(net) => net.forward(layers, picture),
             Self::Compact(net) => net.forward(layers, picture),
         }
     }
@@ -47,7 +54,16 @@ impl Backbone {
     pub(super) fn channels(config: &BackboneConfig) -> Vec<usize> {
         match *config {
             BackboneConfig::ResNet34 { width } => vec![width, width, 2 * width, 4 * width],
+            BackboneConfig::ConvNext { widths, .. } => widths.to_vec(),
             BackboneConfig::Compact { pyramid, .. } => vec![pyramid],
+        }
+    }
+
+    /// Input pixels per cell of the finest feature.
+    pub(super) fn finest_stride(config: &BackboneConfig) -> usize {
+        match config {
+            BackboneConfig::ResNet34 { .. } => 2,
+            BackboneConfig::ConvNext { .. } | BackboneConfig::Compact { .. } => 4,
         }
     }
 }

@@ -30,6 +30,16 @@ pub enum BackboneConfig {
         /// Channels of stem and layer1 (64 as published); layer2 has twice, layer3 four times as many.
         width: usize,
     },
+    /// ConvNeXt (Liu et al., 2022) or its second version (Woo et al., 2023), with timm's `conv_mlp`: features of
+    /// strides 4, 8, 16, 32 brought to stride 4 and concatenated.
+    ConvNext {
+        /// Blocks of the four stages.
+        depths: [usize; 4],
+        /// Channels of the four stages.
+        widths: [usize; 4],
+        /// Version 2: a global response norm in each block instead of a factor on each of its channels.
+        response_norm: bool,
+    },
     /// Small residual network with a top-down pyramid, one feature map of stride 4.
     Compact {
         /// Channels of the 5×5 stem.
@@ -45,7 +55,7 @@ pub enum BackboneConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 pub enum HeadConfig {
-    /// As published: 1×1, two 7×7 with layer norm and leaky ReLU, 1×1; output upsampled ×2.
+    /// As published: 1×1, two 7×7 with layer norm and leaky ReLU, 1×1; output upsampled to the input's size.
     Paper {
         /// Channels after the first 1×1, the first 7×7 and the second 7×7 (256, 256, 128).
         channels: [usize; 3],
@@ -94,6 +104,13 @@ impl PenConfig {
         }
     }
 
+    /// The published network with timm's `convnext_nano` as its backbone, or (`second`) `convnextv2_nano`.
+    pub fn convnext_nano(second: bool) -> Self {
+        let backbone =
+            BackboneConfig::ConvNext { depths: [2, 2, 8, 2], widths: [80, 160, 320, 640], response_norm: second };
+        Self { backbone, ..Self::paper() }
+    }
+
     /// The network for browsers: 0.7 M parameters, 0.2 GMAC at 224×224. `prior_depth` in m.
     pub fn compact(prior_depth: f64) -> Self {
         Self {
@@ -108,7 +125,7 @@ impl PenConfig {
     pub fn input_multiple(&self) -> u32 {
         match self.backbone {
             BackboneConfig::ResNet34 { .. } => 16,
-            BackboneConfig::Compact { .. } => 32,
+            BackboneConfig::ConvNext { .. } | BackboneConfig::Compact { .. } => 32,
         }
     }
 
@@ -128,18 +145,24 @@ impl PenConfig {
         let refuse = |field: &str, reason: String| Err(Error::value("model", field, reason));
         let mut channels = match self.backbone {
             BackboneConfig::ResNet34 { width } => vec![width],
+            BackboneConfig::ConvNext { depths, widths, .. } => [depths, widths].concat(),
             BackboneConfig::Compact { stem, stages, pyramid } => [&[stem, pyramid], &stages[..]].concat(),
         };
         if let HeadConfig::Paper { channels: head } = self.head {
             channels.extend(head);
         }
         if let Some(wrong) = channels.iter().find(|&&count| count == 0 || count > MAX_CHANNELS) {
-            return refuse("channels", format!("must be 1 to {MAX_CHANNELS}, not {wrong}"));
+            return refuse("channels/depths", format!("must be 1 to {MAX_CHANNELS}, not {wrong}"));
         }
         match (&self.backbone, &self.head) {
-            (BackboneConfig::ResNet34 { .. }, HeadConfig::Paper { .. })
+            (BackboneConfig::ResNet34 { .. } | BackboneConfig::ConvNext { .. }, HeadConfig::Paper { .. })
             | (BackboneConfig::Compact { .. }, HeadConfig::Depthwise) => {}
-            _ => return refuse("head", "`paper` goes with `resnet34`, `depthwise` with `compact`".into()),
+            _ => {
+                return refuse(
+                    "head",
+                    "`paper` goes with `resnet34` and `convnext`, `depthwise` with `compact`".into(),
+                );
+            }
         }
         for (field, value) in [("heatmap.beta", self.heatmap.beta), ("depth.scale", self.depth.scale)] {
             if !(value.is_finite() && value > 0.0) {

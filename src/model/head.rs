@@ -7,10 +7,12 @@ use burn::tensor::Device;
 
 use super::backbone::Features;
 use super::config::HeadConfig;
-use super::layers::{ConvNorm, LAYER_NORM_EPSILON, Layers, Slope, Unit, conv};
+use super::layers::{ConvNorm, Layers, Slope, Unit, conv};
 
 /// Kernel of the wide convolutions of both kinds of head.
 const KERNEL: usize = 7;
+/// Added to layer norm's variance.
+const EPSILON: f64 = 1e-5;
 /// The published heads' leaky ReLU.
 const LEAKY: Slope = Slope(0.01);
 
@@ -58,7 +60,7 @@ impl PaperHead {
     fn new(features: &[usize], [a, b, c]: [usize; 3], last: Initializer, device: &Device) -> Self {
         let xavier = |gain| Initializer::XavierUniform { gain };
         let wide = |channels| conv(channels, KERNEL, 1).with_initializer(xavier(std::f64::consts::SQRT_2)).init(device);
-        let norm = |channels| LayerNormConfig::new(channels).with_epsilon(LAYER_NORM_EPSILON).init(device);
+        let norm = |channels| LayerNormConfig::new(channels).with_epsilon(EPSILON).init(device);
         Self {
             reduce: conv([features.iter().sum(), a], 1, 1).with_initializer(xavier(1.0)).init(device),
             conv1: wide([a, b]),
@@ -73,9 +75,9 @@ impl PaperHead {
     fn forward<L: Layers>(&self, layers: &mut L, features: &Features<L::Map>) -> L::Map {
         let x = self.reduce(layers, features);
         let x = layers.unit(&x, Unit::new(&self.conv1, None, Slope::NONE), None);
-        let x = layers.layer_norm(&x, &self.norm1, LEAKY);
+        let x = layers.layer_norm(&x, &self.norm1, EPSILON, LEAKY);
         let x = layers.unit(&x, Unit::new(&self.conv2, None, Slope::NONE), None);
-        let x = layers.layer_norm(&x, &self.norm2, LEAKY);
+        let x = layers.layer_norm(&x, &self.norm2, EPSILON, LEAKY);
         layers.unit(&x, Unit::new(&self.last, None, Slope::NONE), None)
     }
 

@@ -8,11 +8,13 @@ use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::nn::{BatchNorm, BatchNormConfig, Initializer, LayerNorm, PaddingConfig2d};
 use burn::tensor::{Device, Tensor};
 
+use super::convnext::ResponseNorm;
+
 /// Kaiming normal for ReLU, by fan-out: the initialisation ResNet was published with.
 const KAIMING: Initializer = Initializer::KaimingNormal { gain: std::f64::consts::SQRT_2, fan_out_only: true };
 
-/// Added to layer norm's variance.
-pub(super) const LAYER_NORM_EPSILON: f64 = 1e-5;
+/// Added to the mean strength of the channels in a global response norm.
+pub(super) const RESPONSE_NORM_EPSILON: f32 = 1e-6;
 
 /// Activation: negative values are multiplied by `self.0`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,8 +75,14 @@ pub(super) trait Layers {
     /// Maximum over 3×3 windows of stride 2, padded by 1.
     fn max_pool(&mut self, x: &Self::Map) -> Self::Map;
 
-    /// Layer norm over channels, activation.
-    fn layer_norm(&mut self, x: &Self::Map, norm: &LayerNorm, slope: Slope) -> Self::Map;
+    /// Layer norm over channels (its `epsilon` is that which `norm` was made with), activation.
+    fn layer_norm(&mut self, x: &Self::Map, norm: &LayerNorm, epsilon: f64, slope: Slope) -> Self::Map;
+
+    /// x·Φ(x), by the error function.
+    fn gelu(&mut self, x: &Self::Map) -> Self::Map;
+
+    /// Global response norm.
+    fn response_norm(&mut self, x: &Self::Map, norm: &ResponseNorm) -> Self::Map;
 }
 
 /// A square convolution that keeps the size at stride 1.

@@ -5,6 +5,7 @@
 mod backbone;
 mod card;
 mod config;
+mod convnext;
 mod decode;
 mod head;
 mod layers;

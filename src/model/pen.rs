@@ -15,8 +15,6 @@ use super::tensors::{Tensors, is_cpu};
 /// Softplus of the published depth head: beta, and where it turns linear.
 const SOFTPLUS_BETA: f64 = 2.0;
 const SOFTPLUS_THRESHOLD: f64 = 16.0;
-/// The published heads work at stride 2; their maps are brought to the input's size.
-const PAPER_UPSAMPLING: usize = 2;
 
 /// How often a map's values lie in memory at the peak of a training step: result, sum before the norm, gradient, and
 /// what the allocator holds (measured: 3.4 to 4).
@@ -102,7 +100,9 @@ impl Pen {
     fn output(&self, heatmap: Tensor<4>, depth: Tensor<4>) -> PenOutput {
         let mut maps = [heatmap, activate(depth, &self.config.depth)];
         if let HeadConfig::Paper { .. } = self.config.head {
-            maps = maps.map(|map| Tensors.upsample(&map, PAPER_UPSAMPLING, None));
+            // They work at the finest feature's stride; their maps are brought to the input's size.
+            let factor = Backbone::finest_stride(&self.config.backbone);
+            maps = maps.map(|map| Tensors.upsample(&map, factor, None));
         }
         let [heatmap, depth] = maps.map(|map| map.squeeze_dim(3));
         PenOutput { heatmap, depth }

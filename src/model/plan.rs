@@ -9,11 +9,12 @@ use std::sync::{Mutex, PoisonError};
 use burn::nn::LayerNorm;
 use burn::tensor::{ElementConversion as _, Tensor};
 
-use super::layers::{LAYER_NORM_EPSILON, Layers, Slope, Unit};
+use super::convnext::ResponseNorm;
+use super::layers::{Layers, RESPONSE_NORM_EPSILON, Slope, Unit};
 use super::tensors::{fold, shape};
 use crate::kernels::{
-    Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, layer_norm, max_pool, threads, upsample,
-    with_threads_awake,
+    Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, gelu, layer_norm, max_pool, response_norm,
+    threads, upsample, with_threads_awake,
 };
 
 /// A network for one size of picture, ready to run.
@@ -52,6 +53,8 @@ enum Task {
     Upsample { factor: usize },
     MaxPool,
     LayerNorm { scale: Vec<f32>, shift: Vec<f32>, epsilon: f32, slope: f32 },
+    Gelu,
+    ResponseNorm { weight: Vec<f32>, bias: Vec<f32> },
 }
 
 impl Plan {
@@ -126,6 +129,10 @@ impl Plan {
                 Task::MaxPool => max_pool(*vectors, x, write),
                 Task::LayerNorm { scale, shift, epsilon, slope } => {
                     layer_norm(*vectors, x, [scale, shift], *epsilon, *slope, write);
+                }
+                Task::Gelu => gelu(x, write),
+                Task::ResponseNorm { weight, bias } => {
+                    response_norm(x, [weight, bias], RESPONSE_NORM_EPSILON, write);
                 }
             }
             buffers[step.out.buffer] = out;
@@ -244,10 +251,19 @@ impl Layers for Recorder {
         self.record(Task::MaxPool, x, None, coarse)
     }
 
-    fn layer_norm(&mut self, &x: &usize, norm: &LayerNorm, slope: Slope) -> usize {
+    fn gelu(&mut self, &x: &usize) -> usize {
+        self.record(Task::Gelu, x, None, self.maps[x].with_halo(0))
+    }
+
+    fn response_norm(&mut self, &x: &usize, norm: &ResponseNorm) -> usize {
+        let [weight, bias] = [&norm.weight, &norm.bias].map(|values| read(values.val()));
+        self.record(Task::ResponseNorm { weight, bias }, x, None, self.maps[x].with_halo(0))
+    }
+
+    fn layer_norm(&mut self, &x: &usize, norm: &LayerNorm, epsilon: f64, slope: Slope) -> usize {
         let scale = read(norm.gamma.val());
         let shift = norm.beta.as_ref().map_or_else(|| vec![0.0; scale.len()], |beta| read(beta.val()));
-        let task = Task::LayerNorm { scale, shift, epsilon: LAYER_NORM_EPSILON as f32, slope: slope.0 };
+        let task = Task::LayerNorm { scale, shift, epsilon: epsilon as f32, slope: slope.0 };
         self.record(task, x, None, self.maps[x].with_halo(0))
     }
 }

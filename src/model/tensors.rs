@@ -9,7 +9,8 @@ use burn::tensor::activation::leaky_relu;
 use burn::tensor::ops::MaxPoolOptions;
 use burn::tensor::{Device, Tensor};
 
-use super::layers::{Layers, Slope, Unit};
+use super::convnext::ResponseNorm;
+use super::layers::{Layers, RESPONSE_NORM_EPSILON, Slope, Unit};
 use super::operation::{Skip, UnitOps};
 use crate::kernels::{ConvShape, UnitShape};
 
@@ -66,8 +67,19 @@ impl Layers for Tensors {
         burn::tensor::module::max_pool2d(nchw, options).permute([0, 2, 3, 1])
     }
 
-    fn layer_norm(&mut self, x: &Tensor<4>, norm: &LayerNorm, slope: Slope) -> Tensor<4> {
+    fn layer_norm(&mut self, x: &Tensor<4>, norm: &LayerNorm, _: f64, slope: Slope) -> Tensor<4> {
         activate(norm.forward(x.clone()), slope)
+    }
+
+    fn gelu(&mut self, x: &Tensor<4>) -> Tensor<4> {
+        burn::tensor::activation::gelu(x.clone())
+    }
+
+    fn response_norm(&mut self, x: &Tensor<4>, norm: &ResponseNorm) -> Tensor<4> {
+        let strength = x.clone().powi_scalar(2).sum_dim(1).sum_dim(2).sqrt(); // [b, 1, 1, c]
+        let relative = strength.clone() / strength.mean_dim(3).add_scalar(RESPONSE_NORM_EPSILON);
+        let [weight, bias] = [&norm.weight, &norm.bias].map(|values| values.val().reshape([1, 1, 1, -1]));
+        x.clone() * (relative * weight).add_scalar(1.0) + bias
     }
 }
 

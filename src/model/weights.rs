@@ -36,16 +36,17 @@ pub fn load(config: &PenConfig, bytes: Vec<u8>, device: &Device) -> Result<Pen> 
     Ok(pen)
 }
 
-/// `pen` with its ResNet34 backbone's weights taken from a file with timm's `resnet34` names
-/// (`conv1.weight`, `layer1.0.bn2.running_var`, …). layer4, `fc` and batch counters are ignored.
+/// `pen` with its backbone's weights taken from a file with timm's names: those of `resnet34`, `convnext_nano` or
+/// `convnextv2_nano` (`conv1.weight`, `layer1.0.bn2.running_var`, `stages.0.blocks.1.mlp.fc1.weight`, …). What PEN does
+/// not use (`layer4`, `fc`, `head`, batch counters) is ignored.
 ///
 /// # Errors
-/// As [`load`]; [`Error::WeightsArchitecture`] also where `pen` has another backbone.
+/// As [`load`]; [`Error::WeightsArchitecture`] also where `pen` has a backbone that timm does not have.
 pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
-    let BackboneConfig::ResNet34 { .. } = pen.config().backbone else {
-        let reason = "timm's resnet34 weights fit the `resnet34` backbone only".into();
+    if let BackboneConfig::Compact { .. } = pen.config().backbone {
+        let reason = "timm's weights fit the backbones `resnet34` and `convnext` only".into();
         return Err(Error::WeightsArchitecture { reason });
-    };
+    }
     let remapper = KeyRemapper::new()
         .add_pattern("^", "backbone.")
         .map_err(|error| Error::WeightsArchitecture { reason: error.to_string() })?;

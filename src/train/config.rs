@@ -236,12 +236,19 @@ impl Default for Augmentation {
 
 /// Network by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
 pub enum Network {
     /// [`PenConfig::compact`].
+    #[serde(rename = "compact")]
     Compact,
-    /// [`PenConfig::paper`].
+    /// [`PenConfig::paper`], with ResNet34.
+    #[serde(rename = "paper")]
     Paper,
+    /// [`PenConfig::convnext_nano`].
+    #[serde(rename = "convnext-nano")]
+    ConvNextNano,
+    /// [`PenConfig::convnext_nano`], the second version.
+    #[serde(rename = "convnextv2-nano")]
+    ConvNextV2Nano,
 }
 
 /// Steps with the same crop and learning-rate schedule.
@@ -502,7 +509,9 @@ impl TrainConfig {
     pub fn heatmap_loss(&self) -> HeatmapLoss {
         self.heatmap_loss.unwrap_or(match self.network {
             Network::Compact => HeatmapLoss::CrossEntropy { sigma: 4.0 },
-            Network::Paper => HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 },
+            Network::Paper | Network::ConvNextNano | Network::ConvNextV2Nano => {
+                HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 }
+            }
         })
     }
 
@@ -512,6 +521,8 @@ impl TrainConfig {
             (Some(architecture), _) => architecture.clone(),
             (None, Network::Compact) => PenConfig::compact(prior_depth),
             (None, Network::Paper) => PenConfig::paper(),
+            (None, Network::ConvNextNano) => PenConfig::convnext_nano(false),
+            (None, Network::ConvNextV2Nano) => PenConfig::convnext_nano(true),
         }
     }
 

@@ -5,7 +5,7 @@ Set-up:  python3 -m venv V && V/bin/pip install torch timm safetensors numpy
 Use:     V/bin/python tests/golden/pen.py          (writes the files beside this script)
 
 The published network has 18 M parameters, too many to commit: weights, and the picture, come from a formula that both
-sides compute (`values`), by tensor name. The backbone is timm's own `resnet34`; its tensor names and shapes are
+sides compute (`values`), by tensor name. The backbones are timm's own `resnet34`, `convnext_nano` and `convnextv2_nano`; their tensor names and shapes are
 written too, so that the Rust test loads a file with exactly timm's names.
 """
 import json
@@ -62,9 +62,9 @@ def up(x, factor):
 
 
 class PaperHead(nn.Module):
-    def __init__(self):
+    def __init__(self, features=512):
         super().__init__()
-        self.reduce = nn.Conv2d(512, 256, 1)
+        self.reduce = nn.Conv2d(features, 256, 1)
         self.conv1, self.norm1 = nn.Conv2d(256, 256, 7, padding=3), nn.LayerNorm(256)
         self.conv2, self.norm2 = nn.Conv2d(256, 128, 7, padding=3), nn.LayerNorm(128)
         self.last = nn.Conv2d(128, 1, 1)
@@ -154,6 +154,23 @@ def paper():
 
 
 @torch.no_grad()
+def convnext(name):
+    net = timm.create_model(name, pretrained=False)
+    with open(os.path.join(HERE, f"timm_{name}.json"), "w") as out:
+        json.dump({k: list(v.shape) for k, v in net.state_dict().items()}, out, indent=0)
+    fill(net)
+    x = net.stem(torch.from_numpy(values("picture", 3 * HEIGHT * WIDTH).astype(np.float32).reshape(1, 3, HEIGHT, WIDTH)))
+    maps = []
+    for stage in net.stages:
+        x = stage(x)
+        maps.append(up(x, 2 ** len(maps)) if maps else x)
+    features = torch.cat(maps, 1)
+    head = lambda name: fill(PaperHead(features.shape[1]), name)(features)
+    heatmap, depth = up(head("heatmap_head."), 4)[0, 0], up(F.softplus(head("depth_head."), 2, 16), 4)[0, 0]
+    return {"heatmap": heatmap, "depth": depth, "decoded": decoded(heatmap, depth, 2.0, 1)}
+
+
+@torch.no_grad()
 def compact():
     picture = torch.from_numpy(values("picture", 3 * HEIGHT * WIDTH).astype(np.float32).reshape(1, 3, HEIGHT, WIDTH))
     features = fill(Compact(**COMPACT), "backbone.")(picture)
@@ -164,7 +181,9 @@ def compact():
 
 if __name__ == "__main__":
     torch.set_num_threads(1)
-    for name, golden in (("pen_paper", paper()), ("pen_compact", compact())):
+    for name, golden in (("pen_paper", paper()), ("pen_compact", compact()),
+                         ("pen_convnext_nano", convnext("convnext_nano")),
+                         ("pen_convnextv2_nano", convnext("convnextv2_nano"))):
         save_file({k: v.contiguous() for k, v in golden.items()}, os.path.join(HERE, f"{name}.safetensors"))
         os.chmod(os.path.join(HERE, f"{name}.safetensors"), 0o644)
         print(name, {k: (list(v.shape), float(v.min()), float(v.max())) for k, v in golden.items()})
