@@ -81,7 +81,13 @@ fn taught_frames(clip: &Clip, fit: &Fit, config: &FitConfig) -> Result<Vec<Optio
         let sure = taught.sigma <= config.largest_sigma && (first..=last).contains(&index);
         Ok(Some(taught).filter(|taught| sure && taught.depth > 0.0 && in_picture(clip, taught.image)))
     });
-    frames.collect()
+    let frames: Vec<Option<TaughtFrame>> = frames.collect::<Result<_>>()?;
+    if frames.iter().flatten().next().is_some() {
+        return Ok(frames);
+    }
+    let surest = fit.frames.iter().map(FittedFrame::sigma).fold(f64::INFINITY, f64::min);
+    let reason = format!("its trajectory is nowhere sure enough (1-σ of {surest:.2} m at best)");
+    Err(Error::Fit { reason })
 }
 
 fn taught_frame(clip: &Clip, frame: &Frame, fitted: &FittedFrame, noise_px: f64) -> Result<TaughtFrame> {
@@ -164,7 +170,8 @@ pub fn check_taught(clips: &[Clip], taught: &[TaughtClip], config: &FitConfig, w
         return Ok(());
     }
     let tried: Vec<&Clip> = left_out.iter().take(DIAGNOSED).map(|&(clip, _)| clip).collect();
-    let fits = |reading: Reading| tried.iter().filter(|clip| fit(&reading.of(clip), config).is_ok()).count();
+    let fits =
+        |reading: Reading| tried.iter().filter(|clip| teach(&reading.of(clip), config).left_out.is_none()).count();
     let hint = Reading::ALL.into_iter().map(|reading| (fits(reading), reading)).max_by_key(|&(count, _)| count);
     let advice = match hint {
         Some((count, reading)) if 2 * count > tried.len() => {
