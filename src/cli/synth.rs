@@ -67,7 +67,7 @@ enum SplitName {
 enum Engine {
     /// The forecaster and a ray-caster.
     Builtin,
-    /// The paper's (not in this build).
+    /// The paper's, MuJoCo, in a build by scripts/mujoco.
     Mujoco,
 }
 
@@ -84,7 +84,13 @@ impl Engine {
     fn open(self, studio: &Studio) -> Result<Box<dyn synth::Engine + '_>> {
         match self {
             Self::Builtin => Ok(Box::new(studio.builtin())),
-            Self::Mujoco => bail!("this build has no MuJoCo; use --engine builtin"),
+            #[cfg(all(feature = "mujoco", libmujoco))]
+            Self::Mujoco => Ok(Box::new(synth::Mujoco::new(studio)?)),
+            #[cfg(not(all(feature = "mujoco", libmujoco)))]
+            Self::Mujoco => bail!(
+                "this build has no MuJoCo; run scripts/mujoco, which fetches it and builds the command with it, \
+                 or use --engine builtin"
+            ),
         }
     }
 }

@@ -1,7 +1,12 @@
-//! The paper's synthetic data sets, made by the built-in engine: the forecaster's `spring` contact and a ray-caster.
+//! The paper's synthetic data sets, made by one of two engines: the built-in one (the forecaster's `spring` contact and
+//! a ray-caster), or the paper's, MuJoCo.
 //!
 //! Clips are drawn from (seed, split, environment, camera, number) alone, so SD-S is a part of SD-M, and SD-M of SD-L.
+//! Both engines draw the same starts. One whose ball leaves the picture is drawn again; there the engines' paths,
+//! millimetres apart (after many bounces centimetres), may in rare cases disagree, and a clip differ.
 
+#[cfg(all(feature = "mujoco", libmujoco))]
+mod mujoco;
 mod render;
 mod scenes;
 mod studio;
@@ -15,6 +20,8 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use sha2::{Digest, Sha256};
 
+#[cfg(all(feature = "mujoco", libmujoco))]
+pub use self::mujoco::Mujoco;
 pub use self::render::Renderer;
 use self::scenes::Paper;
 use super::{Clip, Frame};
