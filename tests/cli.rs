@@ -425,3 +425,14 @@ fn a_synthetic_set_is_gone_on_with_after_a_kill_and_can_be_read() {
     assert_eq!(other.status.code(), Some(1));
     assert!(String::from_utf8_lossy(&other.stderr).contains("choose another --out"));
 }
+
+#[cfg(not(all(feature = "mujoco", libmujoco)))]
+#[test]
+fn a_build_without_mujoco_says_how_to_get_one() {
+    let out = scratch("mujoco").join("set");
+    let arguments = ["synth", "--set", "sd-s", "--split", "val", "--engine", "mujoco", "--out", text(&out)];
+    let refused = gravisight(&arguments);
+    let errors = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!((refused.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
+    assert!(errors.contains("scripts/mujoco") && !out.exists(), "{errors}");
+}

@@ -92,7 +92,8 @@ fn sets_are_nested_and_their_clips_repeat() {
         assert!(shots(Set::SdM, split).iter().all(|shot| shots(Set::SdL, split).contains(shot)));
     }
     let studio = Studio::new(Shot { environment: Some(1), camera: 1 }).unwrap();
-    let clip = |seed, split, number| studio.clip(seed, split, number).unwrap().to_line().unwrap();
+    let clip =
+        |seed, split, number| studio.clip(&mut studio.builtin(), seed, split, number).unwrap().to_line().unwrap();
     assert_eq!(clip(1, Split::Train, 3), clip(1, Split::Train, 3));
     for other in [clip(2, Split::Train, 3), clip(1, Split::Val, 3), clip(1, Split::Train, 4)] {
         assert_ne!(clip(1, Split::Train, 3), other);
@@ -104,7 +105,7 @@ fn clips_are_as_the_paper_says() {
     for (environment, camera) in [(1, 1), (2, 9), (3, 4)] {
         let studio = Studio::new(Shot { environment: Some(environment), camera }).unwrap();
         for number in 0..5 {
-            let clip = studio.clip(7, Split::Train, number).unwrap();
+            let clip = studio.clip(&mut studio.builtin(), 7, Split::Train, number).unwrap();
             assert_eq!((clip.frames.len(), clip.fps), (90, 15.0));
             assert_eq!(clip.id, format!("train/env{environment}/cam{camera}/{number:04}"));
             for frame in &clip.frames {
@@ -116,7 +117,7 @@ fn clips_are_as_the_paper_says() {
         }
     }
     let spring = Studio::new(Shot { environment: None, camera: 1 }).unwrap();
-    let clip = spring.clip(7, Split::Test, 0).unwrap();
+    let clip = spring.clip(&mut spring.builtin(), 7, Split::Test, 0).unwrap();
     assert_eq!(clip.frames.len(), 120);
     let nearest = clip.frames.iter().map(|frame| Point3::from(frame.world.unwrap()).coords.norm()).fold(9.0, f64::min);
     assert!((0.85..2.7).contains(&nearest), "{nearest} m");

@@ -6,10 +6,11 @@ use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use gravisight::data::synth::{Set, Split, Studio};
+use gravisight::data::synth::{self, Set, Shot, Split, Studio};
 use gravisight::data::{Clip, Clips};
 use gravisight::files::{NewFolder, write_whole};
 use image::{ImageFormat, RgbImage};
+use nalgebra::Point3;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde_json::{Value, json};
 
@@ -62,17 +63,40 @@ enum SplitName {
     Test,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum Engine {
     /// The forecaster and a ray-caster.
     Builtin,
-    /// The paper's (not in this build).
+    /// The paper's, MuJoCo, in a build by scripts/mujoco.
     Mujoco,
+}
+
+impl Engine {
+    /// As in a folder's settings.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Builtin => "builtin",
+            Self::Mujoco => "mujoco",
+        }
+    }
+
+    /// Ready for a studio's shot, on this thread.
+    fn open(self, studio: &Studio) -> Result<Box<dyn synth::Engine + '_>> {
+        match self {
+            Self::Builtin => Ok(Box::new(studio.builtin())),
+            #[cfg(all(feature = "mujoco", libmujoco))]
+            Self::Mujoco => Ok(Box::new(synth::Mujoco::new(studio)?)),
+            #[cfg(not(all(feature = "mujoco", libmujoco)))]
+            Self::Mujoco => bail!(
+                "this build has no MuJoCo; run scripts/mujoco, which fetches it and builds the command with it, \
+                 or use --engine builtin"
+            ),
+        }
+    }
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
     ensure!(arguments.clips > 0, "--clips must be at least 1");
-    ensure!(arguments.engine == Engine::Builtin, "this build has no MuJoCo; use --engine builtin");
     let set = match arguments.set {
         SetName::SdS => Set::SdS,
         SetName::SdM => Set::SdM,
@@ -85,28 +109,23 @@ pub fn run(arguments: Arguments) -> Result<()> {
         SplitName::Test => Split::Test,
     };
     let out = &arguments.out;
-    claim(out, &json!({"engine": "builtin", "split": split.name(), "seed": arguments.seed}))?;
     let shots = set.shots(split);
+    // An engine that cannot work says so before there is a folder.
+    arguments.engine.open(&Studio::new(shots[0])?)?;
+    claim(out, &json!({"engine": arguments.engine.name(), "split": split.name(), "seed": arguments.seed}))?;
     let all = (shots.len() * arguments.clips) as u64;
     let progress = Mutex::new((Progress::new(), 0_u64));
     let began = std::time::Instant::now();
     let mut clips = Vec::new();
     let mut drawn = 0;
     for shot in shots {
-        let studio = Studio::new(shot)?;
-        let made: Vec<(Clip, usize)> = (0..arguments.clips)
-            .into_par_iter()
-            .map(|number| {
-                let clip = studio.clip(arguments.seed, split, number)?;
-                let new = make(out, &studio, &clip, &shot.folder(split, number))?;
-                if let Ok(mut progress) = progress.lock() {
-                    progress.1 += 1;
-                    let done = progress.1;
-                    progress.0.set(done, all, &clip.id);
-                }
-                Ok((clip, new))
-            })
-            .collect::<Result<_>>()?;
+        let made = shoot(&arguments, shot, split, |clip| {
+            if let Ok(mut progress) = progress.lock() {
+                progress.1 += 1;
+                let done = progress.1;
+                progress.0.set(done, all, &clip.id);
+            }
+        })?;
         drawn += made.iter().map(|(_, new)| new).sum::<usize>();
         clips.extend(made.into_iter().map(|(clip, _)| clip));
     }
@@ -126,6 +145,25 @@ pub fn run(arguments: Arguments) -> Result<()> {
         ))?,
     }
     Ok(())
+}
+
+/// Makes a shot's clips; with each, how many pictures were drawn. `done` is told of each.
+fn shoot(arguments: &Arguments, shot: Shot, split: Split, done: impl Fn(&Clip) + Sync) -> Result<Vec<(Clip, usize)>> {
+    let studio = Studio::new(shot)?;
+    let clips = (0..arguments.clips).into_par_iter().map_init(
+        || None,
+        |opened, number| {
+            let engine = match opened {
+                Some(engine) => engine,
+                None => opened.insert(arguments.engine.open(&studio)?),
+            };
+            let clip = studio.clip(engine.as_mut(), arguments.seed, split, number)?;
+            let new = make(&arguments.out, engine.as_mut(), &clip, &shot.folder(split, number))?;
+            done(&clip);
+            Ok((clip, new))
+        },
+    );
+    clips.collect()
 }
 
 /// Makes the folder, or checks that it was begun in the same way.
@@ -153,14 +191,15 @@ fn claim(out: &Path, settings: &Value) -> Result<()> {
 }
 
 /// Draws a clip, unless it is there; how many pictures were drawn.
-fn make(out: &Path, studio: &Studio, clip: &Clip, folder: &str) -> Result<usize> {
+fn make(out: &Path, engine: &mut dyn synth::Engine, clip: &Clip, folder: &str) -> Result<usize> {
     let place = out.join(folder);
     if place.join(LINE).is_file() {
         return Ok(0);
     }
     let new = NewFolder::at(&place)?;
-    for (frame, picture) in clip.frames.iter().zip(studio.pictures(clip)) {
+    for frame in &clip.frames {
         let name = frame.file.file_name().context("a frame without a name")?;
+        let picture = engine.picture(&Point3::from(frame.world.context("a frame without a position")?))?;
         let file = new.path().join(name);
         // The folder appears as a whole; no picture needs to by itself.
         std::fs::write(&file, png(&picture)?).with_context(|| file.display().to_string())?;

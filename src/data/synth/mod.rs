@@ -1,7 +1,12 @@
-//! The paper's synthetic data sets, made by the built-in engine: the forecaster's `spring` contact and a ray-caster.
+//! The paper's synthetic data sets, made by one of two engines: the built-in one (the forecaster's `spring` contact and
+//! a ray-caster), or the paper's, MuJoCo.
 //!
 //! Clips are drawn from (seed, split, environment, camera, number) alone, so SD-S is a part of SD-M, and SD-M of SD-L.
+//! Both engines draw the same starts. One whose ball leaves the picture is drawn again; there the engines' paths,
+//! millimetres apart (after many bounces centimetres), may in rare cases disagree, and a clip differ.
 
+#[cfg(all(feature = "mujoco", libmujoco))]
+mod mujoco;
 mod render;
 mod scenes;
 mod studio;
@@ -15,12 +20,14 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use sha2::{Digest, Sha256};
 
+#[cfg(all(feature = "mujoco", libmujoco))]
+pub use self::mujoco::Mujoco;
 pub use self::render::Renderer;
 use self::scenes::Paper;
 use super::{Clip, Frame};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::{Forecaster, Scene, State};
+use crate::physics::{Forecaster, Scene, State, Status};
 
 /// Starts drawn before a clip is given up.
 const TRIES: usize = 10_000;
@@ -119,7 +126,35 @@ pub fn scene(environment: Option<usize>) -> Result<Scene> {
     environment.map_or_else(|| paper.spring_scene(), |environment| paper.scene(environment))
 }
 
-/// Makes the clips of one shot.
+/// What simulates and draws. Each thread has its own.
+pub trait Engine {
+    /// Where the ball's centre is (world frame, m) at `times` (s from the start, rising); [`None`] for a start that
+    /// cannot be followed to the end.
+    fn path(&mut self, start: &State, times: &[f64]) -> Option<Vec<Point3<f64>>>;
+
+    /// The picture with the ball at `centre` (world frame, m).
+    ///
+    /// # Errors
+    /// [`Error::Device`] if what draws fails.
+    fn picture(&mut self, centre: &Point3<f64>) -> Result<RgbImage>;
+}
+
+/// The engine that is always there: a studio's forecaster and ray-caster.
+pub struct Builtin<'a>(&'a Studio);
+
+impl Engine for Builtin<'_> {
+    fn path(&mut self, start: &State, times: &[f64]) -> Option<Vec<Point3<f64>>> {
+        let forecast = self.0.forecaster.forecast(start, times);
+        let whole = forecast.status == Status::Ok;
+        whole.then(|| forecast.states.iter().map(|state| state.position).collect())
+    }
+
+    fn picture(&mut self, centre: &Point3<f64>) -> Result<RgbImage> {
+        Ok(self.0.renderer.frame(centre))
+    }
+}
+
+/// Knows one shot: draws its starts and labels its clips, whatever the engine.
 pub struct Studio {
     paper: &'static Paper,
     shot: Shot,
@@ -145,7 +180,12 @@ impl Studio {
         Ok(Self { paper, shot, forecaster: Forecaster::new(&scene)?, renderer, camera, scene })
     }
 
-    /// Draws the ball anywhere.
+    /// The built-in engine.
+    pub fn builtin(&self) -> Builtin<'_> {
+        Builtin(self)
+    }
+
+    /// The ray-caster.
     pub fn renderer(&self) -> &Renderer {
         &self.renderer
     }
@@ -155,17 +195,17 @@ impl Studio {
         &self.camera
     }
 
-    /// Clip `number` of a split with its labels; its pictures are drawn by [`Self::pictures`].
+    /// Clip `number` of a split with its labels; its pictures are the engine's at its frames' positions.
     ///
     /// # Errors
     /// [`Error::Data`] if no start keeps the ball in the picture.
-    pub fn clip(&self, seed: u64, split: Split, number: usize) -> Result<Clip> {
+    pub fn clip(&self, engine: &mut dyn Engine, seed: u64, split: Split, number: usize) -> Result<Clip> {
         let id = self.shot.id(split, number);
         let mut random = StdRng::from_seed(Sha256::digest(format!("{seed}/{id}")).into());
         let seconds = self.shot.environment.map_or(self.paper.spring.seconds, |_| self.paper.bouncing.seconds);
         let count = (seconds * self.paper.fps).round() as usize;
         let times: Vec<f64> = (0..count).map(|frame| frame as f64 / self.paper.fps).collect();
-        let path = (0..TRIES).find_map(|_| self.path(&mut random, &times)).ok_or_else(|| {
+        let path = (0..TRIES).find_map(|_| self.path(engine, &mut random, &times)).ok_or_else(|| {
             let reason = format!("no start of {TRIES} keeps the ball in the picture");
             Error::Data { what: id.clone(), reason }
         })?;
@@ -183,23 +223,17 @@ impl Studio {
         Ok(Clip { id, fps: self.paper.fps, camera: self.camera.clone(), scene: Some(self.scene.clone()), frames })
     }
 
-    /// A clip's pictures.
-    pub fn pictures<'a>(&'a self, clip: &'a Clip) -> impl Iterator<Item = RgbImage> + 'a {
-        clip.frames.iter().filter_map(|frame| Some(self.renderer.frame(&Point3::from(frame.world?))))
-    }
-
     /// A random ball's path; [`None`] if it leaves the picture.
-    fn path(&self, random: &mut StdRng, times: &[f64]) -> Option<Vec<Point3<f64>>> {
+    fn path(&self, engine: &mut dyn Engine, random: &mut StdRng, times: &[f64]) -> Option<Vec<Point3<f64>>> {
         let start = match self.shot.environment {
             Some(_) => self.thrown(random),
             None => self.swung(random, times)?,
         };
-        let forecast = self.forecaster.forecast(&start, times);
-        // A start inside a box would be moved out of it.
-        if forecast.status != crate::physics::Status::Ok {
+        // A start inside a box would be moved, or shot, out of it.
+        if self.forecaster.forecast(&start, &[]).status != Status::Ok {
             return None;
         }
-        let path: Vec<Point3<f64>> = forecast.states.iter().map(|state| state.position).collect();
+        let path = engine.path(&start, times)?;
         let [width, height] = self.paper.size.map(|side| f64::from(side) - 1.0);
         let inside = |centre: &Point3<f64>| {
             let image = self.camera.image_from_world(centre);

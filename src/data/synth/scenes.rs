@@ -17,7 +17,7 @@ pub(super) struct Paper {
     #[serde(rename = "about")]
     _about: String,
     pub size: [u32; 2],
-    field_of_view: f64,
+    pub field_of_view: f64,
     pub fps: f64,
     pub ball: Ball,
     pub light: Light,
@@ -70,8 +70,8 @@ pub(super) struct Material {
 #[serde(deny_unknown_fields)]
 pub(super) struct Bouncing {
     pub seconds: f64,
-    gravity: f64,
-    stiffness: f64,
+    pub gravity: f64,
+    pub stiffness: f64,
     pub floor: Floor,
     pub start: BouncingStart,
     environments: BTreeMap<String, Vec<Block>>,
@@ -111,7 +111,7 @@ pub(super) struct Block {
 #[serde(deny_unknown_fields)]
 pub(super) struct Spring {
     pub seconds: f64,
-    stiffness: f64,
+    pub stiffness: f64,
     camera: [f64; 3],
     pub start: SpringStart,
 }

@@ -4,8 +4,10 @@ use nalgebra::{Point3, Rotation3, Vector3};
 
 use super::scenes::{Block, Paper};
 
-/// Distance between the floor's lighting corners, m: MuJoCo's, for a floor of 800 m.
-pub(super) const FLOOR_GRID: f64 = 1600.0 / 198.0;
+/// The floor's half side, m.
+pub(super) const FLOOR: f64 = 800.0;
+/// Distance between the floor's lighting corners, m: MuJoCo's.
+pub(super) const FLOOR_GRID: f64 = 2.0 * FLOOR / 198.0;
 /// Cells of a box face's lighting grid in each direction: MuJoCo's.
 const FACE_GRID: usize = 4;
 /// How far from a surface rays start, m.
