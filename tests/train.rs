@@ -10,7 +10,7 @@ use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{formula, formula_tensor, root, safetensors_of, scratch, vector};
-use gravisight::data::synth::{Shot, Split, Studio};
+use gravisight::data::synth::{Engine as _, Shot, Split, Studio};
 use gravisight::data::{Clip, Clips, Frame};
 use gravisight::error::Error;
 use gravisight::localise::Localiser;
@@ -429,8 +429,10 @@ fn synthetic(name: &str, count: usize, drawn: usize, change: impl Fn(&mut Clip))
     std::fs::create_dir_all(&folder).unwrap();
     let studio = Studio::new(Shot { environment: Some(1), camera: 1 }).unwrap();
     let clips = (0..count).map(|number| {
-        let mut clip = studio.clip(7, Split::Train, number).unwrap();
-        for (frame, picture) in clip.frames.iter().zip(studio.pictures(&clip)).take(drawn) {
+        let mut engine = studio.builtin();
+        let mut clip = studio.clip(&mut engine, 7, Split::Train, number).unwrap();
+        for frame in clip.frames.iter().take(drawn) {
+            let picture = engine.picture(&Point3::from(frame.world.unwrap())).unwrap();
             let file = folder.join(&frame.file);
             std::fs::create_dir_all(file.parent().unwrap()).unwrap();
             picture.save(file).unwrap();
