@@ -325,6 +325,20 @@ fn two_balls_in_a_picture_are_not_chosen_between() {
 }
 
 #[test]
+fn an_archive_and_another_set_are_recognised() {
+    let folder = scratch("another_set");
+    let archive = folder.join("set.zip");
+    std::fs::write(&archive, b"PK").unwrap();
+    for (name, other) in [("sd", "rd"), ("rd", "sd"), ("spring", "rd")] {
+        let error = imported(set(name), &archive, &folder.join("out")).unwrap_err().to_string();
+        assert!(error.contains("unpack"), "{name}: {error}");
+        let error = imported(set(name), &fixtures().join(other), &folder.join("out")).unwrap_err().to_string();
+        assert!(error.contains(&format!("--from {other}")), "{name}: {error}");
+    }
+    assert!(!folder.join("out").exists());
+}
+
+#[test]
 fn nothing_is_written_where_something_is_or_where_no_clip_is_left() {
     let out = scratch("occupied");
     std::fs::write(out.join("mine"), "precious").unwrap();

@@ -8,7 +8,9 @@ use clap::Args;
 use gravisight::data::Clips;
 use gravisight::evaluate::{Bins, score};
 use gravisight::report::Report;
-use gravisight::train::config::{TrainConfig, assignment, lay_over, preset, presets, read_fields};
+use gravisight::train::config::TrainConfig;
+use gravisight::train::examples::LeftOut;
+use gravisight::train::recipe::{assignment, lay_over, preset, presets, read_fields};
 use gravisight::train::run::{self, Event, Prepared, Validation};
 use gravisight::train::score::Score;
 
@@ -127,7 +129,7 @@ fn show_prepared(progress: &mut Progress, prepared: &Prepared) {
     if !left_out.is_empty() {
         progress.say(&format!("{} clips are left out, for physics does not explain them:", left_out.len()));
     }
-    for (clip, reason) in left_out {
+    for LeftOut { clip, reason } in left_out {
         progress.say(&format!("  {clip}: {reason}"));
     }
 }

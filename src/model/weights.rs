@@ -99,6 +99,9 @@ fn widened(bytes: &[u8]) -> Result<Vec<u8>> {
     rewritten(bytes, |_, dtype| (dtype == Dtype::F16).then_some(Dtype::F32), widen)
 }
 
+/// A tensor of a file: name, type, shape, values.
+type Entry<'a> = (String, Dtype, Vec<usize>, Cow<'a, [u8]>);
+
 /// The file with those tensors in another type that `other` (of rank and type) names one for.
 fn rewritten(
     bytes: &[u8],
@@ -107,7 +110,7 @@ fn rewritten(
 ) -> Result<Vec<u8>> {
     let refuse = |error: SafeTensorError| Error::WeightsFile { reason: error.to_string() };
     let file = SafeTensors::deserialize(bytes).map_err(refuse)?;
-    let tensors: Vec<(String, Dtype, Vec<usize>, Cow<'_, [u8]>)> = (file.iter())
+    let tensors: Vec<Entry<'_>> = (file.iter())
         .map(|(name, view)| match other(view.shape().len(), view.dtype()) {
             Some(dtype) => (name.into(), dtype, view.shape().to_vec(), Cow::Owned(convert(view.data()))),
             None => (name.into(), view.dtype(), view.shape().to_vec(), Cow::Borrowed(view.data())),

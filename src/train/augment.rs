@@ -66,7 +66,7 @@ impl View {
     }
 
     /// From px of the view to px of the input: slopes and offset.
-    pub fn to_input(&self) -> (Matrix2<f64>, Vector2<f64>) {
+    pub fn to_input(self) -> (Matrix2<f64>, Vector2<f64>) {
         (self.linear, self.origin)
     }
 

@@ -6,6 +6,7 @@ use std::path::Path;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
+use serde::Serialize;
 
 use super::config::{Supervision, TrainConfig};
 use super::teacher::{TaughtClip, check_taught, teach};
@@ -33,6 +34,15 @@ pub struct Example {
     pub depth: Option<[f64; 2]>,
 }
 
+/// A clip that physics could not explain.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LeftOut {
+    /// The clip's id.
+    pub clip: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
 /// All that a run learns from.
 #[derive(Debug, Clone)]
 pub struct Examples {
@@ -42,8 +52,8 @@ pub struct Examples {
     pub frames: Vec<Example>,
     /// For each frame of each clip the number of its example.
     of_frame: Vec<Vec<Option<usize>>>,
-    /// Clips that physics could not explain, and why.
-    pub left_out: Vec<(String, String)>,
+    /// Clips that physics could not explain.
+    pub left_out: Vec<LeftOut>,
 }
 
 impl Examples {
@@ -186,7 +196,7 @@ fn taught(
     file: &Path,
     wanted: impl Fn(usize) -> bool,
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<(Vec<Example>, Vec<(String, String)>)> {
+) -> Result<(Vec<Example>, Vec<LeftOut>)> {
     let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
     let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
     check_physics(&of_chosen)?;
@@ -211,7 +221,7 @@ fn taught(
             examples.push(Example { clip, frame, image: taught.image, depth: Some([taught.depth, weight]) });
         }
     }
-    let left_out = fits.into_iter().filter_map(|fit| Some((fit.id, fit.left_out?)));
+    let left_out = fits.into_iter().filter_map(|fit| Some(LeftOut { clip: fit.id, reason: fit.left_out? }));
     Ok((examples, left_out.collect()))
 }
 

@@ -17,11 +17,13 @@ mod batch;
 #[cfg(not(target_arch = "wasm32"))]
 mod checkpoint;
 #[cfg(not(target_arch = "wasm32"))]
-mod examples;
+pub mod examples;
 #[cfg(not(target_arch = "wasm32"))]
 mod loader;
 #[cfg(not(target_arch = "wasm32"))]
 mod pictures;
+#[cfg(not(target_arch = "wasm32"))]
+pub mod recipe;
 #[cfg(not(target_arch = "wasm32"))]
 pub mod run;
 #[cfg(not(target_arch = "wasm32"))]

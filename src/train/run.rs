@@ -12,10 +12,11 @@ use serde::Serialize;
 
 use super::batch::Sampler;
 use super::checkpoint::{Best, Checkpoint};
-use super::config::{Phase, Supervision, TrainConfig, read_fields};
+use super::config::{Phase, Supervision, TrainConfig};
 use super::ema::Ema;
-use super::examples::Examples;
+use super::examples::{Examples, LeftOut};
 use super::loader::Loader;
+use super::recipe::read_fields;
 use super::score::{Score, score};
 use super::step::{StepOptions, StepReport, step};
 use crate::data::Clips;
@@ -85,8 +86,8 @@ pub struct Prepared {
     pub clips: usize,
     /// Frames with targets.
     pub frames: usize,
-    /// Clips that physics cannot explain, and why.
-    pub left_out: Vec<(String, String)>,
+    /// Clips that physics cannot explain.
+    pub left_out: Vec<LeftOut>,
 }
 
 /// What a run tells its caller.

@@ -121,6 +121,12 @@ pub fn import(
     observe: &mut dyn FnMut(usize, usize),
 ) -> Result<ImportReport> {
     options.check()?;
+    let is_folder = matches!(format, Format::Sd | Format::Spring | Format::Rd);
+    if is_folder && source.is_file() {
+        let reason =
+            "is a file, but this format is a folder; unpack it if it is an archive, and give the folder".into();
+        return Err(Error::Data { what: source.display().to_string(), reason });
+    }
     let mut jobs = match format {
         Format::Sd | Format::Spring => sd::jobs(source, format, options)?,
         Format::Rd => rd::jobs(source, options)?,
@@ -182,9 +188,25 @@ fn same_name() -> Error {
     Error::Data { what: "clip".into(), reason: "has the same name as another one; rename its folder".into() }
 }
 
+/// The published set that a folder holds, by the names of its tables.
+fn other_format(source: &Path) -> Option<&'static str> {
+    let has = |table: &str| {
+        pictures::files_below(source, &|path| path.file_name().is_some_and(|name| name == table))
+            .is_ok_and(|found| !found.is_empty())
+    };
+    match (has(sd::LABELS), has(rd::LABELS)) {
+        (true, _) => Some("sd or --from spring"),
+        (_, true) => Some("rd"),
+        _ => None,
+    }
+}
+
 fn nothing_left(source: &Path, refused: &[Refusal]) -> Error {
     let reason = match refused.first() {
-        None => "holds no clips of this format".into(),
+        None => match other_format(source) {
+            Some(other) => format!("holds no clips of this format, but of --from {other}"),
+            None => "holds no clips of this format".into(),
+        },
         Some(Refusal { clip, reason }) => {
             format!("no clip is left, {} refused; the first, `{clip}`: {reason}", refused.len())
         }

@@ -15,7 +15,7 @@ use crate::image::Picture;
 use crate::physics::Scene;
 
 /// 2D labels, px of the resized pictures.
-const LABELS: &str = "labels.csv";
+pub(super) const LABELS: &str = "labels.csv";
 /// Times of the frames, ns.
 const TIMES: &str = "timestamps.csv";
 /// Sizes of the pictures, depth at full scale.

@@ -18,7 +18,7 @@ use crate::physics::Scene;
 /// off by up to 3 px of 224, which is a quarter of it.
 const MAX_DISAGREEMENT: f64 = 0.05;
 /// The tables.
-const LABELS: &str = "label.csv";
+pub(super) const LABELS: &str = "label.csv";
 /// The matrices.
 const INFO: &str = "info.txt";
 
