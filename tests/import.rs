@@ -330,9 +330,14 @@ fn an_archive_and_another_set_are_recognised() {
     let archive = folder.join("set.zip");
     std::fs::write(&archive, b"PK").unwrap();
     for (name, other) in [("sd", "rd"), ("rd", "sd"), ("spring", "rd")] {
-        let error = imported(set(name), &archive, &folder.join("out")).unwrap_err().to_string();
+        let refused = |source: &Path| {
+            import(set(name).1, source, &folder.join("out"), &options(set(name)), &mut |_, _| ())
+                .unwrap_err()
+                .to_string()
+        };
+        let error = refused(&archive);
         assert!(error.contains("unpack"), "{name}: {error}");
-        let error = imported(set(name), &fixtures().join(other), &folder.join("out")).unwrap_err().to_string();
+        let error = refused(&fixtures().join(other));
         assert!(error.contains(&format!("--from {other}")), "{name}: {error}");
     }
     assert!(!folder.join("out").exists());
