@@ -80,10 +80,13 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
 }
 
-/// Writes the metrics into the card at `path`.
+/// Writes the metrics into the card at `path`, without the speed, which is this machine's.
 fn record(path: &Path, metrics: &Metrics) -> Result<()> {
     let mut card = Card::from_file(path)?;
     card.metrics = serde_json::to_value(metrics)?;
+    if let Some(fields) = card.metrics.as_object_mut() {
+        fields.remove("seconds_per_picture");
+    }
     Ok(card.write(path)?)
 }
 
