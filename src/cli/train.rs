@@ -10,6 +10,7 @@ use gravisight::evaluate::{Bins, score};
 use gravisight::report::Report;
 use gravisight::train::config::TrainConfig;
 use gravisight::train::examples::LeftOut;
+use gravisight::train::log::LOG;
 use gravisight::train::recipe::{assignment, lay_over, preset, presets, read_fields};
 use gravisight::train::run::{self, Event, Prepared, Validation};
 use gravisight::train::score::Score;
@@ -116,7 +117,7 @@ fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Optio
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
     let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
     let path = folder.join("report.html");
-    let (bins, log) = (Bins::over(&samples, BINS), folder.join(run::LOG));
+    let (bins, log) = (Bins::over(&samples, BINS), folder.join(LOG));
     let report = Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log: Some(&log) };
     gravisight::report::write(&path, &report)?;
     Ok(Some(path))

@@ -5,9 +5,8 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use super::loss::HeatmapLoss;
-use crate::error::{Error, Result};
 use crate::image::Normalisation;
-use crate::model::{InputSize, PenConfig, check_input};
+use crate::model::{InputSize, PenConfig};
 use crate::physics::Contact;
 
 /// A training run. `run.toml` is this structure; so are the presets, and `train --set FIELD=VALUE` sets any field.
@@ -313,110 +312,6 @@ fn default_validate_frames() -> usize {
 }
 
 impl TrainConfig {
-    /// Refuses values that cannot train.
-    ///
-    /// # Errors
-    /// [`Error::Value`] with the field.
-    pub fn check(&self) -> Result<()> {
-        let refuse = |field: &str, reason: String| Err(Error::value("run configuration", field, reason));
-        if self.phases.is_empty() {
-            return refuse("phases", "needs at least one [[phases]]".into());
-        }
-        check_input(&self.architecture(1.0), self.input, &self.normalisation, "run configuration")?;
-        let multiple = self.architecture(1.0).input_multiple();
-        if self.name.is_empty() || self.name.contains(['/', '\\']) {
-            return refuse("name", format!("must be a file name, not `{}`", self.name));
-        }
-        let largest = self.input.width.min(self.input.height);
-        for (index, phase) in self.phases.iter().enumerate() {
-            let field = |name: &str| format!("phases[{index}].{name}");
-            if phase.steps == 0 || phase.batch == 0 {
-                return refuse(&field("steps/batch"), "must be positive".into());
-            }
-            if !(phase.learning_rate.is_finite() && phase.learning_rate > 0.0) {
-                return refuse(&field("learning_rate"), format!("must be positive, not {}", phase.learning_rate));
-            }
-            if !(0.0..=phase.learning_rate).contains(&phase.final_learning_rate) {
-                let reason = format!("must be from 0 to the learning rate, not {}", phase.final_learning_rate);
-                return refuse(&field("final_learning_rate"), reason);
-            }
-            if let Some(side) = phase.crop.filter(|&side| side == 0 || side % multiple != 0 || side > largest) {
-                let reason = format!("must be a multiple of {multiple} up to {largest}, not {side}");
-                return refuse(&field("crop"), reason);
-            }
-        }
-        if !(0.0..1.0).contains(&self.ema_decay) {
-            return refuse("ema_decay", format!("must be in [0, 1), not {}", self.ema_decay));
-        }
-        if self.checkpoint_every == 0 || self.validate_every == 0 || self.validate_frames == 0 {
-            return refuse("checkpoint_every/validate_every/validate_frames", "must be positive".into());
-        }
-        for (field, value) in [
-            ("depth_weight", self.depth_weight),
-            ("depth_transition", self.depth_transition),
-            ("clip_norm", self.clip_norm),
-            ("prior_depth", self.prior_depth.unwrap_or(1.0)),
-            ("fit.noise_px", self.fit.noise_px.unwrap_or(1.0)),
-            ("fit.half_weight_sigma", self.fit.half_weight_sigma),
-            ("fit.largest_sigma", self.fit.largest_sigma),
-            ("heatmap_loss.sigma", self.heatmap_loss().sigma()),
-        ] {
-            if !(value.is_finite() && value > 0.0) {
-                return refuse(field, format!("must be positive, not {value}"));
-            }
-        }
-        let Augmentation { brightness, colour, noise, blur, flip, shift, roll_degrees, zoom } = self.augmentation;
-        for (field, value) in [
-            ("augmentation.brightness", f64::from(brightness)),
-            ("augmentation.colour", f64::from(colour)),
-            ("augmentation.noise", f64::from(noise)),
-            ("augmentation.flip", flip),
-            ("augmentation.zoom", zoom),
-            ("augmentation.roll_degrees / 180", roll_degrees / 180.0),
-            ("weight_decay", self.weight_decay),
-            ("labelled_share", self.labelled_share),
-            ("fit.largest_outlier_share", self.fit.largest_outlier_share),
-        ] {
-            if !(0.0..=1.0).contains(&value) {
-                return refuse(field, format!("must be from 0 to 1, not {value}"));
-            }
-        }
-        if !(0.0..=0.25).contains(&blur) {
-            return refuse("augmentation.blur", format!("must be from 0 to 0.25, not {blur}"));
-        }
-        if shift > largest / 4 {
-            return refuse("augmentation.shift", format!("must be at most a quarter of the input, not {shift} px"));
-        }
-        if !(0.0..=0.5).contains(&self.empty_share) {
-            return refuse("empty_share", format!("must be from 0 to 0.5, not {}", self.empty_share));
-        }
-        if !(0.0..=100.0).contains(&self.label_noise_px) {
-            return refuse("label_noise_px", format!("must be from 0 to 100 px, not {}", self.label_noise_px));
-        }
-        if self.clips_per_camera == Some(0) {
-            return refuse("clips_per_camera", "must be at least 1".into());
-        }
-        if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
-            return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());
-        }
-        self.check_future()
-    }
-
-    fn check_future(&self) -> Result<()> {
-        let FutureConfig { ahead, weight, robust_px, .. } = &self.future;
-        let refuse = |field: &str, reason: String| Err(Error::value("run configuration", field, reason));
-        if ahead.is_empty() || ahead.iter().any(|&frames| frames < 2) {
-            return refuse("future.ahead", "needs frames ahead, each at least 2 (the window holds 1)".into());
-        }
-        if !(weight.is_finite() && *weight > 0.0) {
-            return refuse("future.weight", format!("must be positive, not {weight}"));
-        }
-        match *robust_px > 0.0 {
-            true => Ok(()),
-            false => refuse("future.robust_px", format!("must be positive (inf: plain L1), not {robust_px}")),
-        }
-    }
-
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
         self.heatmap_loss.unwrap_or(match self.network {

@@ -3,6 +3,7 @@
 //! [`step`] and what it needs run wherever Burn does, a browser included; the loop with its files
 //! is native.
 
+mod check;
 pub mod config;
 pub mod ema;
 pub mod future;
@@ -20,6 +21,10 @@ mod checkpoint;
 pub mod examples;
 #[cfg(not(target_arch = "wasm32"))]
 mod loader;
+#[cfg(not(target_arch = "wasm32"))]
+pub mod log;
+#[cfg(not(target_arch = "wasm32"))]
+mod memory;
 #[cfg(not(target_arch = "wasm32"))]
 mod pictures;
 #[cfg(not(target_arch = "wasm32"))]

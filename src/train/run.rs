@@ -12,10 +12,12 @@ use serde::Serialize;
 
 use super::batch::Sampler;
 use super::checkpoint::{Best, Checkpoint};
-use super::config::{Phase, Supervision, TrainConfig};
+use super::config::{Supervision, TrainConfig};
 use super::ema::Ema;
 use super::examples::{Examples, LeftOut};
 use super::loader::Loader;
+use super::log::{LOG, LOG_CSV, log_until, table};
+use super::memory::check_memory;
 use super::recipe::read_fields;
 use super::score::{Score, score};
 use super::step::{StepOptions, StepReport, step};
@@ -27,10 +29,6 @@ use crate::model::{self, Card, Pen, PenConfig, sha256_hex};
 
 /// The configuration's file in a run's folder.
 pub const CONFIG: &str = "run.toml";
-/// The log's file in a run's folder: a line a step.
-pub const LOG: &str = "log.jsonl";
-/// The same as a table.
-const LOG_CSV: &str = "log.csv";
 const CHECKPOINTS: &str = "checkpoints";
 const FITS: &str = "fits.jsonl";
 /// Steps over which the loss is averaged to see whether it explodes.
@@ -301,38 +299,6 @@ impl<'a> Run<'a> {
     }
 }
 
-/// Refuses steps that do not fit the memory that is free now, where the system says how much that is.
-fn check_memory(config: &TrainConfig, pen: &Pen, sampler: &Sampler) -> Result<()> {
-    let Some(free) = free_memory() else { return Ok(()) };
-    let [width, height] = [config.input.width, config.input.height];
-    let of_phase = |phase: &Phase| {
-        let size = phase.crop.map_or([height, width], |side| [side, side]).map(|side| side as usize);
-        pen.training_bytes(phase.batch, size)
-    };
-    let step = config.phases.iter().map(of_phase).max().unwrap_or(0);
-    let pictures = (sampler.examples().frames.len() * 3 * (width * height) as usize).min(config.cache_mb << 20);
-    if step + pictures <= free {
-        return Ok(());
-    }
-    let gb = |bytes: usize| bytes as f64 / 1e9;
-    let reason = format!(
-        "a step takes about {:.1} GB and kept pictures {:.1} GB, but {:.1} GB are free; take a smaller `batch`, `crop` or \
-         `cache_mb`",
-        gb(step),
-        gb(pictures),
-        gb(free)
-    );
-    Err(Error::Data { what: "memory".into(), reason })
-}
-
-/// Memory that programs may still take, bytes; where Linux says it.
-fn free_memory() -> Option<usize> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
-    let kilobytes: usize = line.trim().trim_end_matches("kB").trim().parse().ok()?;
-    Some(kilobytes << 10)
-}
-
 /// The fresh network with the backbone weights of the configuration, where it names some.
 fn with_backbone(pen: Pen, config: &TrainConfig) -> Result<Pen> {
     let Some(path) = &config.backbone_weights else { return Ok(pen) };
@@ -376,34 +342,4 @@ fn card(config: &TrainConfig, sampler: &Sampler, architecture: &PenConfig, sha25
         metrics: serde_json::Value::Null,
         licence: config.licence.clone(),
     }
-}
-
-/// The log as CSV: its numbers, of validations the forecast error and the means.
-fn table(log: &str) -> Result<Vec<u8>> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    let names = ["step", "loss", "heatmap", "depth", "future", "gradient_norm", "learning_rate", "seconds", "waited"];
-    let scores = ["forecast_px", "image_error_px", "dtg"];
-    let write = |writer: &mut csv::Writer<Vec<u8>>, fields: Vec<String>| {
-        writer.write_record(fields).map_err(Error::format(LOG_CSV))
-    };
-    write(&mut writer, names.into_iter().chain(scores).map(String::from).collect())?;
-    for line in log.lines() {
-        let fields: serde_json::Value = serde_json::from_str(line).map_err(Error::format(LOG))?;
-        let text = |value: &serde_json::Value| value.as_f64().map_or(String::new(), |number| number.to_string());
-        let score = |name: &str| {
-            let value = &fields["validation"][name];
-            text(value.get("mean").unwrap_or(value))
-        };
-        write(&mut writer, names.iter().map(|name| text(&fields[name])).chain(scores.map(score)).collect())?;
-    }
-    writer.into_inner().map_err(|error| Error::format(LOG_CSV)(error.to_string()))
-}
-
-/// The log's lines up to `step`; later ones belong to steps that were lost.
-fn log_until(path: &Path, step: usize) -> Result<String> {
-    if step == 0 || !path.exists() {
-        return Ok(String::new());
-    }
-    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
-    Ok(text.lines().take(step).flat_map(|line| [line, "\n"]).collect())
 }

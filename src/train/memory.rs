@@ -1,0 +1,38 @@
+//! Whether a run fits the memory.
+
+use super::batch::Sampler;
+use super::config::{Phase, TrainConfig};
+use crate::error::{Error, Result};
+use crate::model::Pen;
+
+/// Refuses steps that do not fit the memory that is free now, where the system says how much that is.
+pub(super) fn check_memory(config: &TrainConfig, pen: &Pen, sampler: &Sampler) -> Result<()> {
+    let Some(free) = free_memory() else { return Ok(()) };
+    let [width, height] = [config.input.width, config.input.height];
+    let of_phase = |phase: &Phase| {
+        let size = phase.crop.map_or([height, width], |side| [side, side]).map(|side| side as usize);
+        pen.training_bytes(phase.batch, size)
+    };
+    let step = config.phases.iter().map(of_phase).max().unwrap_or(0);
+    let pictures = (sampler.examples().frames.len() * 3 * (width * height) as usize).min(config.cache_mb << 20);
+    if step + pictures <= free {
+        return Ok(());
+    }
+    let gb = |bytes: usize| bytes as f64 / 1e9;
+    let reason = format!(
+        "a step takes about {:.1} GB and kept pictures {:.1} GB, but {:.1} GB are free; take a smaller `batch`, `crop` or \
+         `cache_mb`",
+        gb(step),
+        gb(pictures),
+        gb(free)
+    );
+    Err(Error::Data { what: "memory".into(), reason })
+}
+
+/// Memory that programs may still take, bytes; where Linux says it.
+fn free_memory() -> Option<usize> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find_map(|line| line.strip_prefix("MemAvailable:"))?;
+    let kilobytes: usize = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(kilobytes << 10)
+}
