@@ -3,7 +3,7 @@
 mod common;
 
 use std::path::PathBuf;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use common::{golden, root, scratch};
 use serde_json::Value;
@@ -402,6 +402,41 @@ fn clicks_on_a_court_become_a_camera_that_localises() {
     assert_eq!((refused.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
     assert!(errors.contains("far service line"), "{errors}");
     assert_eq!(gravisight(&["calibrate"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_training_that_is_killed_goes_on_to_the_same_weights() {
+    let folder = scratch("killed");
+    let start = |name: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_gravisight"));
+        let out = folder.join(name);
+        command.args(["train", "--config", "tests/golden/tiny.toml", "--out", text(&out), "--set", "checkpoint_every=3"]);
+        command.args(["--set", "phases=[{steps=60, batch=4, crop=32, learning_rate=1e-3}]", "--set", "validate_every=20"]);
+        (command.current_dir(root()).stderr(Stdio::null()).stdout(Stdio::null()).spawn().unwrap(), out)
+    };
+    let (mut whole, expected) = start("whole");
+    assert!(whole.wait().unwrap().success());
+    let (mut running, out) = start("killed");
+    let checkpoints = out.join("checkpoints");
+    let last = || {
+        let names = std::fs::read_dir(&checkpoints).into_iter().flatten().flatten();
+        names.filter_map(|entry| entry.file_name().into_string().ok()).filter(|name| !name.starts_with('.')).count()
+    };
+    while last() == 0 {
+        assert!(running.try_wait().unwrap().is_none(), "it ended before it could be killed");
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    running.kill().unwrap();
+    running.wait().unwrap();
+    let model = |folder: &std::path::Path| {
+        let mut names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        names.find(|path| path.extension().is_some_and(|extension| extension == "safetensors"))
+    };
+    assert_eq!(model(&out), None, "it was killed too late");
+    let resumed = gravisight(&["train", "--resume", text(&out)]);
+    assert!(resumed.status.success(), "{}", String::from_utf8_lossy(&resumed.stderr));
+    let weights = |folder| std::fs::read(model(folder).unwrap()).unwrap();
+    assert!(weights(&out) == weights(&expected), "the weights differ");
 }
 
 #[test]

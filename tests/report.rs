@@ -8,7 +8,7 @@ use burn::tensor::Device;
 use common::{golden, root, scratch, tiny_card};
 use gravisight::data::Clips;
 use gravisight::evaluate::{Bins, score};
-use gravisight::report::{self, Report};
+use gravisight::report::{self, Log, Report};
 use gravisight::{Error, Localiser};
 
 const BINS: Bins = Bins { count: 3, z_min: 5.0, z_max: 9.0 };
@@ -21,6 +21,8 @@ fn clips(id: &str) -> Clips {
 }
 
 fn report(name: &str, clips: &Clips, log: Option<&Path>) -> Result<String, Error> {
+    let log = log.map(Log::read).transpose()?;
+    let log = log.as_ref();
     let localiser = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
     let samples = pollster::block_on(score(&localiser, clips, None, &mut |_, _| {})).unwrap();
     let path = scratch(name).join("report.html");

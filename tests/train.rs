@@ -599,6 +599,38 @@ fn clips_that_cannot_teach_are_refused_by_name() {
 }
 
 #[test]
+fn the_papers_own_recipe_makes_its_steps() {
+    let _alone = alone();
+    let folder = synthetic("paper", 1, 45, |clip| clip.frames.truncate(45));
+    let mut fields = preset("paper").unwrap();
+    let out = scratch("paper-run").join("out");
+    let [folder, out_text] = [&folder, &out].map(|path| path.to_str().unwrap().replace('\\', "/"));
+    for field in [
+        format!("train={folder}"),
+        format!("validation={folder}"),
+        format!("out={out_text}"),
+        "validate_frames=1".into(),
+        // The pictures are smaller, and fewer, than the paper's: this is to be seen within seconds.
+        "input={width=64, height=64}".into(),
+        "phases=[{steps=2, batch=6, learning_rate=2e-5}]".into(),
+    ] {
+        lay_over(&mut fields, assignment(&field).unwrap());
+    }
+    let mut losses = Vec::new();
+    let mut observe = |event: Event| {
+        if let Event::Step(progress) = event {
+            losses.push([progress.loss, progress.heatmap, progress.future, progress.gradient_norm]);
+        }
+    };
+    let card = run::start(TrainConfig::of(fields).unwrap(), &Device::flex(), &mut observe).unwrap();
+    assert_eq!(losses.len(), 2);
+    for [loss, heatmap, future, norm] in losses {
+        assert!([loss, heatmap, future, norm].iter().all(|value| value.is_finite()) && norm > 0.0 && future > 0.0);
+    }
+    assert!(Card::from_file(&card).is_ok());
+}
+
+#[test]
 fn a_step_that_cannot_fit_the_memory_is_refused_before_the_start() {
     let _alone = alone();
     let path = configuration("memory", "");

@@ -10,7 +10,7 @@ use clap::Args;
 use gravisight::data::Clips;
 use gravisight::evaluate::{Bins, Metrics, Seconds, Statistic, score};
 use gravisight::model::Card;
-use gravisight::report::{self, Report};
+use gravisight::report::{self, Log, Report};
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
 #[derive(Args)]
@@ -53,6 +53,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if given != [true; 2] || !ordered {
         bail!("--z-min must be below --z-max, and both finite numbers");
     }
+    let log = arguments.log.as_deref().map(Log::read).transpose()?;
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     let clips = Clips::read(&arguments.data)?;
     // The first picture would pay for memory and kernels, and the speed would tell.
@@ -68,7 +69,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     let metrics = Metrics::of(&samples, bins);
     if let Some(path) = &arguments.report {
-        let log = arguments.log.as_deref();
+        let log = log.as_ref();
         report::write(path, &Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log })?;
     }
     if let Some(model) = arguments.model.filter(|_| arguments.record) {

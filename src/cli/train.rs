@@ -7,7 +7,7 @@ use burn::tensor::Device;
 use clap::Args;
 use gravisight::data::Clips;
 use gravisight::evaluate::{Bins, score};
-use gravisight::report::Report;
+use gravisight::report::{Log, Report};
 use gravisight::train::config::TrainConfig;
 use gravisight::train::examples::LeftOut;
 use gravisight::train::log::LOG;
@@ -117,7 +117,7 @@ fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Optio
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
     let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
     let path = folder.join("report.html");
-    let (bins, log) = (Bins::over(&samples, BINS), folder.join(LOG));
+    let (bins, log) = (Bins::over(&samples, BINS), Log::read(&folder.join(LOG))?);
     let report = Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log: Some(&log) };
     gravisight::report::write(&path, &report)?;
     Ok(Some(path))

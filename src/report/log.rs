@@ -21,27 +21,27 @@ const COLOURS: [(plotters::style::RGBColor, &str); 4] =
 /// A curve: step and value.
 type Curve = Vec<(f64, f64)>;
 
-/// What a log holds, by name.
-#[derive(Default)]
-struct Curves {
+/// A training run's `log.jsonl`: its curves by name.
+#[derive(Debug, Clone, Default)]
+pub struct Log {
     /// Every number of a line that is a loss.
     losses: BTreeMap<String, Curve>,
     /// Every number of the validation; of a statistic the mean.
     validation: BTreeMap<String, Curve>,
 }
 
-/// The chapter on the training whose log is at `path`.
+/// The chapter on the training whose log is `log`.
 ///
 /// # Errors
-/// [`Error::Io`]; [`Error::Format`] with the line.
-pub fn chapter(path: &Path) -> Result<String> {
-    let Curves { losses, validation } = Curves::read(path)?;
+/// [`Error::Format`] where a curve cannot be drawn.
+pub fn chapter(log: &Log) -> Result<String> {
+    let Log { losses, validation } = log;
     let mut cards = Vec::new();
     let several: Vec<_> = losses.iter().zip(COLOURS.iter().cycle()).collect();
     let keys: Vec<_> = several.iter().map(|((name, _), (_, class))| (*class, name.as_str())).collect();
     let curves = several.iter().map(|((_, curve), (colour, _))| (*curve, *colour));
     cards.push(html::figure(&drawn(curves, "loss")?, "Losses", &keys));
-    for (name, curve) in &validation {
+    for (name, curve) in validation {
         let unit = match name.as_str() {
             "dtg" => "m",
             name if name.ends_with("_px") => "px",
@@ -69,8 +69,12 @@ fn drawn<'a>(
     plots::chart(&x, &y, &marks)
 }
 
-impl Curves {
-    fn read(path: &Path) -> Result<Self> {
+impl Log {
+    /// Reads the log at `path`.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Format`] with the line.
+    pub fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
         let mut curves = Self::default();
         for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {

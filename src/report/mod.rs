@@ -16,6 +16,8 @@ use crate::evaluate::{Bins, Metrics, Sample};
 use crate::files::write_whole;
 use crate::localise::Localiser;
 
+pub use log::Log;
+
 /// What a report is made of.
 pub struct Report<'a> {
     /// The model.
@@ -26,8 +28,8 @@ pub struct Report<'a> {
     pub samples: &'a [Sample],
     /// Depth bins.
     pub bins: Bins,
-    /// The `log.jsonl` of the run that made the model, for its curves.
-    pub log: Option<&'a Path>,
+    /// The log of the run that made the model, for its curves.
+    pub log: Option<&'a Log>,
 }
 
 /// Writes `report` to `path`, whole. Runs the model again on the few frames whose pictures are shown.
@@ -36,8 +38,8 @@ pub struct Report<'a> {
 /// sets, their scenes are the paper's environments.
 ///
 /// # Errors
-/// [`Error::Data`] for a report without samples; [`Error::Io`] and [`Error::Format`] for a missing or damaged log; as
-/// [`crate::evaluate::score`] for the pictures; [`Error::Io`] for a file that cannot be written.
+/// [`Error::Data`] for a report without samples; as [`crate::evaluate::score`] for the
+/// pictures; [`Error::Io`] for a file that cannot be written.
 pub fn write(path: &Path, report: &Report<'_>) -> Result<()> {
     if report.samples.is_empty() {
         let reason = "no picture was scored, so there is nothing to report".into();

@@ -14,6 +14,7 @@ use super::future::{Place, Target, Window};
 use super::loss::Labels;
 use super::pictures::Pictures;
 use super::step::Batch;
+use super::teacher::forecaster;
 use crate::error::{Error, Result};
 use crate::physics::Forecaster;
 
@@ -60,7 +61,7 @@ impl Sampler {
         let windows = if is_future { examples.windows(&config.future.ahead) } else { vec![] };
         let mut forecasters = Vec::new();
         for scene in examples.clips.clips.iter().filter_map(|clip| clip.scene.as_ref()).filter(|_| is_future) {
-            forecasters.push(Arc::new(Forecaster::new(scene)?));
+            forecasters.push(Arc::new(forecaster(scene, config.future.numeric)?));
         }
         let pictures = Pictures::new(examples.clips.clone(), config.cache_mb << 20);
         Ok(Self { config: config.clone(), examples, pictures, windows, forecasters })

@@ -164,12 +164,20 @@ pub struct FitConfig {
     pub largest_sigma: f64,
     /// Largest share of outliers among the labels of a clip that teaches at all.
     pub largest_outlier_share: f64,
+    /// Solve the equations of motion numerically even where there is a closed form, to compare.
+    pub numeric: bool,
 }
 
 impl Default for FitConfig {
     /// Half weight at 5 cm, where a fit is no better than the network is to be; none beyond 30 cm.
     fn default() -> Self {
-        Self { noise_px: None, half_weight_sigma: 0.05, largest_sigma: 0.3, largest_outlier_share: 0.2 }
+        Self {
+            noise_px: None,
+            half_weight_sigma: 0.05,
+            largest_sigma: 0.3,
+            largest_outlier_share: 0.2,
+            numeric: false,
+        }
     }
 }
 
@@ -185,12 +193,14 @@ pub struct FutureConfig {
     pub ramp: usize,
     /// Error beyond which the loss grows only logarithmically, px; infinite for the paper's plain L1.
     pub robust_px: f64,
+    /// Solve the equations of motion numerically even where there is a closed form, to compare.
+    pub numeric: bool,
 }
 
 impl Default for FutureConfig {
     /// The paper's Δn for its synthetic data; robust, because one start inside a wall forecasts hundreds of px.
     fn default() -> Self {
-        Self { ahead: vec![4, 8, 15], weight: 0.05, ramp: 500, robust_px: 10.0 }
+        Self { ahead: vec![4, 8, 15], weight: 0.05, ramp: 500, robust_px: 10.0, numeric: false }
     }
 }
 

@@ -8,8 +8,9 @@ use crate::error::{Error, Result};
 /// Fields that hold paths.
 const PATHS: [&str; 4] = ["train", "validation", "out", "backbone_weights"];
 
-/// The recipes of the published models and of the paper, by name.
-const PRESETS: [(&str, &str); 5] = [
+/// The recipes of the published models and of the paper, and a short one, by name.
+const PRESETS: [(&str, &str); 6] = [
+    ("quick", include_str!("../../models/quick.toml")),
     ("sd-s", include_str!("../../models/sd-s.toml")),
     ("sd-m", include_str!("../../models/sd-m.toml")),
     ("sd-l", include_str!("../../models/sd-l.toml")),

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::config::FitConfig;
 use crate::data::{Clip, Frame};
 use crate::error::{Error, Result};
-use crate::physics::{Fit, FitOptions, FittedFrame, Forecaster, Observation};
+use crate::physics::{Fit, FitOptions, FittedFrame, Forecaster, Observation, Options, Scene};
 
 /// Clips that are tried under another reading of their labels, where hardly any can be explained.
 const DIAGNOSED: usize = 3;
@@ -53,7 +53,7 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
     };
     let observations: Vec<Observation> = clip.frames.iter().map(observation).collect();
     let options = FitOptions { noise_px: config.noise_px, ..FitOptions::default() };
-    let fit = Forecaster::new(scene)?.fit(&clip.camera, &observations, &options)?;
+    let fit = forecaster(scene, config.numeric)?.fit(&clip.camera, &observations, &options)?;
     let refuse = |reason: String| Err(Error::Fit { reason });
     if !fit.explained {
         return refuse(format!("no trajectory explains its labels ({:.2} px rms at best)", fit.rms_px));
@@ -64,6 +64,11 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
         return refuse(format!("{outliers} of its {labelled} labels do not belong to its trajectory"));
     }
     Ok(fit)
+}
+
+/// The forecaster of a scene; `numeric` without closed forms.
+pub(super) fn forecaster(scene: &Scene, numeric: bool) -> Result<Forecaster> {
+    Forecaster::new(scene)?.with_options(Options { closed_forms: !numeric, ..Options::default() })
 }
 
 /// A frame as the fit sees it: labels of hidden balls are not clicked by anyone.
