@@ -122,7 +122,7 @@ fn words_and_an_overlay_for_people() {
 
 #[test]
 fn evaluate_prints_the_metrics_of_the_contract() {
-    let output = gravisight(&["evaluate", "--data", "tests/samples", "--model", "models/compact-sd-s", "--json"]);
+    let output = gravisight(&["evaluate", "--data", "tests/samples", "--model", "models/sd-l", "--json"]);
     let metrics = json(&output);
     for key in ["dtg", "dtg_relative", "image_error_px"] {
         for field in ["mean", "std", "median", "n"] {
@@ -184,11 +184,11 @@ fn refused_input_is_one_line_and_status_1() {
     let picture = std::fs::read(file).unwrap();
     let truncated = bad("truncated.png", &picture[..picture.len() / 2]);
     let nonsense = bad("nonsense.json", b"{\"width\": 3}");
-    let card = std::fs::read(root().join("models/compact-sd-s.json")).unwrap();
+    let card = std::fs::read(root().join("models/sd-l.json")).unwrap();
     let lone = bad("lone.json", &card);
-    let altered = scratch("altered").join("compact-sd-s.json");
+    let altered = scratch("altered").join("sd-l.json");
     std::fs::write(&altered, &card).unwrap();
-    let mut weights = std::fs::read(root().join("models/compact-sd-s.safetensors")).unwrap();
+    let mut weights = std::fs::read(root().join("models/sd-l.safetensors")).unwrap();
     *weights.last_mut().unwrap() ^= 1;
     std::fs::write(altered.with_extension("safetensors"), &weights).unwrap();
     let cases: [(&[&str], &str); 10] = [
@@ -196,7 +196,7 @@ fn refused_input_is_one_line_and_status_1() {
         (&["localise", file, "--camera", "no.json"], "no.json"),
         (&["localise", file, "--camera", text(&nonsense)], "height"),
         (&["localise", text(&truncated), "--camera", camera], "truncated.png"),
-        (&["localise", file, "--camera", camera, "--model", text(&lone)], "compact-sd-s.safetensors"),
+        (&["localise", file, "--camera", camera, "--model", text(&lone)], "sd-l.safetensors"),
         (&["localise", file, "--camera", camera, "--model", text(&altered)], "sha256"),
         (&["localise", file, file, "--camera", camera, "--overlay", "x.png"], "--overlay"),
         (&["evaluate", "--data", "no-folder"], "no-folder"),
@@ -410,8 +410,21 @@ fn a_training_that_is_killed_goes_on_to_the_same_weights() {
     let start = |name: &str| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_gravisight"));
         let out = folder.join(name);
-        command.args(["train", "--config", "tests/golden/tiny.toml", "--out", text(&out), "--set", "checkpoint_every=3"]);
-        command.args(["--set", "phases=[{steps=60, batch=4, crop=32, learning_rate=1e-3}]", "--set", "validate_every=20"]);
+        command.args([
+            "train",
+            "--config",
+            "tests/golden/tiny.toml",
+            "--out",
+            text(&out),
+            "--set",
+            "checkpoint_every=3",
+        ]);
+        command.args([
+            "--set",
+            "phases=[{steps=60, batch=4, crop=32, learning_rate=1e-3}]",
+            "--set",
+            "validate_every=20",
+        ]);
         (command.current_dir(root()).stderr(Stdio::null()).stdout(Stdio::null()).spawn().unwrap(), out)
     };
     let (mut whole, expected) = start("whole");

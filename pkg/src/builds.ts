@@ -1,14 +1,23 @@
 /** The wasm builds. They are assets to a bundler, not modules, so that one of them may be missing. */
 import { GravisightError } from "./error.js";
 import { fetchBytes, isWebPage, type OnBytes } from "./fetch.js";
+import { fileExists, isFile } from "./node.js";
 import type { RawModule } from "./raw.js";
 import type { DeviceKind } from "./types.js";
 
-/** The CPU has two: with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without. */
-type Build = "cpu" | "cpu-relaxed" | "webgpu";
+/**
+ * What a build can do: `cpu` finds balls and is small; `tools` has training and physics as well; `webgpu` has all. Those for
+ * the CPU come with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without.
+ */
+export type BuildKind = DeviceKind | "tools";
+type Build = BuildKind | "cpu-relaxed" | "tools-relaxed";
 
-/** Bundlers look for the literal form of each URL. */
-function urlsOf(build: Build): { glue: URL; wasm: URL } {
+/** Bundlers look for the literal form of each URL; `folder` holds the builds where the user put them elsewhere. */
+function urlsOf(build: Build, folder: string | undefined): { glue: URL; wasm: URL } {
+  if (folder !== undefined) {
+    const base = new URL(`${build}/`, folder.endsWith("/") ? folder : `${folder}/`);
+    return { glue: new URL("gravisight.js", base), wasm: new URL("gravisight_bg.wasm", base) };
+  }
   switch (build) {
     case "cpu":
       return {
@@ -19,6 +28,16 @@ function urlsOf(build: Build): { glue: URL; wasm: URL } {
       return {
         glue: new URL("../wasm/cpu-relaxed/gravisight.js", import.meta.url),
         wasm: new URL("../wasm/cpu-relaxed/gravisight_bg.wasm", import.meta.url),
+      };
+    case "tools":
+      return {
+        glue: new URL("../wasm/tools/gravisight.js", import.meta.url),
+        wasm: new URL("../wasm/tools/gravisight_bg.wasm", import.meta.url),
+      };
+    case "tools-relaxed":
+      return {
+        glue: new URL("../wasm/tools-relaxed/gravisight.js", import.meta.url),
+        wasm: new URL("../wasm/tools-relaxed/gravisight_bg.wasm", import.meta.url),
       };
     case "webgpu":
       return {
@@ -35,14 +54,14 @@ const RELAXED = new Uint8Array([
 ]);
 
 /** The first build for a device that was deployed: for the CPU the faster one where the browser can run it. */
-async function deployed(kind: DeviceKind): Promise<{ glue: URL; wasm: URL }> {
-  const builds: Build[] = kind === "cpu" && WebAssembly.validate(RELAXED) ? ["cpu-relaxed", "cpu"] : [kind];
+async function deployed(kind: BuildKind, folder: string | undefined): Promise<{ glue: URL; wasm: URL }> {
+  const builds: Build[] = kind !== "webgpu" && WebAssembly.validate(RELAXED) ? [`${kind}-relaxed`, kind] : [kind];
   for (const build of builds) {
-    const urls = urlsOf(build);
+    const urls = urlsOf(build, folder);
     // Asked for first, because the import of a missing module says neither status nor reason.
     if (await isScript(urls.glue)) return urls;
   }
-  throw missing(kind, urlsOf(kind).glue);
+  throw missing(kind, urlsOf(kind, folder).glue);
 }
 
 let started: RawModule | undefined;
@@ -56,9 +75,9 @@ export function lastPanic(): string {
   }
 }
 
-/** Fetches and starts a build; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
-export async function loadBuild(kind: DeviceKind, onBytes: OnBytes): Promise<RawModule> {
-  const { glue, wasm } = await deployed(kind);
+/** Fetches and starts a build; `cpu-build-missing`, `tools-build-missing` or `webgpu-build-missing` where it is not there. */
+export async function loadBuild(kind: BuildKind, folder: string | undefined, onBytes: OnBytes): Promise<RawModule> {
+  const { glue, wasm } = await deployed(kind, folder);
   const [module, bytes] = await Promise.all([
     import(/* @vite-ignore */ /* webpackIgnore: true */ glue.href) as Promise<RawModule>,
     fetchBytes(wasm.href, `the ${nameOf(kind)} build`, onBytes),
@@ -69,6 +88,7 @@ export async function loadBuild(kind: DeviceKind, onBytes: OnBytes): Promise<Raw
 }
 
 async function isScript(url: URL): Promise<boolean> {
+  if (isFile(url.href)) return fileExists(url);
   try {
     const response = await fetch(url);
     return response.ok && !isWebPage(response);
@@ -77,10 +97,10 @@ async function isScript(url: URL): Promise<boolean> {
   }
 }
 
-function missing(kind: DeviceKind, url: URL): GravisightError {
+function missing(kind: BuildKind, url: URL): GravisightError {
   return new GravisightError(`${kind}-build-missing`, `The ${nameOf(kind)} build is not here: ${url.href} is not a script.`);
 }
 
-export function nameOf(kind: DeviceKind): string {
-  return kind === "cpu" ? "CPU" : "WebGPU";
+export function nameOf(kind: BuildKind): string {
+  return { cpu: "CPU", tools: "tools", webgpu: "WebGPU" }[kind];
 }

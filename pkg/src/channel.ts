@@ -1,34 +1,29 @@
 /** The page's end of the Worker: request ids, one request in flight, the others wait their turn. */
 import { GravisightError, wordsOf } from "./error.js";
-import type { Answers, FromWorker, RequestName, Requests } from "./protocol.js";
+import type { Answer, CallName, CallOptions, FromWorker, Request, Transport } from "./protocol.js";
 import type { Progress } from "./types.js";
 
 interface Pending {
   id: number;
-  type: RequestName;
-  request: Requests[RequestName];
+  type: CallName;
+  request: Request<CallName>;
   transfer: Transferable[];
   onProgress: ((progress: Progress) => void) | undefined;
   resolve: (answer: never) => void;
   reject: (reason: unknown) => void;
 }
 
-export interface RequestOptions {
-  transfer?: Transferable[];
-  signal?: AbortSignal | undefined;
-  onProgress?: ((progress: Progress) => void) | undefined;
-}
-
-export class Channel {
+export class Channel implements Transport {
   readonly #worker: Worker;
   #waiting: Pending[] = [];
   #inFlight: Pending | undefined;
   #nextId = 0;
   #closedBecause: unknown;
 
-  constructor() {
+  /** Through `worker`, or one of its own. */
+  constructor(worker?: Worker) {
     // The literal form is what bundlers look for.
-    this.#worker = new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "gravisight" });
+    this.#worker = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "gravisight" });
     this.#worker.onmessage = (event: MessageEvent<FromWorker>) => this.#receive(event.data);
     this.#worker.onerror = (event) => {
       event.preventDefault();
@@ -40,7 +35,7 @@ export class Channel {
   }
 
   /** Sends a request and waits for its answer. An aborted request rejects at once and its answer is dropped. */
-  request<K extends RequestName>(type: K, request: Requests[K], options: RequestOptions = {}): Promise<Answers[K]> {
+  call<K extends CallName>(type: K, request: Request<K>, options: CallOptions = {}): Promise<Answer<K>> {
     return new Promise((resolve, reject) => {
       const { signal } = options;
       if (this.#closedBecause !== undefined) return reject(this.#closedBecause);
@@ -86,7 +81,7 @@ export class Channel {
     const next = this.#waiting.shift();
     if (!next) return;
     try {
-      this.#worker.postMessage({ type: next.type, id: next.id, ...next.request }, next.transfer);
+      this.#worker.postMessage({ type: next.type, id: next.id, request: next.request }, next.transfer);
       this.#inFlight = next;
     } catch (thrown) {
       next.reject(new GravisightError("worker", `The request cannot be sent: ${wordsOf(thrown)}.`, { cause: thrown }));

@@ -1,5 +1,6 @@
 /** Codes that come from this package itself; those of the core (such as `camera-singular`) come on top. */
 export type FacadeErrorCode =
+  | "camera-missing"
   | "camera-not-finite"
   | "card-json"
   | "cpu-build-missing"
@@ -8,7 +9,9 @@ export type FacadeErrorCode =
   | "image-read"
   | "internal"
   | "model-url"
+  | "not-loaded"
   | "timestamp-order"
+  | "tools-build-missing"
   | "webgpu-build-missing"
   | "webgpu-no-adapter"
   | "worker";

@@ -1,10 +1,25 @@
 /** Fetching with progress in bytes and failures in words. */
 import { GravisightError, wordsOf } from "./error.js";
+import { isFile, readFile } from "./node.js";
 
 export type OnBytes = (loaded: number, total: number | null) => void;
 
+/** Fetches the text of `url`. */
+export async function fetchText(url: string, what: string): Promise<string> {
+  if (isFile(url)) return new TextDecoder().decode(await fileBytes(url, what));
+  return (await fetchOk(url, what)).text();
+}
+
+async function fileBytes(url: string, what: string): Promise<Uint8Array<ArrayBuffer>> {
+  try {
+    return await readFile(new URL(url));
+  } catch (thrown) {
+    throw new GravisightError("fetch", `Could not read ${what} from ${url}: ${wordsOf(thrown)}.`, { cause: thrown });
+  }
+}
+
 /** Fetches `url`; a failure names it and the status. */
-export async function fetchOk(url: string, what: string): Promise<Response> {
+async function fetchOk(url: string, what: string): Promise<Response> {
   let response: Response;
   try {
     response = await fetch(url);
@@ -31,6 +46,11 @@ function statusOf(response: Response): string {
 
 /** Fetches the whole of `url`. */
 export async function fetchBytes(url: string, what: string, onBytes: OnBytes): Promise<Uint8Array<ArrayBuffer>> {
+  if (isFile(url)) {
+    const bytes = await fileBytes(url, what);
+    onBytes(bytes.length, bytes.length);
+    return bytes;
+  }
   const response = await fetchOk(url, what);
   const total = lengthOf(response);
   onBytes(0, total);

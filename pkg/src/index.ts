@@ -1,18 +1,10 @@
 /** A ball's 3D position from a single picture of one calibrated camera. */
+export { clearCache, isCached } from "./cache.js";
 export { GravisightError } from "./error.js";
 export type { FacadeErrorCode } from "./error.js";
+export { FineTuner } from "./fine-tuner.js";
 export { Localiser } from "./localiser.js";
-export type { Maps } from "./raw.js";
-export type {
-  Camera,
-  CreateOptions,
-  Device,
-  DeviceChoice,
-  DeviceKind,
-  DrawablePicture,
-  FrameLocalisation,
-  Localisation,
-  LocaliseOptions,
-  Picture,
-  Progress,
-} from "./types.js";
+export { Simulator, Toolbox } from "./toolbox.js";
+export { Track } from "./track.js";
+export type { Sighting, TrackOptions } from "./track.js";
+export type * from "./types.js";

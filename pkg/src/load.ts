@@ -1,75 +1,95 @@
-/** From a model's URL and a choice of device to a core that is ready. Runs in the Worker. */
+/** From a model's URL and a choice of device to a core that is ready. */
 import { lastPanic, loadBuild, nameOf } from "./builds.js";
+import { cached, cardText, keep } from "./cache.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
-import { fetchBytes, fetchOk } from "./fetch.js";
-import type { RawLocaliser } from "./raw.js";
+import { fetchBytes } from "./fetch.js";
+import type { Request } from "./protocol.js";
+import type { RawLocaliser, RawModule } from "./raw.js";
 import { untilTrap } from "./trap.js";
 import type { Device, DeviceChoice, DeviceKind, Progress } from "./types.js";
 
 type OnProgress = (progress: Progress) => void;
 
-interface Model {
+export interface Model {
   card: string;
   weights: Uint8Array;
 }
 
 export interface Loaded {
   core: RawLocaliser;
+  module: RawModule;
   device: Device;
+  model: Model;
 }
 
 /** Takes the device that was chosen; `auto` takes the CPU where WebGPU is absent or fails, and says why. */
-export async function load(cardUrl: string, choice: DeviceChoice, onProgress: OnProgress): Promise<Loaded> {
-  const model = fetchModel(cardUrl, onProgress);
+export async function load(request: Request<"create">, onProgress: OnProgress): Promise<Loaded> {
+  const model = loadModel(request.model, request.cache, onProgress);
   // The build is awaited first; without this, a model that fails meanwhile counts as an unhandled rejection.
   model.catch(() => {});
-  if (choice === "cpu") return start("cpu", model, "as asked for", onProgress);
-  const noAdapter = await whyNoAdapter();
-  if (choice === "webgpu") {
-    if (noAdapter) throw new GravisightError("webgpu-no-adapter", `WebGPU cannot be used: ${noAdapter}.`);
-    return start("webgpu", model, "as asked for", onProgress);
-  }
-  if (noAdapter) return start("cpu", model, `auto: ${noAdapter}`, onProgress);
+  const { kind, reason } = await pickDevice(request.device);
+  const start = async (kind: DeviceKind, reason: string): Promise<Loaded> => {
+    const module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+    const { card, weights } = await model;
+    onProgress({ stage: "warming up", loaded: 0, total: null });
+    const core = await untilTrap(() => module.Localiser.create(card, weights, kind));
+    return { core, module, device: { kind, name: core.deviceName || nameOf(kind), reason }, model: { card, weights } };
+  };
   try {
-    return await start("webgpu", model, "auto: this browser has a WebGPU adapter", onProgress);
+    return await start(kind, reason);
   } catch (thrown) {
-    const why = gravisightErrorFrom(thrown, lastPanic());
-    return start("cpu", model, `auto: WebGPU failed: ${why.message}`, onProgress);
+    if (kind === "cpu" || request.device !== "auto") throw thrown;
+    return start("cpu", `auto: WebGPU failed: ${gravisightErrorFrom(thrown, lastPanic()).message}`);
   }
 }
 
-async function start(kind: DeviceKind, model: Promise<Model>, reason: string, onProgress: OnProgress): Promise<Loaded> {
-  const build = await loadBuild(kind, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
-  const { card, weights } = await model;
-  onProgress({ stage: "warming up", loaded: 0, total: null });
-  const core = await untilTrap(() => build.Localiser.create(card, weights, kind));
-  return { core, device: { kind, name: core.deviceName || nameOf(kind), reason } };
+/** The device to try first, and why. */
+export async function pickDevice(choice: DeviceChoice): Promise<{ kind: DeviceKind; reason: string }> {
+  if (choice === "cpu") return { kind: "cpu", reason: "as asked for" };
+  const noAdapter = await whyNoAdapter();
+  if (choice === "auto") {
+    return noAdapter ? { kind: "cpu", reason: `auto: ${noAdapter}` } : { kind: "webgpu", reason: "auto: this browser has a WebGPU adapter" };
+  }
+  if (noAdapter) throw new GravisightError("webgpu-no-adapter", `WebGPU cannot be used: ${noAdapter}.`);
+  return { kind: "webgpu", reason: "as asked for" };
 }
 
-async function fetchModel(cardUrl: string, onProgress: OnProgress): Promise<Model> {
-  const card = await (await fetchOk(cardUrl, "the model's card")).text();
-  const weights = await fetchBytes(weightsUrl(cardUrl, card), "the weights", (loaded, total) =>
-    onProgress({ stage: "weights", loaded, total }),
-  );
+/** The card and its weights, which are kept by their sha256 where `useCache` says so. */
+export async function loadModel(cardUrl: string, useCache: boolean, onProgress: OnProgress): Promise<Model> {
+  const card = await cardText(cardUrl, useCache);
+  const { url, sha256 } = weightsOf(cardUrl, card);
+  const kept = useCache && sha256 ? await cached(sha256) : null;
+  if (kept) {
+    onProgress({ stage: "weights", loaded: kept.length, total: kept.length });
+    return { card, weights: kept };
+  }
+  const weights = await fetchBytes(url, "the weights", (loaded, total) => onProgress({ stage: "weights", loaded, total }));
+  // What is not what the card says is refused by the core, and must not be found again the next time.
+  if (useCache && sha256 && sha256 === (await sha256Of(weights))) await keep(sha256, weights);
   return { card, weights };
 }
 
+async function sha256Of(bytes: Uint8Array<ArrayBuffer>): Promise<string | undefined> {
+  const digest = await globalThis.crypto?.subtle?.digest("SHA-256", bytes);
+  return digest && Array.from(new Uint8Array(digest), (byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
 /** The card names its weights; the core checks everything else in it. */
-function weightsUrl(cardUrl: string, card: string): string {
-  let content: unknown;
+function weightsOf(cardUrl: string, card: string): { url: string; sha256: string | undefined } {
+  let content: { weights?: unknown; sha256?: unknown } | null;
   try {
-    content = JSON.parse(card);
+    content = JSON.parse(card) as typeof content;
   } catch (thrown) {
     throw new GravisightError("card-json", `The model's card ${cardUrl} is not JSON.`, { cause: thrown });
   }
-  const name = (content as { weights?: unknown } | null)?.weights;
-  const file = typeof name === "string" && name !== "" ? name : cardUrl.replace(/\.json(?=$|[?#])/, ".safetensors");
-  return new URL(file, cardUrl).href;
+  const { weights, sha256 } = content ?? {};
+  const file = typeof weights === "string" && weights !== "" ? weights : cardUrl.replace(/\.json(?=$|[?#])/, ".safetensors");
+  return { url: new URL(file, cardUrl).href, sha256: typeof sha256 === "string" ? sha256 : undefined };
 }
 
-/** Null where this Worker has a WebGPU adapter. The DOM's types do not know WebGPU in every version. */
+/** Null where this thread has a WebGPU adapter. The DOM's types do not know WebGPU in every version. */
 async function whyNoAdapter(): Promise<string | null> {
-  const { gpu } = navigator as { gpu?: { requestAdapter(): Promise<unknown> } };
+  const gpu = (globalThis.navigator as { gpu?: { requestAdapter(): Promise<unknown> } } | undefined)?.gpu;
   if (!gpu) return "this browser has no WebGPU";
   try {
     return (await gpu.requestAdapter()) ? null : "no WebGPU adapter in this browser";

@@ -1,6 +1,7 @@
-import { Channel } from "./channel.js";
-import { GravisightError, wordsOf } from "./error.js";
+import { connect, disposed, jsonOf, makeDisposable, wasmFolder } from "./connect.js";
+import { GravisightError } from "./error.js";
 import { pictureToSend } from "./picture.js";
+import type { Answer, Transport } from "./protocol.js";
 import type { RawOptions } from "./raw.js";
 import type {
   Camera,
@@ -13,19 +14,26 @@ import type {
   LocaliseOptions,
   Picture,
 } from "./types.js";
+import { absoluteUrl } from "./url.js";
 
 const DEVICES: readonly DeviceChoice[] = ["cpu", "webgpu", "auto"];
 
-/** Finds a ball's position in space in single pictures. All work is done in a Worker of its own. */
+/** Finds a ball's position in space in single pictures. */
 export class Localiser {
-  /** The device that was taken, and why. */
-  readonly device: Device;
-  readonly #channel: Channel;
+  #device: Device;
+  #camera: string | undefined;
+  readonly #transport: Transport;
   #lastTimestampMs = -Infinity;
 
-  private constructor(channel: Channel, device: Device) {
-    this.#channel = channel;
-    this.device = device;
+  private constructor(transport: Transport, device: Device, camera: string | undefined) {
+    this.#transport = transport;
+    this.#device = device;
+    this.#camera = camera;
+  }
+
+  /** The device that was taken, and why. It changes where WebGPU fails while in use: then the CPU goes on. */
+  get device(): Device {
+    return this.#device;
   }
 
   /**
@@ -34,20 +42,26 @@ export class Localiser {
    * @throws {@link GravisightError}; or the reason of `signal` where it is aborted, which also ends the Worker.
    */
   static async create(options: CreateOptions): Promise<Localiser> {
-    const { device = "cpu", signal, onProgress } = options;
+    const { signal, onProgress, cache = true } = options;
     signal?.throwIfAborted();
-    if (!DEVICES.includes(device)) {
-      throw new GravisightError("device", `"${device}" is no device; choose ${DEVICES.join(", ")}.`);
-    }
+    const device = checkedDevice(options.device);
     const model = absoluteUrl(options.model);
-    const channel = new Channel();
+    const wasm = wasmFolder(options);
+    const camera = options.camera === undefined ? undefined : jsonOf(options.camera, "camera");
+    const transport = connect(options);
     try {
-      const taken = await channel.request("create", { model, device }, { signal, onProgress });
-      return new Localiser(channel, taken);
+      const taken = await transport.call("create", { model, device, wasm, cache }, { signal, onProgress });
+      return new Localiser(transport, taken, camera);
     } catch (thrown) {
-      channel.close(disposed());
+      transport.close(disposed("Localiser"));
       throw thrown;
     }
+  }
+
+  /** The camera that takes the pictures from now on. */
+  setCamera(camera: Camera): void {
+    this.#transport.throwIfClosed();
+    this.#camera = jsonOf(camera, "camera");
   }
 
   /**
@@ -55,71 +69,69 @@ export class Localiser {
    *
    * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
    */
-  async localise(image: Picture, options: LocaliseOptions): Promise<Localisation> {
-    const { signal } = options;
+  async localise(image: Picture, options: LocaliseOptions = {}): Promise<Localisation> {
+    const { signal, saliency } = options;
     signal?.throwIfAborted();
-    this.#channel.throwIfClosed();
-    const camera = jsonOf(options.camera);
+    this.#transport.throwIfClosed();
+    const camera = cameraOf(options.camera, this.#camera);
+    const raw = rawOptions(options);
     const { picture, transfer } = await pictureToSend(image);
-    const raw: RawOptions = { maps: options.maps ?? false };
-    // A copy: what a framework wraps in a Proxy cannot be sent.
-    if (options.truth) raw.truth = [...options.truth];
-    const answer = await this.#channel.request("localise", { picture, camera, options: raw }, { transfer, signal });
-    return { ...answer, device: this.device };
+    // Its buffer is gone once it is sent.
+    const again = saliency ? await pictureToSend(image) : undefined;
+    const found = await this.#transport.call("localise", { picture, camera, options: raw }, { transfer, signal });
+    this.#device = found.device;
+    const answer = localisationOf(found, options);
+    if (again) {
+      const { width, height, values } = await this.#transport.call("saliency", { picture: again.picture }, { transfer: again.transfer, signal });
+      answer.saliency = { width, height, values };
+    }
+    return answer;
   }
 
   /**
    * Finds the ball in the current frame of a video.
    *
-   * @param timestampMs must increase from call to call (else `timestamp-order`).
+   * @param timestampMs must increase from call to call (else `timestamp-order`, and nothing else happens).
    */
-  async localiseVideoFrame(
-    video: HTMLVideoElement | DrawablePicture,
-    timestampMs: number,
-    options: LocaliseOptions,
-  ): Promise<FrameLocalisation> {
+  async localiseVideoFrame(frame: DrawablePicture | Picture, timestampMs: number, options: LocaliseOptions = {}): Promise<FrameLocalisation> {
     if (!(timestampMs > this.#lastTimestampMs)) {
       const last = Number.isFinite(this.#lastTimestampMs) ? `, the last frame's was ${this.#lastTimestampMs} ms` : "";
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
     }
     this.#lastTimestampMs = timestampMs;
-    return { ...(await this.localise(video, options)), timestampMs };
+    return { ...(await this.localise(frame, options)), timestampMs };
   }
 
-  /** Ends the Worker, and with it all memory of the model; later calls reject with code `disposed`. */
+  /** Ends the Worker, and with it all memory of the model; later calls reject with code `disposed`. Harmless twice. */
   dispose(): void {
-    this.#channel.close(disposed());
+    this.#transport.close(disposed("Localiser"));
   }
 }
+makeDisposable(Localiser);
 
-function disposed(): GravisightError {
-  return new GravisightError("disposed", "This Localiser was disposed of. Create a new one.");
+export function checkedDevice(device: DeviceChoice = "cpu"): DeviceChoice {
+  if (DEVICES.includes(device)) return device;
+  throw new GravisightError("device", `"${device}" is no device; choose ${DEVICES.join(", ")}.`);
 }
 
-function absoluteUrl(model: string | URL): string {
-  try {
-    // There is no document where the caller is a Worker itself.
-    return new URL(model, globalThis.document?.baseURI ?? globalThis.location.href).href;
-  } catch {
-    throw new GravisightError("model-url", `"${String(model)}" is not a URL.`);
-  }
+/** The camera of a call, as JSON. */
+export function cameraOf(given: Camera | undefined, own?: string): string {
+  const camera = given === undefined ? own : jsonOf(given, "camera");
+  if (camera !== undefined) return camera;
+  throw new GravisightError("camera-missing", "No camera: give one to `create`, `setCamera` or with the picture.");
 }
 
-/** JSON would silently turn NaN and infinity into null. */
-function jsonOf(camera: Camera): string {
-  const finite = (key: string, value: unknown) => {
-    if (typeof value === "number" && !Number.isFinite(value)) {
-      throw new GravisightError("camera-not-finite", `The camera holds ${value} at "${key}"; every number must be finite.`);
-    }
-    return value;
-  };
-  let json: string | undefined;
-  try {
-    json = JSON.stringify(camera, finite);
-  } catch (thrown) {
-    if (thrown instanceof GravisightError) throw thrown;
-    throw new GravisightError("camera-format", `The camera cannot be written as JSON: ${wordsOf(thrown)}.`, { cause: thrown });
-  }
-  if (json === undefined) throw new GravisightError("camera-format", `The camera is ${typeof camera}, not a camera.json object.`);
-  return json;
+export function rawOptions({ heatmap, depthMap, truth }: LocaliseOptions): RawOptions {
+  const raw: RawOptions = { maps: (heatmap ?? false) || (depthMap ?? false) };
+  // A copy: what a framework wraps in a Proxy cannot be sent.
+  if (truth) raw.truth = [...truth];
+  return raw;
+}
+
+/** The answer with the maps that were asked for. */
+export function localisationOf({ maps, ...found }: Answer<"localise">, options: LocaliseOptions): Localisation {
+  const answer: Localisation = found;
+  if (maps && options.heatmap) answer.heatmap = { width: maps.width, height: maps.height, values: maps.heatmap };
+  if (maps && options.depthMap) answer.depthMap = { width: maps.width, height: maps.height, values: maps.depth };
+  return answer;
 }

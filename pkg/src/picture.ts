@@ -1,7 +1,7 @@
 /** From whatever the caller holds to a message for the Worker. */
 import { GravisightError, wordsOf } from "./error.js";
 import type { PictureMessage } from "./protocol.js";
-import type { DrawablePicture, Picture } from "./types.js";
+import type { DrawablePicture, Picture, Pixels } from "./types.js";
 
 export interface PictureToSend {
   picture: PictureMessage;
@@ -13,12 +13,17 @@ export async function pictureToSend(source: Picture): Promise<PictureToSend> {
   if (source instanceof Blob) return encoded(await bytesOf(source));
   if (source instanceof ArrayBuffer) return encoded(new Uint8Array(source.slice(0)));
   if (source instanceof Uint8Array) return encoded(new Uint8Array(source));
-  if (source instanceof ImageData) {
+  if (isPixels(source)) {
     const rgba = new Uint8Array(source.data);
     return { picture: { kind: "rgba", rgba, width: source.width, height: source.height }, transfer: [rgba.buffer] };
   }
   const bitmap = await bitmapOf(source);
   return { picture: { kind: "bitmap", bitmap }, transfer: [bitmap] };
+}
+
+/** An `ImageData`, or what looks like one where there is none. */
+function isPixels(source: Picture): source is Pixels {
+  return typeof source === "object" && "data" in source && ArrayBuffer.isView(source.data);
 }
 
 function encoded(bytes: Uint8Array<ArrayBuffer>): PictureToSend {

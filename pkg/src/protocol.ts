@@ -1,28 +1,97 @@
-/** The messages between the page and the Worker. */
-import type { RawLocalisation, RawOptions } from "./raw.js";
-import type { Device, DeviceChoice, Progress } from "./types.js";
+/** What the engine can be asked for: the request and the answer of each call, wherever it runs. */
+import type { RawLocalisation, RawOptions, RawSaliency } from "./raw.js";
+import type {
+  CalibrationResult,
+  Court,
+  Device,
+  DeviceChoice,
+  Forecast,
+  LabelProposal,
+  Progress,
+  ClipAdded,
+  TuneScore,
+  TuneStep,
+} from "./types.js";
 
-/** A picture on its way to the Worker. */
+/** A picture on its way to the engine. */
 export type PictureMessage =
   | { kind: "encoded"; bytes: Uint8Array }
   | { kind: "rgba"; rgba: Uint8Array; width: number; height: number }
   | { kind: "bitmap"; bitmap: ImageBitmap };
 
-/** What the page can ask for, by name. */
-export interface Requests {
-  create: { model: string; device: DeviceChoice };
-  localise: { picture: PictureMessage; camera: string; options: RawOptions };
+/** Where the builds and the weights come from. */
+export interface Source {
+  /** Absolute URL of the folder with the wasm builds; the package's own where it is missing. */
+  wasm: string | undefined;
 }
 
-/** What the Worker answers, by the name of the request. */
-export interface Answers {
-  create: Device;
-  localise: RawLocalisation & { milliseconds: number };
+export interface Calls {
+  create: [Source & { model: string; device: DeviceChoice; cache: boolean }, Device];
+  localise: [{ picture: PictureMessage; camera: string; options: RawOptions }, RawLocalisation & { milliseconds: number; device: Device }];
+  saliency: [{ picture: PictureMessage }, RawSaliency];
+
+  open: [Source, null];
+  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[] }, RawFit];
+  forecast: [{ scene: string; start: number[]; times: number[] }, Forecast];
+  calibrate: [{ points: string; estimate: string[] }, CalibrationResult];
+  courts: [Record<never, never>, string[]];
+  court: [{ name: string }, Court];
+  project: [{ camera: string; points: number[] }, Float64Array];
+  proposeLabels: [{ camera: string; pictures: PictureMessage[]; radiiPx: [number, number] | undefined }, (LabelProposal | null)[]];
+  openScene: [{ environment: number | undefined; camera: number }, { id: number; camera: unknown; scene: unknown }];
+  scenePath: [{ id: number; start: number[]; times: number[] }, Float64Array];
+  scenePicture: [{ id: number; centre: number[] }, Uint8Array];
+  sceneClip: [{ id: number; seed: number; number: number }, unknown];
+  closeScene: [{ id: number }, null];
+
+  tuner: [Source & { model: string; device: DeviceChoice; cache: boolean; options: string }, Device];
+  addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, ClipAdded];
+  tune: [{ count: number }, TuneStep | null];
+  evaluate: [Record<never, never>, TuneScore];
+  tuned: [{ picture: PictureMessage; camera: string; options: RawOptions }, RawLocalisation & { milliseconds: number; device: Device }];
+  exportTuned: [Record<never, never>, { card: string; weights: Uint8Array }];
 }
 
-export type RequestName = keyof Requests;
-export type ToWorker = { [K in RequestName]: { type: K; id: number } & Requests[K] }[RequestName];
+/** A fit as the core returns it. */
+export interface RawFit {
+  frames: {
+    t: number;
+    world: [number, number, number];
+    velocity: [number, number, number];
+    speed: number;
+    sigma: number;
+    residual_px: [number, number] | null;
+    outlier: boolean;
+  }[];
+  impacts: { t: number; surface: string; world: [number, number, number]; speed: number }[];
+  estimates: Record<string, { value: number; sigma: number }>;
+  noise_px: number;
+  rms_px: number;
+  explained: boolean;
+}
+
+export type CallName = keyof Calls;
+export type Request<K extends CallName> = Calls[K][0];
+export type Answer<K extends CallName> = Calls[K][1];
+
+export type ToWorker = { [K in CallName]: { type: K; id: number; request: Request<K> } }[CallName];
 export type FromWorker =
   | { type: "progress"; id: number; progress: Progress }
-  | { type: "done"; id: number; answer: Answers[RequestName] }
+  | { type: "done"; id: number; answer: Answer<CallName> }
   | { type: "failed"; id: number; code: string; message: string };
+
+/** How a call goes. */
+export interface CallOptions {
+  transfer?: Transferable[];
+  signal?: AbortSignal | undefined;
+  onProgress?: ((progress: Progress) => void) | undefined;
+}
+
+/** The way to an engine: in a Worker, or on this thread. */
+export interface Transport {
+  call<K extends CallName>(type: K, request: Request<K>, options?: CallOptions): Promise<Answer<K>>;
+  /** Throws the reason of {@link close}. */
+  throwIfClosed(): void;
+  /** Ends the engine; every call that waits, and every later one, rejects with `reason`. */
+  close(reason: unknown): void;
+}

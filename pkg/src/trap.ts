@@ -1,6 +1,6 @@
 /**
  * Traps of the wasm core. One in a future of the core reaches nobody who awaits it: the promise never settles, and
- * the trap surfaces as an uncaught error of the Worker. This joins the two.
+ * the trap surfaces as an uncaught error of the thread. This joins the two.
  */
 interface Scope {
   addEventListener(type: "error", listener: (event: ErrorEvent) => void): void;
@@ -9,24 +9,27 @@ interface Scope {
 
 let stop: ((thrown: unknown) => void) | undefined;
 
-/** Lets uncaught errors end the work that is under way. */
-export function watchForTraps(scope: Scope): void {
+/** Lets those uncaught errors that are `ours` end the work that is under way. */
+export function watchForTraps(scope: Scope, ours: (thrown: unknown) => boolean): void {
   scope.addEventListener("error", (event) => {
+    if (!stop || !ours(event.error)) return;
     event.preventDefault();
-    stop?.(event.error ?? new Error(event.message));
+    stop(event.error ?? new Error(event.message));
   });
   scope.addEventListener("unhandledrejection", (event) => {
+    if (!stop || !ours(event.reason)) return;
     event.preventDefault();
-    stop?.(event.reason);
+    stop(event.reason);
   });
 }
 
-/** Awaits `work`, or rejects with the trap that ended it. One at a time. */
-export function untilTrap<T>(work: () => Promise<T>): Promise<T> {
+/** Awaits `work`, or rejects with the trap that ended it. One at a time, or one inside another. */
+export function untilTrap<T>(work: () => T | Promise<T>): Promise<T> {
+  const outer = stop;
   return new Promise<T>((resolve, reject) => {
     stop = reject;
-    work().then(resolve, reject);
+    Promise.resolve().then(work).then(resolve, reject);
   }).finally(() => {
-    stop = undefined;
+    stop = outer;
   });
 }

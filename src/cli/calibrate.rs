@@ -4,10 +4,9 @@ use std::path::PathBuf;
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
-use gravisight::camera::{Calibration, Court, Method, Points, Unknowns, calibrate};
+use gravisight::camera::{Calibration, Court, Points, Unknowns, calibrate};
 use gravisight::files::write_whole;
-use nalgebra::Point2;
-use serde_json::{Value, json};
+use serde_json::json;
 
 use super::print_line;
 
@@ -47,22 +46,15 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     let path = arguments.points.context("--points is missing")?;
     let points = Points::from_file(&path)?;
-    let estimates = |unknown| arguments.estimate.contains(&unknown);
-    let unknowns = Unknowns {
-        focal: estimates(Unknown::Focal),
-        principal_point: estimates(Unknown::PrincipalPoint),
-        distortion: match (estimates(Unknown::FullDistortion), estimates(Unknown::Distortion)) {
-            (true, _) => 5,
-            (false, true) => 2,
-            (false, false) => 0,
-        },
-    };
+    let names =
+        arguments.estimate.iter().filter_map(|unknown| Some(unknown.to_possible_value()?.get_name().to_string()));
+    let unknowns = Unknowns::named(&names.collect::<Vec<_>>())?;
     let found = calibrate(&points, &unknowns).with_context(|| path.display().to_string())?;
     if let Some(out) = &arguments.out {
         write_whole(out, serde_json::to_string_pretty(&found.camera)?.as_bytes())?;
     }
     match arguments.json {
-        true => print_line(as_json(&points, &found)?)?,
+        true => print_line(found.as_json(&points)?)?,
         false => print(&points, &found, arguments.out.is_none())?,
     }
     Ok(())
@@ -81,36 +73,6 @@ fn list(court: &str, as_json: bool) -> Result<()> {
     Ok(())
 }
 
-fn method(found: &Calibration) -> &'static str {
-    match found.method {
-        Method::DirectLinearTransform => "dlt",
-        Method::Homography => "homography",
-    }
-}
-
-/// The picture's middle and the points' mean depth, where a position's 1-σ is told.
-fn middle(points: &Points, found: &Calibration) -> (Point2<f64>, f64) {
-    let [width, height] = points.size.map(|side| (f64::from(side) - 1.0) / 2.0);
-    let depths = points.world.iter().map(|point| found.camera.camera_from_world(point).z);
-    (Point2::new(width, height), depths.sum::<f64>() / points.world.len() as f64)
-}
-
-fn as_json(points: &Points, found: &Calibration) -> Result<Value> {
-    let (image, depth) = middle(points, found);
-    let outliers = found.outliers.iter().map(|&index| {
-        json!({"index": index, "name": points.names.get(index), "residual_px": <[f64; 2]>::from(found.residuals_px[index])})
-    });
-    Ok(json!({
-        "camera": found.camera, "rms_px": found.rms_px, "noise_px": found.noise_px, "method": method(found),
-        "residuals_px": found.residuals_px.iter().map(|&residual| <[f64; 2]>::from(residual)).collect::<Vec<_>>(),
-        "outliers": outliers.collect::<Vec<_>>(),
-        "sigma": {"rotation": <[f64; 3]>::from(found.sigma_rotation), "centre": <[f64; 3]>::from(found.sigma_centre),
-            "focal_px": found.sigma_focal_px},
-        "point_sigma": {"image": <[f64; 2]>::from(image), "depth": depth,
-            "world": <[f64; 3]>::from(found.point_sigma(&image, depth)?)},
-    }))
-}
-
 fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> {
     let camera = &found.camera;
     print_line("  x px     y px   residual px   point")?;
@@ -124,7 +86,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         "{used} points, {:.2} px rms (clicks are good to about {:.2} px a coordinate), start by {}",
         found.rms_px,
         found.noise_px,
-        method(found)
+        found.method.name()
     ))?;
     let centre = camera.world_from_camera(&nalgebra::Point3::origin());
     let [sx, sy, sz] = <[f64; 3]>::from(found.sigma_centre).map(|sigma| 100.0 * sigma);
@@ -136,7 +98,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         found.sigma_rotation.norm().to_degrees()
     ))?;
     print_line(format_args!("focal length {:.1} ± {:.1} px", camera.intrinsic()[(0, 0)], found.sigma_focal_px))?;
-    let (image, depth) = middle(points, found);
+    let (image, depth) = found.middle(points);
     let sigma = 100.0 * found.point_sigma(&image, depth)?.norm();
     print_line(format_args!(
         "a ball in the picture's middle, {depth:.1} m away, is placed to ± {sigma:.1} cm by this camera"

@@ -8,7 +8,7 @@ use gravisight::Camera;
 use gravisight::data::{Track, trajectory_csv};
 use gravisight::files::write_whole;
 use gravisight::physics::{Fit, FitOptions, FittedFrame, Forecaster, Parameter, Scene};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use super::print_line;
 
@@ -51,16 +51,6 @@ enum Unknown {
     Spin,
 }
 
-impl Unknown {
-    fn name(parameter: Parameter) -> &'static str {
-        match parameter {
-            Parameter::Restitution => "restitution",
-            Parameter::Drag => "drag",
-            Parameter::Spin => "spin",
-        }
-    }
-}
-
 pub fn run(arguments: Arguments) -> Result<()> {
     ensure!(arguments.noise_px.is_none_or(|noise| noise.is_finite() && noise > 0.0), "--noise-px must be positive");
     let camera = Camera::from_file(&arguments.camera)?;
@@ -74,7 +64,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
             Unknown::Spin => Parameter::Spin,
         };
         if estimate.contains(&parameter) {
-            bail!("--estimate names {} twice", Unknown::name(parameter));
+            bail!("--estimate names {} twice", parameter.name());
         }
         estimate.push(parameter);
     }
@@ -98,24 +88,13 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
+/// The fit with the frames' numbers in the track.
 fn as_json(frames: &[u64], fit: &Fit) -> Value {
-    let frame = |(number, frame): (&u64, &FittedFrame)| {
-        let covariance: Vec<Vec<f64>> = frame.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
-        json!({"frame": number, "t": frame.time, "world": <[f64; 3]>::from(frame.state.position.coords),
-            "velocity": <[f64; 3]>::from(frame.state.velocity), "sigma": frame.sigma(), "covariance": covariance,
-            "residual_px": frame.residual_px.map(<[f64; 2]>::from), "outlier": frame.outlier})
-    };
-    let impacts = fit.impacts.iter().map(|impact| {
-        json!({"t": impact.time, "surface": impact.surface.to_string(), "world": <[f64; 3]>::from(impact.position),
-            "speed": impact.speed})
-    });
-    let estimates = fit.estimates.iter().map(|estimate| {
-        let value = json!({"value": estimate.value, "sigma": estimate.sigma});
-        (Unknown::name(estimate.parameter).to_string(), value)
-    });
-    json!({"frames": frames.iter().zip(&fit.frames).map(frame).collect::<Vec<_>>(), "noise_px": fit.noise_px,
-        "rms_px": fit.rms_px, "explained": fit.explained, "impacts": impacts.collect::<Vec<_>>(),
-        "estimates": Value::Object(estimates.collect()), "spin": fit.spin})
+    let mut fitted = fit.as_json();
+    for (fields, number) in fitted["frames"].as_array_mut().into_iter().flatten().zip(frames) {
+        fields["frame"] = Value::from(*number);
+    }
+    fitted
 }
 
 fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
@@ -146,7 +125,7 @@ fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
         ))?;
     }
     for estimate in &fit.estimates {
-        let name = Unknown::name(estimate.parameter);
+        let name = estimate.parameter.name();
         print_line(format_args!("{name} {:.3} ± {:.3}", estimate.value, estimate.sigma))?;
     }
     if fit.spin != [0.0; 3] {

@@ -5,12 +5,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use burn::tensor::Device;
 use gravisight::Localiser;
-use gravisight::error::Error;
 use gravisight::model::Card;
 
 /// The model that `--model` defaults to, built into the command.
-const DEFAULT_CARD: &str = include_str!("../../models/compact-sd-s.json");
-const DEFAULT_WEIGHTS: &[u8] = include_bytes!("../../models/compact-sd-s.safetensors");
+const DEFAULT_CARD: &str = include_str!("../../models/sd-l.json");
+const DEFAULT_WEIGHTS: &[u8] = include_bytes!("../../models/sd-l.safetensors");
 
 /// Path of the card of `--model M`: M itself, M with `.json`, or beside M's `.safetensors`.
 pub fn card_path(model: &Path) -> PathBuf {
@@ -32,8 +31,7 @@ pub fn open(model: Option<&Path>, device: &Device) -> Result<Localiser> {
         return Ok(Localiser::new(card, DEFAULT_WEIGHTS.to_vec(), device)?);
     };
     let path = card_path(model);
-    let card = Card::from_file(&path)?;
-    let weights = path.with_file_name(&card.weights);
-    let bytes = std::fs::read(&weights).map_err(|cause| Error::Io { path: weights.clone(), cause })?;
-    Localiser::new(card, bytes, device).with_context(|| weights.display().to_string())
+    let (card, weights) = Card::with_weights(&path)?;
+    let name = path.with_file_name(&card.weights);
+    Localiser::new(card, weights, device).with_context(|| name.display().to_string())
 }

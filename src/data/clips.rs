@@ -106,8 +106,8 @@ impl Clips {
     /// The picture of `frame`, checked to have the camera's size.
     ///
     /// # Errors
-    /// [`Error::Io`] and [`Error::Data`] with the path: for a picture that [`Picture::open`] refuses, and for a picture of another size
-    /// than the clip's camera, since its labels would be wrong.
+    /// [`Error::Io`] and [`Error::Data`] with the path: for a picture that [`Picture::open`] refuses; as
+    /// [`Clip::check_picture`].
     pub fn picture(&self, clip: &Clip, frame: &Frame) -> Result<Picture> {
         let path = self.folder.join(&frame.file);
         let what = path.display().to_string();
@@ -115,16 +115,33 @@ impl Clips {
             io @ Error::Io { .. } => io,
             other => Error::Data { what: what.clone(), reason: other.to_string() },
         })?;
-        let (found, expected) = (picture.size(), [clip.camera.width(), clip.camera.height()]);
-        if found != expected {
-            let reason = format!("is {found:?} px, the camera of clip `{}` says {expected:?}", clip.id);
-            return Err(Error::Data { what, reason });
-        }
+        clip.check_picture(&picture, &what)?;
         Ok(picture)
     }
 }
 
 impl Clip {
+    /// Refuses a picture of another size than the camera's, since labels in it would be wrong; `what` names it.
+    ///
+    /// # Errors
+    /// [`Error::Data`].
+    pub fn check_picture(&self, picture: &Picture, what: &str) -> Result<()> {
+        let (found, expected) = (picture.size(), [self.camera.width(), self.camera.height()]);
+        if found == expected {
+            return Ok(());
+        }
+        let reason = format!("is {found:?} px, the camera of clip `{}` says {expected:?}", self.id);
+        Err(Error::Data { what: what.into(), reason })
+    }
+
+    /// Reads a clip from the text of its line in `clips.jsonl`, camera and scene inside; `what` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Format`] and [`Error::Value`] with the field.
+    pub fn from_json(text: &str, what: &str) -> Result<Self> {
+        Self::from_line(text, Path::new(""), what)
+    }
+
     /// Its line in `clips.jsonl`, with camera and scene inside.
     ///
     /// # Errors

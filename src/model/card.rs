@@ -82,14 +82,32 @@ impl Card {
         Self::from_json(&text, &path.display().to_string())
     }
 
+    /// Reads a card's file, and the weights that it names.
+    ///
+    /// # Errors
+    /// As [`Card::from_file`]; [`Error::Io`] for the weights.
+    pub fn with_weights(path: &Path) -> Result<(Self, Vec<u8>)> {
+        let card = Self::from_file(path)?;
+        let weights = path.with_file_name(&card.weights);
+        let bytes = std::fs::read(&weights).map_err(Error::io(&weights))?;
+        Ok((card, bytes))
+    }
+
     /// Writes the card's file, whole.
     ///
     /// # Errors
     /// [`Error::Io`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn write(&self, path: &Path) -> Result<()> {
-        let text = serde_json::to_string_pretty(self).map_err(Error::format(path.display().to_string()))?;
-        crate::files::write_whole(path, format!("{text}\n").as_bytes())
+        crate::files::write_whole(path, self.to_json()?.as_bytes())
+    }
+
+    /// The text of the card's file.
+    ///
+    /// # Errors
+    /// [`Error::Format`].
+    pub fn to_json(&self) -> Result<String> {
+        serde_json::to_string_pretty(self).map(|text| text + "\n").map_err(Error::format(&self.name))
     }
 
     /// Refuses weights that are not those this card speaks of.

@@ -22,7 +22,14 @@ use crate::error::{Error, Result};
 /// [`Error::WeightsArchitecture`] for a missing, surplus or misshapen tensor,
 /// [`Error::WeightsNotFinite`] for NaN or infinity.
 pub fn load(config: &PenConfig, bytes: Vec<u8>, device: &Device) -> Result<Pen> {
-    let mut pen = Pen::new(config, device)?;
+    load_into(Pen::new(config, device)?, bytes)
+}
+
+/// `pen` with all its weights from `bytes`.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
     let mut store = checked_store(bytes)?;
     let result = store.apply_to(&mut pen).map_err(architecture)?;
     if let Some((name, _)) = result.missing.first() {

@@ -52,18 +52,17 @@ struct Drawn {
 }
 
 impl Sampler {
-    /// Of `examples`.
+    /// Of `examples`, whose clips' pictures are `pictures`.
     ///
     /// # Errors
     /// [`Error::Value`] for scenes that cannot be forecast.
-    pub fn new(config: &TrainConfig, examples: Examples) -> Result<Self> {
+    pub fn new(config: &TrainConfig, examples: Examples, pictures: Pictures) -> Result<Self> {
         let is_future = config.supervision.is_future();
         let windows = if is_future { examples.windows(&config.future.ahead) } else { vec![] };
         let mut forecasters = Vec::new();
         for scene in examples.clips.clips.iter().filter_map(|clip| clip.scene.as_ref()).filter(|_| is_future) {
             forecasters.push(Arc::new(forecaster(scene, config.future.numeric)?));
         }
-        let pictures = Pictures::new(examples.clips.clone(), config.cache_mb << 20);
         Ok(Self { config: config.clone(), examples, pictures, windows, forecasters })
     }
 

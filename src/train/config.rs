@@ -99,6 +99,9 @@ pub struct TrainConfig {
     /// Normalisation of the network's input.
     #[serde(default)]
     pub normalisation: Normalisation,
+    /// The card of a model whose weights the network starts from; architecture and input are then that model's.
+    #[serde(default)]
+    pub start_from: Option<PathBuf>,
     /// A file with timm weights (ImageNet, say) for the backbone to start from.
     #[serde(default)]
     pub backbone_weights: Option<PathBuf>,
@@ -171,13 +174,7 @@ pub struct FitConfig {
 impl Default for FitConfig {
     /// Half weight at 5 cm, where a fit is no better than the network is to be; none beyond 30 cm.
     fn default() -> Self {
-        Self {
-            noise_px: None,
-            half_weight_sigma: 0.05,
-            largest_sigma: 0.3,
-            largest_outlier_share: 0.2,
-            numeric: false,
-        }
+        Self { noise_px: None, half_weight_sigma: 0.05, largest_sigma: 0.3, largest_outlier_share: 0.2, numeric: false }
     }
 }
 

@@ -1,25 +1,14 @@
 //! What there is to learn: frames with their targets, and windows of frames.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
-use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 use serde::Serialize;
 
-use super::config::{Supervision, TrainConfig};
-use super::teacher::{TaughtClip, check_taught, teach};
+use super::config::TrainConfig;
+use super::teacher::TaughtClip;
 use crate::data::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
-#[cfg(not(target_arch = "wasm32"))]
-use crate::files::write_whole;
 
 /// Share of the picture's side by which a label may lie outside (a ball cut by the edge).
 const LABEL_MARGIN: f64 = 0.05;
-
-/// Clips that are fitted between two reports of progress.
-const FITTED_TOGETHER: usize = 20;
 
 /// A frame and what it teaches.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -57,36 +46,28 @@ pub struct Examples {
 }
 
 impl Examples {
-    /// Those of `config`'s training clips. Fits are kept in the file `fits` and taken from it if it is there; `progress`
-    /// gets the number of clips fitted and of all.
+    /// Those of `clips` (as the configuration changes them) that were fitted already: `fits`, one a clip.
     ///
     /// # Errors
-    /// [`Error::Data`] for labels that cannot teach (with the clip), for clips that physics cannot explain, and
-    /// where nothing is left; [`Error::Io`] and [`Error::Format`] for `fits`.
-    pub fn of(config: &TrainConfig, fits: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<Self> {
-        let clips = prepared(config)?;
-        let what = clips.folder.display().to_string();
-        let (frames, left_out) = match config.supervision {
-            Supervision::Labels3d => (labelled_3d(&clips, |_| true)?, vec![]),
-            Supervision::Future2dGt | Supervision::Future2dPredict => {
-                check_physics(&clips.clips)?;
-                (labelled_2d(&clips), vec![])
-            }
-            Supervision::PhysicsFit => taught(&clips, config, fits, |_| true, progress)?,
-            Supervision::Mixed => {
-                let share = config.labelled_share;
-                // evenly spread: the clips at which the running share passes a whole number
-                let is_labelled = |clip: usize| ((clip + 1) as f64 * share).floor() > (clip as f64 * share).floor();
-                let (mut frames, left_out) = taught(&clips, config, fits, |clip| !is_labelled(clip), progress)?;
-                frames.extend(labelled_3d(&clips, is_labelled)?);
-                (frames, left_out)
-            }
-        };
+    /// [`Error::Data`] where nothing is left.
+    pub fn of_fits(config: &TrainConfig, clips: Clips, fits: Vec<TaughtClip>) -> Result<Self> {
+        let chosen: Vec<usize> = (0..clips.clips.len()).collect();
+        let (frames, left_out) = examples_of(&chosen, fits, config);
+        Self::new(config, clips, frames, left_out)
+    }
+
+    pub(super) fn new(
+        config: &TrainConfig,
+        clips: Clips,
+        frames: Vec<Example>,
+        left_out: Vec<LeftOut>,
+    ) -> Result<Self> {
         let mut of_frame: Vec<Vec<Option<usize>>> =
             clips.clips.iter().map(|clip| vec![None; clip.frames.len()]).collect();
         for (index, example) in frames.iter().enumerate() {
             of_frame[example.clip][example.frame] = Some(index);
         }
+        let what = clips.folder.display().to_string();
         let refuse = |reason: String| Err(Error::Data { what: what.clone(), reason });
         if frames.is_empty() {
             return refuse("no frame shows the ball (`visible`: true)".into());
@@ -129,90 +110,12 @@ impl Examples {
     }
 }
 
-/// The training clips with what the configuration changes: fewer, noisier, with another contact model.
-fn prepared(config: &TrainConfig) -> Result<Clips> {
-    let mut clips = Clips::read(&config.train)?;
-    if let Some(most) = config.clips_per_camera {
-        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
-        clips.clips.retain(|clip| {
-            let group = clip.id.rsplit_once('/').map_or("", |(group, _)| group);
-            let count = counts.entry(group.into()).or_default();
-            *count += 1;
-            *count <= most
-        });
-    }
-    for clip in &mut clips.clips {
-        clip.frames.iter().try_for_each(|frame| check_label(clip, frame))?;
-        if let (Some(contact), Some(scene)) = (&config.contact, &mut clip.scene) {
-            scene.contact = contact.clone();
-            scene.check(&format!("clip `{}` with the configuration's `contact`", clip.id))?;
-        }
-        if config.label_noise_px > 0.0 {
-            add_noise(clip, config.label_noise_px, config.seed);
-        }
-    }
-    Ok(clips)
-}
-
-/// Adds Gaussian noise to the clip's 2D labels: the same for the same seed and clip.
-fn add_noise(clip: &mut Clip, sigma: f64, seed: u64) {
-    let name = clip.id.bytes().fold(seed, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
-    let mut random = StdRng::seed_from_u64(name);
-    for frame in &mut clip.frames {
-        // Box and Muller's pair
-        let radius = (-2.0 * random.random_range(f64::MIN_POSITIVE..1.0).ln()).sqrt();
-        let angle = random.random_range(0.0..std::f64::consts::TAU);
-        frame.image = frame.image.map(|[x, y]| [x + sigma * radius * angle.cos(), y + sigma * radius * angle.sin()]);
-    }
-}
-
-/// Frames whose 3D truth teaches, hidden balls included; in the clips that `wanted` names.
-fn labelled_3d(clips: &Clips, wanted: impl Fn(usize) -> bool) -> Result<Vec<Example>> {
-    let mut examples = Vec::new();
-    for (index, clip) in clips.clips.iter().enumerate().filter(|&(index, _)| wanted(index)) {
-        for (number, frame) in clip.frames.iter().enumerate() {
-            if let Some(image) = frame.image.filter(|_| frame.visible || frame.world.is_some()) {
-                let depth = Some([true_depth(clip, frame)?, 1.0]);
-                examples.push(Example { clip: index, frame: number, image, depth });
-            }
-        }
-    }
-    Ok(examples)
-}
-
-/// Frames with 2D labels.
-fn labelled_2d(clips: &Clips) -> Vec<Example> {
-    let frames = clips.clips.iter().enumerate().flat_map(|(clip, it)| {
-        let labelled = it.frames.iter().enumerate().filter(|(_, frame)| frame.visible);
-        labelled.filter_map(move |(frame, it)| Some(Example { clip, frame, image: it.image?, depth: None }))
-    });
-    frames.collect()
-}
-
-/// Frames that physics teaches, and the clips that it does not explain.
-fn taught(
-    clips: &Clips,
+/// What `fits` teach, one each of the clips `chosen`, and the clips that they leave out.
+pub(super) fn examples_of(
+    chosen: &[usize],
+    fits: Vec<TaughtClip>,
     config: &TrainConfig,
-    file: &Path,
-    wanted: impl Fn(usize) -> bool,
-    progress: &mut dyn FnMut(usize, usize),
-) -> Result<(Vec<Example>, Vec<LeftOut>)> {
-    let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
-    let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
-    check_physics(&of_chosen)?;
-    let fits = match file.exists() {
-        true => read_fits(file, &of_chosen)?,
-        false => {
-            let mut fits: Vec<TaughtClip> = Vec::new();
-            for some in of_chosen.chunks(FITTED_TOGETHER) {
-                fits.par_extend(some.par_iter().map(|clip| teach(clip, &config.fit)));
-                progress(fits.len(), of_chosen.len());
-            }
-            check_taught(&of_chosen, &fits, &config.fit, &clips.folder.display().to_string())?;
-            write_fits(file, &fits)?;
-            fits
-        }
-    };
+) -> (Vec<Example>, Vec<LeftOut>) {
     let mut examples = Vec::new();
     for (&clip, fit) in chosen.iter().zip(&fits) {
         for (frame, taught) in fit.frames.iter().enumerate() {
@@ -222,33 +125,11 @@ fn taught(
         }
     }
     let left_out = fits.into_iter().filter_map(|fit| Some(LeftOut { clip: fit.id, reason: fit.left_out? }));
-    Ok((examples, left_out.collect()))
-}
-
-fn write_fits(file: &Path, fits: &[TaughtClip]) -> Result<()> {
-    let mut text = String::new();
-    for fit in fits {
-        text.push_str(&serde_json::to_string(fit).map_err(Error::format(file.display().to_string()))?);
-        text.push('\n');
-    }
-    write_whole(file, text.as_bytes())
-}
-
-fn read_fits(file: &Path, clips: &[Clip]) -> Result<Vec<TaughtClip>> {
-    let name = file.display().to_string();
-    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
-    let fits: Vec<TaughtClip> =
-        text.lines().map(|line| serde_json::from_str(line).map_err(Error::format(&name))).collect::<Result<_>>()?;
-    let same = |(fit, clip): (&TaughtClip, &Clip)| fit.id == clip.id && fit.frames.len() == clip.frames.len();
-    if fits.len() != clips.len() || !fits.iter().zip(clips).all(same) {
-        let reason = "speaks of other clips than the run's; delete it, and the clips are fitted again".into();
-        return Err(Error::Data { what: name, reason });
-    }
-    Ok(fits)
+    (examples, left_out.collect())
 }
 
 /// Refuses clips whose scenes say nothing of depth.
-fn check_physics(clips: &[Clip]) -> Result<()> {
+pub(super) fn check_physics(clips: &[Clip]) -> Result<()> {
     for clip in clips {
         let refuse = |reason: &str| Err(Error::Data { what: format!("clip `{}`", clip.id), reason: reason.into() });
         match &clip.scene {
@@ -265,7 +146,7 @@ fn check_physics(clips: &[Clip]) -> Result<()> {
 }
 
 /// Refuses a 2D label so far outside the picture that no cell of the heatmap is near it.
-fn check_label(clip: &Clip, frame: &Frame) -> Result<()> {
+pub(super) fn check_label(clip: &Clip, frame: &Frame) -> Result<()> {
     let Some([x, y]) = frame.image.filter(|_| frame.visible) else { return Ok(()) };
     let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
     let near = |at: f64, side: f64| (-LABEL_MARGIN * side..side * (1.0 + LABEL_MARGIN)).contains(&at);
@@ -277,20 +158,6 @@ fn check_label(clip: &Clip, frame: &Frame) -> Result<()> {
 }
 
 /// Name of a frame for errors.
-fn name(clip: &Clip, frame: &Frame) -> String {
+pub(super) fn name(clip: &Clip, frame: &Frame) -> String {
     format!("clip `{}`, frame {}", clip.id, frame.file.display())
-}
-
-/// Depth (camera z) of a frame's 3D label, m.
-fn true_depth(clip: &Clip, frame: &Frame) -> Result<f64> {
-    let what = || name(clip, frame);
-    let Some(world) = frame.world else {
-        let reason = "has no `world` label, which 3D supervision needs".into();
-        return Err(Error::Data { what: what(), reason });
-    };
-    let depth = clip.camera.camera_from_world(&world.into()).z;
-    if depth > 0.0 {
-        return Ok(depth);
-    }
-    Err(Error::Data { what: what(), reason: format!("its `world` label lies behind the camera (z = {depth} m)") })
 }

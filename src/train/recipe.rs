@@ -6,7 +6,7 @@ use super::config::TrainConfig;
 use crate::error::{Error, Result};
 
 /// Fields that hold paths.
-const PATHS: [&str; 4] = ["train", "validation", "out", "backbone_weights"];
+const PATHS: [&str; 5] = ["train", "validation", "out", "backbone_weights", "start_from"];
 
 /// The recipes of the published models and of the paper, and a short one, by name.
 const PRESETS: [(&str, &str); 6] = [

@@ -6,21 +6,22 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use burn::module::Module;
-use burn::optim::{AdamWConfig, ModuleOptimizer};
 use burn::tensor::Device;
 use serde::Serialize;
 
 use super::batch::Sampler;
 use super::checkpoint::{Best, Checkpoint};
 use super::config::{Supervision, TrainConfig};
-use super::ema::Ema;
-use super::examples::{Examples, LeftOut};
+use super::examples::LeftOut;
 use super::loader::Loader;
 use super::log::{LOG, LOG_CSV, log_until, table};
 use super::memory::check_memory;
+use super::pictures::Pictures;
+use super::prepare::prepare;
 use super::recipe::read_fields;
 use super::score::{Score, score};
-use super::step::{StepOptions, StepReport, step};
+use super::step::StepReport;
+use super::trainer::Trainer;
 use crate::data::Clips;
 use crate::error::{Error, Result};
 use crate::files::write_whole;
@@ -31,10 +32,6 @@ use crate::model::{self, Card, Pen, PenConfig, sha256_hex};
 pub const CONFIG: &str = "run.toml";
 const CHECKPOINTS: &str = "checkpoints";
 const FITS: &str = "fits.jsonl";
-/// Steps over which the loss is averaged to see whether it explodes.
-const WATCHED: f64 = 50.0;
-/// How many times its lowest average the loss may rise to.
-const EXPLODED: f64 = 10.0;
 
 /// What the loop tells its caller after each step.
 #[derive(Debug, Clone, Serialize)]
@@ -108,14 +105,11 @@ pub enum Event<'a> {
 struct Run<'a> {
     config: &'a TrainConfig,
     sampler: Arc<Sampler>,
-    validation: Clips,
+    validation: Pictures,
     device: Device,
-    state: Checkpoint,
+    trainer: Trainer,
     best: Option<Best>,
-    ema: Ema,
     log: String,
-    /// Running mean of the loss, and its lowest value in this phase.
-    watch: Option<(f64, f64)>,
 }
 
 /// Starts the run of `config` in its `out` folder: the path of the card of the model made.
@@ -134,8 +128,13 @@ pub fn start(mut config: TrainConfig, device: &Device, observe: &mut dyn FnMut(E
     }
     std::fs::create_dir_all(&config.out).map_err(Error::io(&config.out))?;
     config.out = std::fs::canonicalize(&config.out).map_err(Error::io(&config.out))?;
-    if let Some(weights) = &mut config.backbone_weights {
-        *weights = std::fs::canonicalize(&*weights).map_err(Error::io(&*weights))?;
+    for file in [&mut config.backbone_weights, &mut config.start_from].into_iter().flatten() {
+        *file = std::fs::canonicalize(&*file).map_err(Error::io(&*file))?;
+    }
+    if let Some(path) = &config.start_from {
+        let card = Card::from_file(path)?;
+        config.architecture = Some(card.architecture);
+        (config.input, config.normalisation) = (card.input, card.normalisation);
     }
     let text = toml::to_string(&config).map_err(Error::format(saved.display().to_string()))?;
     // A run that cannot start leaves nothing that would have to be resumed.
@@ -163,39 +162,40 @@ pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(Event)) -> Re
 impl<'a> Run<'a> {
     fn new(config: &'a TrainConfig, device: &Device, observe: &mut dyn FnMut(Event)) -> Result<Self> {
         let device = device.clone().autodiff();
-        let validation = Clips::read(&config.validation)?;
-        let examples =
-            Examples::of(config, &config.out.join(FITS), &mut |done, all| observe(Event::Fitting { done, all }))?;
+        let validation = Pictures::new(Clips::read(&config.validation)?, 0);
+        let examples = prepare(config, &config.out.join(FITS), &mut |done, all| observe(Event::Fitting { done, all }))?;
         let clips = examples.clips.clips.len();
         let prepared = Prepared { clips, frames: examples.frames.len(), left_out: examples.left_out.clone() };
         observe(Event::Prepared(&prepared));
-        let sampler = Arc::new(Sampler::new(config, examples)?);
+        let pictures = Pictures::new(examples.clips.clone(), config.cache_mb << 20);
+        let sampler = Arc::new(Sampler::new(config, examples, pictures)?);
         let architecture = architecture(config, &sampler);
         device.seed(config.seed);
         let blank = Pen::new(&architecture, &device)?;
         check_memory(config, &blank, &sampler)?;
-        let optimiser: ModuleOptimizer = AdamWConfig::new().with_weight_decay(config.weight_decay as f32).init();
+        let optimiser = Trainer::optimiser(config);
         let folder = config.out.join(CHECKPOINTS);
-        let state = match Checkpoint::load_last(&folder, &blank, optimiser.clone())? {
-            Some(state) => state,
-            None => {
-                let model = with_backbone(blank, config)?;
-                Checkpoint { step: 0, average: model.valid(), model, optimiser }
-            }
-        };
-        let best = Best::load(&folder, &state.average)?;
-        let ema = Ema::new(state.average.valid(), config.ema_decay, state.step);
-        let log = log_until(&config.out.join(LOG), state.step)?;
-        Ok(Self { config, sampler, validation, device, state, best, ema, log, watch: None })
+        let Checkpoint { step, model, average, optimiser } =
+            match Checkpoint::load_last(&folder, &blank, optimiser.clone())? {
+                Some(state) => state,
+                None => {
+                    let model = with_start(blank, config)?;
+                    Checkpoint { step: 0, average: model.valid(), model, optimiser }
+                }
+            };
+        let best = Best::load(&folder, &average)?;
+        let log = log_until(&config.out.join(LOG), step)?;
+        let trainer = Trainer::new(config, step, model, average, optimiser, &device);
+        Ok(Self { config, sampler, validation, device, trainer, best, log })
     }
 
     /// All steps that are left, then the model.
     fn finish(mut self, observe: &mut dyn FnMut(Event)) -> Result<PathBuf> {
-        let loader = Loader::start(self.sampler.clone(), self.config, self.state.step)?;
+        let loader = Loader::start(self.sampler.clone(), self.config, self.trainer.step)?;
         while let Some(progress) = self.next(&loader)? {
             let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;
             writeln!(self.log, "{line}").map_err(Error::format(LOG))?;
-            if self.state.step.is_multiple_of(self.config.checkpoint_every) || progress.step == progress.steps {
+            if self.trainer.step.is_multiple_of(self.config.checkpoint_every) || progress.step == progress.steps {
                 self.checkpoint()?;
             }
             observe(Event::Step(&progress));
@@ -205,73 +205,45 @@ impl<'a> Run<'a> {
 
     /// One step; None after the last.
     fn next(&mut self, loader: &Loader) -> Result<Option<Progress>> {
-        let Some((phase, index)) = self.config.phase(self.state.step) else { return Ok(None) };
+        let steps = self.config.steps();
+        if self.trainer.step >= steps {
+            return Ok(None);
+        }
         let began = Instant::now();
         let batch = loader.next()?;
         let waited = began.elapsed().as_secs_f64();
-        let ramp = (self.state.step as f64 / self.config.future.ramp.max(1) as f64).min(1.0);
-        let options = StepOptions {
-            heatmap_loss: self.config.heatmap_loss(),
-            depth_weight: self.config.depth_weight,
-            depth_transition: self.config.depth_transition,
-            future_weight: self.config.future.weight * ramp,
-            robust_px: Some(self.config.future.robust_px).filter(|scale| scale.is_finite()),
-            clip_norm: self.config.clip_norm,
-            learning_rate: phase.learning_rate(index),
-        };
-        let model = self.state.model.clone();
-        let (model, report) = step(model, &mut self.state.optimiser, batch, &options, &self.device);
-        self.state.step += 1;
+        let Some((report, learning_rate)) = self.trainer.advance(batch)? else { return Ok(None) };
         let StepReport { loss, heatmap, depth, future, gradient_norm } = report;
-        if !loss.is_finite() || self.explodes(heatmap + options.depth_weight * depth, index) {
-            return Err(Error::Diverged { step: self.state.step, loss });
-        }
-        self.ema.update(&model);
-        self.state.model = model;
-        let steps = self.config.steps();
-        let scores = self.state.step.is_multiple_of(self.config.validate_every) || self.state.step == steps;
+        let step = self.trainer.step;
+        let scores = step.is_multiple_of(self.config.validate_every) || step == steps;
         Ok(Some(Progress {
-            step: self.state.step,
+            step,
             steps,
             loss,
             heatmap,
             depth,
             future,
             gradient_norm,
-            learning_rate: options.learning_rate,
+            learning_rate,
             seconds: began.elapsed().as_secs_f64(),
             waited,
             validation: if scores { Some(self.validate()?) } else { None },
         }))
     }
 
-    /// Whether the loss on the maps, averaged over some steps, has risen far above what it was in this phase; `index`
-    /// counts the phase's steps. (The future loss rises by its ramp.)
-    fn explodes(&mut self, loss: f64, index: usize) -> bool {
-        let (mean, lowest) = match self.watch {
-            Some((mean, lowest)) if index > 0 => (mean + (loss - mean) / WATCHED, lowest),
-            _ => (loss, f64::INFINITY),
-        };
-        // the first steps' mean is not one yet
-        let lowest = if index as f64 > WATCHED { lowest.min(mean) } else { lowest };
-        self.watch = Some((mean, lowest));
-        mean > EXPLODED * lowest
-    }
-
     /// Scores the averaged weights, and keeps them if none were better.
     fn validate(&mut self) -> Result<Validation> {
         let device = self.device.clone().without_autodiff();
-        let card = card(self.config, &self.sampler, self.ema.model().config(), String::new());
-        let localiser = Localiser::from_pen(self.ema.model().valid(), card, &device);
+        let average = self.trainer.average();
+        let card = card(self.config, &self.sampler, average.config(), String::new());
+        let localiser = Localiser::from_pen(average.clone(), card, &device);
         let scored = match pollster::block_on(score(&localiser, &self.validation, self.config.validate_frames)) {
             Ok(scored) => scored,
             Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
         };
         let score = scored.forecast_px.filter(|score| score.is_finite());
         if self.best.as_ref().is_none_or(|best| best.is_beaten_by(score)) {
-            // `valid` makes a copy of its own: a clone shares its norms' statistics, which go on moving.
-            let (step, average) = (self.state.step, self.ema.model().valid());
-            let best = Best { step, score, least_confidence: scored.least_confidence, average };
+            let best = Best { step: self.trainer.step, score, least_confidence: scored.least_confidence, average };
             best.save(&self.config.out.join(CHECKPOINTS))?;
             self.best = Some(best);
         }
@@ -282,14 +254,16 @@ impl<'a> Run<'a> {
     fn checkpoint(&mut self) -> Result<()> {
         write_whole(&self.config.out.join(LOG), self.log.as_bytes())?;
         write_whole(&self.config.out.join(LOG_CSV), &table(&self.log)?)?;
-        self.state.average = self.ema.model().valid();
-        self.state.save(&self.config.out.join(CHECKPOINTS))
+        let Trainer { step, model, optimiser, .. } = &self.trainer;
+        let (model, optimiser) = (model.clone(), optimiser.clone());
+        let state = Checkpoint { step: *step, model, average: self.trainer.average(), optimiser };
+        state.save(&self.config.out.join(CHECKPOINTS))
     }
 
     /// Writes the averaged weights that scored best (where none could be scored: the last) and their card.
     fn publish(&self) -> Result<PathBuf> {
-        let pen = self.best.as_ref().map_or(self.ema.model(), |best| &best.average);
-        let weights = model::halved(&model::save(pen)?)?;
+        let pen = self.best.as_ref().map_or_else(|| self.trainer.average(), |best| best.average.clone());
+        let weights = model::halved(&model::save(&pen)?)?;
         let mut card = card(self.config, &self.sampler, pen.config(), sha256_hex(&weights));
         card.confidence_threshold = self.best.as_ref().map(|best| best.least_confidence / 2.0);
         write_whole(&self.config.out.join(&card.weights), &weights)?;
@@ -299,8 +273,13 @@ impl<'a> Run<'a> {
     }
 }
 
-/// The fresh network with the backbone weights of the configuration, where it names some.
-fn with_backbone(pen: Pen, config: &TrainConfig) -> Result<Pen> {
+/// The fresh network with the weights that the configuration names: a model's, or a backbone's.
+fn with_start(pen: Pen, config: &TrainConfig) -> Result<Pen> {
+    if let Some(path) = &config.start_from {
+        let (card, weights) = Card::with_weights(path)?;
+        card.check_weights(&weights)?;
+        return model::load_into(pen, weights);
+    }
     let Some(path) = &config.backbone_weights else { return Ok(pen) };
     model::load_backbone_timm(pen, std::fs::read(path).map_err(Error::io(path))?)
 }

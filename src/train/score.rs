@@ -3,9 +3,11 @@
 use nalgebra::{Matrix6, Point2, Point3, Vector3, Vector6, distance};
 use serde::Serialize;
 
-use crate::data::{Clip, Clips};
+use super::pictures::Pictures;
+use crate::data::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
+use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::physics::{Forecaster, State};
 
@@ -38,17 +40,20 @@ pub struct Score {
     pub dtg: Statistic,
 }
 
-/// Scores `localiser` on about `frames` frames of `clips`: whole clips, evenly spread.
+/// Scores `localiser` on about `frames` frames of the clips of `pictures`: whole clips, evenly spread.
 ///
 /// # Errors
-/// [`Error::Data`] where no frame has a label, and for a picture that cannot be localised; as [`Clips::picture`].
-pub async fn score(localiser: &Localiser, clips: &Clips, frames: usize) -> Result<Score> {
-    let all: usize = clips.clips.iter().map(|clip| clip.frames.len()).sum();
-    let count = (frames * clips.clips.len()).div_ceil(all.max(1)).clamp(1, clips.clips.len());
+/// [`Error::Data`] where no frame has a label, and for a picture that cannot be localised; as
+/// [`Pictures::with`].
+pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: usize) -> Result<Score> {
+    let clips = pictures.clips();
+    let all: usize = clips.iter().map(|clip| clip.frames.len()).sum();
+    let count = (frames * clips.len()).div_ceil(all.max(1)).clamp(1, clips.len());
     let (mut forecast, mut image, mut dtg, mut confidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for index in 0..count {
-        let clip = &clips.clips[index * clips.clips.len() / count];
-        let found = positions(localiser, clips, clip).await?;
+        let clip = index * clips.len() / count;
+        let found = positions(localiser, pictures, clip).await?;
+        let clip = &clips[clip];
         for (frame, found) in clip.frames.iter().zip(&found) {
             let (Some(Found { position, at, confidence: sure }), Some(label)) = (found, frame.image) else { continue };
             confidence.push(*sure);
@@ -61,7 +66,7 @@ pub async fn score(localiser: &Localiser, clips: &Clips, frames: usize) -> Resul
     }
     if image.is_empty() {
         let reason = "no frame shows the ball (`visible`: true), so there is nothing to score against".into();
-        return Err(Error::Data { what: clips.folder.display().to_string(), reason });
+        return Err(Error::Data { what: "validation clips".into(), reason });
     }
     forecast.sort_by(f64::total_cmp);
     confidence.sort_by(f64::total_cmp);
@@ -83,14 +88,15 @@ struct Found {
 }
 
 /// What the network finds in each frame that shows the ball.
-async fn positions(localiser: &Localiser, clips: &Clips, clip: &Clip) -> Result<Vec<Option<Found>>> {
+async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) -> Result<Vec<Option<Found>>> {
+    let clip = &pictures.clips()[number];
     let mut found = Vec::with_capacity(clip.frames.len());
-    for frame in &clip.frames {
+    for (index, frame) in clip.frames.iter().enumerate() {
         if !frame.visible {
             found.push(None);
             continue;
         }
-        let picture = clips.picture(clip, frame)?;
+        let picture = pictures.with(number, index, Picture::clone)?;
         let name = || format!("clip `{}`, frame {}", clip.id, frame.file.display());
         let failed = |error: Error| Error::Data { what: name(), reason: error.to_string() };
         let ball = localiser.localise(&picture, &clip.camera, false).await.map_err(failed)?;

@@ -61,8 +61,8 @@ test("both builds find the ball at the same place, and a thousand pictures take 
 async function thousandPictures({ build, camera }) {
   const module = await import(`/pkg/wasm/${build}/gravisight.js`);
   const { memory } = await module.default({ module_or_path: `/pkg/wasm/${build}/gravisight_bg.wasm` });
-  const card = await (await fetch("/models/compact-sd-s.json")).text();
-  const weights = new Uint8Array(await (await fetch("/models/compact-sd-s.safetensors")).arrayBuffer());
+  const card = await (await fetch("/models/sd-l.json")).text();
+  const weights = new Uint8Array(await (await fetch("/models/sd-l.safetensors")).arrayBuffer());
   const localiser = await module.Localiser.create(card, weights, "cpu");
   const rgba = new Uint8Array(224 * 224 * 4).map((_, index) => (index * 7919) % 251);
   const run = () => localiser.localiseRgba(rgba, 224, 224, camera, { maps: false });

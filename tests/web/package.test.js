@@ -7,7 +7,7 @@ import { launch, open } from "./support/browser.js";
 import { pictureOf, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
-const CARD = "models/compact-sd-s.json";
+const CARD = "models/sd-l.json";
 const modelFile = (name) => readFileSync(new URL(`../../models/${name}`, import.meta.url));
 const complaints = [];
 let server, browser, page;
@@ -108,18 +108,18 @@ test("what is no camera, and no device, is refused, and the localiser goes on", 
 });
 
 test("weights that are not the card's are refused", async () => {
-  const weights = Buffer.from(modelFile("compact-sd-s.safetensors"));
+  const weights = Buffer.from(modelFile("sd-l.safetensors"));
   weights[weights.length - 1] ^= 1;
   assert.equal((await createWith({ weights })).code, "weights-sha256");
 });
 
 test("truncated weights are refused", async () => {
-  const weights = modelFile("compact-sd-s.safetensors");
+  const weights = modelFile("sd-l.safetensors");
   assert.match((await createWith({ weights: weights.subarray(0, weights.length / 2) })).code, /^weights-/);
 });
 
 test("weights that hold NaN are refused, even where the card knows their sha256", async () => {
-  const { weights, card } = withNaN(modelFile("compact-sd-s.safetensors"), modelFile("compact-sd-s.json").toString());
+  const { weights, card } = withNaN(modelFile("sd-l.safetensors"), modelFile("sd-l.json").toString());
   const thrown = await createWith({ weights, card });
   assert.match(thrown.code, /^weights-/);
   assert.notEqual(thrown.code, "weights-sha256");
@@ -135,7 +135,7 @@ test("a failed fetch names the URL and the status", async () => {
   await other.route("**/*.safetensors", (route) => route.fulfill({ status: 404, body: "" }));
   const thrown = await other.evaluate(create, CARD);
   assert.equal(thrown.code, "fetch");
-  assert.match(thrown.message, /compact-sd-s\.safetensors.*404/);
+  assert.match(thrown.message, /sd-l\.safetensors.*404/);
   await other.close();
 });
 

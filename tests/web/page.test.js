@@ -106,7 +106,7 @@ for (const [what, files] of Object.entries(refusals)) {
 test("the page says what the model is for and how far off it is", async () => {
   const note = page.getByTestId("model-note");
   await note.filter({ hasText: "test pictures" }).waitFor();
-  assert.match(await note.textContent(), /compact-sd-s: .*one scene.*off by \d+\.\d ± \d+\.\d cm/);
+  assert.match(await note.textContent(), /sd-l: .*three scenes.*off by \d+\.\d ± \d+\.\d cm/);
 });
 
 test("the keyboard alone chooses a sample and an overlay", async () => {

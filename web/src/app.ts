@@ -181,7 +181,7 @@ export class App {
 }
 
 function options(subject: Subject, signal: AbortSignal): Parameters<Localiser["localise"]>[1] {
-  const common = { camera: subject.camera, maps: true, signal };
+  const common = { camera: subject.camera, heatmap: true, depthMap: true, signal };
   return subject.truth ? { ...common, truth: subject.truth.world } : common;
 }
 

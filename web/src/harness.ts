@@ -1,4 +1,4 @@
 /** For tests of the package itself in a browser. */
-import { GravisightError, Localiser } from "gravisight";
+import * as gravisight from "gravisight";
 
-Object.assign(window, { gravisight: { GravisightError, Localiser } });
+Object.assign(window, { gravisight });

@@ -4,7 +4,7 @@ import { App, type Settings } from "./app";
 import { showModelNote } from "./model-note";
 
 const DEVICES: readonly string[] = ["cpu", "webgpu", "auto"] satisfies DeviceChoice[];
-const MODEL = `${import.meta.env.BASE_URL}models/compact-sd-s.json`;
+const MODEL = `${import.meta.env.BASE_URL}models/sd-l.json`;
 
 function settingsFrom(query: URLSearchParams): Settings {
   const device = query.get("device") ?? "cpu";

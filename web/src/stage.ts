@@ -1,5 +1,5 @@
 /** The picture, large, with the network's maps and the two positions drawn over it. */
-import type { Localisation, Maps } from "gravisight";
+import type { FloatMap, Localisation } from "gravisight";
 import { pixelsOf, rangeOf } from "./colourmap";
 import { contextOf, element, make } from "./dom";
 import { drawFound, drawTruth } from "./marks";
@@ -56,7 +56,7 @@ export class Stage {
   showResult(result: Localisation, truth: [number, number] | undefined): void {
     this.#found = result.image;
     this.#truth = truth;
-    this.#painted = result.maps ? painted(result.maps) : {};
+    this.#painted = painted(result);
     const [u, v] = result.image.map((x) => x.toFixed(1));
     this.#overlay.setAttribute("aria-label", `The ball was found at pixel ${u}, ${v}, ${result.depth.toFixed(2)} metres from the camera`);
     const entries = [make("span", { class: "key-found", text: "Found" })];
@@ -109,19 +109,27 @@ export class Stage {
   }
 }
 
-function painted(maps: Maps): Record<"heatmap" | "depth", Painted> {
-  const likelihood = { from: 0, to: rangeOf(maps.heatmap).to };
-  const depth = rangeOf(maps.depth);
-  return {
-    heatmap: {
-      pixels: canvasOf(pixelsOf(maps.heatmap, maps.width, maps.height, likelihood, (level) => Math.min(1, level / HEATMAP_OPAQUE_AT))),
+function painted({ heatmap, depthMap }: Localisation): Partial<Record<Layer, Painted>> {
+  const layers: Partial<Record<Layer, Painted>> = {};
+  if (heatmap) {
+    const likelihood = { from: 0, to: rangeOf(heatmap.values).to };
+    layers.heatmap = {
+      pixels: canvasOf(coloured(heatmap, likelihood, (level) => Math.min(1, level / HEATMAP_OPAQUE_AT))),
       scale: { name: "Probability", ...likelihood, words: (value) => (value === 0 ? "0" : `${(100 * value).toPrecision(2)} %`) },
-    },
-    depth: {
-      pixels: canvasOf(pixelsOf(maps.depth, maps.width, maps.height, depth, () => 1)),
+    };
+  }
+  if (depthMap) {
+    const depth = rangeOf(depthMap.values);
+    layers.depth = {
+      pixels: canvasOf(coloured(depthMap, depth, () => 1)),
       scale: { name: "Depth", ...depth, words: (value) => `${value.toFixed(2)} m` },
-    },
-  };
+    };
+  }
+  return layers;
+}
+
+function coloured({ values, width, height }: FloatMap, range: Parameters<typeof pixelsOf>[3], opacity: (level: number) => number): ImageData {
+  return pixelsOf(values, width, height, range, opacity);
 }
 
 function canvasOf(image: ImageData): HTMLCanvasElement {

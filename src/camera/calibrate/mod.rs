@@ -4,6 +4,7 @@
 //! the reprojection errors. The paper refines by BFGS; Levenberg–Marquardt finds the same optimum in a tenth of the
 //! steps and gives the covariance.
 
+mod json;
 mod points;
 mod refine;
 mod start;

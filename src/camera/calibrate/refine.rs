@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Point3, Rotation3, 
 
 use super::start::{Pose, nearest_rotation};
 use crate::camera::{Camera, Distortion};
+use crate::error::{Error, Result};
 
 /// Most steps of one refinement.
 const MAX_STEPS: usize = 200;
@@ -27,6 +28,28 @@ pub struct Unknowns {
 }
 
 impl Unknowns {
+    /// Those of `names`: `focal`, `principal-point`, `distortion` (k1 and k2), `full-distortion` (all five).
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a name that there is not.
+    pub fn named(names: &[String]) -> Result<Self> {
+        let mut unknowns = Self::default();
+        for name in names {
+            match name.as_str() {
+                "focal" => unknowns.focal = true,
+                "principal-point" => unknowns.principal_point = true,
+                "distortion" => unknowns.distortion = unknowns.distortion.max(2),
+                "full-distortion" => unknowns.distortion = 5,
+                _ => {
+                    let reason =
+                        format!("cannot be `{name}`; there are focal, principal-point, distortion and full-distortion");
+                    return Err(Error::value("calibration", "estimate", reason));
+                }
+            }
+        }
+        Ok(unknowns)
+    }
+
     /// How many parameters, with the six of the pose.
     pub(super) fn count(&self) -> usize {
         6 + usize::from(self.focal) + 2 * usize::from(self.principal_point) + self.distortion

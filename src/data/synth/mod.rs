@@ -190,6 +190,11 @@ impl Studio {
         &self.renderer
     }
 
+    /// The place and its ball.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
     /// The camera.
     pub fn camera(&self) -> &Camera {
         &self.camera

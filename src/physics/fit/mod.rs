@@ -5,6 +5,7 @@
 //! refined all along ([`chain`]); several starts are grown, and the best parts of all are joined.
 
 mod chain;
+mod json;
 mod labels;
 mod parameters;
 mod problem;

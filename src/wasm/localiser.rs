@@ -1,13 +1,11 @@
-//! The browser's boundary: an opaque handle, plain objects in and out, no arithmetic.
-
-use std::cell::RefCell;
-
-use js_sys::{Float32Array, Object, Reflect};
-use serde::{Deserialize, Serialize};
-use wasm_bindgen::prelude::{JsCast as _, JsValue, wasm_bindgen};
+//! `Localiser`.
 
 use burn::tensor::Device;
+use js_sys::{Float32Array, Object};
+use serde::Deserialize;
+use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+use super::{js_error, object_of, set};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::evaluate::distance_to_ground_truth;
@@ -15,29 +13,10 @@ use crate::image::Picture;
 use crate::localise::{Localiser, Maps};
 use crate::model::Card;
 
-/// Name of the JavaScript errors.
-const ERROR_NAME: &str = "GravisightError";
-
-thread_local! {
-    /// The last panic's message: a trap itself carries none.
-    static LAST_PANIC: RefCell<String> = const { RefCell::new(String::new()) };
-}
-
-#[wasm_bindgen(start)]
-fn start() {
-    std::panic::set_hook(Box::new(|info| LAST_PANIC.with(|last| *last.borrow_mut() = info.to_string())));
-}
-
-/// What the code said when it trapped; empty if it did not.
-#[wasm_bindgen(js_name = lastPanic)]
-pub fn last_panic() -> String {
-    LAST_PANIC.with(|last| last.borrow().clone())
-}
-
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
 pub struct JsLocaliser {
-    localiser: Localiser,
+    pub(super) localiser: Localiser,
     device_name: String,
 }
 
@@ -57,12 +36,7 @@ impl JsLocaliser {
     /// it once, so that the first picture pays nothing.
     pub async fn create(card: String, weights: Vec<u8>, device: String) -> std::result::Result<Self, JsValue> {
         let card = Card::from_json(&card, "model card").map_err(js_error)?;
-        let create = match device.as_str() {
-            "cpu" => cpu(card, weights).await,
-            "webgpu" => webgpu::create(card, weights).await,
-            other => Err(Error::Device { device: other.into(), reason: "must be \"cpu\" or \"webgpu\"".into() }),
-        };
-        create.map_err(js_error)
+        create(card, weights, &device).await.map_err(js_error)
     }
 
     /// The position of the ball in a PNG, JPEG or WebP file.
@@ -97,15 +71,47 @@ impl JsLocaliser {
     }
 }
 
+/// What only the build with the training knows.
+#[cfg(feature = "train")]
+#[wasm_bindgen(js_class = Localiser)]
 impl JsLocaliser {
+    /// How the depth found in a PNG, JPEG or WebP file depends on each pixel.
+    pub fn saliency(&self, picture: Vec<u8>) -> std::result::Result<JsValue, JsValue> {
+        self.saliency_of(&Picture::decode(&picture).map_err(js_error)?).map_err(js_error)
+    }
+
+    /// The same for RGBA pixels.
+    #[wasm_bindgen(js_name = saliencyRgba)]
+    pub fn saliency_rgba(&self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<JsValue, JsValue> {
+        self.saliency_of(&Picture::from_rgba(&rgba, [width, height]).map_err(js_error)?).map_err(js_error)
+    }
+}
+
+#[cfg(feature = "train")]
+impl JsLocaliser {
+    fn saliency_of(&self, picture: &Picture) -> Result<JsValue> {
+        let found = self.localiser.saliency(picture)?;
+        let object = Object::new();
+        set(&object, "width", &JsValue::from_f64(found.width as f64));
+        set(&object, "height", &JsValue::from_f64(found.height as f64));
+        set(&object, "values", &Float32Array::from(found.values.as_slice()));
+        set(&object, "depth", &JsValue::from_f64(found.depth));
+        Ok(object.into())
+    }
+}
+
+impl JsLocaliser {
+    /// `localiser`, with the device's name in words.
+    pub(super) fn named(localiser: Localiser, device_name: String) -> Self {
+        Self { localiser, device_name }
+    }
+
     async fn run(&self, picture: &Picture, camera: &str, options: JsValue) -> Result<JsValue> {
         let options: RawOptions = serde_wasm_bindgen::from_value(options).map_err(Error::format("options"))?;
         let camera = Camera::from_json(camera, "camera")?;
         let found = self.localiser.localise(picture, &camera, options.maps).await?;
-        // Plain objects, not `Map`s.
-        let serialiser = serde_wasm_bindgen::Serializer::json_compatible();
-        let object = found.serialize(&serialiser).map_err(Error::format("result"))?;
-        set(&object, "notes", &found.notes.serialize(&serialiser).map_err(Error::format("result"))?);
+        let object = object_of(&found)?;
+        set(&object, "notes", &object_of(&found.notes)?);
         if let Some(truth) = options.truth {
             set(&object, "dtg", &JsValue::from_f64(distance_to_ground_truth(found.world, truth)));
         }
@@ -116,12 +122,24 @@ impl JsLocaliser {
     }
 }
 
-/// A warmed-up localiser on the CPU.
-async fn cpu(card: Card, weights: Vec<u8>) -> Result<JsLocaliser> {
-    let localiser = Localiser::new(card, weights, &Device::flex())?;
-    localiser.warm_up().await?;
+/// The CPU, in words.
+pub(super) fn cpu_name() -> String {
     let vectors = if cfg!(feature = "relaxed-simd") { "relaxed SIMD" } else { "SIMD128" };
-    Ok(JsLocaliser { localiser, device_name: format!("CPU ({vectors}, one thread)") })
+    format!("CPU ({vectors}, one thread)")
+}
+
+/// A warmed-up localiser. On WebGPU its output was compared with the CPU's: a pipeline that the browser refuses is not
+/// reported as an error but computes garbage.
+async fn create(card: Card, weights: Vec<u8>, device: &str) -> Result<JsLocaliser> {
+    let (device, name) = device_of(device).await?;
+    let is_cpu = device == Device::flex();
+    let on_cpu = (!is_cpu).then(|| Localiser::new(card.clone(), weights.clone(), &Device::flex())).transpose()?;
+    let localiser = Localiser::new(card, weights, &device)?;
+    match &on_cpu {
+        Some(on_cpu) => localiser.check_against(on_cpu).await?,
+        None => localiser.warm_up().await?,
+    }
+    Ok(JsLocaliser::named(localiser, name))
 }
 
 #[cfg(feature = "wgpu")]
@@ -130,10 +148,7 @@ mod webgpu {
 
     use burn::tensor::Device;
 
-    use super::JsLocaliser;
     use crate::error::{Error, Result};
-    use crate::localise::Localiser;
-    use crate::model::Card;
 
     /// Commands that are gathered before they are submitted.
     const TASKS_MAX: usize = 32;
@@ -143,20 +158,13 @@ mod webgpu {
         static DEVICE: RefCell<Option<Device>> = const { RefCell::new(None) };
     }
 
-    /// A warmed-up localiser on WebGPU whose output was compared with the CPU's: a pipeline that
-    /// the browser refuses is not reported as an error but computes garbage.
-    pub(super) async fn create(card: Card, weights: Vec<u8>) -> Result<JsLocaliser> {
-        let device = device().await?;
-        let on_cpu = Localiser::new(card.clone(), weights.clone(), &Device::flex())?;
-        let localiser = Localiser::new(card, weights, &device)?;
-        localiser.check_against(&on_cpu).await?;
-        // Browsers keep the adapter's name to themselves, as a rule.
+    /// The device, in words. Browsers keep the adapter's name to themselves, as a rule.
+    pub(super) fn name(device: &Device) -> String {
         let adapter = device.identity().map(|identity| identity.name.to_string()).filter(|name| !name.is_empty());
-        let device_name = adapter.map_or_else(|| "WebGPU".into(), |name| format!("WebGPU ({name})"));
-        Ok(JsLocaliser { localiser, device_name })
+        adapter.map_or_else(|| "WebGPU".into(), |name| format!("WebGPU ({name})"))
     }
 
-    async fn device() -> Result<Device> {
+    pub(super) async fn device() -> Result<Device> {
         if let Some(device) = DEVICE.with(|device| device.borrow().clone()) {
             return Ok(device);
         }
@@ -170,12 +178,28 @@ mod webgpu {
 
 #[cfg(not(feature = "wgpu"))]
 mod webgpu {
-    use super::JsLocaliser;
-    use crate::error::{Error, Result};
-    use crate::model::Card;
+    use burn::tensor::Device;
 
-    pub(super) async fn create(_card: Card, _weights: Vec<u8>) -> Result<JsLocaliser> {
+    use crate::error::{Error, Result};
+
+    pub(super) fn name(_device: &Device) -> String {
+        String::new()
+    }
+
+    pub(super) async fn device() -> Result<Device> {
         Err(Error::Device { device: "webgpu".into(), reason: "this is the CPU build of the package".into() })
+    }
+}
+
+/// The device of a name, and what to call it.
+pub(super) async fn device_of(name: &str) -> Result<(Device, String)> {
+    match name {
+        "cpu" => Ok((Device::flex(), cpu_name())),
+        "webgpu" => webgpu::device().await.map(|device| {
+            let words = webgpu::name(&device);
+            (device, words)
+        }),
+        other => Err(Error::Device { device: other.into(), reason: "must be \"cpu\" or \"webgpu\"".into() }),
     }
 }
 
@@ -186,17 +210,4 @@ fn js_maps(maps: &Maps) -> JsValue {
     set(&object, "heatmap", &Float32Array::from(maps.heatmap.as_slice()));
     set(&object, "depth", &Float32Array::from(maps.depth.as_slice()));
     object.into()
-}
-
-/// A JavaScript `Error` with the text and [`Error::code`].
-fn js_error(error: Error) -> JsValue {
-    let object = js_sys::Error::new(&error.to_string());
-    object.set_name(ERROR_NAME);
-    set(&object, "code", &JsValue::from_str(error.code()));
-    object.into()
-}
-
-/// Sets a property of a fresh, extensible object, which cannot fail.
-fn set(object: &JsValue, key: &str, value: &JsValue) {
-    Reflect::set(object.unchecked_ref::<Object>(), &JsValue::from_str(key), value).ok();
 }

@@ -1,0 +1,52 @@
+import { Channel } from "./channel.js";
+import { GravisightError, wordsOf } from "./error.js";
+import { Inline } from "./inline.js";
+import type { Transport } from "./protocol.js";
+import type { CoreOptions } from "./types.js";
+import { absoluteUrl } from "./url.js";
+
+/** Where the engine runs: a Worker of its own, the user's, or this thread (where there are no Workers, too). */
+export function connect({ worker }: CoreOptions): Transport {
+  if (worker === false || (worker === undefined && typeof Worker === "undefined")) return new Inline();
+  return new Channel(worker === true ? undefined : worker);
+}
+
+/** The folder of the wasm builds where it was given. */
+export function wasmFolder({ wasm }: CoreOptions): string | undefined {
+  return wasm === undefined ? undefined : absoluteUrl(wasm);
+}
+
+/** What later calls of a disposed object reject with. */
+export function disposed(name: string): GravisightError {
+  return new GravisightError("disposed", `This ${name} was disposed of. Create a new one.`);
+}
+
+/** `using` frees what has this; browsers without it do not know the symbol. */
+export function makeDisposable(of: { prototype: { dispose(): void } }): void {
+  const symbol = (Symbol as { dispose?: symbol }).dispose;
+  if (!symbol) return;
+  Object.defineProperty(of.prototype, symbol, {
+    value(this: { dispose(): void }) {
+      this.dispose();
+    },
+  });
+}
+
+/** JSON would silently turn NaN and infinity into null. */
+export function jsonOf(thing: unknown, name: string): string {
+  const finite = (key: string, value: unknown) => {
+    if (typeof value === "number" && !Number.isFinite(value)) {
+      throw new GravisightError(`${name}-not-finite`, `The ${name} holds ${value} at "${key}"; every number must be finite.`);
+    }
+    return value;
+  };
+  let json: string | undefined;
+  try {
+    json = JSON.stringify(thing, finite);
+  } catch (thrown) {
+    if (thrown instanceof GravisightError) throw thrown;
+    throw new GravisightError(`${name}-format`, `The ${name} cannot be written as JSON: ${wordsOf(thrown)}.`, { cause: thrown });
+  }
+  if (json === undefined) throw new GravisightError(`${name}-format`, `The ${name} is ${typeof thing}, not a ${name}.json object.`);
+  return json;
+}

@@ -1,0 +1,121 @@
+import { connect, disposed, jsonOf, makeDisposable, wasmFolder } from "./connect.js";
+import { cameraOf, checkedDevice, localisationOf, rawOptions } from "./localiser.js";
+import { pictureToSend } from "./picture.js";
+import type { PictureMessage, Transport } from "./protocol.js";
+import type {
+  ClipAdded,
+  Device,
+  FineTuneOptions,
+  Localisation,
+  LocaliseOptions,
+  Picture,
+  TrainingClip,
+  TuneScore,
+  TuneStep,
+} from "./types.js";
+import { absoluteUrl } from "./url.js";
+
+/** Teaches a model a new place, camera or ball, from clips with 2D labels: the training of the command line. */
+export class FineTuner {
+  /** The device that was taken, and why. */
+  readonly device: Device;
+  readonly #transport: Transport;
+
+  private constructor(transport: Transport, device: Device) {
+    this.#transport = transport;
+    this.device = device;
+  }
+
+  /**
+   * Fetches the core and the model to start from.
+   *
+   * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
+   */
+  static async create(options: FineTuneOptions): Promise<FineTuner> {
+    const { signal, onProgress, cache = true, steps, batch, crop, learningRate, seed } = options;
+    signal?.throwIfAborted();
+    const device = checkedDevice(options.device);
+    const request = { model: absoluteUrl(options.model), device, wasm: wasmFolder(options), cache };
+    const settings = jsonOf({ steps, batch, crop, learningRate, seed }, "options");
+    const transport = connect(options);
+    try {
+      const taken = await transport.call("tuner", { ...request, options: settings }, { signal, onProgress });
+      return new FineTuner(transport, taken);
+    } catch (thrown) {
+      transport.close(disposed("FineTuner"));
+      throw thrown;
+    }
+  }
+
+  /**
+   * Gives a clip to learn from, or with `heldOut` to score with. All clips come before the first step.
+   *
+   * @returns how many of its frames teach; `leftOut` says why none does.
+   */
+  async addClip(clip: TrainingClip, options: { heldOut?: boolean; signal?: AbortSignal } = {}): Promise<ClipAdded> {
+    this.#transport.throwIfClosed();
+    const { heldOut = false, signal } = options;
+    const { id, fps, camera, scene } = clip;
+    const frames = clip.frames.map(({ t, image, world }, index) => ({
+      file: `frame ${index}`,
+      t: t ?? index / fps,
+      ...(image && { image }),
+      visible: image !== null,
+      ...(world && { world }),
+    }));
+    const line = jsonOf({ id, fps, camera, scene, frames }, "clip");
+    const pictures: PictureMessage[] = [];
+    const transfer: Transferable[] = [];
+    for (const { picture } of clip.frames) {
+      signal?.throwIfAborted();
+      const sent = await pictureToSend(picture);
+      pictures.push(sent.picture);
+      transfer.push(...sent.transfer);
+    }
+    return this.#transport.call("addClip", { clip: line, pictures, heldOut }, { transfer, signal });
+  }
+
+  /**
+   * Makes `count` steps, fewer where the last comes before. An abort takes effect after the step that is under way, and
+   * the tuner can go on.
+   *
+   * @returns the last step made; null where none was left.
+   */
+  async step(count = 1, options: { signal?: AbortSignal; onStep?: (step: TuneStep) => void } = {}): Promise<TuneStep | null> {
+    let last: TuneStep | null = null;
+    for (let made = 0; made < count; made++) {
+      options.signal?.throwIfAborted();
+      const step = await this.#transport.call("tune", { count: 1 }, { signal: options.signal });
+      if (!step) break;
+      last = step;
+      options.onStep?.(step);
+    }
+    return last;
+  }
+
+  /** Scores the weights (their running average) on the clips held out; those that score best are exported. */
+  evaluate(options: { signal?: AbortSignal } = {}): Promise<TuneScore> {
+    return this.#transport.call("evaluate", {}, options);
+  }
+
+  /** Finds the ball with the weights as they are now. */
+  async localise(image: Picture, options: LocaliseOptions): Promise<Localisation> {
+    this.#transport.throwIfClosed();
+    const camera = cameraOf(options.camera);
+    const { picture, transfer } = await pictureToSend(image);
+    const { signal } = options;
+    const found = await this.#transport.call("tuned", { picture, camera, options: rawOptions(options) }, { transfer, signal });
+    return localisationOf(found, options);
+  }
+
+  /** The model: the card's text and the weights' bytes. The card names the file that the weights must be in. */
+  export(): Promise<{ card: string; weights: Uint8Array }> {
+    return this.#transport.call("exportTuned", {});
+  }
+
+  /** Ends the Worker, and frees its memory. Harmless twice. */
+  dispose(): void {
+    this.#transport.close(disposed("FineTuner"));
+  }
+}
+makeDisposable(FineTuner);

@@ -1,0 +1,159 @@
+import { connect, disposed, jsonOf, makeDisposable, wasmFolder } from "./connect.js";
+import { pictureToSend } from "./picture.js";
+import type { Answer, CallName, PictureMessage, RawFit, Request, Transport } from "./protocol.js";
+import type {
+  CalibrationPoints,
+  CalibrationResult,
+  CalibrationUnknown,
+  Camera,
+  CoreOptions,
+  Court,
+  Forecast,
+  LabelProposal,
+  Parameter,
+  Picture,
+  Scene,
+  Vector,
+} from "./types.js";
+
+/** What needs no model: calibration, physics, labels, synthetic scenes. */
+export class Toolbox {
+  readonly #transport: Transport;
+
+  private constructor(transport: Transport) {
+    this.#transport = transport;
+  }
+
+  /** Fetches the core. @throws {@link GravisightError}; or the reason of `signal` where it is aborted. */
+  static async create(options: CoreOptions = {}): Promise<Toolbox> {
+    const { signal, onProgress } = options;
+    signal?.throwIfAborted();
+    const wasm = wasmFolder(options);
+    const transport = connect(options);
+    try {
+      await transport.call("open", { wasm }, { signal, onProgress });
+      return new Toolbox(transport);
+    } catch (thrown) {
+      transport.close(disposed("Toolbox"));
+      throw thrown;
+    }
+  }
+
+  /** A camera from labelled points: at least six, or four in one plane. */
+  calibrate(points: CalibrationPoints, options: { estimate?: CalibrationUnknown[] } = {}): Promise<CalibrationResult> {
+    return this.#call("calibrate", () => ({ points: jsonOf(points, "points"), estimate: [...(options.estimate ?? [])] }));
+  }
+
+  /** Names of the courts whose points are known. */
+  courts(): Promise<string[]> {
+    return this.#call("courts", () => ({}));
+  }
+
+  /** A court's named points. */
+  court(name: string): Promise<Court> {
+    return this.#call("court", () => ({ name }));
+  }
+
+  /** Where points of the world are in the camera's picture, pixels; null for what it cannot see. */
+  async project(camera: Camera, points: Vector[]): Promise<([number, number] | null)[]> {
+    const flat = await this.#call("project", () => ({ camera: jsonOf(camera, "camera"), points: points.flat() }));
+    return points.map((_, index) => {
+      const [x = NaN, y = NaN] = flat.slice(2 * index, 2 * index + 2);
+      return Number.isNaN(x) ? null : [x, y];
+    });
+  }
+
+  /** The trajectory behind a 2D track, as `gravisight fit --json` prints it; {@link Track} is more convenient. */
+  fitTrack(
+    frames: { t: number; image: [number, number] | null }[],
+    scene: { camera: Camera; scene: Scene; noisePx?: number; estimate?: Parameter[]; signal?: AbortSignal },
+  ): Promise<RawFit> {
+    return this.#call("fitTrack", () => ({
+      frames: jsonOf(frames, "track"),
+      camera: jsonOf(scene.camera, "camera"),
+      scene: jsonOf(scene.scene, "scene"),
+      noisePx: scene.noisePx,
+      estimate: [...(scene.estimate ?? [])],
+    }), scene.signal);
+  }
+
+  /** Where a ball will be at `times` (seconds) that is at `position` with `velocity` at time 0. */
+  forecast(scene: Scene, start: { position: Vector; velocity: Vector }, times: number[]): Promise<Forecast> {
+    const numbers = [...start.position, ...start.velocity];
+    return this.#call("forecast", () => ({ scene: jsonOf(scene, "scene"), start: numbers, times: [...times] }));
+  }
+
+  /** Proposes the ball's 2D label in consecutive frames of a camera that does not move; null where it is not seen. */
+  async proposeLabels(frames: Picture[], options: { camera: Camera; radiiPx?: [number, number]; signal?: AbortSignal }): Promise<(LabelProposal | null)[]> {
+    const pictures: PictureMessage[] = [];
+    const transfer: Transferable[] = [];
+    for (const frame of frames) {
+      const sent = await pictureToSend(frame);
+      pictures.push(sent.picture);
+      transfer.push(...sent.transfer);
+    }
+    const { radiiPx, signal } = options;
+    return this.#call("proposeLabels", () => ({ camera: jsonOf(options.camera, "camera"), pictures, radiiPx: radiiPx && [...radiiPx] }), signal, transfer);
+  }
+
+  /** One of the paper's synthetic scenes: environment 1 to 3 seen by camera 1 to 9; or the spring. */
+  async simulator(options: { environment: 1 | 2 | 3 | "spring"; camera?: number }): Promise<Simulator> {
+    const environment = options.environment === "spring" ? undefined : options.environment;
+    const opened = await this.#call("openScene", () => ({ environment, camera: options.camera ?? 1 }));
+    return new Simulator(this.#transport, opened.id, opened.camera as Camera, opened.scene as Scene);
+  }
+
+  /** Ends the Worker, and frees its memory. Harmless twice. */
+  dispose(): void {
+    this.#transport.close(disposed("Toolbox"));
+  }
+
+  async #call<K extends CallName>(type: K, request: () => Request<K>, signal?: AbortSignal, transfer: Transferable[] = []): Promise<Answer<K>> {
+    this.#transport.throwIfClosed();
+    return this.#transport.call(type, request(), { signal, transfer });
+  }
+}
+makeDisposable(Toolbox);
+
+/** A synthetic scene: simulates and draws. Lives as long as its toolbox, or until disposed of. */
+export class Simulator {
+  /** Its camera. */
+  readonly camera: Camera;
+  /** The place and its ball. */
+  readonly scene: Scene;
+  readonly #transport: Transport;
+  readonly #id: number;
+
+  /** @internal */
+  constructor(transport: Transport, id: number, camera: Camera, scene: Scene) {
+    this.#transport = transport;
+    this.#id = id;
+    this.camera = camera;
+    this.scene = scene;
+  }
+
+  /** Centres of a ball at `times` (seconds, rising) that starts at `position` (m) with `velocity` (m/s). */
+  async path(start: { position: Vector; velocity: Vector }, times: number[]): Promise<Vector[]> {
+    const numbers = [...start.position, ...start.velocity];
+    const flat = await this.#transport.call("scenePath", { id: this.#id, start: numbers, times: [...times] });
+    return times.map((_, index) => [...flat.slice(3 * index, 3 * index + 3)] as Vector);
+  }
+
+  /** The picture with the ball at `centre` (m). */
+  async picture(centre: Vector): Promise<{ data: Uint8ClampedArray<ArrayBuffer>; width: number; height: number }> {
+    const rgba = await this.#transport.call("scenePicture", { id: this.#id, centre: [...centre] });
+    const data = new Uint8ClampedArray(rgba.buffer as ArrayBuffer, rgba.byteOffset, rgba.length);
+    return { data, width: this.camera.width, height: this.camera.height };
+  }
+
+  /** A random clip's labels, the same for the same seed and number; its pictures are {@link picture} of `world`. */
+  async clip(seed: number, number: number): Promise<{ fps: number; frames: { t: number; image: [number, number]; visible: boolean; world: Vector }[] }> {
+    return (await this.#transport.call("sceneClip", { id: this.#id, seed, number })) as never;
+  }
+
+  /** Frees its memory. */
+  dispose(): void {
+    this.#transport.call("closeScene", { id: this.#id }).catch(() => {});
+  }
+}
+makeDisposable(Simulator);

@@ -1,0 +1,276 @@
+//! Fine-tuning in memory: a model, a few clips of a new place, no files. What a browser can do.
+
+use std::path::PathBuf;
+
+use burn::module::Module as _;
+use burn::tensor::Device;
+use serde::{Deserialize, Serialize};
+
+use super::batch::Sampler;
+use super::config::{Phase, TrainConfig};
+use super::examples::{Examples, check_label, check_physics};
+use super::pictures::Pictures;
+use super::score::{Score, score};
+use super::step::StepReport;
+use super::teacher::{TaughtClip, teach};
+use super::trainer::Trainer;
+use crate::data::{Clip, Clips};
+use crate::error::{Error, Result};
+use crate::image::Picture;
+use crate::localise::Localiser;
+use crate::model::{self, Card, Pen, sha256_hex};
+
+/// Share of the steps that see crops; the others see whole pictures, which set the norms' statistics right.
+const CROPPED: f64 = 0.9;
+/// How many times the pixels of a crop's batch a batch of whole pictures has at most.
+const WHOLE: f64 = 1.5;
+/// Decay of the average: a fine-tuning is short.
+const EMA_DECAY: f64 = 0.98;
+/// How far the learning rate falls during the crops, and where the whole pictures start.
+const LAST_RATE: f64 = 0.1;
+
+/// How a fine-tuning goes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default, rename_all = "camelCase")]
+pub struct FineTuneOptions {
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Crops a step.
+    pub batch: usize,
+    /// Side of the crops around the ball, px of the network's input.
+    pub crop: u32,
+    /// Learning rate at the start.
+    pub learning_rate: f64,
+    /// Seed of the batches.
+    pub seed: u64,
+}
+
+impl Default for FineTuneOptions {
+    fn default() -> Self {
+        Self { steps: 200, batch: 12, crop: 128, learning_rate: 1e-3, seed: 1 }
+    }
+}
+
+/// What a clip gives to learn.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Added {
+    /// Frames that teach, or (held out) that are scored.
+    pub frames: usize,
+    /// Why the clip teaches nothing, in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub left_out: Option<String>,
+}
+
+/// A step.
+#[derive(Debug, Clone, Serialize)]
+#[serde(rename_all = "camelCase")]
+pub struct Tuned {
+    /// Steps done.
+    pub step: usize,
+    /// Steps in all.
+    pub steps: usize,
+    /// Total loss.
+    pub loss: f64,
+    /// Its part on the heatmap.
+    pub heatmap: f64,
+    /// Mean robust error of the depths, unweighted.
+    pub depth: f64,
+}
+
+/// The best weights so far on the held-out clips.
+struct Best {
+    forecast_px: f64,
+    least_confidence: f64,
+    average: Pen,
+}
+
+/// A model that learns the clips given to it, by physics from their 2D labels.
+pub struct FineTuner {
+    card: Card,
+    config: TrainConfig,
+    trainer: Trainer,
+    clips: Vec<(Clip, Vec<Picture>, TaughtClip)>,
+    held_out: Vec<(Clip, Vec<Picture>)>,
+    /// From the first step on.
+    sampler: Option<Sampler>,
+    /// From the first score on.
+    validation: Option<Pictures>,
+    best: Option<Best>,
+}
+
+impl FineTuner {
+    /// Starts from the model of `card` and `weights`, on `device`.
+    ///
+    /// # Errors
+    /// As [`Localiser::new`]; [`Error::Value`] for options that cannot train.
+    pub fn new(card: Card, weights: Vec<u8>, options: &FineTuneOptions, device: &Device) -> Result<Self> {
+        card.check_weights(&weights)?;
+        let config = configuration(&card, options)?;
+        let device = device.clone().autodiff();
+        let model = model::load(&card.architecture, weights, &device)?;
+        let average = model.valid();
+        let trainer = Trainer::new(&config, 0, model, average, Trainer::optimiser(&config), &device);
+        let (clips, held_out) = (vec![], vec![]);
+        Ok(Self { card, config, trainer, clips, held_out, sampler: None, validation: None, best: None })
+    }
+
+    /// Gives a clip to learn from (its track is fitted by the physics of its scene), or, `held_out`, to score with.
+    /// `pictures` are its frames'.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for labels outside the picture, a clip without a scene or gravity, pictures of another size or
+    /// number; [`Error::Value`] for a clip that comes after the first step or, held out, after the first score.
+    pub fn add_clip(&mut self, clip: Clip, pictures: Vec<Picture>, held_out: bool) -> Result<Added> {
+        let sealed = if held_out { self.validation.is_some() } else { self.sampler.is_some() };
+        if sealed {
+            let reason =
+                "comes too late: give all clips before the first step, and those held out before the first score";
+            return Err(Error::value("fine-tuning", "clip", reason));
+        }
+        clip.frames.iter().try_for_each(|frame| check_label(&clip, frame))?;
+        let clips = Clips { folder: PathBuf::new(), clips: vec![clip.clone()] };
+        check_physics(&clips.clips)?;
+        // Refuses pictures that are not the clip's now, rather than at the first step.
+        Pictures::in_memory(clips, vec![pictures.clone()])?;
+        if held_out {
+            let frames = clip.frames.iter().filter(|frame| frame.visible).count();
+            self.held_out.push((clip, pictures));
+            return Ok(Added { frames, left_out: None });
+        }
+        let taught = teach(&clip, &self.config.fit);
+        let added = Added { frames: taught.frames.iter().flatten().count(), left_out: taught.left_out.clone() };
+        self.clips.push((clip, pictures, taught));
+        Ok(added)
+    }
+
+    /// One step; None after the last.
+    ///
+    /// # Errors
+    /// [`Error::Data`] where no clip teaches anything; [`Error::Diverged`].
+    pub fn step(&mut self) -> Result<Option<Tuned>> {
+        let Some((phase, _)) = self.config.phase(self.trainer.step) else { return Ok(None) };
+        let sampler = match &mut self.sampler {
+            Some(sampler) => sampler,
+            none => none.insert(sampler(&self.config, std::mem::take(&mut self.clips))?),
+        };
+        let batch = sampler.batch(phase, self.trainer.step)?;
+        let Some((StepReport { loss, heatmap, depth, .. }, _)) = self.trainer.advance(batch)? else { return Ok(None) };
+        Ok(Some(Tuned { step: self.trainer.step, steps: self.config.steps(), loss, heatmap, depth }))
+    }
+
+    /// Scores the averaged weights on the held-out clips, by 2D labels alone, and keeps them if none were better.
+    ///
+    /// # Errors
+    /// [`Error::Data`] where no clip is held out; as [`score`].
+    pub async fn evaluate(&mut self) -> Result<Score> {
+        if self.validation.is_none() && self.held_out.is_empty() {
+            let reason = "none is held out, so there is nothing to score with".into();
+            return Err(Error::Data { what: "clips".into(), reason });
+        }
+        let localiser = self.localiser();
+        let validation = match &mut self.validation {
+            Some(validation) => validation,
+            none => {
+                let (clips, pictures) = std::mem::take(&mut self.held_out).into_iter().unzip();
+                none.insert(Pictures::in_memory(Clips { folder: PathBuf::new(), clips }, pictures)?)
+            }
+        };
+        let scored = score(&localiser, validation, usize::MAX >> 32).await?;
+        let forecast_px = scored.forecast_px.unwrap_or(f64::INFINITY);
+        if self.best.as_ref().is_none_or(|best| forecast_px < best.forecast_px) {
+            let (least_confidence, average) = (scored.least_confidence, self.trainer.average());
+            self.best = Some(Best { forecast_px, least_confidence, average });
+        }
+        Ok(scored)
+    }
+
+    /// The averaged weights as they are now, ready for pictures.
+    pub fn localiser(&self) -> Localiser {
+        let device = self.trainer.device().clone().without_autodiff();
+        Localiser::from_pen(self.trainer.average(), self.card.clone(), &device)
+    }
+
+    /// The card and the weights that scored best on the held-out clips; where nothing was scored, the last.
+    ///
+    /// # Errors
+    /// [`Error::WeightsFile`] where the weights cannot be written.
+    pub fn export(&self) -> Result<(Card, Vec<u8>)> {
+        let pen = self.best.as_ref().map_or_else(|| self.trainer.average(), |best| best.average.clone());
+        let weights = model::halved(&model::save(&pen)?)?;
+        let name = format!("{}-tuned", self.card.name.trim_end_matches("-tuned"));
+        let examples = self.sampler.as_ref().map(Sampler::examples);
+        let mut depth_range = self.card.depth_range;
+        let mut training_data = self.card.training_data.clone();
+        if let Some(examples) = examples {
+            let [nearest, _, farthest] = examples.depths();
+            depth_range = [depth_range[0].min(nearest), depth_range[1].max(farthest)];
+            let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
+            training_data += &format!("; then {frames} frames of {clips} clips given by the user");
+        }
+        let card = Card {
+            weights: format!("{name}.safetensors"),
+            name,
+            sha256: sha256_hex(&weights),
+            depth_range,
+            confidence_threshold: match &self.best {
+                Some(best) => Some(best.least_confidence / 2.0),
+                None => self.card.confidence_threshold,
+            },
+            training_data,
+            description: format!(
+                "{} Fine-tuned with 2D labels and physics: {} steps.",
+                self.card.description, self.trainer.step
+            ),
+            metrics: serde_json::Value::Null,
+            ..self.card.clone()
+        };
+        Ok((card, weights))
+    }
+}
+
+fn configuration(card: &Card, options: &FineTuneOptions) -> Result<TrainConfig> {
+    let FineTuneOptions { steps, batch, crop, learning_rate, seed } = *options;
+    let cropped = ((steps as f64 * CROPPED).round() as usize).clamp(1, steps.max(1));
+    let pixels = f64::from(card.input.width * card.input.height) / f64::from(crop * crop).max(1.0);
+    let whole = ((batch as f64 * WHOLE / pixels).round() as usize).clamp(1, batch.max(1));
+    let last = learning_rate * LAST_RATE;
+    let phase = |steps, batch, crop, learning_rate, final_learning_rate| Phase {
+        steps,
+        batch,
+        crop,
+        learning_rate,
+        final_learning_rate,
+        warm_up: 0,
+    };
+    let mut phases = vec![Phase { warm_up: cropped / 20, ..phase(cropped, batch, Some(crop), learning_rate, last) }];
+    if steps > cropped {
+        phases.push(phase(steps - cropped, whole, None, last, 0.0));
+    }
+    let fields = serde_json::json!({
+        "name": card.name, "train": "", "validation": "", "out": "", "supervision": "physics-fit", "input": card.input,
+        "normalisation": card.normalisation, "architecture": card.architecture, "seed": seed, "ema_decay": EMA_DECAY,
+        "phases": phases,
+    });
+    let config: TrainConfig = serde_json::from_value(fields).map_err(Error::format("fine-tuning"))?;
+    config.check()?;
+    Ok(config)
+}
+
+fn sampler(config: &TrainConfig, clips: Vec<(Clip, Vec<Picture>, TaughtClip)>) -> Result<Sampler> {
+    let (mut these, mut pictures, mut fits) = (Vec::new(), Vec::new(), Vec::new());
+    for (clip, some, fit) in clips {
+        these.push(clip);
+        pictures.push(some);
+        fits.push(fit);
+    }
+    if let Some(reason) =
+        fits.first().and_then(|fit| fit.left_out.as_ref()).filter(|_| fits.iter().all(|fit| fit.left_out.is_some()))
+    {
+        let reason = format!("physics explains none of them; the first: {reason}");
+        return Err(Error::Data { what: "clips".into(), reason });
+    }
+    let clips = Clips { folder: PathBuf::new(), clips: these };
+    let examples = Examples::of_fits(config, clips.clone(), fits)?;
+    Sampler::new(config, examples, Pictures::in_memory(clips, pictures)?)
+}
