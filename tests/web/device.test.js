@@ -116,8 +116,8 @@ async function mapsOfBoth(model) {
   let kind;
   for (const device of ["cpu", "webgpu"]) {
     const localiser = await window.gravisight.Localiser.create({ model, device });
-    const result = await localiser.localise(picture, { camera, maps: true });
-    maps[device] = { heatmap: [...result.maps.heatmap], depth: [...result.maps.depth] };
+    const result = await localiser.localise(picture, { camera, heatmap: true, depthMap: true });
+    maps[device] = { heatmap: [...result.heatmap.values], depth: [...result.depthMap.values] };
     kind = localiser.device.kind;
     localiser.dispose();
   }

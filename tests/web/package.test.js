@@ -219,7 +219,7 @@ async function countTicks({ model, camera, base64 }) {
   for (let picture = 0; picture < 5; picture++) {
     let count = 0;
     const timer = setInterval(() => count++, 1);
-    await localiser.localise(bytes, { camera, maps: true });
+    await localiser.localise(bytes, { camera, heatmap: true, depthMap: true });
     clearInterval(timer);
     ticks.push(count);
   }

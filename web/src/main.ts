@@ -2,15 +2,17 @@
 import type { DeviceChoice } from "gravisight";
 import { App, type Settings } from "./app";
 import { showModelNote } from "./model-note";
+import { MODEL } from "./shared/core";
+import { startTabs } from "./tabs";
 
 const DEVICES: readonly string[] = ["cpu", "webgpu", "auto"] satisfies DeviceChoice[];
-const MODEL = `${import.meta.env.BASE_URL}models/sd-l.json`;
 
 function settingsFrom(query: URLSearchParams): Settings {
   const device = query.get("device") ?? "cpu";
-  return { model: query.get("model") ?? MODEL, device: DEVICES.includes(device) ? (device as DeviceChoice) : "cpu" };
+  return { model: MODEL, device: DEVICES.includes(device) ? (device as DeviceChoice) : "cpu" };
 }
 
+startTabs();
 const settings = settingsFrom(new URLSearchParams(location.search));
 void new App(settings).start(settings);
 void showModelNote(settings.model);

@@ -1,0 +1,57 @@
+/** The package in Node.js, from its files: no browser, no server. */
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { test } from "node:test";
+import { fileURLToPath } from "node:url";
+import { FineTuner, GravisightError, isCached, Localiser, Toolbox } from "gravisight";
+import { pictureOf, samples } from "./support/demo.js";
+
+const model = new URL("../../models/sd-l.json", import.meta.url);
+const golden = JSON.parse(readFileSync(new URL("../golden/samples.json", import.meta.url), "utf8"));
+
+test("pictures are found where the command finds them", async () => {
+  const stages = new Set();
+  const localiser = await Localiser.create({ model, camera: samples[0].camera, device: "auto", onProgress: ({ stage }) => stages.add(stage) });
+  assert.deepEqual([...stages], ["wasm", "weights", "warming up"].filter((stage) => stages.has(stage)));
+  assert.match(localiser.device.name, /CPU/);
+  assert.match(localiser.device.reason, /auto: .*no WebGPU/);
+  for (const sample of samples) {
+    const { world } = await localiser.localise(pictureOf(sample), { camera: sample.camera });
+    world.forEach((value, axis) => assert.ok(Math.abs(value - golden[sample.file].world[axis]) < 1e-3, sample.file));
+  }
+  const controller = new AbortController();
+  const running = localiser.localise(pictureOf(samples[0]), { signal: controller.signal });
+  controller.abort();
+  await assert.rejects(running, { name: "AbortError" });
+  assert.equal((await localiser.localise(pictureOf(samples[0]))).world.length, 3);
+  localiser.dispose();
+  await assert.rejects(localiser.localise(pictureOf(samples[0])), { code: "disposed" });
+});
+
+test("a path works as a model, and a wrong one is refused in words", async () => {
+  const localiser = await Localiser.create({ model: fileURLToPath(model) });
+  localiser.dispose();
+  await assert.rejects(Localiser.create({ model: "nowhere.json" }), (thrown) => {
+    assert.ok(thrown instanceof GravisightError);
+    assert.equal(thrown.code, "fetch");
+    return /nowhere\.json/.test(thrown.message);
+  });
+  assert.equal(await isCached(model), false);
+});
+
+test("the tools run, several at the same time", async () => {
+  const [one, other] = await Promise.all([Toolbox.create(), Toolbox.create()]);
+  const [court, spring] = await Promise.all([one.court("tennis"), other.simulator({ environment: "spring" })]);
+  assert.ok(Object.keys(court.points).length > 10);
+  assert.ok(spring.scene.spring.stiffness > 0);
+  await assert.rejects(one.court("quidditch"), { name: "GravisightError" });
+  await assert.rejects(one.simulator({ environment: 7 }), { name: "GravisightError" });
+  one.dispose();
+  other.dispose();
+  await assert.rejects(one.courts(), { code: "disposed" });
+});
+
+test("a fine-tuner refuses senseless options by name", async () => {
+  await assert.rejects(FineTuner.create({ model, crop: 33 }), /crop/);
+  await assert.rejects(FineTuner.create({ model, steps: NaN }), { code: "options-not-finite" });
+});

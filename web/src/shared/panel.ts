@@ -1,0 +1,43 @@
+/** What the steps' panels are made of. */
+import { make, wordsOf } from "../dom";
+
+/** Fills `panel` with the markup of a step and returns a finder of its parts by `data-testid`. */
+export function fill(panel: HTMLElement, markup: string): <T extends HTMLElement = HTMLElement>(testId: string) => T {
+  const template = document.createElement("template");
+  template.innerHTML = markup;
+  panel.replaceChildren(template.content);
+  return <T extends HTMLElement>(testId: string): T => {
+    const found = panel.querySelector<T>(`[data-testid="${testId}"]`);
+    if (!found) throw new Error(`the panel has no ${testId}`);
+    return found;
+  };
+}
+
+/** A place for errors: words, read out, until the next thing that goes well. */
+export class Alert {
+  readonly #place: HTMLElement;
+
+  constructor(place: HTMLElement) {
+    this.#place = place;
+    place.classList.add("alert");
+    place.setAttribute("role", "alert");
+  }
+
+  say(words: string): void {
+    this.#place.replaceChildren(make("span", { text: words }));
+  }
+
+  clear(): void {
+    this.#place.replaceChildren();
+  }
+
+  /** Runs `work`; what it throws is said, an abort is not. */
+  async during(work: () => Promise<void>): Promise<void> {
+    this.clear();
+    try {
+      await work();
+    } catch (thrown) {
+      if (!(thrown instanceof DOMException && thrown.name === "AbortError")) this.say(wordsOf(thrown));
+    }
+  }
+}

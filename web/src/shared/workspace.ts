@@ -1,0 +1,92 @@
+/** What the steps hand to each other: camera, scene, clips. Kept in this browser; survives a reload. */
+import type { Camera, Scene } from "gravisight";
+import { del, get, keys, set } from "idb-keyval";
+
+/** A clip: its pictures as files, and what was labelled so far. */
+export interface StoredClip {
+  id: string;
+  fps: number;
+  camera: Camera;
+  scene: Scene;
+  /** One picture (PNG, JPEG or WebP) a frame. */
+  pictures: Blob[];
+  /** Seconds, one a frame. */
+  times: number[];
+  /** One a frame: pixels; null where the ball is not to be seen; undefined where nobody has looked yet. */
+  labels: ([number, number] | null | undefined)[];
+  /** 3D truth, metres, where it is known (synthetic clips): only to score with. */
+  truth?: [number, number, number][];
+  /** Whether it is for scoring, not for learning. */
+  heldOut: boolean;
+}
+
+/** A court of this page's own: gravity and a floor, a table tennis ball. */
+const SCENE: Scene = {
+  gravity: [0, 0, -9.81],
+  ball: { radius: 0.2 },
+  contact: { model: "bounce", restitution: 0.8, friction: 0.2 },
+  floor: { height: 0 },
+};
+
+const CLIP = "clip ";
+
+/** Fires `camera`, `scene` and `clips` when they change. */
+class Workspace extends EventTarget {
+  get camera(): Camera | undefined {
+    return parsed("gravisight.camera");
+  }
+
+  set camera(camera: Camera | undefined) {
+    store("gravisight.camera", camera);
+    this.dispatchEvent(new Event("camera"));
+  }
+
+  get scene(): Scene {
+    return parsed("gravisight.scene") ?? SCENE;
+  }
+
+  set scene(scene: Scene | undefined) {
+    store("gravisight.scene", scene);
+    this.dispatchEvent(new Event("scene"));
+  }
+
+  /** Ids of the clips that are kept, in order. */
+  async clips(): Promise<string[]> {
+    const all = await keys<string>();
+    return all.filter((key) => key.startsWith(CLIP)).map((key) => key.slice(CLIP.length)).sort();
+  }
+
+  async clip(id: string): Promise<StoredClip | undefined> {
+    return get<StoredClip>(CLIP + id);
+  }
+
+  /** Keeps a clip, in place of the one with its id. Throws where the browser has no room. */
+  async keep(clip: StoredClip): Promise<void> {
+    await set(CLIP + clip.id, clip);
+    this.dispatchEvent(new Event("clips"));
+  }
+
+  async forget(id: string): Promise<void> {
+    await del(CLIP + id);
+    this.dispatchEvent(new Event("clips"));
+  }
+}
+
+export const workspace = new Workspace();
+
+function parsed<T>(key: string): T | undefined {
+  try {
+    return (JSON.parse(localStorage.getItem(key) ?? "null") as T | null) ?? undefined;
+  } catch {
+    return undefined;
+  }
+}
+
+function store(key: string, value: unknown): void {
+  try {
+    if (value === undefined) localStorage.removeItem(key);
+    else localStorage.setItem(key, JSON.stringify(value));
+  } catch {
+    // a browser that keeps nothing: the page works until it is closed
+  }
+}

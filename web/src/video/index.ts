@@ -1,0 +1,3 @@
+export function start(panel: HTMLElement): void {
+  panel.textContent = "";
+}
