@@ -22,7 +22,8 @@ const ARROWS: [(&str, &[&str]); 13] = [
     ("train", &["camera", "data", "evaluate", "files", "image", "localise", "model", "physics"]),
 ];
 /// The browser's boundary, above everything.
-const WASM: (&str, &[&str]) = ("wasm", &["camera", "data", "evaluate", "image", "localise", "model", "physics", "train"]);
+const WASM: (&str, &[&str]) =
+    ("wasm", &["camera", "data", "evaluate", "image", "localise", "model", "physics", "train"]);
 /// Rooms that compile without Burn.
 const WITHOUT_BURN: [&str; 7] = ["error", "files", "camera", "image", "kernels", "physics", "data"];
 

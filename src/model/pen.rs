@@ -1,6 +1,8 @@
 //! The network: backbone, heatmap head, depth head.
 
 use burn::module::Module;
+#[cfg(feature = "train")]
+use burn::module::{Flag, ModuleMapper, Param};
 use burn::nn::Initializer;
 use burn::tensor::activation::softplus_with_threshold;
 use burn::tensor::{Device, Tensor, TensorData};
@@ -60,6 +62,19 @@ impl Pen {
             depth_head: head(depth_last),
             config: config.clone(),
         })
+    }
+
+    /// The same network whose norms keep their running statistics while it is trained. Pictures of a single place have
+    /// other statistics than those that the network was made with, and normalising by them would change all it knows.
+    #[cfg(feature = "train")]
+    pub fn with_fixed_norms(self) -> Self {
+        struct Fix;
+        impl ModuleMapper for Fix {
+            fn map_flag(&mut self, flag: Param<Flag>) -> Param<Flag> {
+                flag.with_value(false)
+            }
+        }
+        self.map(&mut Fix)
     }
 
     /// The architecture.

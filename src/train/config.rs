@@ -79,6 +79,10 @@ pub struct TrainConfig {
     /// Global gradient norm above which gradients are scaled down.
     #[serde(default = "default_clip_norm")]
     pub clip_norm: f64,
+    /// Keep the norms' statistics as they are: to go on from a model (`start_from`) with pictures of few places, which have
+    /// other statistics.
+    #[serde(default)]
+    pub fixed_norms: bool,
     /// Random changes of the pictures.
     #[serde(default)]
     pub augmentation: Augmentation,

@@ -20,7 +20,7 @@ use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::model::{self, Card, Pen, sha256_hex};
 
-/// Share of the steps that see crops; the others see whole pictures, which set the norms' statistics right.
+/// Share of the steps that see crops; the others see whole pictures, as the model will.
 const CROPPED: f64 = 0.9;
 /// How many times the pixels of a crop's batch a batch of whole pictures has at most.
 const WHOLE: f64 = 1.5;
@@ -250,7 +250,7 @@ fn configuration(card: &Card, options: &FineTuneOptions) -> Result<TrainConfig> 
     let fields = serde_json::json!({
         "name": card.name, "train": "", "validation": "", "out": "", "supervision": "physics-fit", "input": card.input,
         "normalisation": card.normalisation, "architecture": card.architecture, "seed": seed, "ema_decay": EMA_DECAY,
-        "phases": phases,
+        "fixed_norms": true, "phases": phases,
     });
     let config: TrainConfig = serde_json::from_value(fields).map_err(Error::format("fine-tuning"))?;
     config.check()?;

@@ -41,6 +41,7 @@ impl Trainer {
         device: &Device,
     ) -> Self {
         let ema = Ema::new(average, config.ema_decay, step);
+        let model = if config.fixed_norms { model.with_fixed_norms() } else { model };
         Self { config: config.clone(), device: device.clone(), step, model, optimiser, ema, watch: None }
     }
 
