@@ -42,15 +42,17 @@ export type PathName = "truth" | "found" | "fit";
 
 const COLOURS: Record<PathName, string> = { truth: "--good", found: "--found", fit: "--accent" };
 /** Radius of a path's tube, of the ball's radius. */
-const TUBE = { truth: 0.12, fit: 0.18 };
+const TUBE = { truth: 0.14, fit: 0.24 };
 /** Of a position that was found, in CSS pixels. */
-const DOT = 4;
+const DOT = 3;
 const UP = new Vector3(0, 0, 1);
 /** Radians that an arrow key turns the view by. */
 const TURN = MathUtils.degToRad(6);
 const ZOOM = 1.15;
 /** Radians from straight above and from the horizon below which the view does not go. */
 const POLE = MathUtils.degToRad(3);
+/** Of the eye, by the diagonal of what is to be seen. */
+const DISTANCE = 0.82;
 const NO_WEBGL = "This browser shows no 3D graphics (WebGL), so the view in space is left out; the numbers and plots are complete without it.";
 
 export class View3d {
@@ -218,7 +220,7 @@ export class View3d {
     const centre = content.getCenter(new Vector3());
     const span = Math.max(2, Math.ceil(Math.max(...content.getSize(new Vector3()).toArray().slice(0, 2))) + 2);
     this.#put("place", () => this.#drawPlace(centre, span));
-    this.#put("camera", () => (this.#camera ? this.#frustum(this.#camera, span / 12) : null));
+    this.#put("camera", () => (this.#camera ? this.#frustum(this.#camera, span / 9) : null));
     this.#describe();
     if (this.#turned) return;
     const size = content.getSize(new Vector3()).length() || 4;
@@ -227,7 +229,7 @@ export class View3d {
     if (from.length() < 1e-3) from.set(1, -1, 0);
     from.normalize().applyAxisAngle(UP, MathUtils.degToRad(38)).setZ(0.55).normalize();
     controls.target.copy(centre);
-    this.#eye.position.copy(centre).addScaledVector(from, size * 1.15);
+    this.#eye.position.copy(centre).addScaledVector(from, size * DISTANCE);
     controls.update();
     this.#request();
   }
@@ -315,7 +317,7 @@ export class View3d {
       return new Mesh(new TubeGeometry(curve, segments, this.#radius() * TUBE[name], 6), new MeshLambertMaterial({ color }));
     }
     const geometry = new BufferGeometry().setFromPoints(places);
-    const line = new Line(geometry, new LineBasicMaterial({ color, transparent: true, opacity: 0.55 }));
+    const line = new Line(geometry, new LineBasicMaterial({ color, transparent: true, opacity: 0.4 }));
     line.add(new Points(geometry, new PointsMaterial({ color, size: DOT * (this.#renderer?.getPixelRatio() ?? 1), sizeAttenuation: false })));
     return line;
   }

@@ -48,9 +48,14 @@ function tableOf(bounces: Trajectory["bounces"]): HTMLElement {
   }
   table.append(make("thead", {}, head));
   const rows = bounces.map(({ timestampMs, surface, speed }) => {
-    const texts = [`${(timestampMs / 1000).toFixed(2)} s`, surface, `${speed.toFixed(1)} m/s`];
+    const texts = [`${(timestampMs / 1000).toFixed(2)} s`, surfaceWords(surface), `${speed.toFixed(1)} m/s`];
     return make("tr", { testId: "video-bounce" }, ...texts.map((text) => make("td", { text })));
   });
   table.append(make("tbody", {}, ...rows));
   return table;
+}
+
+/** The core counts from nought, people from one. */
+function surfaceWords(surface: string): string {
+  return surface.replace(/^box(?:es)?\[(\d+)\]$/, (_, index: string) => `box ${Number(index) + 1}`).replace(/^walls?\[(\d+)\]$/, (_, index: string) => `wall ${Number(index) + 1}`);
 }

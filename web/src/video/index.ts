@@ -425,13 +425,14 @@ class Step {
 
   #showPlace(): void {
     this.#part("video-place").textContent = this.#place.words;
-    this.#part("video-needs-camera").hidden = this.#place.camera !== undefined;
+    for (const testId of ["video-needs-camera", "video-empty-camera"]) this.#part(testId).hidden = this.#place.camera !== undefined;
   }
 
   #showControls(): void {
     const source = this.#source;
     const live = source?.kind === "webcam";
-    this.#part("video-transport").hidden = !source;
+    this.#part("video-transport").hidden = !source || !(source.durationMs > 0);
+    this.#part("video-stop").hidden = !source;
     const moves = source !== undefined && source.durationMs > 0;
     for (const testId of ["video-play", "video-clock"]) this.#part(testId).hidden = !moves;
     for (const testId of ["video-back", "video-forward", "video-time"]) this.#part(testId).hidden = !moves || live;
