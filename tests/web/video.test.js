@@ -1,0 +1,310 @@
+/** The step Your picture or video: an example, a video file, the webcam, wrong files, what is saved. */
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { after, before, test } from "node:test";
+import { chromium } from "playwright-core";
+import { launch, open } from "./support/browser.js";
+import { jsonFile, ONE_PIXEL, pictureOf, pngFile, samples } from "./support/demo.js";
+import { serve } from "./support/server.js";
+
+/** The first frame of a model takes this long at most, on a busy machine. */
+const PATIENCE = { timeout: 120_000 };
+const complaints = [];
+let server, browser, page;
+
+before(async () => {
+  server = await serve();
+  browser = await launch({ webgpu: false });
+  page = await step();
+});
+
+after(async () => {
+  await browser?.close();
+  await server?.close();
+});
+
+test("without a camera the step says how to get one", async () => {
+  assert.match(await page.getByTestId("video-empty").innerText(), /Calibrate.*camera\.json/s);
+  await page.getByTestId("video-input").setInputFiles([pngFile("ball.png", pictureOf(samples[0]))]);
+  await page.getByTestId("video-needs-camera").waitFor();
+  assert.match(await page.getByTestId("video-needs-camera").innerText(), /calibrated camera.*Calibrate/s);
+  assert.equal(await value(page, "video-processed"), 0);
+});
+
+test("a picture and its camera.json give the position that the step Try gives", async () => {
+  await page.getByTestId("video-input").setInputFiles([jsonFile(samples[0].camera)]);
+  await count(page, 1);
+  const shown = [await value(page, "video-x"), await value(page, "video-y"), await value(page, "video-z")];
+  const golden = JSON.parse(readFileSync(new URL("../golden/samples.json", import.meta.url), "utf8"))[samples[0].file].world;
+  assert.ok(distance(shown, golden) < 1e-3, `${shown} is not ${golden}`);
+  assert.match(await page.getByTestId("video-place").textContent(), /camera\.json, 224 × 224 px/);
+  assert.ok(await page.getByTestId("video-transport").isHidden(), "a picture is not played");
+});
+
+const refusals = {
+  "a text file": [[{ name: "notes.txt", mimeType: "text/plain", buffer: Buffer.from("no video at all") }], /notes\.txt is no video/],
+  "a text file named as a video": [[{ name: "a.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video at all") }], /a\.mp4 is no video/],
+  "an empty file": [[{ name: "a.webm", mimeType: "video/webm", buffer: Buffer.alloc(0) }], /a\.webm is empty/],
+  "a text file named as a picture": [[pngFile("x.png", Buffer.from("no picture"))], /x\.png is no picture/],
+  "two pictures": [[pngFile("a.png", ONE_PIXEL), pngFile("b.png", ONE_PIXEL)], /One video or picture at a time/],
+  "a JSON file of something else": [[jsonFile({ hello: 1 }, "other.json")], /neither a camera\.json .* nor a scene\.json/],
+  "broken JSON": [[jsonFile("{", "broken.json")], /broken\.json is not JSON/],
+  "a camera that is none": [[jsonFile({ ...samples[0].camera, intrinsic: [[0, 0, 0], [0, 0, 0], [0, 0, 0]] })], /\w+ \w+ \w+/],
+};
+for (const [what, [files, words]] of Object.entries(refusals)) {
+  test(`${what} is refused in words`, async () => {
+    await page.getByTestId("video-input").setInputFiles(files);
+    const alert = page.getByTestId("video-alert").filter({ hasText: /\w/ });
+    await alert.waitFor(PATIENCE);
+    assert.match(await alert.innerText(), words);
+    assert.doesNotMatch(await alert.innerText(), /undefined|\[object|panicked/);
+  });
+}
+
+test("the example is played, and its positions are near the truth", async () => {
+  await playExample(page);
+  const { frames, threshold } = await exported(page);
+  const sure = frames.filter(({ confidence }) => confidence >= threshold);
+  assert.ok(sure.length >= 15, `${sure.length} frames`);
+  const off = sure.map(({ world, truth }) => distance(world, truth));
+  const mean = average(off);
+  assert.ok(mean < 0.15, `off by ${mean} m on average`);
+  assert.ok(Math.abs((await value(page, "video-mean-error")) - mean) < 1e-3, "the page shows that mean");
+  assert.equal(await value(page, "video-processed"), frames.length);
+  assert.ok((await value(page, "video-ms")) > 0);
+});
+
+test("what was skipped is filled in by stepping, forward and back", async () => {
+  await page.getByTestId("video-time").evaluate((slider) => {
+    slider.value = "0";
+    slider.dispatchEvent(new Event("input"));
+  });
+  await page.waitForFunction(() => document.querySelector('[data-testid="video-clock"]').textContent === "0.00 s");
+  const clock = () => page.getByTestId("video-clock").textContent();
+  await page.getByTestId("video-forward").click();
+  await page.getByTestId("video-forward").click();
+  const second = await clock();
+  assert.notEqual(second, "0.00 s");
+  await page.getByTestId("video-back").click();
+  assert.ok(parseFloat(await clock()) < parseFloat(second));
+  await page.getByTestId("video-back").click();
+  assert.equal(await clock(), "0.00 s");
+});
+
+test("heatmap, depth and saliency are drawn over the frame", async () => {
+  const drawn = new Set();
+  for (const layer of ["none", "heatmap", "depth", "saliency"]) {
+    await page.getByTestId(`video-layer-${layer}`).check({ force: true });
+    if (layer !== "none") await page.getByTestId("video-scale").filter({ hasText: { heatmap: "Probability", depth: /^\s*Depth\s*\d/, saliency: "Depth changes" }[layer] }).waitFor(PATIENCE);
+    await page.waitForTimeout(300);
+    drawn.add(await page.getByTestId("video-overlay").evaluate((canvas) => canvas.toDataURL()));
+  }
+  assert.equal(drawn.size, 4);
+  await page.getByTestId("video-layer-none").check({ force: true });
+});
+
+test("physics explains the example, to within centimetres", async () => {
+  await page.getByTestId("video-fit").click();
+  await page.getByTestId("video-fit-words").waitFor(PATIENCE);
+  assert.match(await page.getByTestId("video-fit-words").textContent(), /Physics explains the track.*px \(rms\)/);
+  const { frames, fit } = await exported(page);
+  assert.ok(fit.explained);
+  assert.ok(fit.bounces.length >= 1);
+  assert.equal(await page.getByTestId("video-bounce").count(), fit.bounces.length);
+  const truth = new Map(frames.map((frame) => [Math.round(frame.t * 1e4), frame.truth]));
+  const off = fit.points.map(({ timestampMs, world }) => distance(world, truth.get(Math.round(timestampMs * 10))));
+  assert.ok(average(off) < 0.05, `off by ${average(off)} m on average`);
+  assert.ok(await page.getByTestId("video-chart-speed").isVisible());
+  assert.match(await page.getByTestId("video-chart-position").getAttribute("aria-label"), /Position \(m\).*x from .*y from .*z from .*marked at/);
+});
+
+test("the table has a header and a row a frame; the plot is saved as a picture", async () => {
+  const csv = (await saved(page, "video-csv")).toString();
+  const [header, ...rows] = csv.trim().split("\r\n");
+  assert.match(header, /^time_s,u_px,v_px,depth_m,x_m,y_m,z_m,confidence,fit_x_m.*speed_m_s/);
+  assert.equal(rows.length, await value(page, "video-processed"));
+  for (const row of rows) assert.equal(row.split(",").length, header.split(",").length);
+  assert.ok(rows.every((row) => row.split(",").slice(0, 13).every((cell) => cell !== "" && Number.isFinite(Number(cell)))));
+  const png = await saved(page, "video-png");
+  assert.equal(png.subarray(1, 4).toString(), "PNG");
+  assert.ok(png.length > 5000, `${png.length} bytes`);
+});
+
+test("the step keeps its state while another one is open", async () => {
+  const before = await value(page, "video-processed");
+  await page.evaluate(() => (location.hash = "try"));
+  await page.getByTestId("video-step").waitFor({ state: "hidden" });
+  await page.evaluate(() => (location.hash = "video"));
+  await page.getByTestId("video-step").waitFor();
+  assert.equal(await value(page, "video-processed"), before);
+  assert.ok(await page.getByTestId("video-fit-words").isVisible());
+});
+
+test("the view in space turns by keyboard", async (context) => {
+  const view = page.getByTestId("video-view");
+  if (await page.getByTestId("no-webgl").count()) return context.skip("this browser has no WebGL");
+  assert.match(await view.getAttribute("aria-label"), /true path.*positions.*fitted path/);
+  const before = await view.screenshot();
+  await view.focus();
+  for (let times = 0; times < 5; times++) await page.keyboard.press("ArrowRight");
+  await page.keyboard.press("+");
+  await page.waitForTimeout(200);
+  assert.notDeepEqual(await view.screenshot(), before);
+});
+
+test("closing ends the localiser and keeps the positions", async () => {
+  const before = page.workers().length;
+  await page.getByTestId("video-stop").click();
+  await page.getByTestId("video-transport").waitFor({ state: "hidden" });
+  assert.ok(page.workers().length < before, "its Worker has ended");
+  assert.ok((await value(page, "video-processed")) > 0);
+  assert.ok(await page.getByTestId("video-csv").isEnabled());
+});
+
+test("a recorded video is played, and its positions are near the truth", PATIENCE, async (context) => {
+  const made = await page.evaluate(record);
+  if (made.why) return context.skip(made.why);
+  const file = { name: "clip.webm", mimeType: "video/webm", buffer: Buffer.from(made.base64, "base64") };
+  await page.getByTestId("video-input").setInputFiles([file, jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
+  await count(page, 1);
+  assert.equal(await page.getByTestId("video-alert").textContent(), "");
+  await played(page, () => page.getByTestId("video-play").click());
+  const { frames, threshold } = await exported(page);
+  assert.ok(frames.length >= 8, `${frames.length} frames`);
+  const sure = frames.filter(({ confidence }) => confidence >= threshold);
+  // When a recorder puts a frame is its own matter: the nearest place of the path counts.
+  const off = sure.map(({ world }) => Math.min(...made.path.map((truth) => distance(world, truth))));
+  assert.ok(sure.length >= 0.7 * frames.length, `${sure.length} of ${frames.length} frames are sure`);
+  assert.ok(average(off) < 0.15, `off by ${average(off)} m on average`);
+  const times = frames.map(({ t }) => t);
+  assert.deepEqual(times, times.toSorted((a, b) => a - b));
+  await page.getByTestId("video-time").evaluate((slider) => {
+    slider.value = String(slider.max / 2);
+    slider.dispatchEvent(new Event("input"));
+  });
+  await page.waitForFunction(() => /^[^0]|0\.[1-9]/.test(document.querySelector('[data-testid="video-clock"]').textContent));
+});
+
+test("a webcam starts and stops", PATIENCE, async () => {
+  const args = ["--no-sandbox", "--disable-quic", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"];
+  const filmed = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", headless: true, args });
+  try {
+    const own = await step({}, filmed);
+    const camera = { ...samples[0].camera, width: 640, height: 480, intrinsic: [[600, 0, 320], [0, 600, 240], [0, 0, 1]] };
+    await own.getByTestId("video-input").setInputFiles([jsonFile(camera)]);
+    await own.getByTestId("video-place").filter({ hasText: "640 × 480" }).waitFor(PATIENCE);
+    await own.getByTestId("video-webcam").click();
+    await count(own, 3);
+    assert.ok(await own.getByTestId("video-time").isHidden(), "there is no timeline");
+    const stream = await own.evaluateHandle(() => document.querySelector('[data-testid="video-frame"] video').srcObject);
+    assert.equal(await stream.evaluate((given) => given.getVideoTracks()[0].readyState), "live");
+    assert.equal(await own.getByTestId("video-stop").textContent(), "Stop the webcam");
+    await own.getByTestId("video-stop").click();
+    assert.equal(await stream.evaluate((given) => given.getVideoTracks()[0].readyState), "ended");
+    const seen = await value(own, "video-processed");
+    await own.waitForTimeout(500);
+    assert.equal(await value(own, "video-processed"), seen, "no frame came after");
+  } finally {
+    await filmed.close();
+  }
+});
+
+test("a webcam that is refused is said in words", async () => {
+  // Nobody can answer the question in a headless browser: it is refused.
+  await page.evaluate(() => {
+    navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("Permission denied", "NotAllowedError"));
+  });
+  await page.getByTestId("video-webcam").click();
+  await page.getByTestId("video-alert").filter({ hasText: /refused.*Allow it/ }).waitFor(PATIENCE);
+});
+
+test("a model that is not there is said in words", async () => {
+  const lost = await step({}, browser, "?model=models/none.json");
+  await lost.getByTestId("video-example").click();
+  await lost.getByTestId("video-alert").filter({ hasText: /models\/none\.json/ }).waitFor(PATIENCE);
+  await lost.close();
+});
+
+test("a long job can be cancelled", async () => {
+  const fresh = await step();
+  await fresh.getByTestId("video-example").click();
+  await fresh.getByTestId("video-cancel").click();
+  await fresh.getByTestId("video-job").waitFor({ state: "hidden" });
+  assert.equal(await fresh.getByTestId("video-alert").textContent(), "");
+  await playExample(fresh);
+  await fresh.close();
+});
+
+test("the step never scrolls sideways on a phone", async () => {
+  const phone = await step({ viewport: { width: 390, height: 844 } });
+  const fits = () => phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth);
+  assert.ok(await fits());
+  await playExample(phone);
+  assert.ok(await fits());
+  await phone.close();
+});
+
+test("nothing was reported to the console over the whole run", () => {
+  assert.deepEqual(complaints, []);
+});
+
+async function step(options, from = browser, query = "") {
+  const opened = await open(from, `${server.url}${query}#video`, complaints, options);
+  await opened.getByTestId("video-example").waitFor(PATIENCE);
+  return opened;
+}
+
+function playExample(on) {
+  return played(on, async () => {
+    await on.getByTestId("video-rate").evaluate((select) => {
+      select.value = "0.5";
+      select.dispatchEvent(new Event("change"));
+    });
+    await on.getByTestId("video-example").click();
+  });
+}
+
+/** Waits until what `start` starts has played to its end. */
+async function played(on, start) {
+  await start();
+  await on.locator('[data-testid="video-play"][data-playing="true"]').waitFor(PATIENCE);
+  await on.locator('[data-testid="video-play"][data-playing="false"]').waitFor(PATIENCE);
+  // The plots follow at their own pace.
+  await on.waitForTimeout(500);
+}
+
+async function value(on, testId) {
+  return Number(await on.getByTestId(testId).getAttribute("value"));
+}
+
+async function count(on, atLeast) {
+  await on.waitForFunction((n) => Number(document.querySelector('[data-testid="video-processed"]').value) >= n, atLeast, PATIENCE);
+}
+
+async function saved(on, testId) {
+  const [download] = await Promise.all([on.waitForEvent("download"), on.getByTestId(testId).click()]);
+  return readFileSync(await download.path());
+}
+
+async function exported(on) {
+  return JSON.parse((await saved(on, "video-json")).toString());
+}
+
+function distance(a, b) {
+  return Math.hypot(...a.map((coordinate, axis) => coordinate - b[axis]));
+}
+
+function average(values) {
+  return values.reduce((sum, each) => sum + each, 0) / values.length;
+}
+
+// Runs in the page: films a clip of the simulator with the browser's own recorder.
+async function record() {
+  const type = ["video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm"].find((each) => globalThis.MediaRecorder?.isTypeSupported(each));
+  if (!type) return { why: "this browser records no WebM" };
+  const picked = await new Promise((resolve) => {
+    dispatchEvent(new CustomEvent("gravisight-test-clip", { detail: resolve }));
+    setTimeout(() => resolve(null), 100);
+  });
+  return { why: picked ? "" : "no clip" };
+}

@@ -1,0 +1,47 @@
+/** The two plots: where the ball is, and how fast. */
+import type { Trajectory } from "gravisight";
+import { Chart, pictureOf, type Series } from "./chart";
+import type { Seen } from "./sightings";
+
+/** Of a source without an end, in seconds: the last ones. */
+const LIVE_WINDOW = 20;
+/** A video up to this long is plotted on its whole length from the start, in seconds. */
+const SHORT = 12;
+
+const AXES = ["x", "y", "z"] as const;
+
+export class Plots {
+  readonly #position: Chart;
+  readonly #speed: Chart;
+  readonly #speedPlace: HTMLElement;
+
+  constructor(position: HTMLElement, speed: HTMLElement) {
+    this.#position = new Chart(position, "video-chart-position");
+    this.#speed = new Chart(speed, "video-chart-speed");
+    this.#speedPlace = speed;
+  }
+
+  show(all: Seen[], fit: Trajectory | undefined, { threshold, durationMs }: { threshold: number; durationMs: number }): void {
+    const last = (all.at(-1)?.timeMs ?? 0) / 1000;
+    const live = !Number.isFinite(durationMs);
+    const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
+    const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 : Math.max(last, from + 1);
+    const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
+    const points = (fit?.points ?? []).filter(({ timestampMs }) => timestampMs / 1000 >= from);
+    const marks = (fit?.bounces ?? []).map(({ timestampMs }) => timestampMs / 1000).filter((t) => t >= from);
+    const series = AXES.map((name, axis): Series => ({
+      name,
+      colour: `var(--axis-${name})`,
+      dots: seen.map(({ timeMs, world, confidence }) => ({ at: [timeMs / 1000, world[axis] ?? 0], faint: confidence < threshold })),
+      line: points.map(({ timestampMs, world }) => [timestampMs / 1000, world[axis] ?? 0]),
+    }));
+    this.#position.show({ title: "Position (m)", series, marks, from, to });
+    this.#speedPlace.hidden = !fit;
+    const line = points.map(({ timestampMs, speed }): [number, number] => [timestampMs / 1000, speed]);
+    if (fit) this.#speed.show({ title: "Speed of the fit (m/s)", series: [{ name: "", colour: "var(--accent)", line }], marks, from, to });
+  }
+
+  picture(): Promise<Blob> {
+    return pictureOf(this.#speedPlace.hidden ? [this.#position] : [this.#position, this.#speed]);
+  }
+}
