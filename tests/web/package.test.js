@@ -103,7 +103,7 @@ test("what is no camera, and no device, is refused, and the localiser goes on", 
     localiser.dispose();
     return { codes, found };
   }, { model: CARD, camera: samples[0].camera });
-  assert.deepEqual(codes, ["device", "camera-format", "camera-format", "camera-format", "camera-format"]);
+  assert.deepEqual(codes, ["device", "camera-missing", "camera-format", "camera-format", "camera-format"]);
   assert.ok(found.dtg > 0);
 });
 

@@ -40,6 +40,11 @@ export class App {
     }
   }
 
+  /** The localiser that is ready, if there is one. */
+  get localiser(): Localiser | undefined {
+    return this.#session.localiser;
+  }
+
   /** Loads the model and the samples side by side, then looks at the first sample. */
   async start({ device }: Settings): Promise<void> {
     check("device", device);

@@ -1,6 +1,8 @@
 /** Reads the address: `?device=cpu|webgpu|auto` and `?model=URL of a JSON card`. */
 import type { DeviceChoice } from "gravisight";
 import { App, type Settings } from "./app";
+import { element } from "./dom";
+import { startLive } from "./live";
 import { showModelNote } from "./model-note";
 import { MODEL } from "./shared/core";
 import { startTabs } from "./tabs";
@@ -14,5 +16,7 @@ function settingsFrom(query: URLSearchParams): Settings {
 
 startTabs();
 const settings = settingsFrom(new URLSearchParams(location.search));
-void new App(settings).start(settings);
+const app = new App(settings);
+void app.start(settings);
+startLive(element("live"), () => app.localiser);
 void showModelNote(settings.model);

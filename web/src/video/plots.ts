@@ -1,6 +1,6 @@
 /** The two plots: where the ball is, and how fast. */
 import type { Trajectory } from "gravisight";
-import { Chart, pictureOf, type Series } from "./chart";
+import { Chart, pictureOf, type Series } from "../shared/chart";
 import type { Seen } from "./sightings";
 
 /** Of a source without an end, in seconds: the last ones. */

@@ -13,6 +13,8 @@ export interface Content {
   /** In words, with the unit: `Position (m)`. */
   title: string;
   series: Series[];
+  /** What runs to the right, if it is not time in seconds. */
+  axis?: string;
   /** Seconds to mark. */
   marks?: number[];
   /** Seconds. */
@@ -58,7 +60,7 @@ export class Chart {
   }
 }
 
-function parts({ title, series, marks = [], from, to }: Content, width: number, height: number): SVGElement[] {
+function parts({ title, series, axis = "time (s)", marks = [], from, to }: Content, width: number, height: number): SVGElement[] {
   const values = series.flatMap(({ line = [], dots = [] }) => [...line.map(([, value]) => value), ...dots.map(({ at }) => at[1])]);
   const rows = ticks(values.length ? Math.min(...values) : 0, values.length ? Math.max(...values) : 1, Math.max(2, Math.floor(height / 50)));
   const columns = ticks(from, Math.max(to, from + 0.1), Math.max(2, Math.floor(width / 90)));
@@ -76,7 +78,7 @@ function parts({ title, series, marks = [], from, to }: Content, width: number, 
     made.push(line([[x(column), height - MARGIN.bottom], [x(column), height - MARGIN.bottom + 5]], "var(--quiet)", 1));
     made.push(text(words(column, columns), x(column), height - MARGIN.bottom + 18, { "text-anchor": "middle" }));
   }
-  made.push(text("time (s)", width - MARGIN.right, height - 3, { "text-anchor": "end" }));
+  made.push(text(axis, width - MARGIN.right, height - 3, { "text-anchor": "end" }));
   for (const mark of marks) {
     const path = line([[x(mark), MARGIN.top - 4], [x(mark), height - MARGIN.bottom]], "var(--busy)", 1.5);
     path.setAttribute("stroke-dasharray", "4 3");
@@ -123,14 +125,14 @@ function words(value: number, all: number[]): string {
   return value.toFixed(Math.max(0, -Math.floor(Math.log10(step) + 1e-9))).replace(/^-(?=0\.?0*$)/, "").replace("-", "−");
 }
 
-function described({ title, series, marks = [], from, to }: Content): string {
+function described({ title, series, axis = "time (s)", marks = [], from, to }: Content): string {
   const shown = series.flatMap(({ name, line: smooth = [], dots = [] }) => {
     const values = [...smooth.map(([, value]) => value), ...dots.map(({ at }) => at[1])];
     return values.length ? [`${name} from ${Math.min(...values).toFixed(2)} to ${Math.max(...values).toFixed(2)}`.trim()] : [];
   });
   if (shown.length === 0) return `${title} over time: nothing yet`;
   const bounces = marks.length ? `; marked at ${marks.map((t) => t.toFixed(2)).join(", ")} s` : "";
-  return `${title} over ${from.toFixed(1)} to ${to.toFixed(1)} seconds: ${shown.join(", ")}${bounces}`;
+  return `${title} over ${from.toFixed(1)} to ${to.toFixed(1)} of ${axis}: ${shown.join(", ")}${bounces}`;
 }
 
 function line(points: [number, number][], colour: string, width: number): SVGElement {
