@@ -13,7 +13,7 @@ export interface Seen {
 }
 
 /** Two times that are closer are of one frame, in milliseconds. */
-const SAME = 0.5;
+export const SAME = 0.5;
 
 export class Sightings {
   readonly all: Seen[] = [];
