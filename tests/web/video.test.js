@@ -212,7 +212,7 @@ test("a webcam starts and stops", PATIENCE, async () => {
 });
 
 test("a webcam that is refused is said in words", async () => {
-  // Nobody can answer the question in a headless browser: it is refused.
+  // Whether a headless browser refuses by itself is the browser's matter.
   await page.evaluate(() => {
     navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("Permission denied", "NotAllowedError"));
   });
@@ -244,6 +244,33 @@ test("the step never scrolls sideways on a phone", async () => {
   await playExample(phone);
   assert.ok(await fits());
   await phone.close();
+});
+
+for (const colorScheme of ["light", "dark"]) {
+  test(`axe finds nothing to complain of (${colorScheme})`, async () => {
+    const seen = await step({ colorScheme });
+    assert.deepEqual(await complaintsOfAxe(seen), []);
+    await playExample(seen);
+    await seen.getByTestId("video-fit").click();
+    await seen.getByTestId("video-fit-words").waitFor(PATIENCE);
+    assert.deepEqual(await complaintsOfAxe(seen), []);
+    await seen.close();
+  });
+}
+
+test("a picture dropped anywhere on the page is this step's, not the step Try's", async () => {
+  const own = await step();
+  const base64 = pictureOf(samples[0]).toString("base64");
+  await own.evaluate(({ base64, camera }) => {
+    const transfer = new DataTransfer();
+    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+    transfer.items.add(new File([bytes], "dropped.png", { type: "image/png" }));
+    transfer.items.add(new File([JSON.stringify(camera)], "camera.json", { type: "application/json" }));
+    document.querySelector("footer").dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, bubbles: true, cancelable: true }));
+  }, { base64, camera: samples[0].camera });
+  await count(own, 1);
+  assert.equal(await own.locator("#drop-state").textContent(), "or choose the two files");
+  await own.close();
 });
 
 test("nothing was reported to the console over the whole run", () => {
@@ -290,6 +317,12 @@ async function saved(on, testId) {
 
 async function exported(on) {
   return JSON.parse((await saved(on, "video-json")).toString());
+}
+
+async function complaintsOfAxe(on) {
+  await on.evaluate(readFileSync(new URL("../../node_modules/axe-core/axe.min.js", import.meta.url), "utf8"));
+  const { violations } = await on.evaluate(() => globalThis.axe.run("#panel-video", { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] }));
+  return violations.flatMap(({ id, nodes }) => nodes.map(({ html }) => `${id}: ${html}`));
 }
 
 function distance(a, b) {
