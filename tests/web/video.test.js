@@ -180,6 +180,11 @@ test("a recorded video is played, and its positions are near the truth", PATIENC
   assert.ok(average(off) < 0.15, `off by ${average(off)} m on average`);
   const times = frames.map(({ t }) => t);
   assert.deepEqual(times, times.toSorted((a, b) => a - b));
+  // A recorder's clock is not the simulator's: what matters is that the step says which it is.
+  await page.getByTestId("video-fit").click();
+  const verdict = /Physics explains|do not trust|could not be fitted/;
+  const said = page.locator('[data-testid="video-fit-result"], [data-testid="video-alert"]').filter({ hasText: verdict });
+  await said.first().waitFor(PATIENCE);
   await page.getByTestId("video-time").evaluate((slider) => {
     slider.value = String(slider.max / 2);
     slider.dispatchEvent(new Event("input"));
@@ -208,6 +213,19 @@ test("a webcam starts and stops", PATIENCE, async () => {
     assert.equal(await value(own, "video-processed"), seen, "no frame came after");
   } finally {
     await filmed.close();
+  }
+});
+
+test("without WebGL the step says so and does the rest", PATIENCE, async () => {
+  const args = ["--no-sandbox", "--disable-quic", "--disable-3d-apis"];
+  const plain = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", headless: true, args });
+  try {
+    const own = await step({}, plain);
+    await own.getByTestId("video-example").click();
+    await count(own, 5);
+    assert.match(await own.getByTestId("no-webgl").innerText(), /no 3D graphics/);
+  } finally {
+    await plain.close();
   }
 });
 

@@ -392,7 +392,10 @@ class Step {
         const image: [number, number] = [((u + 0.5) * camera.width) / width - 0.5, ((v + 0.5) * camera.height) / height - 0.5];
         track.add({ timestampMs: timeMs, image, confidence });
       }
-      return track.fit({ signal });
+      return track.fit({ signal }).catch((thrown: unknown) => {
+        if (codeOf(thrown) !== "fit") throw thrown;
+        throw new Error(`The trajectory could not be fitted: ${wordsOf(thrown).replace(/^fit: /, "")}.`);
+      });
     });
     this.#fit = fit;
     this.#fitVersion = version;
