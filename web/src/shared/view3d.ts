@@ -51,8 +51,8 @@ const TURN = MathUtils.degToRad(6);
 const ZOOM = 1.15;
 /** Radians from straight above and from the horizon below which the view does not go. */
 const POLE = MathUtils.degToRad(3);
-/** Of the eye, by the diagonal of what is to be seen. */
-const DISTANCE = 0.82;
+/** Part of the view, from its middle to its edge, that is filled at first. */
+const FILLED = 0.88;
 const NO_WEBGL = "This browser shows no 3D graphics (WebGL), so the view in space is left out; the numbers and plots are complete without it.";
 
 export class View3d {
@@ -229,8 +229,14 @@ export class View3d {
     if (from.length() < 1e-3) from.set(1, -1, 0);
     from.normalize().applyAxisAngle(UP, MathUtils.degToRad(38)).setZ(0.55).normalize();
     controls.target.copy(centre);
-    this.#eye.position.copy(centre).addScaledVector(from, size * DISTANCE);
-    controls.update();
+    let distance = size;
+    // Nearer or farther until the outermost corner is where it should be; nearness changes the perspective, so again.
+    for (let times = 0; times < 6; times++) {
+      this.#eye.position.copy(centre).addScaledVector(from, distance);
+      controls.update();
+      this.#eye.updateMatrixWorld();
+      distance *= Math.max(0.4, outermost(content, this.#eye) / FILLED);
+    }
     this.#request();
   }
 
@@ -364,6 +370,7 @@ export class View3d {
     // What fits into a wide view fits into a narrow one, too.
     this.#eye.fov = width < height * 1.2 ? 58 : 45;
     this.#eye.updateProjectionMatrix();
+    if (this.#scene && !this.#turned) this.#place();
     this.#request();
   }
 
@@ -385,6 +392,12 @@ function worldFromCamera(camera: Camera): Matrix4 {
 function poseOf(camera: Camera): { position: Vector3; ahead: Vector3 } {
   const matrix = worldFromCamera(camera);
   return { position: new Vector3().setFromMatrixPosition(matrix), ahead: new Vector3(0, 0, 6).applyMatrix4(matrix) };
+}
+
+/** How far from the middle of the view (1: the edge) the farthest corner of a box is. */
+function outermost({ min, max }: Box3, eye: PerspectiveCamera): number {
+  const corners = [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new Vector3(x, y, z).project(eye))));
+  return Math.max(...corners.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]));
 }
 
 function free(object: Object3D | null): void {

@@ -1,5 +1,5 @@
 /** Step 2: the ball in your own picture, video or webcam; its path through space, as plots and as files. */
-import { Track, type LocaliseOptions, type Progress, type Trajectory, type Vector } from "gravisight";
+import { GravisightError, Track, type LocaliseOptions, type Progress, type Trajectory, type Vector } from "gravisight";
 import { wordsOf } from "../dom";
 import { tools } from "../shared/core";
 import { Alert, fill } from "../shared/panel";
@@ -13,7 +13,7 @@ import { Overlay, type Layer } from "./overlay";
 import markup from "./panel.html?raw";
 import { Place } from "./place";
 import { Plots } from "./plots";
-import { csvOf, jsonOf } from "./report";
+import { csvOf, fittedAt, jsonOf } from "./report";
 import { Sightings, type Seen } from "./sightings";
 import { PictureSource, VideoSource, type Frame, type Source } from "./sources";
 import "./style.css";
@@ -26,6 +26,8 @@ export function start(panel: HTMLElement): void {
 const REFRESH = 200;
 /** Frames that the time a frame is averaged over. */
 const AVERAGED = 30;
+/** So many frames in a row that cannot be read are an error. */
+const MOST_UNREADABLE = 30;
 /** Positions that the view in space shows; the last ones. */
 const MOST_IN_SPACE = 2000;
 
@@ -53,6 +55,8 @@ class Step {
   /** Of what is shown now. */
   #shown: Seen | undefined;
   #lastStamp = -Infinity;
+  /** Frames in a row that could not be read. */
+  #unreadable = 0;
   #skipped = 0;
   #times: number[] = [];
   #refreshing = 0;
@@ -296,6 +300,7 @@ class Step {
         ? this.#during("Looking for what the depth depends on…", (signal) => find({ saliency: true, signal }))
         : find());
       if (this.#source !== source) return;
+      this.#unreadable = 0;
       if (!isNew && !this.#sightings.at(frame.timeMs)) this.#skipped = Math.max(0, this.#skipped - 1);
       this.#times = [...this.#times, found.milliseconds].slice(-AVERAGED);
       const seen = this.#sightings.add(frame.timeMs, found, frame.truth);
@@ -303,6 +308,11 @@ class Step {
       this.#refreshSoon();
     } catch (thrown) {
       if (this.#source !== source) return;
+      // Browsers may give no pixels of a video just when it starts or changes; the next frame has some.
+      if ((source.playing || source.kind === "webcam") && codeOf(thrown) === "image-read" && ++this.#unreadable < MOST_UNREADABLE) {
+        this.#skipped++;
+        return;
+      }
       source.pause();
       this.#overlay.showPlain(frame.image, "A frame without a position");
       if (thrown instanceof DOMException && thrown.name === "AbortError") this.#checkLayer("none");
@@ -330,14 +340,14 @@ class Step {
     this.#part("video-error-row").hidden = seen.dtg === undefined;
     if (seen.dtg !== undefined) this.#data("video-error", seen.dtg, `${(100 * seen.dtg).toFixed(1)} cm`);
     this.#view.setBall("found", sure ? seen.world : null);
-    this.#view.setBall("fit", this.#fit?.points.find(({ timestampMs }) => timestampMs === seen.timeMs)?.world ?? null);
+    this.#view.setBall("fit", fittedAt(this.#fit, seen.timeMs)?.world ?? null);
   }
 
   #showCounts(): void {
     const { all } = this.#sightings;
     this.#data("video-processed", all.length, String(all.length));
     this.#data("video-skipped", this.#skipped, String(this.#skipped));
-    this.#part("video-skipped-note").hidden = this.#skipped === 0;
+    this.#part("video-skipped-note").hidden = this.#skipped === 0 || this.#about.kind === "webcam";
     const mean = average(this.#times);
     this.#data("video-ms", mean ?? "", mean === undefined ? "–" : `${mean.toFixed(1)} ms`);
   }
@@ -382,14 +392,17 @@ class Step {
         const image: [number, number] = [((u + 0.5) * camera.width) / width - 0.5, ((v + 0.5) * camera.height) / height - 0.5];
         track.add({ timestampMs: timeMs, image, confidence });
       }
-      return track.fit({ signal });
+      return track.fit({ signal }).catch((thrown: unknown) => {
+        if (codeOf(thrown) !== "fit") throw thrown;
+        throw new Error(`The trajectory could not be fitted: ${wordsOf(thrown).replace(/^fit: /, "")}.`);
+      });
     });
     this.#fit = fit;
     this.#fitVersion = version;
     this.#fitResult.show(fit);
     this.#view.setPath("fit", fit.points.map(({ world }) => world));
     this.#view.setMarks(fit.bounces.map(({ world }) => world));
-    if (this.#shown) this.#view.setBall("fit", fit.points.find(({ timestampMs }) => timestampMs === this.#shown?.timeMs)?.world ?? null);
+    if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
     this.#refresh();
   }
 
@@ -499,6 +512,10 @@ async function pictureSource(file: File): Promise<PictureSource> {
     throw new Error(`${file.name} is no picture that this browser can read.`);
   });
   return new PictureSource(file.name, image.width, image.height, [{ picture: file, image, timeMs: 0 }]);
+}
+
+function codeOf(thrown: unknown): string | undefined {
+  return thrown instanceof GravisightError ? thrown.code : undefined;
 }
 
 function average(values: number[]): number | undefined {

@@ -25,7 +25,7 @@ export class Plots {
     const last = (all.at(-1)?.timeMs ?? 0) / 1000;
     const live = !Number.isFinite(durationMs);
     const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
-    const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 : Math.max(last, from + 1);
+    const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 || 1 : Math.max(last, from + 1);
     const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
     const points = (fit?.points ?? []).filter(({ timestampMs }) => timestampMs / 1000 >= from);
     const marks = (fit?.bounces ?? []).map(({ timestampMs }) => timestampMs / 1000).filter((t) => t >= from);

@@ -1,6 +1,6 @@
 /** What was found as files: a table (CSV) and everything (JSON). */
 import type { Camera, Scene, Trajectory, TrajectoryPoint } from "gravisight";
-import type { Seen } from "./sightings";
+import { SAME, type Seen } from "./sightings";
 
 const COLUMNS = [
   "time_s", "u_px", "v_px", "depth_m", "x_m", "y_m", "z_m", "confidence",
@@ -8,9 +8,8 @@ const COLUMNS = [
 ];
 
 export function csvOf(seen: Seen[], fit: Trajectory | undefined): string {
-  const fitted = byTime(fit);
-  const rows = seen.map(({ timeMs, image, depth, world, confidence }) => {
-    const point = fitted.get(timeMs);
+    const rows = seen.map(({ timeMs, image, depth, world, confidence }) => {
+    const point = fittedAt(fit, timeMs);
     const of = point ? [...point.world, point.sigma, point.speed].map(number) : ["", "", "", "", ""];
     const all = [timeMs / 1000, ...image, depth, ...world, confidence].map(number);
     return [...all, ...of, point ? String(point.outlier) : ""].join(",");
@@ -23,10 +22,18 @@ export function jsonOf(seen: Seen[], fit: Trajectory | undefined, about: { sourc
   return JSON.stringify({ ...about, units: "seconds, metres, pixels; world z up", frames, fit: fit ?? null }, null, 1);
 }
 
-/** The fit's points by their frame's time. */
-function byTime(fit: Trajectory | undefined): Map<number, TrajectoryPoint> {
-  const points = (fit?.points ?? []).map((point): [number, TrajectoryPoint] => [point.timestampMs, point]);
-  return new Map(points);
+/** The fit's point of a frame; its times have been through seconds and back, and differ in the last digits. */
+export function fittedAt(fit: Trajectory | undefined, timeMs: number): TrajectoryPoint | undefined {
+  const points = fit?.points ?? [];
+  let low = 0;
+  let high = points.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (points[middle]!.timestampMs < timeMs - SAME) low = middle + 1;
+    else high = middle;
+  }
+  const point = points[low];
+  return point && point.timestampMs - timeMs < SAME ? point : undefined;
 }
 
 function number(value: number): string {

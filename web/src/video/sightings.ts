@@ -13,11 +13,11 @@ export interface Seen {
 }
 
 /** Two times that are closer are of one frame, in milliseconds. */
-const SAME = 0.5;
+export const SAME = 0.5;
 
 export class Sightings {
   readonly all: Seen[] = [];
-  /** Rises with every change. */
+  /** Rises with every frame that is new. */
   version = 0;
 
   at(timeMs: number): Seen | undefined {
@@ -28,8 +28,9 @@ export class Sightings {
   add(timeMs: number, { image, depth, world, confidence, dtg }: Localisation, truth?: Vector): Seen {
     const seen: Seen = { timeMs, image, depth, world, confidence, ...(truth && { truth }), ...(dtg !== undefined && { dtg }) };
     const place = this.#place(timeMs);
-    this.all.splice(place, this.at(timeMs) ? 1 : 0, seen);
-    this.version++;
+    const again = this.at(timeMs) !== undefined;
+    this.all.splice(place, again ? 1 : 0, seen);
+    if (!again) this.version++;
     return seen;
   }
 
