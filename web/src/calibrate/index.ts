@@ -371,6 +371,7 @@ class Step {
     void this.#state.keep();
     clearTimeout(this.#timer);
     this.#run += 1;
+    if (this.#state.usable().length < LEAST_POINTS) return void this.#calibrate();
     this.#timer = window.setTimeout(() => void this.#calibrate(), CALIBRATE_AFTER);
   }
 
