@@ -11,6 +11,7 @@ import { workspace, type StoredClip } from "../shared/workspace";
 import { csvOf, folderPicker, lineOf, nameOf, writeFolder } from "./export";
 import { Labelling, type FrameState } from "./labelling";
 import markup from "./panel.html?raw";
+import { proposalsFor } from "./propose";
 import { clipOfPictures, clipOfVideo, syntheticClip, syntheticId, type Watch } from "./sources";
 import { STATES, Strip } from "./strip";
 import "./style.css";
@@ -263,14 +264,14 @@ class Step {
   async #propose(): Promise<void> {
     const labelling = this.#labelling;
     if (!labelling) return;
-    await this.#working(async ({ signal, progress }) => {
-      progress(0, 0, `Looking for the ball in ${labelling.count} frames…`);
-      // As files: pixels of them all would not fit into the memory of a phone.
-      const proposals = await (await tools()).proposeLabels(labelling.clip.pictures, { camera: labelling.clip.camera, signal });
+    await this.#working(async (watch) => {
+      const proposals = await proposalsFor(labelling.clip, watch);
       labelling.propose(proposals);
       if (this.#labelling !== labelling) return;
       const found = proposals.filter((proposal) => proposal).length;
-      this.#say(`The ball was found in ${found} of ${labelling.count} frames. Check those marked “?”, then accept the sure ones.`);
+      const doubtful = proposals.filter((_, frame) => labelling.isDoubtful(frame)).length;
+      const advice = doubtful > 0 ? `Check the ${doubtful} doubtful ${doubtful === 1 ? "frame" : "frames"}, then accept the sure ones.` : "All are sure: look at a few, then accept them.";
+      this.#say(`The ball was found in ${found} of ${labelling.count} frames. ${advice}`);
       this.#refresh();
       await this.#compare();
     });
