@@ -2,10 +2,12 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
+import { fileURLToPath } from "node:url";
 import { launch, open } from "./support/browser.js";
 import { jsonFile, pictureOf, pngFile, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
+const axe = fileURLToPath(import.meta.resolve("axe-core"));
 const PATIENCE = { timeout: 120_000 };
 const ID = "env1/cam1/0003";
 const complaints = [];
@@ -120,6 +122,19 @@ test("a reload keeps clip, labels and frame; the clip is listed with its count",
   await page.getByTestId(`lab-clip-${ID}`).filter({ hasText: `${labelled} of ${before.labels.length} labelled` }).waitFor(PATIENCE);
 });
 
+test("axe finds nothing to complain of, in light and in dark", async () => {
+  await page.addScriptTag({ path: axe });
+  for (const colorScheme of ["light", "dark"]) {
+    await page.emulateMedia({ colorScheme });
+    const violations = await page.evaluate(async (panel) => {
+      const { violations } = await window.axe.run(panel, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
+      return violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html, any }) => `${html} ${any.map(({ message }) => message)}`).join("; ")}`);
+    }, "#panel-label");
+    assert.deepEqual(violations, [], colorScheme);
+  }
+  await page.emulateMedia({ colorScheme: null });
+});
+
 test("the files say what was labelled", async () => {
   const { labels } = await stored();
   const csv = (await saved("lab-save-csv")).trim().split("\n");
@@ -159,6 +174,12 @@ test("pictures and clips.jsonl are written into a folder, and another clip's lin
   });
   assert.deepEqual(lines, ["other", ID]);
   assert.ok(size > 1000 && kind === "image/png", `${size} bytes of ${kind}`);
+});
+
+test("a browser that cannot write a folder saves the labels and says what is missing", async () => {
+  await page.evaluate(() => (window.showDirectoryPicker = undefined));
+  assert.equal(JSON.parse(await saved("lab-save-pictures")).id, ID);
+  assert.match(await page.getByTestId("lab-export-note").textContent(), /only clips\.jsonl was saved.*folder env1_cam1_0003/);
 });
 
 test("own pictures need a camera, and one of their size", async () => {

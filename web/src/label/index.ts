@@ -236,11 +236,11 @@ class Step {
       this.#at(`${focus}-${id}`).focus();
     };
     if (this.#doomed === id) {
-      row.append(
-        make("strong", { text: "Delete it with its labels?" }),
-        button("Delete", `lab-delete-yes-${id}`, "Really delete", () => this.#delete(id)),
+      const answers = [
+        button("Delete", `lab-delete-yes-${id}`, "Delete, really:", () => this.#delete(id)),
         button("Keep", `lab-delete-no-${id}`, "Keep", doom(undefined, "lab-delete")),
-      );
+      ];
+      row.append(make("strong", { text: "Delete it with its labels?" }), make("span", {}, ...answers));
     } else {
       if (!isOpen) row.append(button("Open", `lab-open-${id}`, "Open", () => this.#openKept(id)));
       row.append(button("Delete…", `lab-delete-${id}`, "Delete", doom(id, "lab-delete-no")));

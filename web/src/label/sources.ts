@@ -26,8 +26,10 @@ export async function clipOfVideo(file: File, fps: number, most: number, camera:
       watch.progress(frame, count, `Reading frame ${frame + 1} of ${count}`);
       // The middle of a frame's time: its edge may belong to either neighbour.
       pictures.push(await film.frame((frame + 0.5) / fps));
+      // Before the user has waited for all of them.
+      if (frame === 0) await check(pictures[0], camera, file.name);
     }
-    return await ownClip(file.name.replace(/\.[^.]+$/, ""), pictures, fps, camera, file.name);
+    return await ownClip(file.name.replace(/\.[^.]+$/, ""), pictures, fps, camera);
   } finally {
     film.close();
   }
@@ -37,18 +39,22 @@ export async function clipOfVideo(file: File, fps: number, most: number, camera:
 export async function clipOfPictures(files: File[], fps: number, most: number, camera: Camera): Promise<StoredClip> {
   const sorted = [...files].sort((a, b) => a.name.localeCompare(b.name, "en", { numeric: true })).slice(0, most);
   const first = sorted[0]?.name ?? "pictures";
-  return ownClip(first.replace(/\.[^.]+$/, "").replace(/[\s_-]*\d+$/, "") || "pictures", sorted, fps, camera, first);
+  await check(sorted[0], camera, first);
+  return ownClip(first.replace(/\.[^.]+$/, "").replace(/[\s_-]*\d+$/, "") || "pictures", sorted, fps, camera);
 }
 
-async function ownClip(id: string, pictures: Blob[], fps: number, camera: Camera, name: string): Promise<StoredClip> {
-  const first = pictures[0];
-  if (!first) throw new Error(`${name} has no frames.`);
-  const { width, height } = await decode(first, name);
-  if (width !== camera.width || height !== camera.height) {
-    throw new Error(
-      `The frames of ${name} have ${width} × ${height} pixels; the camera was calibrated for ${camera.width} × ${camera.height}. Calibrate with a frame of this very video.`,
-    );
-  }
+async function check(picture: Blob | undefined, camera: Camera, name: string): Promise<void> {
+  if (!picture) throw new Error(`${name} has no frames.`);
+  const bitmap = await decode(picture, name);
+  const { width, height } = bitmap;
+  bitmap.close();
+  if (width === camera.width && height === camera.height) return;
+  throw new Error(
+    `The frames of ${name} have ${width} × ${height} pixels; the camera was calibrated for ${camera.width} × ${camera.height}. Calibrate with a frame of this very video.`,
+  );
+}
+
+async function ownClip(id: string, pictures: Blob[], fps: number, camera: Camera): Promise<StoredClip> {
   return {
     id: await freeId(id),
     fps,
