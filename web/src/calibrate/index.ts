@@ -452,10 +452,11 @@ class Step {
     this.#at("cal-hint").textContent = "";
     this.#at("cal-found").hidden = false;
     const { sigma, point_sigma } = found;
+    const [[focal = NaN] = []] = found.camera.intrinsic;
     this.#number("cal-rms", [found.rms_px], (value) => value.toFixed(2));
     this.#number("cal-centre-sigma", sigma.centre, centimetres);
     this.#number("cal-point-sigma", point_sigma.world, centimetres);
-    this.#number("cal-focal-found", [found.camera.intrinsic[0]?.[0] ?? NaN], (value) => value.toFixed(1) + (sigma.focal_px > 0 ? ` ± ${sigma.focal_px.toFixed(1)}` : ""));
+    this.#number("cal-focal-found", [focal], (value) => value.toFixed(1) + (sigma.focal_px > 0 ? ` ± ${sigma.focal_px.toFixed(1)}` : ""));
     this.#at("cal-sigma-note").textContent = `Each along x, y and z; two times out of three the error is smaller. The ball: in the picture’s middle, ${point_sigma.depth.toFixed(1)} m from the camera, as far as the camera is to blame.`;
     this.#at("cal-outliers").replaceChildren(
       ...found.outliers.map(({ index, residual_px }) => {
