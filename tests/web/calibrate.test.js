@@ -2,11 +2,13 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
+import { fileURLToPath } from "node:url";
 import { launch, open } from "./support/browser.js";
 import { jsonFile, pictureOf, pngFile, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
 const { camera } = samples[0];
+const axe = fileURLToPath(import.meta.resolve("axe-core"));
 const PATIENCE = { timeout: 60_000 };
 const complaints = [];
 let server, browser, page, points;
@@ -117,6 +119,19 @@ test("a reload keeps picture, points and clicks, and the camera is used", async 
   assert.match(await page.getByTestId("cal-said").textContent(), /other steps use/);
   const kept = await page.evaluate(() => JSON.parse(localStorage.getItem("gravisight.camera")));
   nearMatrix(kept.camera_from_world, camera.camera_from_world, 1e-3);
+});
+
+test("axe finds nothing to complain of, in light and in dark", async () => {
+  await page.addScriptTag({ path: axe });
+  for (const colorScheme of ["light", "dark"]) {
+    await page.emulateMedia({ colorScheme });
+    const violations = await page.evaluate(async (panel) => {
+      const { violations } = await window.axe.run(panel, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
+      return violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html, any }) => `${html} ${any.map(({ message }) => message)}`).join("; ")}`);
+    }, "#panel-calibrate");
+    assert.deepEqual(violations, [], colorScheme);
+  }
+  await page.emulateMedia({ colorScheme: null });
 });
 
 test("a court's template lists its points, and too few clicks are no alarm", async () => {

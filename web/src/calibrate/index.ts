@@ -34,7 +34,8 @@ class Step {
   #current = 0;
   /** The point that the pointer placed last: keys make it exact. */
   #placed: number | undefined;
-  #dragged: number | undefined;
+  /** What the pointer holds, and how far beside it. */
+  #dragged: { index: number; beside: Pixel; isMoved: boolean } | undefined;
   /** Where Enter would place the next point. */
   #cross: Pixel | undefined;
   #found: CalibrationResult | undefined;
@@ -86,7 +87,8 @@ class Step {
       const courts = await (await tools()).courts();
       const select = this.#at<HTMLSelectElement>("cal-court");
       select.append(...courts.map((name) => new Option(spoken(name), name)));
-      this.#refill();
+      // Not filled anew: the user may be writing already.
+      select.value = this.#state.given.court;
     });
   }
 
@@ -159,12 +161,13 @@ class Step {
       await this.#takePicture(picture, picture.name);
     }
     if (json) {
-      const { given, focal } = await pointsFrom(await json.text(), json.name, this.#size, async (name) => (await (await tools()).court(name)).points);
+      const { given, focal, leftOut } = await pointsFrom(await json.text(), json.name, this.#size, async (name) => (await (await tools()).court(name)).points);
       if (focal !== null) {
         this.#state.lens.focal = focal;
         this.#at<HTMLInputElement>("cal-focal").value = String(focal);
       }
       this.#change(() => (this.#state.given = given));
+      if (leftOut) this.#say("Of the lens in that file, only the focal length was taken.");
       if (!this.#size) this.#at("cal-hint").textContent = "The points are there. Now choose the picture that they were clicked in.";
     }
   }
@@ -253,31 +256,33 @@ class Step {
     if (grabbed === undefined && !this.#points[this.#current]) {
       return this.#at("cal-next").replaceChildren("First choose a court, or add a point of your own.");
     }
-    this.#state.remember();
-    this.#dragged = grabbed ?? this.#current;
-    // A grabbed point keeps its place until the pointer moves.
-    if (grabbed === undefined) this.#drag(at);
-    else {
-      this.#placed = grabbed;
-      this.#refresh();
-    }
+    const held = grabbed === undefined ? undefined : this.#points[grabbed]?.click;
+    this.#dragged = { index: grabbed ?? this.#current, beside: held ? [held[0] - at[0], held[1] - at[1]] : [0, 0], isMoved: false };
+    // A point that is only touched keeps its place.
+    if (!held) return this.#drag(at);
+    this.#placed = grabbed;
+    this.#refresh();
   }
 
   #drag(at: Pixel): void {
-    const point = this.#dragged === undefined ? undefined : this.#points[this.#dragged];
+    const held = this.#dragged;
+    const point = held && this.#points[held.index];
     if (!point || !this.#size) return;
-    point.click = inside([Number(at[0].toFixed(2)), Number(at[1].toFixed(2))], this.#size);
-    this.#placed = this.#dragged;
+    if (!held.isMoved) this.#state.remember();
+    held.isMoved = true;
+    point.click = inside([Number((at[0] + held.beside[0]).toFixed(2)), Number((at[1] + held.beside[1]).toFixed(2))], this.#size);
+    this.#placed = held.index;
     this.#changed();
   }
 
   #release(): void {
-    const placed = this.#dragged;
+    const held = this.#dragged;
     this.#dragged = undefined;
-    if (placed === undefined) return;
-    if (placed === this.#current) this.#goOn(placed);
-    this.#view.aim(this.#points[placed]?.click ?? undefined);
-    this.#changed();
+    if (!held) return;
+    if (held.index === this.#current) this.#goOn(held.index);
+    this.#view.aim(this.#points[held.index]?.click ?? undefined);
+    if (held.isMoved) this.#changed();
+    else this.#refresh();
   }
 
   /** Chooses the next point without a click. */
@@ -371,6 +376,7 @@ class Step {
     void this.#state.keep();
     clearTimeout(this.#timer);
     this.#run += 1;
+    if (this.#state.usable().length < LEAST_POINTS) return void this.#calibrate();
     this.#timer = window.setTimeout(() => void this.#calibrate(), CALIBRATE_AFTER);
   }
 
@@ -446,16 +452,17 @@ class Step {
     this.#at("cal-hint").textContent = "";
     this.#at("cal-found").hidden = false;
     const { sigma, point_sigma } = found;
+    const [[focal = NaN] = []] = found.camera.intrinsic;
     this.#number("cal-rms", [found.rms_px], (value) => value.toFixed(2));
     this.#number("cal-centre-sigma", sigma.centre, centimetres);
     this.#number("cal-point-sigma", point_sigma.world, centimetres);
-    this.#number("cal-focal-found", [found.camera.intrinsic[0]?.[0] ?? NaN], (value) => value.toFixed(1) + (sigma.focal_px > 0 ? ` ± ${sigma.focal_px.toFixed(1)}` : ""));
+    this.#number("cal-focal-found", [focal], (value) => value.toFixed(1) + (sigma.focal_px > 0 ? ` ± ${sigma.focal_px.toFixed(1)}` : ""));
     this.#at("cal-sigma-note").textContent = `Each along x, y and z; two times out of three the error is smaller. The ball: in the picture’s middle, ${point_sigma.depth.toFixed(1)} m from the camera, as far as the camera is to blame.`;
     this.#at("cal-outliers").replaceChildren(
       ...found.outliers.map(({ index, residual_px }) => {
         const point = usable[index] ?? 0;
         const item = make("li", {}, make("strong", { text: `Wrong click? ${point + 1}. ${this.#points[point]?.name || "point"}` }));
-        item.append(` does not fit the others and was left out. The camera puts it ${offBy(residual_px)} of your click.`);
+        item.append(` does not fit the others and was left out. The camera puts it ${offBy(residual_px)} from your click.`);
         return item;
       }),
     );

@@ -111,7 +111,7 @@ export class PointList {
     const state = make("span", { class: "cal-state", testId: `cal-state-${index}` });
     const unclick = make("button", { class: "cal-unclick", text: "Delete click", testId: `cal-unclick-${index}` });
     unclick.type = "button";
-    unclick.setAttribute("aria-label", `Delete the click on point ${index + 1}`);
+    unclick.setAttribute("aria-label", `Delete click on point ${index + 1}`);
     unclick.addEventListener("click", () => this.#listener.unclick(index));
     const item = make("li", { class: kind }, choose, ...more, make("div", { class: "cal-standing" }, state, unclick));
     return { item, choose, state, unclick };

@@ -39,7 +39,7 @@ export class State {
   lens: Lens = { focal: null, distortion: false };
   picture: Blob | undefined;
   pictureName = "";
-  #past: string[] = [];
+  readonly #past: string[] = [];
   #lastMove = { what: "", at: 0 };
 
   /** Remembers how it is now, before a change; `what` joins moves of one thing. */
@@ -61,10 +61,6 @@ export class State {
     this.#lastMove.what = "";
     if (last !== undefined) this.given = JSON.parse(last) as Given;
     return last !== undefined;
-  }
-
-  forgetPast(): void {
-    this.#past = [];
   }
 
   /** Indices of the points that a calibration can use. */
@@ -111,7 +107,7 @@ export async function pointsFrom(
   name: string,
   size: { width: number; height: number } | undefined,
   placesOf: (court: string) => Promise<Record<string, Vector>>,
-): Promise<{ given: Given; focal: number | null }> {
+): Promise<{ given: Given; focal: number | null; leftOut: boolean }> {
   let file: Partial<CalibrationPoints>;
   try {
     file = JSON.parse(text) as Partial<CalibrationPoints>;
@@ -124,18 +120,21 @@ export async function pointsFrom(
     throw new Error(`${name} speaks of a picture of ${file.width} × ${file.height} pixels; this one has ${size.width} × ${size.height}.`);
   }
   const focal = file.intrinsic?.[0]?.[0] ?? null;
+  const isCentred = (axis: 0 | 1, side = 0) => Math.abs((file.intrinsic?.[axis]?.[2] ?? 0) - (side - 1) / 2) < 1e-3;
+  // The step knows lenses with the picture's middle in their middle.
+  const leftOut = file.distortion !== undefined || (focal !== null && !(isCentred(0, file.width) && isCentred(1, file.height)));
   if (court !== undefined) {
     const places = Object.entries(await placesOf(court));
     const unknown = (names ?? []).find((each) => !places.some(([known]) => known === each));
     if (unknown !== undefined) throw new Error(`${name} has a point “${unknown}” that the court ${court} does not have.`);
     const clickOf = (each: string) => image[(names ?? []).indexOf(each)] ?? null;
-    return { given: { court, points: places.map(([each, place]) => ({ name: each, world: place, click: clickOf(each) })) }, focal };
+    return { given: { court, points: places.map(([each, place]) => ({ name: each, world: place, click: clickOf(each) })) }, focal, leftOut };
   }
   if (!Array.isArray(world) || world.length !== image.length || !world.every(isVector)) {
     throw new Error(`${name} needs as many \`world\` points ([x, y, z] in metres) as \`image\` points.`);
   }
   const points = world.map((place, index): Point => ({ name: names?.[index] ?? `point ${index + 1}`, world: place, click: image[index] ?? null }));
-  return { given: { court: "", points }, focal };
+  return { given: { court: "", points }, focal, leftOut };
 }
 
 function isNumbers(value: unknown, count: number): boolean {

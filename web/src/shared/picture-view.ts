@@ -30,6 +30,8 @@ export class PictureView {
   readonly #listener: Listener;
   #bitmap: ImageBitmap | undefined;
   #aim: Pixel | undefined;
+  /** Where the pointer is. */
+  #pointed: Pixel | undefined;
   #down = false;
 
   constructor(frame: HTMLElement, testId: string, describedBy: string, listener: Listener) {
@@ -67,10 +69,10 @@ export class PictureView {
     this.redraw();
   }
 
-  /** What the loupe shows while no pointer is over the picture. */
+  /** What the loupe shows while the picture has the focus and no pointer is over it. */
   aim(at: Pixel | undefined): void {
     this.#aim = at;
-    this.#magnify(at);
+    this.#magnifyAim();
   }
 
   redraw(): void {
@@ -84,7 +86,12 @@ export class PictureView {
     const size = this.size;
     // An integer pixel is a pixel's centre, which lies half a pixel from the picture's edge.
     this.#listener.paint(context, ([u, v]) => [((u + 0.5) / size.width) * width, ((v + 0.5) / size.height) * height]);
-    this.#magnify(this.#aim);
+    this.#magnifyAim();
+  }
+
+  #magnifyAim(): void {
+    // Else it would only hide a corner of the picture.
+    this.#magnify(this.#pointed ?? (document.activeElement === this.overlay ? this.#aim : undefined));
   }
 
   #magnify(at: Pixel | undefined): void {
@@ -105,13 +112,14 @@ export class PictureView {
       this.overlay.setPointerCapture(event.pointerId);
       this.#down = true;
       const at = this.#at(event);
-      this.#magnify(at);
+      this.#pointed = at;
       this.#listener.press(at, (REACH * this.size.width) / this.#frame.clientWidth, event);
     });
     this.overlay.addEventListener("pointermove", (event) => {
       const at = this.#at(event);
+      this.#pointed = at;
       if (this.#down) this.#listener.drag(at);
-      this.#magnify(at);
+      this.#magnifyAim();
     });
     const up = () => {
       if (this.#down) this.#listener.release();
@@ -119,8 +127,14 @@ export class PictureView {
     };
     this.overlay.addEventListener("pointerup", up);
     this.overlay.addEventListener("pointercancel", up);
-    this.overlay.addEventListener("pointerleave", () => this.#magnify(this.#aim));
+    this.overlay.addEventListener("pointerleave", () => {
+      this.#pointed = undefined;
+      this.#magnifyAim();
+    });
+    for (const change of ["focus", "blur"]) this.overlay.addEventListener(change, () => this.#magnifyAim());
     this.overlay.addEventListener("keydown", (event) => {
+      // Keys aim at what they move, wherever the pointer rests.
+      this.#pointed = undefined;
       if (this.#listener.key(event)) event.preventDefault();
     });
   }
