@@ -27,12 +27,12 @@ const WASM: (&str, &[&str]) =
 /// Rooms that compile without Burn.
 const WITHOUT_BURN: [&str; 7] = ["error", "files", "camera", "image", "kernels", "physics", "data"];
 
-fn rust_files(folder: &Path) -> Vec<PathBuf> {
+fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
     entries
         .flat_map(|path| match path.is_dir() {
-            true => rust_files(&path),
-            false if path.extension().is_some_and(|extension| extension == "rs") => vec![path],
+            true => files(&path, ending),
+            false if path.extension().is_some_and(|extension| extension == ending) => vec![path],
             false => vec![],
         })
         .collect()
@@ -42,7 +42,7 @@ fn rust_files(folder: &Path) -> Vec<PathBuf> {
 fn rooms() -> BTreeMap<String, String> {
     let src = common::root().join("src");
     let mut rooms: BTreeMap<String, String> = BTreeMap::new();
-    for path in rust_files(&src) {
+    for path in files(&src, "rs") {
         let relative = path.strip_prefix(&src).unwrap();
         let room = relative.iter().next().unwrap().to_string_lossy().trim_end_matches(".rs").to_string();
         let text = std::fs::read_to_string(&path).unwrap();
@@ -92,9 +92,9 @@ fn the_device_is_always_an_argument() {
 
 #[test]
 fn the_typescript_computes_no_geometry() {
+    let root = common::root();
     for folder in ["pkg/src", "web/src"] {
-        for entry in std::fs::read_dir(common::root().join(folder)).unwrap() {
-            let path = entry.unwrap().path();
+        for path in files(&root.join(folder), "ts") {
             let text = std::fs::read_to_string(&path).unwrap();
             for sign in ["Math.hypot", "Math.sqrt", "Math.cos", "Math.sin", "intrinsic[", "camera_from_world["] {
                 assert!(!text.contains(sign), "{} has {sign}", path.display());

@@ -111,7 +111,7 @@ class Tune {
           const left = ((performance.now() - began) / step) * (steps - step);
           this.#say(`Step ${step} of ${steps}, about ${words(left)} left`);
           this.#progress(step / steps);
-          this.#loss.show({ title: "Loss", axis: "Step", from: 0, to: steps, series: [{ name: "Loss", colour: "var(--accent)", line: losses }] });
+          this.#loss.show({ title: "Loss", axis: "Step", from: 0, to: steps, series: [{ name: "", colour: "var(--accent)", line: losses }] });
         },
       });
       made += count;
@@ -130,7 +130,7 @@ class Tune {
       axis: "Step",
       from: 0,
       to: steps,
-      series: [{ name: "Forecast error", colour: "var(--found)", line: scores, dots: scores.map((at) => ({ at, faint: false })) }],
+      series: [{ name: "", colour: "var(--found)", line: scores, dots: scores.map((at) => ({ at, faint: false })) }],
     });
     const rows: [string, number | null | undefined, number | null | undefined, (value: number) => string][] = [
       ["Forecast half a second away, median", before.forecast_px, now.forecast_px, (value) => `${value.toFixed(2)} px`],
