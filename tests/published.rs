@@ -21,8 +21,9 @@ const LARGEST: u64 = 3_000_000;
 const BALLS: usize = 12;
 
 /// Name, set, what the mean DtG must reach where it was trained, and elsewhere (cm).
-const MODELS: [(&str, Set, [f64; 2]); 4] = [
+const MODELS: [(&str, Set, [f64; 2]); 5] = [
     ("sd-s", Set::SdS, [4.0, f64::NAN]),
+    ("sd-s-1px", Set::SdS, [7.0, f64::NAN]),
     ("sd-m", Set::SdM, [6.0, 12.0]),
     ("sd-l", Set::SdL, [6.0, 12.0]),
     ("spring", Set::Spring, [4.0, f64::NAN]),
