@@ -12,7 +12,7 @@ import "./style.css";
 const FRAMES = 150;
 const FPS = 60;
 /** Metres a second for each metre that was dragged. */
-const PUSH = 4;
+const PUSH = 1.5;
 /** Where a throw may start, metres: on the upright plane through the scene's middle that the picture is read by. */
 const REACH = { across: 2, low: 0.4, high: 2.4, step: 0.1 };
 /** Cameras that the model was trained on; the others are new to it. */
@@ -150,7 +150,13 @@ class Live {
     if (!scene) return;
     const { simulator } = scene;
     const times = Array.from({ length: FRAMES }, (_, index) => index / FPS);
-    const path = await simulator.path(start, times);
+    const whole = await simulator.path(start, times);
+    const images = await (await tools()).project(simulator.camera, whole);
+    const { width, height } = simulator.camera;
+    // A ball that has left the picture cannot be found.
+    const left = images.findIndex((image) => !image || image[0] < 0 || image[1] < 0 || image[0] > width - 1 || image[1] > height - 1);
+    const path = left < 0 ? whole : whole.slice(0, left);
+    if (path.length === 0) throw new Error("This throw starts outside the picture. Press nearer to its middle.");
     this.#view?.setPath("truth", path);
     const found: Vector[] = [];
     let [sum, count, spent] = [0, 0, 0];
@@ -164,7 +170,7 @@ class Live {
       const answer = await localiser.localise(picture, { camera: simulator.camera, truth: centre, signal });
       found.push(answer.world);
       [sum, count, spent] = [sum + (answer.dtg ?? 0), count + 1, spent + answer.milliseconds];
-      this.#mark(answer.image, scene, centre);
+      this.#mark(simulator, answer.image, images[index] ?? undefined);
       this.#view?.setBall("truth", centre);
       this.#view?.setBall("found", answer.world);
       this.#view?.setPath("found", found);
@@ -186,13 +192,12 @@ class Live {
     return picture;
   }
 
-  async #mark(image: [number, number], { simulator }: { simulator: Simulator }, centre: Vector): Promise<void> {
-    const [truth] = await (await tools()).project(simulator.camera, [centre]);
+  #mark({ camera }: Simulator, image: [number, number], truth: [number, number] | undefined): void {
     const canvas = this.#part<HTMLCanvasElement>("live-overlay");
     const context = cleared(canvas);
     const place = ([u, v]: [number, number]): [number, number] => [
-      ((u + 0.5) / simulator.camera.width) * canvas.width,
-      ((v + 0.5) / simulator.camera.height) * canvas.height,
+      ((u + 0.5) / camera.width) * canvas.width,
+      ((v + 0.5) / camera.height) * canvas.height,
     ];
     drawFound(context, ...place(image));
     if (truth) drawTruth(context, ...place(truth));

@@ -35,7 +35,6 @@ export class Chart {
 
   constructor(place: HTMLElement, testId: string) {
     this.svg.dataset.testid = testId;
-    this.svg.setAttribute("role", "img");
     place.append(this.svg);
     this.#observer = new ResizeObserver(() => this.#draw());
     this.#observer.observe(place);
@@ -55,6 +54,7 @@ export class Chart {
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.svg.setAttribute("width", String(width));
     this.svg.setAttribute("height", String(height));
+    this.svg.setAttribute("role", "img");
     this.svg.setAttribute("aria-label", described(content));
     this.svg.replaceChildren(...parts(content, width, height));
   }

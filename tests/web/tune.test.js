@@ -1,0 +1,109 @@
+/** The page's two live parts: a ball to throw, and fine-tuning. */
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { after, before, test } from "node:test";
+import { launch, open } from "./support/browser.js";
+import { located } from "./support/demo.js";
+import { serve } from "./support/server.js";
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+const PATIENCE = { timeout: 120_000 };
+const complaints = [];
+let server, browser, page;
+
+before(async () => {
+  server = await serve();
+  browser = await launch({ webgpu: false });
+  page = await open(browser, server.url, complaints);
+  await located(page);
+});
+
+after(async () => {
+  await browser?.close();
+  await server?.close();
+});
+
+const numberOf = async (testId) => Number(await page.getByTestId(testId).getAttribute("value"));
+
+test("a thrown ball is found in every picture, a few centimetres off", { timeout: 180_000 }, async () => {
+  await page.getByTestId("live-throw").click();
+  await page.getByTestId("live-state").filter({ hasText: /^Done/ }).waitFor(PATIENCE);
+  assert.ok((await numberOf("live-count")) > 20);
+  const mean = await numberOf("live-mean");
+  assert.ok(mean > 0 && mean < 0.15, `${mean} m`);
+});
+
+test("a drag in the picture throws the ball that way, in another scene, before a camera that the model never saw", { timeout: 180_000 }, async () => {
+  await page.getByTestId("live-scene").selectOption("2");
+  await page.getByTestId("live-camera").selectOption("8");
+  await page.getByTestId("live-state").filter({ hasText: /^Ready/ }).waitFor(PATIENCE);
+  const box = await page.getByTestId("live-overlay").boundingBox();
+  const at = (x, y) => [box.x + x * box.width, box.y + y * box.height];
+  await page.mouse.move(...at(0.4, 0.4));
+  await page.mouse.down();
+  await page.mouse.move(...at(0.5, 0.45), { steps: 4 });
+  await page.mouse.up();
+  await page.getByTestId("live-state").filter({ hasText: /^Done/ }).waitFor(PATIENCE);
+  const mean = await numberOf("live-mean");
+  assert.ok(mean < 0.3, `${mean} m`);
+  assert.equal(await page.getByTestId("live-alert").textContent(), "");
+});
+
+test("a throw can be stopped", async () => {
+  await page.getByTestId("live-throw").click();
+  await page.getByTestId("live-stop").click();
+  await page.getByTestId("live-state").filter({ hasText: /^Stopped/ }).waitFor(PATIENCE);
+  assert.equal(await page.getByTestId("live-alert").textContent(), "");
+});
+
+test("fine-tuning asks for clips, makes examples, learns, can be stopped, and gives the model away", { timeout: 300_000 }, async () => {
+  await page.locator("#tab-tune").click();
+  await page.getByTestId("tune-start").click();
+  assert.match(await page.getByTestId("tune-alert").textContent(), /at least one clip/);
+  await page.getByTestId("tune-example").click();
+  await page.getByTestId("tune-status").filter({ hasText: "Five clips are ready" }).waitFor(PATIENCE);
+  await page.getByTestId("tune-steps").fill("500");
+  await page.getByTestId("tune-start").click();
+  await page.getByTestId("tune-status").filter({ hasText: /Step \d+ of 500/ }).waitFor(PATIENCE);
+  await page.getByTestId("tune-stop").click();
+  await page.getByTestId("tune-status").filter({ hasText: "Stopped" }).waitFor(PATIENCE);
+  await page.getByTestId("tune-steps").fill("30");
+  await page.getByTestId("tune-start").click();
+  await page.getByTestId("tune-status").filter({ hasText: "Done: 30 steps" }).waitFor(PATIENCE);
+  assert.equal(await page.getByTestId("tune-table").locator("tr").count(), 3);
+  assert.equal(await page.getByTestId("tune-frames").locator("figure").count(), 3);
+  const files = [];
+  page.on("download", (download) => files.push(download.suggestedFilename()));
+  await page.getByTestId("tune-save").click();
+  await page.waitForTimeout(1000);
+  assert.deepEqual(files.sort(), ["sd-s-tuned.json", "sd-s-tuned.safetensors"]);
+});
+
+test("clips survive a reload", async () => {
+  await page.reload();
+  await page.getByTestId("tune-clips").locator("li").nth(4).waitFor(PATIENCE);
+  assert.equal(await page.getByTestId("tune-clips").locator("li").count(), 5);
+});
+
+test("axe finds nothing serious on any step, light or dark, and nothing scrolls sideways on a phone", { timeout: 120_000 }, async () => {
+  for (const colorScheme of ["light", "dark"]) {
+    const other = await open(browser, server.url, complaints, { colorScheme, viewport: { width: 390, height: 844 } });
+    await located(other);
+    await other.evaluate(AXE);
+    for (const step of ["try", "video", "calibrate", "label", "tune"]) {
+      await other.locator(`#tab-${step}`).click();
+      await other.waitForFunction((id) => !document.querySelector(`#panel-${id} .waiting`), step);
+      await other.waitForTimeout(300);
+      const { violations } = await other.evaluate(() => window.axe.run(document, { runOnly: ["wcag2a", "wcag2aa", "wcag21aa"] }));
+      const serious = violations.filter(({ impact }) => impact === "serious" || impact === "critical");
+      assert.deepEqual(serious.map(({ id, nodes }) => `${step} ${colorScheme} ${id}: ${nodes.map(({ html }) => html).join(" ").slice(0, 300)}`), []);
+      assert.ok((await other.evaluate(() => document.documentElement.scrollWidth)) <= 390, `${step} scrolls sideways`);
+    }
+    await other.close();
+  }
+});
+
+test("nothing was reported to the console over the whole run", () => {
+  assert.deepEqual(complaints, []);
+});
