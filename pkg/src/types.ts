@@ -334,7 +334,7 @@ export interface Statistic {
 
 /** How good the weights are on the clips held out. */
 export interface TuneScore {
-  /** Median error of forecasts half a second away, pixels: 2D labels are enough. */
+  /** Median error of forecasts 15 frames away, pixels: 2D labels are enough. */
   forecast_px?: number;
   least_confidence: number;
   image_error_px: Statistic;

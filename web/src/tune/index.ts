@@ -133,7 +133,7 @@ class Tune {
       series: [{ name: "", colour: "var(--found)", line: scores, dots: scores.map((at) => ({ at, faint: false })) }],
     });
     const rows: [string, number | null | undefined, number | null | undefined, (value: number) => string][] = [
-      ["Forecast half a second away, median", before.forecast_px, now.forecast_px, (value) => `${value.toFixed(2)} px`],
+      ["Forecast 15 frames away, median", before.forecast_px, now.forecast_px, (value) => `${value.toFixed(2)} px`],
       ["2D error, median", before.image_error_px.median, now.image_error_px.median, (value) => `${value.toFixed(2)} px`],
       ["Distance to the truth, mean (where it is known)", before.dtg.mean, now.dtg.mean, (value) => `${(100 * value).toFixed(1)} cm`],
     ];
