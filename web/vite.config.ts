@@ -3,6 +3,7 @@ import { createReadStream, existsSync, statSync } from "node:fs";
 import { basename, extname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { defineConfig, type Plugin } from "vite";
+import { generateSW } from "workbox-build";
 
 const here = fileURLToPath(new URL(".", import.meta.url));
 const modelsFolder = fileURLToPath(new URL("../models", import.meta.url));
@@ -47,11 +48,50 @@ function models(): Plugin {
   };
 }
 
+/**
+ * The service worker: what has its hash in its name is taken from the cache, the rest from the network where there is one,
+ * so that no visitor sees files of two versions.
+ */
+function offline(): Plugin {
+  let outDir = "";
+  return {
+    name: "gravisight-offline",
+    apply: "build",
+    configResolved(config) {
+      outDir = join(config.root, config.build.outDir);
+    },
+    async closeBundle() {
+      await generateSW({
+        globDirectory: outDir,
+        globPatterns: ["assets/*.{js,css}"],
+        dontCacheBustURLsMatching: /assets\//,
+        swDest: join(outDir, "offline.js"),
+        inlineWorkboxRuntime: true,
+        sourcemap: false,
+        clientsClaim: true,
+        runtimeCaching: [
+          {
+            urlPattern: ({ sameOrigin, url }) => sameOrigin && url.pathname.endsWith(".wasm"),
+            handler: "CacheFirst",
+            options: { cacheName: "wasm", expiration: { maxEntries: 3 } },
+          },
+          {
+            // Weights are kept by the package, by their sha256.
+            urlPattern: ({ sameOrigin, url }) => sameOrigin && !url.pathname.endsWith(".safetensors"),
+            handler: "NetworkFirst",
+            options: { cacheName: "files", matchOptions: { ignoreSearch: true } },
+          },
+        ],
+      });
+    },
+  };
+}
+
 export default defineConfig({
   root: here,
   // Relative, so that the build can lie in any folder of a server.
   base: "./",
-  plugins: [models()],
+  plugins: [models(), offline()],
   build: {
     target: "es2022",
     rollupOptions: { input: { index: join(here, "index.html"), harness: join(here, "harness.html") } },

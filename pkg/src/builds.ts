@@ -3,7 +3,8 @@ import { GravisightError } from "./error.js";
 import { fetchBytes, isWebPage, type OnBytes } from "./fetch.js";
 import { fileExists, isFile } from "./node.js";
 import type { RawModule } from "./raw.js";
-import type { DeviceKind } from "./types.js";
+import type { CoreOptions, DeviceKind } from "./types.js";
+import { absoluteUrl } from "./url.js";
 
 /**
  * What a build can do: `cpu` finds balls and is small; `tools` has training and physics as well; `webgpu` has all. Those for
@@ -53,6 +54,15 @@ const RELAXED = new Uint8Array([
   128, 2, 11,
 ]);
 
+/**
+ * URLs of the files that this browser fetches for a device, or for the tools ({@link Toolbox}, {@link Track},
+ * {@link FineTuner} on the CPU): for `<link rel="preload">`, or for a service worker that keeps them.
+ */
+export async function coreFiles(kind: BuildKind = "cpu", options: Pick<CoreOptions, "wasm"> = {}): Promise<string[]> {
+  const { glue, wasm } = await deployed(kind, wasmFolder(options));
+  return [glue.href, wasm.href];
+}
+
 /** The first build for a device that was deployed: for the CPU the faster one where the browser can run it. */
 async function deployed(kind: BuildKind, folder: string | undefined): Promise<{ glue: URL; wasm: URL }> {
   const builds: Build[] = kind !== "webgpu" && WebAssembly.validate(RELAXED) ? [`${kind}-relaxed`, kind] : [kind];
@@ -62,6 +72,11 @@ async function deployed(kind: BuildKind, folder: string | undefined): Promise<{ 
     if (await isScript(urls.glue)) return urls;
   }
   throw missing(kind, urlsOf(kind, folder).glue);
+}
+
+/** The folder of the wasm builds where it was given. */
+export function wasmFolder({ wasm }: Pick<CoreOptions, "wasm">): string | undefined {
+  return wasm === undefined ? undefined : absoluteUrl(wasm);
 }
 
 let started: RawModule | undefined;

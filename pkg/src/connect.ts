@@ -3,17 +3,11 @@ import { GravisightError, wordsOf } from "./error.js";
 import { Inline } from "./inline.js";
 import type { Transport } from "./protocol.js";
 import type { CoreOptions } from "./types.js";
-import { absoluteUrl } from "./url.js";
 
 /** Where the engine runs: a Worker of its own, the user's, or this thread (where there are no Workers, too). */
 export function connect({ worker }: CoreOptions): Transport {
   if (worker === false || (worker === undefined && typeof Worker === "undefined")) return new Inline();
   return new Channel(worker === true ? undefined : worker);
-}
-
-/** The folder of the wasm builds where it was given. */
-export function wasmFolder({ wasm }: CoreOptions): string | undefined {
-  return wasm === undefined ? undefined : absoluteUrl(wasm);
 }
 
 /** What later calls of a disposed object reject with. */

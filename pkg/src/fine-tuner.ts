@@ -1,4 +1,5 @@
-import { connect, disposed, jsonOf, makeDisposable, wasmFolder } from "./connect.js";
+import { wasmFolder } from "./builds.js";
+import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { cameraOf, checkedDevice, localisationOf, rawOptions } from "./localiser.js";
 import { pictureToSend } from "./picture.js";
 import type { PictureMessage, Transport } from "./protocol.js";

@@ -1,4 +1,5 @@
-import { connect, disposed, jsonOf, makeDisposable, wasmFolder } from "./connect.js";
+import { wasmFolder } from "./builds.js";
+import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { GravisightError } from "./error.js";
 import { pictureToSend } from "./picture.js";
 import type { Answer, Transport } from "./protocol.js";

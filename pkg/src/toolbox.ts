@@ -1,4 +1,5 @@
-import { connect, disposed, jsonOf, makeDisposable, wasmFolder } from "./connect.js";
+import { wasmFolder } from "./builds.js";
+import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { pictureToSend } from "./picture.js";
 import type { Answer, CallName, PictureMessage, RawFit, Request, Transport } from "./protocol.js";
 import type {

@@ -8,6 +8,13 @@ import { serve } from "./support/server.js";
 
 const here = (path) => new URL(path, import.meta.url);
 const hasWebGpuBuild = existsSync(here("../../pkg/wasm/webgpu/gravisight_bg.wasm"));
+const SIZE = 64;
+const TINY_CAMERA = {
+  width: SIZE,
+  height: SIZE,
+  intrinsic: [[80, 0, 31.5], [0, 80, 31.5], [0, 0, 1]],
+  camera_from_world: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+};
 const complaints = [];
 let server;
 
@@ -56,10 +63,7 @@ test("without the WebGPU build, auto takes the CPU, webgpu says what is missing,
 const skip = !hasWebGpuBuild && "no WebGPU build: run scripts/build-wasm webgpu";
 test("the WebGPU build gives the CPU's heatmap and depth", { skip, timeout: 300_000 }, async () => {
   await inBrowser({ webgpu: true }, "harness.html", async (page) => {
-    for (const [name, contentType] of [["tiny.json", "application/json"], ["tiny.safetensors", "application/octet-stream"]]) {
-      const body = readFileSync(here(`../golden/${name}`));
-      await page.route(`**/golden/${name}`, (route) => route.fulfill({ contentType, body }));
-    }
+    await offerTiny(page);
     const { cpu, webgpu, kind } = await page.evaluate(mapsOfBoth, "golden/tiny.json");
     assert.equal(kind, "webgpu");
     for (const map of ["heatmap", "depth"]) {
@@ -69,6 +73,25 @@ test("the WebGPU build gives the CPU's heatmap and depth", { skip, timeout: 300_
       assert.ok(worst <= 1e-3, `${map}: the largest difference is ${worst}`);
     }
   });
+});
+
+test("a WebGPU device that is lost while in use hands over to the CPU, which says so", { skip, timeout: 300_000 }, async () => {
+  await inBrowser({ webgpu: true }, "harness.html", async (page) => {
+    await offerTiny(page);
+    const [worker] = readdirSync(here("../../web/dist/assets/")).filter((name) => /^worker-.*\.js$/.test(name));
+    await page.route("**/assets/losing.js", (route) => route.fulfill({ contentType: "text/javascript", body: `import "./${worker}";(${losesDevice})();` }));
+    const { before, after, again, kind } = await page.evaluate(loseDevice, "golden/tiny.json");
+    assert.equal(before.device.kind, "webgpu");
+    assert.equal(after.device.kind, "cpu");
+    assert.match(after.device.reason, /WebGPU failed while in use/);
+    assert.equal(kind, "cpu", "the localiser's own device");
+    assert.deepEqual(again.device, after.device);
+    for (const { world } of [after, again]) {
+      world.forEach((value, axis) => assert.ok(Math.abs(value - before.world[axis]) < 1e-3, `${world} is not ${before.world}`));
+    }
+  });
+  // The core's own report of what the lost device made of it.
+  complaints.splice(0);
 });
 
 test("nothing was reported to the console over the whole run", () => {
@@ -95,16 +118,43 @@ function webGpuGlue() {
   return found;
 }
 
-// The function below runs in the page.
+/** A network so small that software can stand in for a GPU. */
+async function offerTiny(page) {
+  for (const [name, contentType] of [["tiny.json", "application/json"], ["tiny.safetensors", "application/octet-stream"]]) {
+    const body = readFileSync(here(`../golden/${name}`));
+    await page.route(`**/golden/${name}`, (route) => route.fulfill({ contentType, body }));
+  }
+  await page.addScriptTag({ content: `window.tiny = ${JSON.stringify({ camera: TINY_CAMERA, size: SIZE })}` });
+}
+
+// The functions below run in the page; the first in its Worker.
+
+function losesDevice() {
+  const request = GPUAdapter.prototype.requestDevice;
+  let device;
+  GPUAdapter.prototype.requestDevice = async function (...options) {
+    return (device = await request.apply(this, options));
+  };
+  addEventListener("message", ({ data }) => data === "lose" && device.destroy());
+}
+
+async function loseDevice(model) {
+  const { camera, size } = window.tiny;
+  const picture = new ImageData(size, size);
+  picture.data.fill(200);
+  const worker = new Worker("assets/losing.js", { type: "module" });
+  const localiser = await window.gravisight.Localiser.create({ model, camera, device: "auto", worker });
+  const before = await localiser.localise(picture);
+  worker.postMessage("lose");
+  const after = await localiser.localise(picture);
+  const again = await localiser.localise(picture);
+  const { kind } = localiser.device;
+  localiser.dispose();
+  return { before, after, again, kind };
+}
 
 async function mapsOfBoth(model) {
-  const size = 64;
-  const camera = {
-    width: size,
-    height: size,
-    intrinsic: [[80, 0, 31.5], [0, 80, 31.5], [0, 0, 1]],
-    camera_from_world: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
-  };
+  const { camera, size } = window.tiny;
   // A smooth picture with every channel in use; any would do.
   const picture = new ImageData(size, size);
   picture.data.forEach((_, i) => {

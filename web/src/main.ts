@@ -4,6 +4,7 @@ import { App, type Settings } from "./app";
 import { element } from "./dom";
 import { startLive } from "./live";
 import { showModelNote } from "./model-note";
+import { keepForOffline } from "./offline";
 import { MODEL } from "./shared/core";
 import { startTabs } from "./tabs";
 
@@ -17,6 +18,9 @@ function settingsFrom(query: URLSearchParams): Settings {
 startTabs();
 const settings = settingsFrom(new URLSearchParams(location.search));
 const app = new App(settings);
-void app.start(settings);
+void app.start(settings).then(async () => {
+  await keepForOffline();
+  element("offline-note").textContent = "This page is kept in your browser and opens without a network, too.";
+});
 startLive(element("live"), () => app.localiser);
 void showModelNote(settings.model);

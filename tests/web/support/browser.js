@@ -13,9 +13,12 @@ export function launch({ webgpu = true } = {}) {
   });
 }
 
-/** Opens a page at `url`; console errors and uncaught errors are added to `complaints`. */
+/**
+ * Opens a page at `url`; console errors and uncaught errors are added to `complaints`. Without the service worker unless asked
+ * for: requests that it makes cannot be routed.
+ */
 export async function open(browser, url, complaints, options = {}) {
-  const page = await browser.newPage({ viewport: { width: 1280, height: 860 }, ...options });
+  const page = await browser.newPage({ viewport: { width: 1280, height: 860 }, serviceWorkers: "block", ...options });
   page.on("console", (message) => {
     if (message.type() === "error") complaints.push(`console: ${message.text()} (${message.location().url})`);
   });

@@ -1,0 +1,32 @@
+/** The page without a network, after it was opened once with one. */
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { test } from "node:test";
+import { launch, open } from "./support/browser.js";
+import { located, press, samples, shown } from "./support/demo.js";
+import { serve } from "./support/server.js";
+
+const golden = JSON.parse(readFileSync(new URL("../golden/samples.json", import.meta.url), "utf8"));
+
+test("opened once, the page finds balls and has all of its steps with no server and no network", async () => {
+  const complaints = [];
+  const server = await serve();
+  const browser = await launch({ webgpu: false });
+  try {
+    const page = await open(browser, server.url, complaints, { serviceWorkers: "allow" });
+    await page.waitForFunction(() => document.querySelector('[data-testid="offline-note"]').textContent !== "");
+    await server.close();
+    await page.context().setOffline(true);
+    await page.goto(`${server.url}?device=auto`);
+    await located(page);
+    await press(page, 2);
+    const world = await shown(page, "world-x", "world-y", "world-z");
+    golden[samples[2].file].world.forEach((value, axis) => assert.ok(Math.abs(value - world[axis]) < 2e-3, `${world}`));
+    // The tools were never asked for while there was a network.
+    await page.getByRole("tab", { name: "Calibrate" }).click();
+    await page.getByTestId("cal-court").locator("option").nth(3).waitFor({ state: "attached" });
+    assert.deepEqual(complaints, []);
+  } finally {
+    await browser.close();
+  }
+});

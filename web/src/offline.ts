@@ -1,0 +1,17 @@
+/** Keeps the page in the browser, so that it opens without a network the next time. */
+import { coreFiles } from "gravisight";
+
+/** Resolves once all that the page needs is kept; never where the browser, or a development server, keeps nothing. */
+export async function keepForOffline(): Promise<void> {
+  const container = (navigator as { serviceWorker?: ServiceWorkerContainer }).serviceWorker;
+  if (!import.meta.env.PROD || !container) return new Promise(() => {});
+  await container.register(`${import.meta.env.BASE_URL}offline.js`);
+  if (!container.controller) await new Promise((resolve) => container.addEventListener("controllerchange", resolve, { once: true }));
+  // What was fetched before the service worker was there, and what the other steps will ask for.
+  const seen = performance.getEntriesByType("resource").map(({ name }) => name);
+  const files = new Set([location.href, ...seen, ...(await coreFiles("cpu")), ...(await coreFiles("tools"))]);
+  for (const file of files) {
+    const isOurs = new URL(file).origin === location.origin;
+    if (isOurs && !(await caches.match(file, { ignoreSearch: true }))) await (await fetch(file)).arrayBuffer();
+  }
+}
