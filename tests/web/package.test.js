@@ -5,6 +5,7 @@ import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { launch, open } from "./support/browser.js";
 import { pictureOf, samples } from "./support/demo.js";
+import { abortARun } from "./support/in-page.js";
 import { serve } from "./support/server.js";
 
 const CARD = "models/sd-l.json";
@@ -225,20 +226,4 @@ async function countTicks({ model, camera, base64 }) {
   }
   localiser.dispose();
   return ticks;
-}
-
-async function abortARun({ model, camera, base64 }) {
-  const localiser = await window.gravisight.Localiser.create({ model });
-  const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
-  const mine = new Error("mine");
-  const controller = new AbortController();
-  const { signal } = controller;
-  const run = () => localiser.localise(bytes, { camera, signal }).then(() => false, (thrown) => thrown === mine);
-  const running = [run(), run()];
-  await new Promise((resolve) => setTimeout(resolve, 5));
-  controller.abort(mine);
-  const aborted = await Promise.all([...running, run()]);
-  const next = await localiser.localise(bytes, { camera });
-  localiser.dispose();
-  return { aborted, served: next.world.length };
 }
