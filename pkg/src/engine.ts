@@ -2,7 +2,7 @@
 import { lastPanic, loadBuild } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
 import { load, loadModel, pickDevice, type Model } from "./load.js";
-import { pixelsOf, type Encoded, type Rgba } from "./pixels.js";
+import { addPicture, pixelsOf, type Encoded, type Rgba } from "./pixels.js";
 import type { Answer, CallName, Calls, Request } from "./protocol.js";
 import type { RawFineTuner, RawLocaliser, RawModule, RawSimulator } from "./raw.js";
 import { untilTrap } from "./trap.js";
@@ -56,10 +56,7 @@ export class Engine {
     proposeLabels: ({ camera, pictures, radiiPx }) => {
       const labeller = new this.#core.Labeller(camera);
       try {
-        for (const picture of pictures) {
-          const { rgba, width, height } = pixelsOf(picture, "rgba");
-          labeller.add(rgba, width, height);
-        }
+        for (const picture of pictures) addPicture(labeller, picture);
         return labeller.propose(radiiPx && Float64Array.from(radiiPx));
       } finally {
         labeller.free();
@@ -91,11 +88,7 @@ export class Engine {
     },
     addClip: ({ clip, pictures, heldOut }) => {
       const tuner = present(this.#tuner);
-      for (const picture of pictures) {
-        const input = pixelsOf(picture);
-        if (input.kind === "encoded") tuner.addFile(input.bytes);
-        else tuner.addPicture(input.rgba, input.width, input.height);
-      }
+      for (const picture of pictures) addPicture(tuner, picture);
       return tuner.addClip(clip, heldOut);
     },
     tune: ({ count }) => {

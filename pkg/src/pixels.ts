@@ -1,6 +1,7 @@
 /** From what arrives at the engine to what the core reads. */
 import { GravisightError, wordsOf } from "./error.js";
 import type { PictureMessage } from "./protocol.js";
+import type { Collector } from "./raw.js";
 
 export type Encoded = Extract<PictureMessage, { kind: "encoded" }>;
 export type Rgba = Extract<PictureMessage, { kind: "rgba" }>;
@@ -8,13 +9,15 @@ export type Rgba = Extract<PictureMessage, { kind: "rgba" }>;
 /** One canvas for all frames: a new one each would be kept until the next garbage collection. */
 let canvas: OffscreenCanvas | undefined;
 
-export function pixelsOf(picture: PictureMessage): Encoded | Rgba;
-export function pixelsOf(picture: PictureMessage, kind: "rgba"): Rgba;
-export function pixelsOf(picture: PictureMessage, kind?: "rgba"): Encoded | Rgba {
-  if (picture.kind === "encoded" && kind === "rgba") {
-    throw new GravisightError("image-read", "The picture must be given as pixels (ImageData, a canvas, a bitmap or a frame).");
-  }
+export function pixelsOf(picture: PictureMessage): Encoded | Rgba {
   return picture.kind === "bitmap" ? drawn(picture.bitmap) : picture;
+}
+
+/** Gives a picture to what collects them. */
+export function addPicture(to: Collector, picture: PictureMessage): void {
+  const input = pixelsOf(picture);
+  if (input.kind === "encoded") to.addFile(input.bytes);
+  else to.addPicture(input.rgba, input.width, input.height);
 }
 
 function drawn(bitmap: ImageBitmap): Rgba {

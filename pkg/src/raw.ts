@@ -60,9 +60,13 @@ export interface RawLocaliser {
   free(): void;
 }
 
-export interface RawFineTuner {
+/** What pictures are given to, one after the other. */
+export interface Collector {
   addPicture(rgba: Uint8Array, width: number, height: number): void;
   addFile(file: Uint8Array): void;
+}
+
+export interface RawFineTuner extends Collector {
   addClip(clipJson: string, heldOut: boolean): ClipAdded;
   step(): TuneStep | undefined;
   evaluate(): Promise<TuneScore>;
@@ -81,8 +85,7 @@ export interface RawSimulator {
   free(): void;
 }
 
-export interface RawLabeller {
-  add(rgba: Uint8Array, width: number, height: number): void;
+export interface RawLabeller extends Collector {
   propose(radiiPx?: Float64Array): (LabelProposal | null)[];
   free(): void;
 }

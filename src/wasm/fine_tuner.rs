@@ -3,6 +3,7 @@
 use js_sys::{Object, Uint8Array};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+use super::held::Held;
 use super::localiser::{JsLocaliser, device_of};
 use super::{js_error, object_of, set};
 use crate::data::Clip;
@@ -16,8 +17,7 @@ use crate::train::fine_tune::{FineTuneOptions, FineTuner};
 pub struct JsFineTuner {
     tuner: FineTuner,
     device_name: String,
-    /// Of the clip that is being given.
-    pictures: Vec<Picture>,
+    held: Held,
 }
 
 #[wasm_bindgen(js_class = FineTuner)]
@@ -33,7 +33,7 @@ impl JsFineTuner {
             let options: FineTuneOptions = serde_json::from_str(&options).map_err(Error::format("options"))?;
             let (device, device_name) = device_of(&device).await?;
             let tuner = FineTuner::new(Card::from_json(&card, "model card")?, weights, &options, &device)?;
-            Ok(Self { tuner, device_name, pictures: vec![] })
+            Ok(Self { tuner, device_name, held: Held::default() })
         };
         create().await.map_err(js_error)
     }
@@ -41,22 +41,20 @@ impl JsFineTuner {
     /// The next picture of the clip that [`Self::add_clip`] ends, as RGBA pixels.
     #[wasm_bindgen(js_name = addPicture)]
     pub fn add_picture(&mut self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<(), JsValue> {
-        self.pictures.push(Picture::from_rgba(&rgba, [width, height]).map_err(js_error)?);
-        Ok(())
+        self.held.add(Picture::from_rgba(&rgba, [width, height]))
     }
 
     /// The next picture of the clip that [`Self::add_clip`] ends, as a PNG, JPEG or WebP file.
     #[wasm_bindgen(js_name = addFile)]
     pub fn add_file(&mut self, file: Vec<u8>) -> std::result::Result<(), JsValue> {
-        self.pictures.push(Picture::decode(&file).map_err(js_error)?);
-        Ok(())
+        self.held.add(Picture::decode(&file))
     }
 
     /// A clip (a line of `clips.jsonl`) whose pictures were given; `held_out` to score with, else to learn from.
     #[wasm_bindgen(js_name = addClip)]
     pub fn add_clip(&mut self, clip: &str, held_out: bool) -> std::result::Result<JsValue, JsValue> {
-        let pictures = std::mem::take(&mut self.pictures);
-        let added = Clip::from_json(clip, "clip").and_then(|clip| self.tuner.add_clip(clip, pictures, held_out));
+        let added =
+            self.held.use_up(|pictures| self.tuner.add_clip(Clip::from_json(clip, "clip")?, pictures, held_out));
         added.and_then(|added| object_of(&added)).map_err(js_error)
     }
 

@@ -2,6 +2,7 @@
 
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+use super::held::Held;
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::data::{LabelOptions, propose_labels};
@@ -12,7 +13,7 @@ use crate::image::Picture;
 #[wasm_bindgen(js_name = Labeller)]
 pub struct JsLabeller {
     camera: Camera,
-    frames: Vec<Picture>,
+    frames: Held,
 }
 
 #[wasm_bindgen(js_class = Labeller)]
@@ -21,13 +22,19 @@ impl JsLabeller {
     #[wasm_bindgen(constructor)]
     pub fn new(camera: &str) -> std::result::Result<Self, JsValue> {
         let camera = Camera::from_json(camera, "camera").map_err(js_error)?;
-        Ok(Self { camera, frames: vec![] })
+        Ok(Self { camera, frames: Held::default() })
     }
 
     /// The next frame, as RGBA pixels.
-    pub fn add(&mut self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<(), JsValue> {
-        self.frames.push(Picture::from_rgba(&rgba, [width, height]).map_err(js_error)?);
-        Ok(())
+    #[wasm_bindgen(js_name = addPicture)]
+    pub fn add_picture(&mut self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<(), JsValue> {
+        self.frames.add(Picture::from_rgba(&rgba, [width, height]))
+    }
+
+    /// The next frame, as a PNG, JPEG or WebP file.
+    #[wasm_bindgen(js_name = addFile)]
+    pub fn add_file(&mut self, file: Vec<u8>) -> std::result::Result<(), JsValue> {
+        self.frames.add(Picture::decode(&file))
     }
 
     /// A proposal (`{ image, radius_px, confidence, doubtful }`) or null for each frame.
@@ -44,8 +51,9 @@ impl JsLabeller {
             Some(&[least, most]) => Some([least, most]),
             Some(_) => return Err(Error::value("label", "radiiPx", "must be two numbers, the smaller first")),
         };
-        let read = |frame: usize| Ok(self.frames[frame].clone());
-        let found = propose_labels(self.frames.len(), &self.camera, &LabelOptions { radii_px }, &read, &|| ())?;
+        let frames = self.frames.pictures();
+        let read = |frame: usize| Ok(frames[frame].clone());
+        let found = propose_labels(frames.len(), &self.camera, &LabelOptions { radii_px }, &read, &|| ())?;
         let proposals: Vec<serde_json::Value> = found
             .iter()
             .map(|proposal| match proposal {

@@ -3,6 +3,8 @@
 #[cfg(feature = "train")]
 mod fine_tuner;
 #[cfg(feature = "train")]
+mod held;
+#[cfg(feature = "train")]
 mod labels;
 mod localiser;
 #[cfg(feature = "train")]

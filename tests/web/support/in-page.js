@@ -24,6 +24,10 @@ export async function throwOne() {
     const { data, width, height } = await simulator.picture(path[index]);
     frames.push(new ImageData(data, width, height));
   }
+  // A file will do as well as pixels.
+  const canvas = new OffscreenCanvas(frames[0].width, frames[0].height);
+  canvas.getContext("2d").putImageData(frames[0], 0, 0);
+  frames[0] = await canvas.convertToBlob();
   const proposals = await toolbox.proposeLabels(frames, { camera: simulator.camera });
   const errors = proposals.flatMap((label, index) => (label ? [Math.hypot(label.image[0] - images[index][0], label.image[1] - images[index][1])] : []));
   errors.sort((a, b) => a - b);
