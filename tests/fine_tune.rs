@@ -43,7 +43,7 @@ fn a_model_is_fine_tuned_in_memory_and_its_export_finds_the_same() {
     }
     let before = pollster::block_on(tuner.evaluate()).unwrap();
     let mut losses = Vec::new();
-    while let Some(step) = tuner.step().unwrap() {
+    while let Some(step) = pollster::block_on(tuner.step()).unwrap() {
         losses.push(step.loss);
     }
     assert_eq!(losses.len(), 60);
@@ -53,7 +53,7 @@ fn a_model_is_fine_tuned_in_memory_and_its_export_finds_the_same() {
     assert!(after.dtg.mean.unwrap() < 0.8 * before.dtg.mean.unwrap(), "{before:?} {after:?}");
     let find = |localiser: &Localiser| pollster::block_on(localiser.localise(&picture, &camera, false)).unwrap().world;
     let here = find(&tuner.localiser());
-    let (card, weights) = tuner.export().unwrap();
+    let (card, weights) = pollster::block_on(tuner.export()).unwrap();
     assert_eq!((card.name.as_str(), card.weights.as_str()), ("sd-s-tuned", "sd-s-tuned.safetensors"));
     let card = Card::from_json(&card.to_json().unwrap(), "exported").unwrap();
     let there = find(&Localiser::new(card, weights, &Device::flex()).unwrap());
@@ -84,7 +84,7 @@ fn a_fine_tuning_refuses_what_it_cannot_learn_from() {
         frame.image = Some([30.0 + 37.0 * ((index * 7) % 5) as f64, 30.0 + 41.0 * ((index * 3) % 4) as f64]);
     }
     assert!(tuner.add_clip(wrong, pictures.clone(), false).unwrap().left_out.is_some());
-    assert!(said(tuner.step().map(|_| ())).contains("physics explains none"));
+    assert!(said(pollster::block_on(tuner.step()).map(|_| ())).contains("physics explains none"));
     let senseless = FineTuneOptions { crop: 33, ..options };
     let card = Card::from_json(include_str!("golden/tiny.json"), "tiny").unwrap();
     let refused = FineTuner::new(card, common::golden("tiny.safetensors"), &senseless, &Device::flex());

@@ -17,6 +17,7 @@ use gravisight::train::future::{Place, Target, Window, future, future_loss};
 use gravisight::train::loss::{HeatmapLoss, Labels, map_losses};
 use gravisight::train::step::{Batch, StepOptions, step};
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use pollster::block_on;
 
 const CROSS_ENTROPY: HeatmapLoss = HeatmapLoss::CrossEntropy { sigma: 4.0 };
 
@@ -61,7 +62,7 @@ fn repeated_steps_on_one_batch_learn_it() {
     let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
     let mut losses = Vec::new();
     for _ in 0..60 {
-        let (next, report) = step(pen, &mut optimiser, batch(), &options(1e-2), &device);
+        let (next, report) = block_on(step(pen, &mut optimiser, batch(), &options(1e-2), &device)).unwrap();
         pen = next;
         losses.push(report.loss);
     }
@@ -91,7 +92,7 @@ fn a_backbone_from_timm_weights_goes_on_learning() {
     let before = kernel(&pen);
     assert_eq!(before, formula_tensor("conv1.weight", &[4, 3, 7, 7]));
     let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
-    let (pen, report) = step(pen, &mut optimiser, batch(), &options(1e-2), &device);
+    let (pen, report) = block_on(step(pen, &mut optimiser, batch(), &options(1e-2), &device)).unwrap();
     assert!(report.loss.is_finite());
     let moved = kernel(&pen).iter().zip(&before).filter(|(after, before)| after != before).count();
     assert!(moved > before.len() / 2, "{moved} of {}", before.len());
@@ -106,7 +107,7 @@ fn a_diverging_step_reports_it_and_leaves_the_weights_alone() {
     let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
     let mut bad = batch();
     bad.pictures[7] = f32::NAN;
-    let (pen, report) = step(pen, &mut optimiser, bad, &options(1e-2), &device);
+    let (pen, report) = block_on(step(pen, &mut optimiser, bad, &options(1e-2), &device)).unwrap();
     assert!(!report.loss.is_finite());
     let (before, after) = (before, save(&pen).unwrap());
     let read = |bytes: &[u8]| {
@@ -338,7 +339,7 @@ fn the_future_loss_enters_the_graph_with_its_value_and_gradient() {
     let depth = Tensor::<1>::from_data(TensorData::new(column(2), [12]), &device).require_grad();
     let probability = Tensor::<3>::zeros([12, 1, 1], &device);
     let decoded = gravisight::model::Decoded { image: image.clone(), depth: depth.clone(), probability };
-    let loss = future(&decoded, &windows, Some(5.0));
+    let loss = block_on(future(&decoded, &windows, Some(5.0))).unwrap();
     let expected = future_loss(&positions, &windows, Some(5.0));
     let value = f64::from(loss.clone().into_scalar::<f32>());
     assert!((value - expected.value).abs() < 1e-4 * expected.value, "{value} {}", expected.value);

@@ -91,10 +91,10 @@ export class Engine {
       for (const picture of pictures) addPicture(tuner, picture);
       return tuner.addClip(clip, heldOut);
     },
-    tune: ({ count }) => {
+    tune: async ({ count }) => {
       let last: Answer<"tune"> = null;
       for (let step = 0; step < count; step++) {
-        const made = present(this.#tuner).step();
+        const made = await present(this.#tuner).step();
         if (!made) break;
         last = made;
       }

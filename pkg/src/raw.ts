@@ -68,10 +68,10 @@ export interface Collector {
 
 export interface RawFineTuner extends Collector {
   addClip(clipJson: string, heldOut: boolean): ClipAdded;
-  step(): TuneStep | undefined;
+  step(): Promise<TuneStep | undefined>;
   evaluate(): Promise<TuneScore>;
   localiser(): RawLocaliser;
-  export(): { card: string; weights: Uint8Array };
+  export(): Promise<{ card: string; weights: Uint8Array }>;
   readonly deviceName: string;
   free(): void;
 }

@@ -21,4 +21,4 @@ pub use self::decode::{CONFIDENCE_RADIUS, Decoded, confidence, decode};
 #[cfg(feature = "train")]
 pub(crate) use self::decode::{cell_centre, weighted_depth};
 pub use self::pen::{Pen, PenOutput, PenRunner};
-pub use self::weights::{halved, load, load_backbone_timm, load_into, save};
+pub use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, save};

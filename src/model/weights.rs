@@ -3,11 +3,12 @@
 use std::borrow::Cow;
 use std::collections::HashMap;
 
+use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param, ParamId};
 use burn::store::{
     BurnToPyTorchAdapter, KeyRemapper, ModuleStore, PyTorchToBurnAdapter, SafetensorsStore, SafetensorsStoreError,
     bridge,
 };
-use burn::tensor::{DType, Device, f16};
+use burn::tensor::{DType, Device, Tensor, TensorData, Transaction, f16};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 
@@ -67,8 +68,45 @@ pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
     Ok(pen)
 }
 
-/// The weights of `pen` as a safetensors file. Reads the device synchronously: not in a browser
-/// with WebGPU.
+/// A copy of `pen` on the CPU, from a device that may be readable asynchronously only: a browser's GPU.
+///
+/// # Errors
+/// [`Error::Device`] where the device cannot be read.
+pub async fn on_cpu(pen: &Pen) -> Result<Pen> {
+    let mut collected = Collect { ids: vec![], values: Transaction::default() };
+    pen.visit(&mut collected);
+    let values = collected.values.execute_async().await;
+    let values = values.map_err(|error| Error::Device { device: "GPU".into(), reason: error.to_string() })?;
+    Ok(pen.clone().map(&mut Place { values: collected.ids.into_iter().zip(values).collect() }))
+}
+
+/// Gathers all float tensors.
+struct Collect {
+    ids: Vec<ParamId>,
+    values: Transaction,
+}
+
+impl ModuleVisitor for Collect {
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        self.ids.push(param.id);
+        self.values = std::mem::take(&mut self.values).register(param.val());
+    }
+}
+
+/// Puts them on the CPU.
+struct Place {
+    values: HashMap<ParamId, TensorData>,
+}
+
+impl ModuleMapper for Place {
+    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
+        let Some(values) = self.values.remove(&param.id) else { return param };
+        param.map(|_| Tensor::from_data(values, &Device::flex()))
+    }
+}
+
+/// The weights of `pen` as a safetensors file. Reads the device synchronously: a browser's GPU cannot be read so, hence
+/// [`on_cpu`].
 ///
 /// # Errors
 /// [`Error::WeightsFile`] where the device cannot be read.

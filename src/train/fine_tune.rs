@@ -147,15 +147,17 @@ impl FineTuner {
     /// One step; None after the last.
     ///
     /// # Errors
-    /// [`Error::Data`] where no clip teaches anything; [`Error::Diverged`].
-    pub fn step(&mut self) -> Result<Option<Tuned>> {
+    /// [`Error::Data`] where no clip teaches anything; as [`Trainer::advance`].
+    pub async fn step(&mut self) -> Result<Option<Tuned>> {
         let Some((phase, _)) = self.config.phase(self.trainer.step) else { return Ok(None) };
         let sampler = match &mut self.sampler {
             Some(sampler) => sampler,
             none => none.insert(sampler(&self.config, std::mem::take(&mut self.clips))?),
         };
         let batch = sampler.batch(phase, self.trainer.step)?;
-        let Some((StepReport { loss, heatmap, depth, .. }, _)) = self.trainer.advance(batch)? else { return Ok(None) };
+        let Some((StepReport { loss, heatmap, depth, .. }, _)) = self.trainer.advance(batch).await? else {
+            return Ok(None);
+        };
         Ok(Some(Tuned { step: self.trainer.step, steps: self.config.steps(), loss, heatmap, depth }))
     }
 
@@ -194,10 +196,10 @@ impl FineTuner {
     /// The card and the weights that scored best on the held-out clips; where nothing was scored, the last.
     ///
     /// # Errors
-    /// [`Error::WeightsFile`] where the weights cannot be written.
-    pub fn export(&self) -> Result<(Card, Vec<u8>)> {
+    /// [`Error::WeightsFile`] where the weights cannot be written; [`Error::Device`] where they cannot be read.
+    pub async fn export(&self) -> Result<(Card, Vec<u8>)> {
         let pen = self.best.as_ref().map_or_else(|| self.trainer.average(), |best| best.average.clone());
-        let weights = model::halved(&model::save(&pen)?)?;
+        let weights = model::halved(&model::save(&model::on_cpu(&pen).await?)?)?;
         let name = format!("{}-tuned", self.card.name.trim_end_matches("-tuned"));
         let examples = self.sampler.as_ref().map(Sampler::examples);
         let mut depth_range = self.card.depth_range;

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use burn::tensor::{Tensor, TensorData};
 use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
 
+use super::step::read;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::model::Decoded;
@@ -74,17 +75,20 @@ pub struct FutureLoss {
 }
 
 /// The future loss of `windows` as a scalar `[1]` of the graph of `decoded`.
-pub fn future(decoded: &Decoded, windows: &[Window], robust_px: Option<f64>) -> Tensor<1> {
+///
+/// # Errors
+/// [`Error::Device`](crate::error::Error::Device) for a device that cannot be read.
+pub async fn future(decoded: &Decoded, windows: &[Window], robust_px: Option<f64>) -> Result<Tensor<1>> {
     let [batch, _] = decoded.image.dims();
     let device = decoded.image.device();
     let positions = Tensor::cat(vec![decoded.image.clone(), decoded.depth.clone().reshape([batch, 1])], 1);
     let still = positions.clone().detach();
-    let numbers: Vec<f64> = still.clone().into_data().iter::<f64>().collect();
+    let numbers = read(still.clone()).await?;
     let read: Vec<[f64; 3]> = numbers.chunks_exact(3).map(|three| [three[0], three[1], three[2]]).collect();
     let loss = future_loss(&read, windows, robust_px);
     let gradient: Vec<f32> = loss.gradient.iter().flatten().map(|&slope| slope as f32).collect();
     let gradient = Tensor::<2>::from_data(TensorData::new(gradient, [batch, 3]), &device);
-    ((positions - still) * gradient).sum().add_scalar(loss.value)
+    Ok(((positions - still) * gradient).sum().add_scalar(loss.value))
 }
 
 /// The future loss at `positions` (x and y in px of the drawn picture, depth in m), one a picture of the batch: L1

@@ -212,7 +212,7 @@ impl<'a> Run<'a> {
         let began = Instant::now();
         let batch = loader.next()?;
         let waited = began.elapsed().as_secs_f64();
-        let Some((report, learning_rate)) = self.trainer.advance(batch)? else { return Ok(None) };
+        let Some((report, learning_rate)) = pollster::block_on(self.trainer.advance(batch))? else { return Ok(None) };
         let StepReport { loss, heatmap, depth, future, gradient_norm } = report;
         let step = self.trainer.step;
         let scores = step.is_multiple_of(self.config.validate_every) || step == steps;

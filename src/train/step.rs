@@ -6,6 +6,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 
 use super::future::{Window, future};
 use super::loss::{HeatmapLoss, Labels, map_losses};
+use crate::error::{Error, Result};
 use crate::model::{Pen, decode};
 
 /// Pictures with their labels.
@@ -57,54 +58,68 @@ pub struct StepReport {
 
 /// Forward, backward, clip, update: the new network and what was found. `pen` must be on `device`,
 /// an autodiff device. A loss that is not finite leaves the weights alone; look at the report.
-pub fn step(
+///
+/// # Errors
+/// [`Error::Device`] for a device that cannot be read.
+pub async fn step(
     pen: Pen,
     optimiser: &mut ModuleOptimizer,
     batch: Batch,
     options: &StepOptions,
     device: &Device,
-) -> (Pen, StepReport) {
+) -> Result<(Pen, StepReport)> {
     let [height, width] = batch.size;
     let shape = [batch.labels.depth.len(), height, width, 3];
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, shape), device);
     let output = pen.forward(pictures);
     let config = pen.config().clone();
-    let future = (!batch.windows.is_empty())
-        .then(|| future(&decode(output.clone(), &config), &batch.windows, options.robust_px));
+    let future = match batch.windows.is_empty() {
+        true => None,
+        false => Some(future(&decode(output.clone(), &config), &batch.windows, options.robust_px).await?),
+    };
     let losses = map_losses(output, &batch.labels, &config, options.heatmap_loss, options.depth_transition);
     let mut loss = losses.heatmap.clone() + losses.depth.clone().mul_scalar(options.depth_weight);
     if let Some(future) = &future {
         loss = loss + future.clone().mul_scalar(options.future_weight);
     }
-    let scalar = |tensor: Tensor<1>| f64::from(tensor.into_scalar::<f32>());
-    let mut report = StepReport {
-        loss: scalar(loss.clone()),
-        heatmap: scalar(losses.heatmap),
-        depth: scalar(losses.depth),
-        future: future.map_or(0.0, scalar),
-        gradient_norm: f64::NAN,
+    let mut gradients = GradientsParams::from_grads(loss.backward(), &pen);
+    // One read-back a step: a GPU waits for each.
+    let mut numbers = vec![loss.inner(), losses.heatmap.inner(), losses.depth.inner()];
+    numbers.extend(sum_of_squares(&pen, &gradients));
+    numbers.extend(future.map(Tensor::inner));
+    let numbers = read(Tensor::cat(numbers, 0)).await?;
+    let report = StepReport {
+        loss: if numbers[3].is_finite() { numbers[0] } else { f64::NAN },
+        heatmap: numbers[1],
+        depth: numbers[2],
+        future: numbers.get(4).copied().unwrap_or(0.0),
+        gradient_norm: numbers[3].sqrt(),
     };
     if !report.loss.is_finite() {
-        return (pen, report);
+        return Ok((pen, report));
     }
-    let mut gradients = GradientsParams::from_grads(loss.backward(), &pen);
-    report.gradient_norm = clip_global_norm(&pen, &mut gradients, options.clip_norm);
-    if !report.gradient_norm.is_finite() {
-        report.loss = f64::NAN;
-        return (pen, report);
+    if report.gradient_norm > options.clip_norm {
+        pen.visit(&mut Scale { gradients: &mut gradients, factor: options.clip_norm / report.gradient_norm });
     }
-    (optimiser.step(options.learning_rate, pen, gradients), report)
+    Ok((optimiser.step(options.learning_rate, pen, gradients), report))
 }
 
-/// Scales all `gradients` of `pen` so that their joint norm is at most `limit`; the norm before.
-fn clip_global_norm(pen: &Pen, gradients: &mut GradientsParams, limit: f64) -> f64 {
+/// A tensor's numbers. In a browser a GPU can be read only so: asynchronously.
+///
+/// # Errors
+/// [`Error::Device`].
+pub(super) async fn read<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f64>> {
+    let device = format!("{:?}", tensor.device());
+    let data = tensor.into_data_async().await;
+    let data = data.map_err(|error| Error::Device { device, reason: error.to_string() })?;
+    Ok(data.iter::<f64>().collect())
+}
+
+/// The squared global norm of `gradients`, `[1]`; none without any.
+fn sum_of_squares(pen: &Pen, gradients: &GradientsParams) -> Option<Tensor<1>> {
     let mut squares = SumOfSquares { gradients, sum: None };
     pen.visit(&mut squares);
-    let norm = squares.sum.map_or(0.0, |sum| f64::from(sum.into_scalar::<f32>())).sqrt();
-    if norm > limit {
-        pen.visit(&mut Scale { gradients, factor: limit / norm });
-    }
-    norm
+    squares.sum
 }
 
 struct SumOfSquares<'a> {

@@ -63,8 +63,8 @@ impl Trainer {
     /// The next step, on `batch`: what was found, and its learning rate. None after the last.
     ///
     /// # Errors
-    /// [`Error::Diverged`].
-    pub fn advance(&mut self, batch: Batch) -> Result<Option<(StepReport, f64)>> {
+    /// [`Error::Diverged`]; as [`step`].
+    pub async fn advance(&mut self, batch: Batch) -> Result<Option<(StepReport, f64)>> {
         let Some((phase, index)) = self.config.phase(self.step) else { return Ok(None) };
         let ramp = (self.step as f64 / self.config.future.ramp.max(1) as f64).min(1.0);
         let options = StepOptions {
@@ -76,7 +76,7 @@ impl Trainer {
             clip_norm: self.config.clip_norm,
             learning_rate: phase.learning_rate(index),
         };
-        let (model, report) = step(self.model.clone(), &mut self.optimiser, batch, &options, &self.device);
+        let (model, report) = step(self.model.clone(), &mut self.optimiser, batch, &options, &self.device).await?;
         self.step += 1;
         if !report.loss.is_finite() || self.explodes(report.heatmap + options.depth_weight * report.depth, index) {
             return Err(Error::Diverged { step: self.step, loss: report.loss });

@@ -59,8 +59,8 @@ impl JsFineTuner {
     }
 
     /// One step; undefined after the last.
-    pub fn step(&mut self) -> std::result::Result<JsValue, JsValue> {
-        match self.tuner.step().map_err(js_error)? {
+    pub async fn step(&mut self) -> std::result::Result<JsValue, JsValue> {
+        match self.tuner.step().await.map_err(js_error)? {
             Some(tuned) => object_of(&tuned).map_err(js_error),
             None => Ok(JsValue::UNDEFINED),
         }
@@ -78,15 +78,15 @@ impl JsFineTuner {
     }
 
     /// `{ card: string, weights: Uint8Array }` of the weights that scored best on the clips held out.
-    pub fn export(&self) -> std::result::Result<JsValue, JsValue> {
-        let run = || -> Result<JsValue> {
-            let (card, weights) = self.tuner.export()?;
+    pub async fn export(&self) -> std::result::Result<JsValue, JsValue> {
+        let export = async || -> Result<JsValue> {
+            let (card, weights) = self.tuner.export().await?;
             let object = Object::new();
             set(&object, "card", &JsValue::from_str(&card.to_json()?));
             set(&object, "weights", &Uint8Array::from(weights.as_slice()));
             Ok(object.into())
         };
-        run().map_err(js_error)
+        export().await.map_err(js_error)
     }
 
     /// The device, in words.
