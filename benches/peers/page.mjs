@@ -1,4 +1,7 @@
-/** Times a cold load of the page over a connection of 20 Mbit/s, shared by page and Worker; files compressed as servers do. */
+/**
+ * Times a cold load of the page over a connection of 20 Mbit/s, shared by page and Worker, files compressed as servers do; then
+ * a walk through its steps, and how long each keeps the browser's main thread from answering.
+ */
 import { createServer } from "node:http";
 import { existsSync, readFileSync } from "node:fs";
 import { extname, join } from "node:path";
@@ -47,16 +50,24 @@ const server = createServer(async (request, response) => {
 });
 await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
 const browser = await launch({ webgpu: false });
-const rows = [];
-for (let run = 0; run < RUNS; run++) {
-  const page = await (await browser.newContext()).newPage();
+const url = `http://127.0.0.1:${server.address().port}/`;
+
+/** A page of a new browser profile that keeps its long tasks. */
+async function watched() {
+  const page = await (await browser.newContext({ viewport: { width: 1280, height: 860 } })).newPage();
   await page.addInitScript(() => {
     window.tasks = [];
     new PerformanceObserver((list) => window.tasks.push(...list.getEntries().map(({ duration }) => duration))).observe({ type: "longtask", buffered: true });
   });
+  return page;
+}
+
+const rows = [];
+for (let run = 0; run < RUNS; run++) {
+  const page = await watched();
   sent = 0;
   const start = performance.now();
-  await page.goto(`http://127.0.0.1:${server.address().port}/`, { waitUntil: "commit" });
+  await page.goto(url, { waitUntil: "commit" });
   await page.waitForFunction(() => document.querySelector('[data-testid="world-x"]')?.value);
   const seconds = (performance.now() - start) / 1000;
   const tasks = await page.evaluate(() => window.tasks);
@@ -64,5 +75,49 @@ for (let run = 0; run < RUNS; run++) {
   await page.context().close();
 }
 console.table(rows);
+
+const WALK = {
+  "throw a ball": async (page) => {
+    await page.getByTestId("live-throw").click();
+    await page.getByTestId("live-state").filter({ hasText: /^Done/ }).waitFor();
+  },
+  "an example's video, its trajectory": async (page) => {
+    await page.locator("#tab-video").click();
+    await page.getByTestId("video-example").click();
+    await page.getByTestId("video-fit").click();
+    await page.getByTestId("video-cancel").waitFor({ state: "hidden" });
+  },
+  "an example's calibration": async (page) => {
+    await page.locator("#tab-calibrate").click();
+    await page.getByTestId("cal-sample").click();
+    await page.getByTestId("cal-point-9").waitFor();
+  },
+  "an example's clip, labels proposed": async (page) => {
+    await page.locator("#tab-label").click();
+    await page.getByTestId("lab-synth").click();
+    await page.getByTestId("lab-propose").click();
+    await page.getByTestId("lab-cancel").waitFor({ state: "hidden" });
+  },
+  "30 steps of fine-tuning": async (page) => {
+    await page.locator("#tab-tune").click();
+    await page.getByTestId("tune-example").click();
+    await page.getByTestId("tune-status").filter({ hasText: "clips are ready" }).waitFor();
+    await page.getByTestId("tune-steps").fill("30");
+    await page.getByTestId("tune-start").click();
+    await page.getByTestId("tune-status").filter({ hasText: "Done" }).waitFor();
+  },
+};
+const page = await watched();
+page.setDefaultTimeout(300_000);
+await page.goto(url);
+await page.waitForFunction(() => document.querySelector('[data-testid="world-x"]')?.value);
+const walked = [];
+for (const [step, walk] of Object.entries(WALK)) {
+  await page.evaluate(() => (window.tasks = []));
+  await walk(page);
+  const tasks = await page.evaluate(() => window.tasks);
+  walked.push({ step, "tasks over 50 ms": tasks.length, "longest, ms": Math.round(Math.max(0, ...tasks)) });
+}
+console.table(walked);
 await browser.close();
 server.close();
