@@ -88,13 +88,19 @@ test("on the page's own thread", async () => {
   isGolden(await positionOn("inline.html"));
 });
 
-test("inside a Worker of the user's, and through one that imports gravisight/worker", async () => {
+test("inside a Worker of the user's, and through one that imports gravisight/worker and has messages of its own", async () => {
   writeFileSync(join(folder, "own-worker.js"), `const report = (found) => postMessage(found);${program(", worker: false")}`);
   writeFileSync(join(folder, "own.js"), `${inPage}new Worker("/own-worker.js", { type: "module" }).onmessage = ({ data }) => report(data);`);
   writeFileSync(join(folder, "own.html"), html("/own.js"));
   isGolden(await positionOn("own.html"));
-  writeFileSync(join(folder, "given-worker.js"), `import "/node_modules/gravisight/dist/worker.js"; self.addEventListener("message", ({ data }) => data === "hello" && postMessage("mine"));`);
-  writeFileSync(join(folder, "given.js"), `${inPage}const worker = new Worker("/given-worker.js", { type: "module" });${program(", worker")}`);
+  writeFileSync(join(folder, "given-worker.js"), `import "/node_modules/gravisight/dist/worker.js"; self.addEventListener("message", ({ data }) => data === "hello" && [null, "mine"].forEach((each) => postMessage(each)));`);
+  const given = `
+const worker = new Worker("/given-worker.js", { type: "module" });
+const heard = new Promise((resolve) => (worker.onmessage = ({ data }) => data === "mine" && resolve()));
+worker.postMessage("hello");
+const report = async (found) => { await heard; document.title = JSON.stringify(found); };
+${program(", worker")}`;
+  writeFileSync(join(folder, "given.js"), given);
   writeFileSync(join(folder, "given.html"), html("/given.js"));
   isGolden(await positionOn("given.html"));
 });
