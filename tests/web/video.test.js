@@ -206,6 +206,8 @@ test("a webcam starts and stops", PATIENCE, async () => {
     assert.equal(await own.getByTestId("video-stop").textContent(), "Stop the webcam");
     await own.getByTestId("video-stop").click();
     assert.equal(await stream.evaluate((given) => given.getVideoTracks()[0].readyState), "ended");
+    // The count follows at its own pace.
+    await own.waitForTimeout(500);
     const seen = await value(own, "video-processed");
     await own.waitForTimeout(500);
     assert.equal(await value(own, "video-processed"), seen, "no frame came after");
