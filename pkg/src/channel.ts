@@ -24,14 +24,15 @@ export class Channel implements Transport {
   constructor(worker?: Worker) {
     // The literal form is what bundlers look for.
     this.#worker = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "gravisight" });
-    this.#worker.onmessage = (event: MessageEvent<FromWorker>) => this.#receive(event.data);
-    this.#worker.onerror = (event) => {
+    // Not `onmessage` and the like: in a Worker of the user's these are the user's.
+    this.#worker.addEventListener("message", (event: MessageEvent<FromWorker>) => this.#receive(event.data));
+    this.#worker.addEventListener("error", (event) => {
       event.preventDefault();
       this.close(new GravisightError("worker", `The Worker could not start or stopped: ${event.message || "no reason given"}.`));
-    };
-    this.#worker.onmessageerror = () => {
+    });
+    this.#worker.addEventListener("messageerror", () => {
       this.close(new GravisightError("worker", "A message from the Worker could not be read."));
-    };
+    });
   }
 
   /** Sends a request and waits for its answer. An aborted request rejects at once and its answer is dropped. */
@@ -89,9 +90,9 @@ export class Channel implements Transport {
     }
   }
 
-  #receive(message: FromWorker): void {
+  #receive(message: FromWorker | null): void {
     const pending = this.#inFlight;
-    if (!pending || pending.id !== message.id) return;
+    if (!pending || pending.id !== message?.id) return;
     if (message.type === "progress") {
       pending.onProgress?.(message.progress);
       return;

@@ -1,11 +1,11 @@
 /** The package's Toolbox, Track and FineTuner, its cache and its memory, in a page that offers it as `window.gravisight`. */
 import assert from "node:assert/strict";
-import { execFileSync } from "node:child_process";
 import { mkdtempSync, readFileSync, writeFileSync } from "node:fs";
-import { homedir, tmpdir } from "node:os";
+import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import { launch, open } from "./support/browser.js";
+import { gravisight } from "./support/command.js";
 import { samples } from "./support/demo.js";
 import { fineTune, prepareSoak, soak, throwOne } from "./support/in-page.js";
 import { serve } from "./support/server.js";
@@ -74,9 +74,7 @@ test("fine-tuning on 2D labels of another camera lowers its error by a fifth, an
   writeFileSync(join(folder, file), Buffer.from(weights, "base64"));
   writeFileSync(join(folder, "camera.json"), JSON.stringify(camera));
   writeFileSync(join(folder, "frame.png"), Buffer.from(png, "base64"));
-  const command = join(process.env.CARGO_TARGET_DIR ?? join(homedir(), ".cache/gravisight/target"), "release/gravisight");
-  const arguments_ = ["localise", join(folder, "frame.png"), "--camera", join(folder, "camera.json"), "--model", join(folder, name), "--json"];
-  const native = JSON.parse(execFileSync(command, arguments_));
+  const native = JSON.parse(gravisight(["localise", "frame.png", "--camera", "camera.json", "--model", name, "--json"], { cwd: folder }));
   native.world.forEach((value, axis) => assert.ok(Math.abs(value - found[axis]) < 1e-3, `${native.world} is not ${found}`));
 });
 

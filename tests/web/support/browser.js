@@ -4,12 +4,12 @@ import { chromium } from "playwright-core";
 const QUIET = ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
 const WEBGPU = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"];
 
-/** Launches the browser; `webgpu: false` leaves it without an adapter. */
-export function launch({ webgpu = true } = {}) {
+/** Launches the browser; `webgpu: false` leaves it without an adapter; `args` are more switches. */
+export function launch({ webgpu = true, args = [] } = {}) {
   return chromium.launch({
     executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
     headless: true,
-    args: webgpu ? [...QUIET, ...WEBGPU] : QUIET,
+    args: [...QUIET, ...(webgpu ? WEBGPU : []), ...args],
   });
 }
 

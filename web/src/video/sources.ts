@@ -165,7 +165,10 @@ export class VideoSource implements Source {
       await first(element, "loadeddata", `${file.name} is no video or picture that this browser can read. MP4 (H.264) and WebM play nearly everywhere.`);
       if (!element.videoWidth) throw new Error(`${file.name} has sound, but no pictures.`);
       if (!Number.isFinite(element.duration)) await measure(element);
-      return new VideoSource("video", file.name, element, { url });
+      const source = new VideoSource("video", file.name, element, { url });
+      // The browser may have shown the first frame before anybody listened: to seek it shows it again.
+      element.currentTime = 0;
+      return source;
     } catch (thrown) {
       element.removeAttribute("src");
       URL.revokeObjectURL(url);
