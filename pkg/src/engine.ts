@@ -1,12 +1,12 @@
 /** The engine: the wasm core and all that it holds. In a Worker, or on the caller's own thread. */
 import { lastPanic, loadBuild } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
-import { load, loadModel, pickDevice, type Model } from "./load.js";
+import { load, loadModel, pickDevice } from "./load.js";
 import { addPicture, pixelsOf, type Encoded, type Rgba } from "./pixels.js";
 import type { Answer, CallName, Calls, Request } from "./protocol.js";
 import type { RawFineTuner, RawLocaliser, RawModule, RawSimulator } from "./raw.js";
 import { untilTrap } from "./trap.js";
-import type { Device, Progress } from "./types.js";
+import type { Device, Model, Progress } from "./types.js";
 
 type OnProgress = (progress: Progress) => void;
 
@@ -88,7 +88,12 @@ export class Engine {
     },
     addClip: ({ clip, pictures, heldOut }) => {
       const tuner = present(this.#tuner);
-      for (const picture of pictures) addPicture(tuner, picture);
+      try {
+        for (const picture of pictures) addPicture(tuner, picture);
+      } catch (thrown) {
+        tuner.dropPictures();
+        throw thrown;
+      }
       return tuner.addClip(clip, heldOut);
     },
     tune: async ({ count }) => {

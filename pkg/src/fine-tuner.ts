@@ -1,6 +1,6 @@
 import { wasmFolder } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
-import { cameraOf, checkedDevice, localisationOf, rawOptions } from "./localiser.js";
+import { cameraOf, checkedDevice, localisationOf, modelOf, rawOptions } from "./localiser.js";
 import { pictureToSend } from "./picture.js";
 import type { PictureMessage, Transport } from "./protocol.js";
 import type {
@@ -9,12 +9,12 @@ import type {
   FineTuneOptions,
   Localisation,
   LocaliseOptions,
+  Model,
   Picture,
   TrainingClip,
   TuneScore,
   TuneStep,
 } from "./types.js";
-import { absoluteUrl } from "./url.js";
 
 /** Teaches a model a new place, camera or ball, from clips with 2D labels: the training of the command line. */
 export class FineTuner {
@@ -36,7 +36,7 @@ export class FineTuner {
     const { signal, onProgress, cache = true, steps, batch, crop, learningRate, seed } = options;
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
-    const request = { model: absoluteUrl(options.model), device, wasm: wasmFolder(options), cache };
+    const request = { model: modelOf(options.model), device, wasm: wasmFolder(options), cache };
     const settings = jsonOf({ steps, batch, crop, learningRate, seed }, "options");
     const transport = connect(options);
     try {
@@ -61,7 +61,7 @@ export class FineTuner {
       file: `frame ${index}`,
       t: t ?? index / fps,
       ...(image && { image }),
-      visible: image !== null,
+      visible: image != null,
       ...(world && { world }),
     }));
     const line = jsonOf({ id, fps, camera, scene, frames }, "clip");
@@ -109,8 +109,8 @@ export class FineTuner {
     return localisationOf(found, options);
   }
 
-  /** The model: the card's text and the weights' bytes. The card names the file that the weights must be in. */
-  export(): Promise<{ card: string; weights: Uint8Array }> {
+  /** The model, to be used at once or saved. The card names the file that the weights must be in. */
+  export(): Promise<Model> {
     return this.#transport.call("exportTuned", {});
   }
 

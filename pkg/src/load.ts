@@ -6,14 +6,9 @@ import { fetchBytes } from "./fetch.js";
 import type { Request } from "./protocol.js";
 import type { RawLocaliser, RawModule } from "./raw.js";
 import { untilTrap } from "./trap.js";
-import type { Device, DeviceChoice, DeviceKind, Progress } from "./types.js";
+import type { Device, DeviceChoice, DeviceKind, Model, Progress } from "./types.js";
 
 type OnProgress = (progress: Progress) => void;
-
-export interface Model {
-  card: string;
-  weights: Uint8Array;
-}
 
 export interface Loaded {
   core: RawLocaliser;
@@ -54,8 +49,12 @@ export async function pickDevice(choice: DeviceChoice): Promise<{ kind: DeviceKi
   return { kind: "webgpu", reason: "as asked for" };
 }
 
-/** The card and its weights, which are kept by their sha256 where `useCache` says so. */
-export async function loadModel(cardUrl: string, useCache: boolean, onProgress: OnProgress): Promise<Model> {
+/** The card and its weights, which are kept by their sha256 where `useCache` says so; a model in memory as it is. */
+export async function loadModel(model: string | Model, useCache: boolean, onProgress: OnProgress): Promise<Model> {
+  return typeof model === "string" ? fetchModel(model, useCache, onProgress) : model;
+}
+
+async function fetchModel(cardUrl: string, useCache: boolean, onProgress: OnProgress): Promise<Model> {
   const card = await cardText(cardUrl, useCache);
   const { url, sha256 } = weightsOf(cardUrl, card);
   const kept = useCache && sha256 ? await cached(sha256) : null;

@@ -13,6 +13,7 @@ import type {
   FrameLocalisation,
   Localisation,
   LocaliseOptions,
+  Model,
   Picture,
 } from "./types.js";
 import { absoluteUrl } from "./url.js";
@@ -46,7 +47,7 @@ export class Localiser {
     const { signal, onProgress, cache = true } = options;
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
-    const model = absoluteUrl(options.model);
+    const model = modelOf(options.model);
     const wasm = wasmFolder(options);
     const camera = options.camera === undefined ? undefined : jsonOf(options.camera, "camera");
     const transport = connect(options);
@@ -92,7 +93,7 @@ export class Localiser {
   /**
    * Finds the ball in the current frame of a video.
    *
-   * @param timestampMs must increase from call to call (else `timestamp-order`, and nothing else happens).
+   * @param timestampMs must increase from call to call, or from {@link startVideo} on (else `timestamp-order`, and nothing else happens).
    */
   async localiseVideoFrame(frame: DrawablePicture | Picture, timestampMs: number, options: LocaliseOptions = {}): Promise<FrameLocalisation> {
     if (!(timestampMs > this.#lastTimestampMs)) {
@@ -103,12 +104,23 @@ export class Localiser {
     return { ...(await this.localise(frame, options)), timestampMs };
   }
 
+  /** The next frame may have any timestamp: for another video, or for the same one from another place. */
+  startVideo(): void {
+    this.#lastTimestampMs = -Infinity;
+  }
+
   /** Ends the Worker, and with it all memory of the model; later calls reject with code `disposed`. Harmless twice. */
   dispose(): void {
     this.#transport.close(disposed("Localiser"));
   }
 }
 makeDisposable(Localiser);
+
+/** A model's full URL, or a copy of one in memory. */
+export function modelOf(model: string | URL | Model): string | Model {
+  if (typeof model === "string" || model instanceof URL) return absoluteUrl(model);
+  return { card: model.card, weights: new Uint8Array(model.weights) };
+}
 
 export function checkedDevice(device: DeviceChoice = "cpu"): DeviceChoice {
   if (DEVICES.includes(device)) return device;

@@ -7,6 +7,7 @@ import type {
   DeviceChoice,
   Forecast,
   LabelProposal,
+  Model,
   Progress,
   ClipAdded,
   TuneScore,
@@ -26,7 +27,7 @@ export interface Source {
 }
 
 export interface Calls {
-  create: [Source & { model: string; device: DeviceChoice; cache: boolean }, Device];
+  create: [Source & { model: string | Model; device: DeviceChoice; cache: boolean }, Device];
   localise: [{ picture: PictureMessage; camera: string; options: RawOptions }, RawLocalisation & { milliseconds: number; device: Device }];
   saliency: [{ picture: PictureMessage }, RawSaliency];
 
@@ -44,7 +45,7 @@ export interface Calls {
   sceneClip: [{ id: number; seed: number; number: number }, unknown];
   closeScene: [{ id: number }, null];
 
-  tuner: [Source & { model: string; device: DeviceChoice; cache: boolean; options: string }, Device];
+  tuner: [Source & { model: string | Model; device: DeviceChoice; cache: boolean; options: string }, Device];
   addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, ClipAdded];
   tune: [{ count: number }, TuneStep | null];
   evaluate: [Record<never, never>, TuneScore];

@@ -67,6 +67,8 @@ export interface Collector {
 }
 
 export interface RawFineTuner extends Collector {
+  /** Forgets those of a clip that will not come. */
+  dropPictures(): void;
   addClip(clipJson: string, heldOut: boolean): ClipAdded;
   step(): Promise<TuneStep | undefined>;
   evaluate(): Promise<TuneScore>;

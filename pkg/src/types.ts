@@ -72,10 +72,18 @@ export interface CoreOptions {
   onProgress?: (progress: Progress) => void;
 }
 
+/** A model in memory, as {@link FineTuner.export} returns it. */
+export interface Model {
+  /** The JSON card's text. */
+  card: string;
+  /** The content of the `.safetensors` file. */
+  weights: Uint8Array;
+}
+
 /** Where a model comes from and runs. */
 export interface ModelOptions extends CoreOptions {
-  /** URL of the model's JSON card; the weights are the `.safetensors` file beside it. */
-  model: string | URL;
+  /** URL of the model's JSON card, the weights being the `.safetensors` file beside it; or a model in memory. */
+  model: string | URL | Model;
   /** Default: `cpu`. */
   device?: DeviceChoice;
   /** Keep the weights in the browser's Cache API, by their sha256, and take them from there. Default: true. */
@@ -195,7 +203,7 @@ export interface Bounce {
   timestampMs: number;
   /** Of the ball's centre, metres. */
   world: Vector;
-  /** What it touched, in words. */
+  /** What it touched, as the scene names it: `floor`, `boxes[0]`, … */
   surface: string;
   /** Approach, metres a second. */
   speed: number;

@@ -50,6 +50,12 @@ impl JsFineTuner {
         self.held.add(Picture::decode(&file))
     }
 
+    /// Forgets the pictures of a clip that will not come.
+    #[wasm_bindgen(js_name = dropPictures)]
+    pub fn drop_pictures(&mut self) {
+        self.held.forget();
+    }
+
     /// A clip (a line of `clips.jsonl`) whose pictures were given; `held_out` to score with, else to learn from.
     #[wasm_bindgen(js_name = addClip)]
     pub fn add_clip(&mut self, clip: &str, held_out: bool) -> std::result::Result<JsValue, JsValue> {

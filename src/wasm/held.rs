@@ -34,9 +34,14 @@ impl Held {
             Ok(())
         });
         if added.is_err() {
-            self.pictures.clear();
+            self.forget();
         }
         added.map_err(js_error)
+    }
+
+    /// Forgets the clip's.
+    pub(super) fn forget(&mut self) {
+        self.pictures.clear();
     }
 
     /// Uses the clip's pictures; where that succeeds they count as still in use.

@@ -181,10 +181,8 @@ async function tuneOnBoth(model) {
     await tuner.addClip({ id: "clip", fps, camera: simulator.camera, scene: simulator.scene, frames: drawn });
     const losses = [];
     await tuner.step(2, { onStep: ({ loss }) => losses.push(loss) });
-    const { card, weights } = await tuner.export();
-    const url = (content) => URL.createObjectURL(new Blob([content]));
-    const localiser = await Localiser.create({ model: url(JSON.stringify({ ...JSON.parse(card), weights: url(weights) })), cache: false });
-    const { world } = await localiser.localise(drawn[3].picture, { camera: simulator.camera });
+    const localiser = await Localiser.create({ model: await tuner.export(), camera: simulator.camera });
+    const { world } = await localiser.localise(drawn[3].picture);
     made[device] = { kind: tuner.device.kind, losses, world };
     localiser.dispose();
     tuner.dispose();

@@ -78,6 +78,31 @@ test("fine-tuning on 2D labels of another camera lowers its error by a fifth, an
   native.world.forEach((value, axis) => assert.ok(Math.abs(value - found[axis]) < 1e-3, `${native.world} is not ${found}`));
 });
 
+test("a clip with a picture that is none is refused, and the next one is taken", async () => {
+  const { code, added } = await page.evaluate(async (model) => {
+    const { FineTuner, Toolbox } = window.gravisight;
+    const toolbox = await Toolbox.create();
+    const simulator = await toolbox.simulator({ environment: 1, camera: 1 });
+    const { fps, frames } = await simulator.clip(5, 0);
+    const drawn = [];
+    for (const { t, image, world } of frames.slice(0, 30)) {
+      const { data, width, height } = await simulator.picture(world);
+      drawn.push({ t, image, picture: new ImageData(data, width, height) });
+    }
+    const clip = { id: "clip", fps, camera: simulator.camera, scene: simulator.scene, frames: drawn };
+    const tuner = await FineTuner.create({ model });
+    const torn = drawn.map((frame, index) => (index === 20 ? { ...frame, picture: new Uint8Array(40) } : frame));
+    const code = await tuner.addClip({ ...clip, frames: torn }).then(() => "taken", (thrown) => thrown.code);
+    const added = await tuner.addClip(clip);
+    tuner.dispose();
+    toolbox.dispose();
+    return { code, added };
+  }, "models/sd-s.json");
+  assert.equal(code, "image-decode");
+  assert.equal(added.leftOut, undefined);
+  assert.ok(added.frames >= 25, `${added.frames} frames teach`);
+});
+
 test("saliency comes on request, in a build that is fetched for it", async () => {
   const { without, size, strongest } = await page.evaluate(async ({ model, camera, base64 }) => {
     const localiser = await window.gravisight.Localiser.create({ model, camera });

@@ -77,14 +77,11 @@ export async function fineTune({ model, steps }) {
   const { card, weights } = await tuner.export();
   tuner.dispose();
   toolbox.dispose();
-  const url = (content, type) => URL.createObjectURL(new Blob([content], { type }));
   const canvas = document.createElement("canvas");
   canvas.width = canvas.height = 224;
   canvas.getContext("2d").putImageData(held.frames[10].picture, 0, 0);
   const png = canvas.toDataURL("image/png").split(",")[1];
-  const weightsUrl = url(weights, "application/octet-stream");
-  const cardUrl = url(JSON.stringify({ ...JSON.parse(card), weights: weightsUrl }), "application/json");
-  const localiser = await Localiser.create({ model: cardUrl, camera: simulator.camera, cache: false });
+  const localiser = await Localiser.create({ model: { card, weights }, camera: simulator.camera });
   const found = (await localiser.localise(Uint8Array.from(atob(png), (c) => c.charCodeAt(0)))).world;
   localiser.dispose();
   let binary = "";
