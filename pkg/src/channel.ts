@@ -28,7 +28,9 @@ export class Channel implements Transport {
     this.#worker.addEventListener("message", (event: MessageEvent<FromWorker>) => this.#receive(event.data));
     this.#worker.addEventListener("error", (event) => {
       event.preventDefault();
-      this.close(new GravisightError("worker", `The Worker could not start or stopped: ${event.message || "no reason given"}.`));
+      // A script that is not there comes without a message.
+      const reason = event.message || "is its script, worker.js of this package, served?";
+      this.close(new GravisightError("worker", `The Worker could not start or stopped: ${reason}`));
     });
     this.#worker.addEventListener("messageerror", () => {
       this.close(new GravisightError("worker", "A message from the Worker could not be read."));
