@@ -8,6 +8,7 @@ import { Samples } from "./samples";
 import { Session } from "./session";
 import { Stage, type Layer } from "./stage";
 import type { Subject } from "./subject";
+import "./try.css";
 
 export interface Settings {
   model: string;

@@ -19,6 +19,15 @@ export function make<K extends keyof HTMLElementTagNameMap>(
   return made;
 }
 
+/** A button that looks like a link; `label` is what it is called where its words alone say too little. */
+export function textButton(text: string, testId: string, label: string, act: () => void): HTMLButtonElement {
+  const made = make("button", { class: "text-button", text, testId });
+  made.type = "button";
+  made.setAttribute("aria-label", label);
+  made.addEventListener("click", act);
+  return made;
+}
+
 /** The 2D context of a canvas. */
 export function contextOf(canvas: HTMLCanvasElement): CanvasRenderingContext2D {
   const context = canvas.getContext("2d");

@@ -1,6 +1,6 @@
 /** Step Label: clips in, proposals checked by a person, labels out. */
 import type { Camera } from "gravisight";
-import { make, wordsOf } from "../dom";
+import { make, textButton, wordsOf } from "../dom";
 import { tools } from "../shared/core";
 import { keepDrops, listenForFiles } from "../shared/drop-zone";
 import { isVideo } from "../shared/film";
@@ -219,13 +219,8 @@ class Step {
   }
 
   #clipRow(id: string, [labelled, all]: [number, number]): HTMLLIElement {
-    const button = (text: string, testId: string, label: string, act: () => unknown) => {
-      const made = make("button", { class: "lab-small", text, testId });
-      made.type = "button";
-      made.setAttribute("aria-label", `${label} ${id}`);
-      made.addEventListener("click", () => void this.#alert.during(async () => void (await act())));
-      return made;
-    };
+    const button = (text: string, testId: string, label: string, act: () => unknown) =>
+      textButton(text, testId, `${label} ${id}`, () => void this.#alert.during(async () => void (await act())));
     const row = make("li", { testId: `lab-clip-${id}` });
     const isOpen = this.#labelling?.clip.id === id;
     if (isOpen) row.setAttribute("aria-current", "true");

@@ -125,6 +125,7 @@ class Live {
     this.#view.setBall("truth", null);
     this.#view.setBall("found", null);
     await this.#draw([0, 0, -1000]);
+    this.#part("live-views").dataset.open = "";
     cleared(this.#part<HTMLCanvasElement>("live-overlay"));
     this.#say("Ready: press in the picture, drag and let go.");
   }

@@ -79,7 +79,7 @@ export class View3d {
     this.#canvas = canvas;
     const context = canvas.getContext("webgl2", { antialias: true, alpha: true });
     if (!context) {
-      this.#words = make("p", { class: "no-webgl", text: NO_WEBGL, testId: "no-webgl" });
+      this.#words = make("p", { class: "hint no-webgl", text: NO_WEBGL, testId: "no-webgl" });
       canvas.hidden = true;
       canvas.after(this.#words);
       return;

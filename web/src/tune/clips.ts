@@ -1,6 +1,6 @@
 /** The clips that may be learned from: those that are kept, and examples. */
 import type { TrainingClip } from "gravisight";
-import { make } from "../dom";
+import { make, textButton } from "../dom";
 import { tools } from "../shared/core";
 import { workspace, type StoredClip } from "../shared/workspace";
 
@@ -47,11 +47,8 @@ function labelled({ labels }: StoredClip): number {
 
 function rowOf({ clip, use, heldOut }: Choice): HTMLLIElement {
   const words = `${labelled(clip)} of ${clip.pictures.length} frames labelled`;
-  const label = (input: HTMLInputElement, text: string) => make("label", {}, input, document.createTextNode(` ${text}`));
-  const forget = make("button", { class: "button", text: "Delete" });
-  forget.type = "button";
-  forget.setAttribute("aria-label", `Delete ${clip.id}`);
-  forget.addEventListener("click", () => {
+  const label = (input: HTMLInputElement, text: string) => make("label", { class: "check" }, input, document.createTextNode(text));
+  const forget = textButton("Delete…", "tune-delete", `Delete ${clip.id}`, () => {
     if (confirm(`Delete the clip "${clip.id}" from this browser?`)) void workspace.forget(clip.id);
   });
   const name = make("span", { class: "name" }, make("strong", { text: clip.id }), document.createTextNode(`, ${words}`));

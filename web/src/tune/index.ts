@@ -137,6 +137,8 @@ class Tune {
       ["2D error, median", before.image_error_px.median, now.image_error_px.median, (value) => `${value.toFixed(2)} px`],
       ["Distance to the truth, mean (where it is known)", before.dtg.mean, now.dtg.mean, (value) => `${(100 * value).toFixed(1)} cm`],
     ];
+    this.#part("tune-none").hidden = true;
+    this.#part("tune-scores").hidden = false;
     const cells = (...texts: string[]) => texts.map((text) => make("td", { text }));
     this.#part("tune-table").replaceChildren(
       ...rows.map(([name, a, b, say]) => {
