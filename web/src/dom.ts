@@ -1,3 +1,6 @@
+/** Beside what was scrolled to, CSS pixels. */
+const ROOM = 4;
+
 /** The element with this id; the page is broken without it. */
 export function element<T extends HTMLElement>(id: string): T {
   const found = document.getElementById(id);
@@ -26,6 +29,13 @@ export function textButton(text: string, testId: string, label: string, act: () 
   made.setAttribute("aria-label", label);
   made.addEventListener("click", act);
   return made;
+}
+
+/** Scrolls a list so far that one of its items is seen; the page itself does not jump. */
+export function reveal(item: HTMLElement, list: HTMLElement): void {
+  const { offsetTop, offsetHeight } = item;
+  if (offsetTop < list.scrollTop) list.scrollTop = offsetTop - ROOM;
+  else if (offsetTop + offsetHeight > list.scrollTop + list.clientHeight) list.scrollTop = offsetTop + offsetHeight + ROOM - list.clientHeight;
 }
 
 /** The 2D context of a canvas. */

@@ -1,5 +1,5 @@
 /** The list of points: one is chosen, own ones can be written, each says how well its click fits. */
-import { make, textButton } from "../dom";
+import { make, reveal, textButton } from "../dom";
 import type { Point } from "./state";
 
 export interface ListListener {
@@ -56,13 +56,8 @@ export class PointList {
   }
 
   reveal(index: number): void {
-    const row = this.#rows[index]?.item;
-    // Only within the list: the page itself must not jump.
-    if (!row) return;
-    const { offsetTop, offsetHeight } = row;
-    const list = this.#list;
-    if (offsetTop < list.scrollTop) list.scrollTop = offsetTop;
-    else if (offsetTop + offsetHeight > list.scrollTop + list.clientHeight) list.scrollTop = offsetTop + offsetHeight - list.clientHeight;
+    const row = this.#rows[index];
+    if (row) reveal(row.item, this.#list);
   }
 
   #courtRow(point: Point, index: number): Row {
