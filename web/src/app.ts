@@ -6,8 +6,10 @@ import { LoadingLine } from "./loading";
 import { ResultPanel } from "./result";
 import { Samples } from "./samples";
 import { Session } from "./session";
-import { Stage, type Layer } from "./stage";
+import type { Layer } from "./shared/maps";
+import { Stage } from "./stage";
 import type { Subject } from "./subject";
+import "./try.css";
 
 export interface Settings {
   model: string;

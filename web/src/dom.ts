@@ -1,3 +1,6 @@
+/** Beside what was scrolled to, CSS pixels. */
+const ROOM = 4;
+
 /** The element with this id; the page is broken without it. */
 export function element<T extends HTMLElement>(id: string): T {
   const found = document.getElementById(id);
@@ -17,6 +20,22 @@ export function make<K extends keyof HTMLElementTagNameMap>(
   if (properties.testId) made.dataset.testid = properties.testId;
   made.append(...children);
   return made;
+}
+
+/** A button that looks like a link; `label` is what it is called where its words alone say too little. */
+export function textButton(text: string, testId: string, label: string, act: () => void): HTMLButtonElement {
+  const made = make("button", { class: "text-button", text, testId });
+  made.type = "button";
+  made.setAttribute("aria-label", label);
+  made.addEventListener("click", act);
+  return made;
+}
+
+/** Scrolls a list so far that one of its items is seen; the page itself does not jump. */
+export function reveal(item: HTMLElement, list: HTMLElement): void {
+  const { offsetTop, offsetHeight } = item;
+  if (offsetTop < list.scrollTop) list.scrollTop = offsetTop - ROOM;
+  else if (offsetTop + offsetHeight > list.scrollTop + list.clientHeight) list.scrollTop = offsetTop + offsetHeight + ROOM - list.clientHeight;
 }
 
 /** The 2D context of a canvas. */

@@ -26,7 +26,7 @@ export class ResultPanel {
     error.classList.add("error");
     this.#sampleRows = [error, truth];
     const device = make("div", { class: "row" });
-    device.append(make("dt", { text: "Device" }), make("dd", { class: "device", testId: "device" }, this.#device, this.#reason));
+    device.append(make("dt", { text: "Device" }), make("dd", { testId: "device" }, this.#device, this.#reason));
     element("result").append(
       make("h2", { text: "Position in the world" }),
       vector("vector large", this.#world),

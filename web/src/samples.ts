@@ -1,6 +1,7 @@
 /** The row of sample pictures: buttons of which one is pressed; arrow keys move among them. */
 import type { Camera } from "gravisight";
 import { make } from "./dom";
+import { fetchOk } from "./shared/files";
 import type { Subject } from "./subject";
 
 interface Sample {
@@ -83,10 +84,4 @@ async function subjectOf(sample: Sample): Promise<Subject> {
   const response = await fetchOk(FOLDER + sample.file);
   const { name, camera, world, image } = sample;
   return { name, picture: await response.blob(), camera, truth: { world, image } };
-}
-
-async function fetchOk(url: string): Promise<Response> {
-  const response = await fetch(url);
-  if (!response.ok) throw new Error(`Could not fetch ${url}: the server answered ${response.status}.`);
-  return response;
 }

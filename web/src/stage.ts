@@ -1,21 +1,13 @@
 /** The picture, large, with the network's maps and the two positions drawn over it. */
-import type { FloatMap, Localisation } from "gravisight";
-import { pixelsOf, rangeOf } from "./colourmap";
+import type { Localisation } from "gravisight";
 import { contextOf, element, make } from "./dom";
-import { drawFound, drawTruth } from "./marks";
-import { ScaleBar, type Scale } from "./scale";
-
-export type Layer = "none" | "heatmap" | "depth";
+import { overlayOf, type Pixel } from "./shared/canvas";
+import { drawMap, mapOf, type ColouredMap, type Layer } from "./shared/maps";
+import { drawFound, drawTruth } from "./shared/marks";
+import { ScaleBar } from "./shared/scale";
 
 /** No picture is kept larger than this: no screen shows more. In pixels. */
 const LARGEST_SIDE = 1600;
-/** Cells of the heatmap reach full opacity at this part of its peak, so that its flanks are seen and its feet are not. */
-const HEATMAP_OPAQUE_AT = 0.4;
-
-interface Painted {
-  pixels: HTMLCanvasElement;
-  scale: Scale;
-}
 
 export class Stage {
   readonly #frame = element("frame");
@@ -25,9 +17,9 @@ export class Stage {
   readonly #key = element("key");
   /** Of the picture as it was given, in pixels. */
   #size = { width: 1, height: 1 };
-  #painted: Partial<Record<Layer, Painted>> = {};
-  #found: [number, number] | undefined;
-  #truth: [number, number] | undefined;
+  #result: Localisation | undefined;
+  #truth: Pixel | undefined;
+  #map: ColouredMap | undefined;
   #layer: Layer = "none";
   #opacity = 1;
 
@@ -53,30 +45,28 @@ export class Stage {
   }
 
   /** Shows what was found, over the picture. */
-  showResult(result: Localisation, truth: [number, number] | undefined): void {
-    this.#found = result.image;
+  showResult(result: Localisation, truth: Pixel | undefined): void {
+    this.#result = result;
     this.#truth = truth;
-    this.#painted = painted(result);
     const [u, v] = result.image.map((x) => x.toFixed(1));
     this.#overlay.setAttribute("aria-label", `The ball was found at pixel ${u}, ${v}, ${result.depth.toFixed(2)} metres from the camera`);
     const entries = [make("span", { class: "key-found", text: "Found" })];
     if (truth) entries.push(make("span", { class: "key-truth", text: "True position" }));
     this.#key.replaceChildren(...entries);
-    this.#draw();
+    this.#colour();
   }
 
   /** Removes the result; the picture stays. */
   clear(): void {
-    this.#found = this.#truth = undefined;
-    this.#painted = {};
+    this.#result = this.#truth = undefined;
     this.#key.replaceChildren();
     this.#overlay.setAttribute("aria-label", "Nothing found yet");
-    this.#draw();
+    this.#colour();
   }
 
   setLayer(layer: Layer): void {
     this.#layer = layer;
-    this.#draw();
+    this.#colour();
   }
 
   setOpacity(opacity: number): void {
@@ -84,58 +74,16 @@ export class Stage {
     this.#draw();
   }
 
+  #colour(): void {
+    this.#map = mapOf(this.#result ?? {}, this.#layer);
+    this.#scale.show(this.#map?.scale ?? null);
+    this.#draw();
+  }
+
   #draw(): void {
-    const { width, height } = this.#frame.getBoundingClientRect();
-    const density = window.devicePixelRatio || 1;
-    this.#overlay.width = Math.max(1, Math.round(width * density));
-    this.#overlay.height = Math.max(1, Math.round(height * density));
-    const context = contextOf(this.#overlay);
-    context.scale(density, density);
-    const layer = this.#painted[this.#layer];
-    this.#scale.show(layer?.scale ?? null);
-    if (layer) {
-      context.globalAlpha = this.#opacity;
-      context.imageSmoothingQuality = "high";
-      context.drawImage(layer.pixels, 0, 0, width, height);
-      context.globalAlpha = 1;
-    }
-    // An integer pixel is a pixel's centre, which lies half a pixel from the picture's edge.
-    const place = ([u, v]: [number, number]): [number, number] => [
-      ((u + 0.5) / this.#size.width) * width,
-      ((v + 0.5) / this.#size.height) * height,
-    ];
-    if (this.#found) drawFound(context, ...place(this.#found));
-    if (this.#truth) drawTruth(context, ...place(this.#truth));
+    const { context, width, height, place } = overlayOf(this.#overlay, this.#size);
+    if (this.#map) drawMap(context, this.#map, width, height, this.#opacity);
+    if (this.#result) drawFound(context, place(this.#result.image));
+    if (this.#truth) drawTruth(context, place(this.#truth));
   }
-}
-
-function painted({ heatmap, depthMap }: Localisation): Partial<Record<Layer, Painted>> {
-  const layers: Partial<Record<Layer, Painted>> = {};
-  if (heatmap) {
-    const likelihood = { from: 0, to: rangeOf(heatmap.values).to };
-    layers.heatmap = {
-      pixels: canvasOf(coloured(heatmap, likelihood, (level) => Math.min(1, level / HEATMAP_OPAQUE_AT))),
-      scale: { name: "Probability", ...likelihood, words: (value) => (value === 0 ? "0" : `${(100 * value).toPrecision(2)} %`) },
-    };
-  }
-  if (depthMap) {
-    const depth = rangeOf(depthMap.values);
-    layers.depth = {
-      pixels: canvasOf(coloured(depthMap, depth, () => 1)),
-      scale: { name: "Depth", ...depth, words: (value) => `${value.toFixed(2)} m` },
-    };
-  }
-  return layers;
-}
-
-function coloured({ values, width, height }: FloatMap, range: Parameters<typeof pixelsOf>[3], opacity: (level: number) => number): ImageData {
-  return pixelsOf(values, width, height, range, opacity);
-}
-
-function canvasOf(image: ImageData): HTMLCanvasElement {
-  const canvas = make("canvas");
-  canvas.width = image.width;
-  canvas.height = image.height;
-  contextOf(canvas).putImageData(image, 0, 0);
-  return canvas;
 }

@@ -45,6 +45,8 @@ async function show(tabs: HTMLButtonElement[], wanted: string): Promise<void> {
     tab.tabIndex = isChosen ? 0 : -1;
     element(`panel-${nameOf(tab)}`).hidden = !isChosen;
   }
+  // On a phone not all tabs are in sight.
+  chosen?.scrollIntoView({ block: "nearest", inline: "center" });
   const name = chosen ? nameOf(chosen) : "try";
   const load = STEPS[name];
   if (!load || started.has(name)) return;

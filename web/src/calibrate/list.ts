@@ -1,5 +1,5 @@
 /** The list of points: one is chosen, own ones can be written, each says how well its click fits. */
-import { make } from "../dom";
+import { make, reveal, textButton } from "../dom";
 import type { Point } from "./state";
 
 export interface ListListener {
@@ -46,7 +46,8 @@ export class PointList {
       const point = points[index];
       if (!point) continue;
       const { residual, outlier } = standing(index);
-      row.item.classList.toggle("current", index === current);
+      if (index === current) row.item.setAttribute("aria-current", "true");
+      else row.item.removeAttribute("aria-current");
       row.item.classList.toggle("outlier", outlier);
       row.choose.setAttribute("aria-pressed", String(index === current));
       row.unclick.hidden = point.click === null;
@@ -55,19 +56,14 @@ export class PointList {
   }
 
   reveal(index: number): void {
-    const row = this.#rows[index]?.item;
-    // Only within the list: the page itself must not jump.
-    if (!row) return;
-    const { offsetTop, offsetHeight } = row;
-    const list = this.#list;
-    if (offsetTop < list.scrollTop) list.scrollTop = offsetTop;
-    else if (offsetTop + offsetHeight > list.scrollTop + list.clientHeight) list.scrollTop = offsetTop + offsetHeight - list.clientHeight;
+    const row = this.#rows[index];
+    if (row) reveal(row.item, this.#list);
   }
 
   #courtRow(point: Point, index: number): Row {
     const where = make("small", { text: `(${point.world.join(", ")}) m` });
     const choose = this.#chooser(index, make("span", { class: "cal-number", text: String(index + 1) }), make("span", { text: point.name }), where);
-    return this.#row(index, "", choose);
+    return this.#row(index, "", [choose]);
   }
 
   #ownRow(point: Point, index: number): Row {
@@ -79,10 +75,7 @@ export class PointList {
     name.placeholder = "name";
     name.setAttribute("aria-label", `Name of point ${index + 1}`);
     name.addEventListener("input", () => this.#listener.rename(index, name.value));
-    const remove = make("button", { class: "cal-remove", text: "Remove", testId: `cal-remove-${index}` });
-    remove.type = "button";
-    remove.setAttribute("aria-label", `Remove point ${index + 1}`);
-    remove.addEventListener("click", () => this.#listener.remove(index));
+    const remove = textButton("Remove", `cal-remove-${index}`, `Remove point ${index + 1}`, () => this.#listener.remove(index));
     const axes = ([0, 1, 2] as const).map((axis) => {
       const letter = "xyz"[axis] ?? "";
       const input = make("input", { testId: `cal-${letter}-${index}` });
@@ -97,7 +90,7 @@ export class PointList {
     for (const input of [name, ...axes.flatMap((label) => [...label.querySelectorAll("input")])]) {
       input.addEventListener("focus", () => this.#listener.choose(index));
     }
-    return this.#row(index, "own", choose, name, remove, make("div", { class: "cal-axes" }, ...axes));
+    return this.#row(index, "own", [choose, name, make("div", { class: "cal-axes" }, ...axes)], remove);
   }
 
   #chooser(index: number, ...content: Node[]): HTMLButtonElement {
@@ -107,14 +100,11 @@ export class PointList {
     return choose;
   }
 
-  #row(index: number, kind: string, choose: HTMLButtonElement, ...more: Node[]): Row {
+  #row(index: number, kind: string, content: [HTMLButtonElement, ...Node[]], ...more: Node[]): Row {
     const state = make("span", { class: "cal-state", testId: `cal-state-${index}` });
-    const unclick = make("button", { class: "cal-unclick", text: "Delete click", testId: `cal-unclick-${index}` });
-    unclick.type = "button";
-    unclick.setAttribute("aria-label", `Delete click on point ${index + 1}`);
-    unclick.addEventListener("click", () => this.#listener.unclick(index));
-    const item = make("li", { class: kind }, choose, ...more, make("div", { class: "cal-standing" }, state, unclick));
-    return { item, choose, state, unclick };
+    const unclick = textButton("Delete click", `cal-unclick-${index}`, `Delete click on point ${index + 1}`, () => this.#listener.unclick(index));
+    const item = make("li", { class: kind }, ...content, make("div", { class: "cal-standing" }, state, unclick, ...more));
+    return { item, choose: content[0], state, unclick };
   }
 }
 

@@ -1,4 +1,5 @@
 /** The sample picture, and corners of its boxes that can be clicked. */
+import { fetchOk } from "../shared/files";
 import type { Point } from "./state";
 
 const FOLDER = `${import.meta.env.BASE_URL}samples/`;
@@ -13,8 +14,8 @@ const CORNERS: [string, [number, number, number]][] = [
   ["blue box, foot, right corner", [2.6243, 0.6444, 0]],
   ["blue box, top, left corner", [0.6444, 2.6243, 1.3]],
   ["blue box, top, right corner", [2.6243, 0.6444, 1.3]],
-  ["green box at the left, top, far right corner", [-1.8686, 0.5, 0.8]],
-  ["green box at the left, top, near right corner", [-3, -0.6314, 0.8]],
+  ["green box, top, far corner", [-1.8686, 0.5, 0.8]],
+  ["green box, top, near corner", [-3, -0.6314, 0.8]],
 ];
 
 export async function takeSample(): Promise<{ picture: Blob; name: string; points: Point[] }> {
@@ -23,10 +24,4 @@ export async function takeSample(): Promise<{ picture: Blob; name: string; point
   if (!sample) throw new Error("This page has no samples.");
   const picture = await (await fetchOk(FOLDER + sample.file)).blob();
   return { picture, name: sample.name, points: CORNERS.map(([name, world]) => ({ name, world, click: null })) };
-}
-
-async function fetchOk(url: string): Promise<Response> {
-  const response = await fetch(url);
-  if (!response.ok) throw new Error(`Could not fetch ${url}: the server answered ${response.status}.`);
-  return response;
 }

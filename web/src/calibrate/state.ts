@@ -1,7 +1,7 @@
 /** What the user has given: points, clicks, lens. Kept in this browser; every change can be undone. */
 import type { CalibrationPoints, Vector } from "gravisight";
 import { get, set } from "idb-keyval";
-import type { Pixel } from "../shared/picture-view";
+import type { Pixel } from "../shared/canvas";
 
 export interface Point {
   name: string;
@@ -103,18 +103,13 @@ export function wholeOf({ world: [x, y, z] }: Point): Vector | undefined {
 
 /** The points of a points.json; throws in words. `placesOf` gives a court's points. */
 export async function pointsFrom(
-  text: string,
+  content: unknown,
   name: string,
   size: { width: number; height: number } | undefined,
   placesOf: (court: string) => Promise<Record<string, Vector>>,
 ): Promise<{ given: Given; focal: number | null; leftOut: boolean }> {
-  let file: Partial<CalibrationPoints>;
-  try {
-    file = JSON.parse(text) as Partial<CalibrationPoints>;
-  } catch {
-    throw new Error(`${name} is not JSON.`);
-  }
-  const { image, world, names, court } = file ?? {};
+  const file = (content ?? {}) as Partial<CalibrationPoints>;
+  const { image, world, names, court } = file;
   if (!Array.isArray(image) || !image.every(isPixel)) throw new Error(`${name} is no points.json: it needs \`image\`, a list of [x, y] in pixels.`);
   if (size && (file.width !== size.width || file.height !== size.height)) {
     throw new Error(`${name} speaks of a picture of ${file.width} × ${file.height} pixels; this one has ${size.width} × ${size.height}.`);

@@ -1,7 +1,7 @@
 /** A clip being labelled: what is proposed, what a person said, and how to take it back. */
-import type { LabelProposal } from "gravisight";
+import type { Camera, LabelProposal } from "gravisight";
 import { del, get, set } from "idb-keyval";
-import type { Pixel } from "../shared/picture-view";
+import type { Pixel } from "../shared/canvas";
 import { workspace, type StoredClip } from "../shared/workspace";
 
 export type FrameState = "sure" | "doubtful" | "accepted" | "corrected" | "hidden" | "open";
@@ -183,6 +183,11 @@ export class Labelling {
     this.frame = step.frame;
     this.#save();
     return true;
+  }
+
+  setCamera(camera: Camera): void {
+    this.clip.camera = camera;
+    this.#save();
   }
 
   hold(isHeldOut: boolean): void {

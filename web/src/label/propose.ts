@@ -1,10 +1,10 @@
 /** Proposals for a whole clip, in parts that fit into memory. */
 import type { LabelProposal } from "gravisight";
 import { contextOf, make } from "../dom";
+import { decode } from "../shared/canvas";
 import { tools } from "../shared/core";
-import { decode } from "../shared/picture-view";
+import type { Watch } from "../shared/job";
 import type { StoredClip } from "../shared/workspace";
-import type { Watch } from "./sources";
 
 /** Pixels of all frames that the core looks at together: it holds them as numbers, a phone has room for so many. */
 const MOST_PIXELS = 64e6;
@@ -22,7 +22,7 @@ export async function proposalsFor(clip: StoredClip, { signal, progress }: Watch
       progress(from + index, pictures.length, `Opening frame ${from + index + 1} of ${pictures.length}`);
       part.push(await pixelsOf(picture, `Frame ${from + index + 1}`, camera));
     }
-    progress(0, 0, `Looking for the ball in ${part.length} frames…`);
+    progress(0, null, `Looking for the ball in ${part.length} frames…`);
     proposals.push(...(await toolbox.proposeLabels(part, { camera, signal })));
   }
   return proposals;

@@ -1,16 +1,11 @@
 /** Where clips come from: a video, pictures, the simulator. */
 import type { Camera } from "gravisight";
-import { contextOf, make } from "../dom";
+import { decode } from "../shared/canvas";
 import { tools } from "../shared/core";
-import { Film, fileOf } from "../shared/film";
-import { decode } from "../shared/picture-view";
+import { Film } from "../shared/film";
+import type { Watch } from "../shared/job";
+import { simulatedClip } from "../shared/simulated";
 import { workspace, type StoredClip } from "../shared/workspace";
-
-/** Tells how far it is, and ends when the signal says so. */
-export interface Watch {
-  signal: AbortSignal;
-  progress(done: number, all: number, words: string): void;
-}
 
 const MOST_SYNTHETIC = 90;
 const SEED = 1;
@@ -75,30 +70,8 @@ export function syntheticId(environment: number, camera: number, number: number)
 export async function syntheticClip(environment: 1 | 2 | 3, camera: number, number: number, watch: Watch): Promise<StoredClip> {
   const simulator = await (await tools()).simulator({ environment, camera });
   try {
-    const { fps, frames: all } = await simulator.clip(SEED, number);
-    const frames = all.slice(0, MOST_SYNTHETIC);
-    const pictures: Blob[] = [];
-    const canvas = make("canvas");
-    for (const [index, { world }] of frames.entries()) {
-      watch.signal.throwIfAborted();
-      watch.progress(index, frames.length, `Drawing frame ${index + 1} of ${frames.length}`);
-      const { data, width, height } = await simulator.picture(world);
-      canvas.width = width;
-      canvas.height = height;
-      contextOf(canvas).putImageData(new ImageData(data, width, height), 0, 0);
-      pictures.push(await fileOf(canvas));
-    }
-    return {
-      id: syntheticId(environment, camera, number),
-      fps,
-      camera: simulator.camera,
-      scene: simulator.scene,
-      pictures,
-      times: frames.map(({ t }) => t),
-      labels: frames.map(() => undefined),
-      truth: frames.map(({ world }) => world),
-      heldOut: false,
-    };
+    const { clip } = await simulatedClip(simulator, SEED, number, watch, MOST_SYNTHETIC);
+    return { ...clip, id: syntheticId(environment, camera, number), labels: clip.pictures.map(() => undefined), heldOut: false };
   } finally {
     simulator.dispose();
   }

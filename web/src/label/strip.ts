@@ -1,5 +1,5 @@
 /** All frames in a row, coloured and marked by their state. */
-import { make } from "../dom";
+import { make, reveal } from "../dom";
 import type { FrameState } from "./labelling";
 
 /** A sign as well as a colour, and the words of both. */
@@ -56,10 +56,6 @@ export class Strip {
     const cell = this.#cells[current];
     if (!cell) return;
     if (hadFocus) cell.focus({ preventScroll: true });
-    // Only within the strip: the page itself must not jump.
-    const { offsetTop, offsetHeight } = cell;
-    const place = this.#place;
-    if (offsetTop < place.scrollTop) place.scrollTop = offsetTop - 4;
-    else if (offsetTop + offsetHeight > place.scrollTop + place.clientHeight) place.scrollTop = offsetTop + offsetHeight + 4 - place.clientHeight;
+    reveal(cell, this.#place);
   }
 }

@@ -1,9 +1,10 @@
 /** A ball to throw: the core simulates and draws it, the network finds it in each picture, and both are shown in space. */
 import type { Localiser, Simulator, Vector } from "gravisight";
-import { contextOf, make } from "../dom";
-import { drawFound, drawTruth } from "../marks";
+import { contextOf } from "../dom";
+import { overlayOf, type Pixel } from "../shared/canvas";
 import { tools } from "../shared/core";
-import { Alert, fill } from "../shared/panel";
+import { drawFound, drawTruth, stroke } from "../shared/marks";
+import { Alert, fill, type Parts } from "../shared/panel";
 import type { View3d } from "../shared/view3d";
 import markup from "./panel.html?raw";
 import "./style.css";
@@ -30,13 +31,13 @@ export function startLive(panel: HTMLElement, localiser: () => Localiser | undef
 }
 
 class Live {
-  readonly #part: ReturnType<typeof fill>;
+  readonly #part: Parts;
   readonly #alert: Alert;
   readonly #localiser: () => Localiser | undefined;
   #view: View3d | undefined;
-  #scene: { key: string; simulator: Simulator; starts: Vector[]; places: ([number, number] | null)[] } | undefined;
+  #scene: { key: string; simulator: Simulator; starts: Vector[]; places: (Pixel | null)[] } | undefined;
   #run = new AbortController();
-  #pressed: { start: number; at: [number, number] } | undefined;
+  #pressed: { start: number; at: Pixel } | undefined;
 
   constructor(panel: HTMLElement, localiser: () => Localiser | undefined) {
     this.#part = fill(panel, markup);
@@ -44,9 +45,7 @@ class Live {
     this.#localiser = localiser;
     const cameras = this.#part<HTMLSelectElement>("live-camera");
     for (let number = 1; number <= CAMERAS; number++) {
-      const option = make("option", { text: number > TRAINED ? `${number} (never trained on)` : String(number) });
-      option.value = String(number);
-      cameras.append(option);
+      cameras.append(new Option(number > TRAINED ? `${number} (never trained on)` : String(number), String(number)));
     }
     for (const select of [cameras, this.#part<HTMLSelectElement>("live-scene")]) {
       select.addEventListener("change", () => void this.#alert.during(() => this.#show()));
@@ -68,14 +67,10 @@ class Live {
     });
     canvas.addEventListener("pointermove", (event) => {
       if (!this.#pressed) return;
-      const context = cleared(canvas);
-      const [from, to] = [this.#pressed.at, placeOf(event, canvas)].map(([x, y]) => [x * canvas.width, y * canvas.height]) as [number[], number[]];
-      context.strokeStyle = getComputedStyle(canvas).getPropertyValue("--found");
-      context.lineWidth = 4;
-      context.beginPath();
-      context.moveTo(from[0] ?? 0, from[1] ?? 0);
-      context.lineTo(to[0] ?? 0, to[1] ?? 0);
-      context.stroke();
+      const { context, width, height } = this.#overlay();
+      const [from, to] = [this.#pressed.at, placeOf(event, canvas)];
+      const path = new Path2D(`M${from[0] * width} ${from[1] * height}L${to[0] * width} ${to[1] * height}`);
+      stroke(context, path, getComputedStyle(canvas).getPropertyValue("--found"), 3);
     });
     canvas.addEventListener("pointerup", (event) => {
       const pressed = this.#pressed;
@@ -89,7 +84,7 @@ class Live {
   }
 
   /** The start whose image is nearest to a place in the picture (0 to 1). */
-  #nearest([x, y]: [number, number]): number | undefined {
+  #nearest([x, y]: Pixel): number | undefined {
     const scene = this.#scene;
     if (!scene) return undefined;
     const { width, height } = scene.simulator.camera;
@@ -125,7 +120,8 @@ class Live {
     this.#view.setBall("truth", null);
     this.#view.setBall("found", null);
     await this.#draw([0, 0, -1000]);
-    cleared(this.#part<HTMLCanvasElement>("live-overlay"));
+    this.#part("live-views").dataset.open = "";
+    this.#overlay();
     this.#say("Ready: press in the picture, drag and let go.");
   }
 
@@ -170,7 +166,7 @@ class Live {
       const answer = await localiser.localise(picture, { camera: simulator.camera, truth: centre, signal });
       found.push(answer.world);
       [sum, count, spent] = [sum + (answer.dtg ?? 0), count + 1, spent + answer.milliseconds];
-      this.#mark(simulator, answer.image, images[index] ?? undefined);
+      this.#mark(answer.image, images[index] ?? undefined);
       this.#view?.setBall("truth", centre);
       this.#view?.setBall("found", answer.world);
       this.#view?.setPath("found", found);
@@ -192,15 +188,15 @@ class Live {
     return picture;
   }
 
-  #mark({ camera }: Simulator, image: [number, number], truth: [number, number] | undefined): void {
-    const canvas = this.#part<HTMLCanvasElement>("live-overlay");
-    const context = cleared(canvas);
-    const place = ([u, v]: [number, number]): [number, number] => [
-      ((u + 0.5) / camera.width) * canvas.width,
-      ((v + 0.5) / camera.height) * canvas.height,
-    ];
-    drawFound(context, ...place(image));
-    if (truth) drawTruth(context, ...place(truth));
+  #mark(image: Pixel, truth: Pixel | undefined): void {
+    const { context, place } = this.#overlay();
+    drawFound(context, place(image));
+    if (truth) drawTruth(context, place(truth));
+  }
+
+  /** The overlay, with nothing on it. */
+  #overlay(): ReturnType<typeof overlayOf> {
+    return overlayOf(this.#part<HTMLCanvasElement>("live-overlay"), this.#scene?.simulator.camera ?? { width: 1, height: 1 });
   }
 
   #write(testId: string, value: number, words: (value: number) => string): void {
@@ -215,15 +211,9 @@ class Live {
 }
 
 /** Where in the canvas, 0 to 1. */
-function placeOf(event: PointerEvent, canvas: HTMLCanvasElement): [number, number] {
+function placeOf(event: PointerEvent, canvas: HTMLCanvasElement): Pixel {
   const { left, top, width, height } = canvas.getBoundingClientRect();
   return [(event.clientX - left) / width, (event.clientY - top) / height];
-}
-
-function cleared(canvas: HTMLCanvasElement): CanvasRenderingContext2D {
-  const context = contextOf(canvas);
-  context.clearRect(0, 0, canvas.width, canvas.height);
-  return context;
 }
 
 /** A throw inwards, upwards, and different each time. */

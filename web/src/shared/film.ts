@@ -1,89 +1,99 @@
-/** A video file as single frames, by way of the browser's own player. */
+/** Video files, by way of the browser's own player. */
 import { contextOf, make } from "../dom";
+import { blobOf } from "./canvas";
 
-/** How long a browser may take for one seek, ms. */
-const PATIENCE = 15_000;
+/** How long a browser may take to open or to seek, ms. */
+const PATIENCE = 20_000;
 
+/** A video's single frames. */
 export class Film {
   readonly #video: HTMLVideoElement;
-  readonly #name: string;
+  readonly #words: string;
 
-  private constructor(video: HTMLVideoElement, name: string) {
+  private constructor(video: HTMLVideoElement, words: string) {
     this.#video = video;
-    this.#name = name;
+    this.#words = words;
   }
 
   static async open(file: File): Promise<Film> {
-    const video = make("video");
-    video.muted = true;
-    video.playsInline = true;
-    video.preload = "auto";
-    video.src = URL.createObjectURL(file);
-    const film = new Film(video, file.name);
-    try {
-      await film.#until("loadeddata");
-      if (video.duration === Infinity) {
-        // A recording whose length is not written down: its end is found by going there.
-        video.currentTime = 1e7;
-        await film.#until("seeked");
-      }
-    } catch (thrown) {
-      film.close();
-      throw thrown;
-    }
-    return film;
+    const words = `This browser cannot play ${file.name}. Try another format, such as MP4 (H.264) or WebM.`;
+    return new Film(await openVideo(file, words), words);
   }
 
   /** Seconds. */
   get duration(): number {
-    return this.#video.duration === Infinity ? this.#video.currentTime : this.#video.duration;
+    return this.#video.duration;
   }
 
   /** The picture that is shown at `seconds`, at the video's size, as a file. */
   async frame(seconds: number): Promise<Blob> {
     this.#video.currentTime = seconds;
-    await this.#until("seeked");
+    await until(this.#video, "seeked", this.#words);
     const canvas = make("canvas");
     canvas.width = this.#video.videoWidth;
     canvas.height = this.#video.videoHeight;
     contextOf(canvas).drawImage(this.#video, 0, 0);
-    return fileOf(canvas);
+    // PNG where it is small, so that nothing is lost; WebP else, for the browser's room.
+    return blobOf(canvas, canvas.width * canvas.height <= 640 * 480 ? "image/png" : "image/webp");
   }
 
   close(): void {
-    URL.revokeObjectURL(this.#video.src);
-    this.#video.removeAttribute("src");
-    this.#video.load();
-  }
-
-  #until(event: "loadeddata" | "seeked"): Promise<void> {
-    return new Promise((resolve, reject) => {
-      const video = this.#video;
-      const timer = setTimeout(() => done(new Error(`The video ${this.#name} gives no picture. Try another format, such as MP4 (H.264) or WebM.`)), PATIENCE);
-      const onEvent = () => done();
-      const onError = () => done(new Error(`This browser cannot play ${this.#name}. Try MP4 (H.264) or WebM.`));
-      function done(problem?: Error): void {
-        clearTimeout(timer);
-        video.removeEventListener(event, onEvent);
-        video.removeEventListener("error", onError);
-        if (problem) reject(problem);
-        else resolve();
-      }
-      video.addEventListener(event, onEvent);
-      video.addEventListener("error", onError);
-    });
+    closeVideo(this.#video);
   }
 }
 
-/** A canvas as a picture file: PNG where it is small, so that nothing is lost; WebP else, for the browser's room. */
-export function fileOf(canvas: HTMLCanvasElement): Promise<Blob> {
-  const small = canvas.width * canvas.height <= 640 * 480;
+/** A player that nobody sees or hears. */
+export function videoElement(): HTMLVideoElement {
+  const video = make("video");
+  video.muted = true;
+  video.playsInline = true;
+  video.preload = "auto";
+  video.tabIndex = -1;
+  video.setAttribute("aria-hidden", "true");
+  return video;
+}
+
+/** Opens a file in a player; one that cannot be played throws `words`. */
+export async function openVideo(file: File, words: string): Promise<HTMLVideoElement> {
+  const video = videoElement();
+  video.src = URL.createObjectURL(file);
+  try {
+    await until(video, "loadeddata", words);
+    if (!Number.isFinite(video.duration)) await measure(video, words);
+    return video;
+  } catch (thrown) {
+    closeVideo(video);
+    throw thrown;
+  }
+}
+
+export function closeVideo(video: HTMLVideoElement): void {
+  URL.revokeObjectURL(video.src);
+  video.srcObject = null;
+  video.removeAttribute("src");
+  video.load();
+}
+
+/** Waits for an event; an error, or nothing for long, throws `words`. */
+export function until(video: HTMLVideoElement, event: "loadeddata" | "seeked", words: string): Promise<void> {
   return new Promise((resolve, reject) => {
-    const take = (blob: Blob | null) => (blob ? resolve(blob) : reject(new Error("This browser could not make a picture file.")));
-    canvas.toBlob(take, small ? "image/png" : "image/webp", 0.95);
+    const listening = new AbortController();
+    const end = (act: () => void) => () => {
+      clearTimeout(timer);
+      listening.abort();
+      act();
+    };
+    const timer = setTimeout(end(() => reject(new Error(words))), PATIENCE);
+    video.addEventListener(event, end(resolve), { signal: listening.signal });
+    video.addEventListener("error", end(() => reject(new Error(words))), { signal: listening.signal });
   });
 }
 
-export function isVideo(file: File): boolean {
-  return file.type.startsWith("video/") || /\.(mp4|m4v|mov|webm|mkv|avi|ogv)$/i.test(file.name);
+/** A browser's own recording does not know how long it is until its end was looked at. */
+async function measure(video: HTMLVideoElement, words: string): Promise<void> {
+  for (const seconds of [1e7, 0]) {
+    video.currentTime = seconds;
+    await until(video, "seeked", words);
+  }
+  if (!Number.isFinite(video.duration)) throw new Error(words);
 }

@@ -1,6 +1,7 @@
 /** A magnifier in the picture's corner: what is under the pointer or the chosen point, with a cross-hair. */
 import { contextOf, make } from "../dom";
-import type { Pixel } from "./picture-view";
+import type { Pixel } from "./canvas";
+import { addTicks, stroke } from "./marks";
 
 /** CSS pixels. */
 const SIDE = 132;
@@ -47,14 +48,6 @@ export class Loupe {
 
 function crossHair(context: CanvasRenderingContext2D): void {
   const path = new Path2D();
-  const middle = SIDE / 2;
-  for (const [dx, dy] of [[1, 0], [0, 1], [-1, 0], [0, -1]] as const) {
-    path.moveTo(middle + 3 * dx, middle + 3 * dy);
-    path.lineTo(middle + middle * dx, middle + middle * dy);
-  }
-  for (const [colour, width] of [["rgb(10 12 20 / 0.7)", 3], ["#ffffff", 1]] as const) {
-    context.strokeStyle = colour;
-    context.lineWidth = width;
-    context.stroke(path);
-  }
+  addTicks(path, [SIDE / 2, SIDE / 2], 3, SIDE / 2);
+  stroke(context, path, "#ffffff", 1);
 }

@@ -1,8 +1,11 @@
 /** What the steps' panels are made of. */
 import { make, wordsOf } from "../dom";
 
+/** Finds a part of a step by its `data-testid`. */
+export type Parts = <T extends HTMLElement = HTMLElement>(testId: string) => T;
+
 /** Fills `panel` with the markup of a step and returns a finder of its parts by `data-testid`. */
-export function fill(panel: HTMLElement, markup: string): <T extends HTMLElement = HTMLElement>(testId: string) => T {
+export function fill(panel: HTMLElement, markup: string): Parts {
   const template = document.createElement("template");
   template.innerHTML = markup;
   panel.replaceChildren(template.content);

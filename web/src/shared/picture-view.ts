@@ -1,11 +1,8 @@
 /** A picture to click in: pointer and keyboard as picture pixels, marks over it, a loupe in its corner. */
 import { contextOf, make } from "../dom";
+import { overlayOf, type Pixel, type Place } from "./canvas";
 import { Loupe } from "./loupe";
 import "./picture-view.css";
-
-export type Pixel = [number, number];
-/** From pixels of the picture to where they are drawn. */
-export type Place = (pixel: Pixel) => [number, number];
 
 export interface Listener {
   /** Draws the marks. */
@@ -76,16 +73,9 @@ export class PictureView {
   }
 
   redraw(): void {
-    const { width, height } = this.#frame.getBoundingClientRect();
-    if (!this.#bitmap || width === 0) return;
-    const density = window.devicePixelRatio || 1;
-    this.overlay.width = Math.max(1, Math.round(width * density));
-    this.overlay.height = Math.max(1, Math.round(height * density));
-    const context = contextOf(this.overlay);
-    context.scale(density, density);
-    const size = this.size;
-    // An integer pixel is a pixel's centre, which lies half a pixel from the picture's edge.
-    this.#listener.paint(context, ([u, v]) => [((u + 0.5) / size.width) * width, ((v + 0.5) / size.height) * height]);
+    if (!this.#bitmap || this.#frame.clientWidth === 0) return;
+    const { context, place } = overlayOf(this.overlay, this.size);
+    this.#listener.paint(context, place);
     this.#magnifyAim();
   }
 
@@ -149,22 +139,4 @@ export function inside([u, v]: Pixel, { width, height }: { width: number; height
 /** Which way an arrow key points; undefined for other keys. */
 export function arrow(key: string): Pixel | undefined {
   return ({ ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] } as Record<string, Pixel>)[key];
-}
-
-/** Strokes a path so that it is seen on any picture. */
-export function strokeOn(context: CanvasRenderingContext2D, path: Path2D, colour: string, width = 2): void {
-  for (const [style, line] of [["rgb(10 12 20 / 0.75)", width + 2.5], [colour, width]] as const) {
-    context.strokeStyle = style;
-    context.lineWidth = line;
-    context.stroke(path);
-  }
-}
-
-/** Decodes a picture file; throws in words. */
-export async function decode(picture: Blob, name: string): Promise<ImageBitmap> {
-  try {
-    return await createImageBitmap(picture, { colorSpaceConversion: "none" });
-  } catch {
-    throw new Error(`${name} is not a picture that this browser can read. PNG, JPEG and WebP are.`);
-  }
 }

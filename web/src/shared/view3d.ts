@@ -2,40 +2,19 @@
 import type { Camera, Scene, Vector } from "gravisight";
 import {
   Box3,
-  BoxGeometry,
-  BufferGeometry,
-  CatmullRomCurve3,
   Color,
   DirectionalLight,
-  DoubleSide,
-  EdgesGeometry,
-  GridHelper,
-  Group,
   HemisphereLight,
-  Line,
-  LineBasicMaterial,
-  LineSegments,
   MathUtils,
-  Matrix3,
-  Matrix4,
-  Mesh,
-  MeshBasicMaterial,
-  MeshLambertMaterial,
   Object3D,
-  OctahedronGeometry,
   PerspectiveCamera,
-  Plane,
-  PlaneGeometry,
-  Points,
-  PointsMaterial,
   Scene as Stage,
-  SphereGeometry,
-  TubeGeometry,
   Vector3,
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { make } from "../dom";
+import { ballOf, dotsOf, free, frustumOf, marksOf, placeOf, poseOf, tubeOf, UP } from "./view3d-objects";
 
 /** Whose path, whose ball. */
 export type PathName = "truth" | "found" | "fit";
@@ -45,7 +24,6 @@ const COLOURS: Record<PathName, string> = { truth: "--good", found: "--found", f
 const TUBE = { truth: 0.14, fit: 0.24 };
 /** Of a position that was found, in CSS pixels. */
 const DOT = 3;
-const UP = new Vector3(0, 0, 1);
 /** Radians that an arrow key turns the view by. */
 const TURN = MathUtils.degToRad(6);
 const ZOOM = 1.15;
@@ -63,9 +41,6 @@ export class View3d {
   readonly #controls: OrbitControls | undefined;
   /** What is drawn, by name: redrawn when the colours change. */
   readonly #drawn = new Map<string, { draw: () => Object3D | null; object: Object3D | null }>();
-  readonly #listening = new AbortController();
-  readonly #observer: ResizeObserver | undefined;
-  readonly #words: HTMLElement | undefined;
   #scene: Scene | undefined;
   #camera: Camera | undefined;
   #paths: Partial<Record<PathName, Vector[]>> = {};
@@ -79,9 +54,8 @@ export class View3d {
     this.#canvas = canvas;
     const context = canvas.getContext("webgl2", { antialias: true, alpha: true });
     if (!context) {
-      this.#words = make("p", { class: "no-webgl", text: NO_WEBGL, testId: "no-webgl" });
       canvas.hidden = true;
-      canvas.after(this.#words);
+      canvas.after(make("p", { class: "hint no-webgl", text: NO_WEBGL, testId: "no-webgl" }));
       return;
     }
     canvas.tabIndex = 0;
@@ -99,8 +73,7 @@ export class View3d {
     this.#controls = new OrbitControls(this.#eye, canvas);
     this.#controls.addEventListener("start", () => (this.#turned = true));
     this.#controls.addEventListener("change", () => this.#request());
-    this.#observer = new ResizeObserver(() => this.#resize());
-    this.#observer.observe(canvas);
+    new ResizeObserver(() => this.#resize()).observe(canvas);
     this.#describe();
   }
 
@@ -116,59 +89,35 @@ export class View3d {
 
   setPath(name: PathName, points: Vector[]): void {
     this.#paths[name] = points;
-    this.#put(`path ${name}`, () => (points.length < 2 ? null : this.#path(name, points)));
+    this.#put(`path ${name}`, () => {
+      if (points.length < 2) return null;
+      const colour = this.#colour(COLOURS[name]);
+      return name === "found" ? dotsOf(points, colour, DOT * (this.#renderer?.getPixelRatio() ?? 1)) : tubeOf(points, colour, this.#radius() * TUBE[name]);
+    });
     if (!this.#turned && !this.#placed.containsBox(this.#content())) this.#place();
     this.#describe();
   }
 
   setBall(name: PathName, point: Vector | null): void {
-    this.#put(`ball ${name}`, () => {
-      if (!point) return null;
-      const ball = new Mesh(new SphereGeometry(this.#radius(), 24, 16), new MeshLambertMaterial({ color: this.#colour(COLOURS[name]) }));
-      ball.position.fromArray(point);
-      return ball;
-    });
+    this.#put(`ball ${name}`, () => point && ballOf(point, this.#colour(COLOURS[name]), this.#radius()));
   }
 
   /** Marks places, such as bounces. */
   setMarks(points: Vector[]): void {
-    this.#put("marks", () => {
-      const marks = new Group();
-      const size = this.#radius() * 0.7;
-      for (const point of points) {
-        // Through whatever stands before it: a mark is a note, not a thing.
-        const material = new MeshBasicMaterial({ color: this.#colour("--busy"), depthTest: false, transparent: true, opacity: 0.9 });
-        const mark = new Mesh(new OctahedronGeometry(size), material);
-        mark.position.fromArray(point);
-        marks.add(mark);
-      }
-      return marks;
-    });
-  }
-
-  dispose(): void {
-    this.#listening.abort();
-    cancelAnimationFrame(this.#requested);
-    for (const { object } of this.#drawn.values()) free(object);
-    this.#drawn.clear();
-    this.#observer?.disconnect();
-    this.#controls?.dispose();
-    this.#renderer?.dispose();
-    this.#words?.remove();
+    this.#put("marks", () => marksOf(points, this.#colour("--busy"), this.#radius() * 0.7));
   }
 
   #listen(): void {
-    const { signal } = this.#listening;
     const dark = matchMedia("(prefers-color-scheme: dark)");
-    dark.addEventListener("change", () => this.#redraw(), { signal });
-    this.#canvas.addEventListener("webglcontextrestored", () => this.#request(), { signal });
-    this.#canvas.addEventListener("keydown", (event) => this.#onKey(event), { signal });
+    dark.addEventListener("change", () => this.#redraw());
+    this.#canvas.addEventListener("webglcontextrestored", () => this.#request());
+    this.#canvas.addEventListener("keydown", (event) => this.#onKey(event));
     // The wheel scrolls the page until the view is chosen. Ahead of the controls' own listener.
     const unlessChosen = (event: Event) => {
       if (document.activeElement !== this.#canvas) event.stopImmediatePropagation();
     };
-    this.#canvas.addEventListener("wheel", unlessChosen, { signal, capture: true, passive: true });
-    this.#canvas.addEventListener("pointerdown", () => this.#canvas.focus({ preventScroll: true }), { signal });
+    this.#canvas.addEventListener("wheel", unlessChosen, { capture: true, passive: true });
+    this.#canvas.addEventListener("pointerdown", () => this.#canvas.focus({ preventScroll: true }));
   }
 
   #onKey(event: KeyboardEvent): void {
@@ -219,8 +168,8 @@ export class View3d {
     this.#placed = content.clone().expandByScalar(0.5);
     const centre = content.getCenter(new Vector3());
     const span = Math.max(2, Math.ceil(Math.max(...content.getSize(new Vector3()).toArray().slice(0, 2))) + 2);
-    this.#put("place", () => this.#drawPlace(centre, span));
-    this.#put("camera", () => (this.#camera ? this.#frustum(this.#camera, span / 9) : null));
+    this.#put("place", () => (this.#scene ? placeOf(this.#scene, centre, span, (name) => this.#colour(name)) : null));
+    this.#put("camera", () => (this.#camera ? frustumOf(this.#camera, span / 9, this.#colour("--ink")) : null));
     this.#describe();
     if (this.#turned) return;
     const size = content.getSize(new Vector3()).length() || 4;
@@ -258,74 +207,6 @@ export class View3d {
     const floor = this.#scene?.floor?.height;
     if (floor !== undefined) box.expandByPoint(box.getCenter(new Vector3()).setZ(floor));
     return box;
-  }
-
-  #drawPlace(centre: Vector3, span: number): Object3D {
-    const group = new Group();
-    const { floor, boxes = [], walls = [] } = this.#scene ?? {};
-    const quiet = this.#colour("--quiet");
-    if (floor) {
-      // One line a metre; fewer where that would be a grey field.
-      const cell = span > 60 ? 10 : span > 30 ? 5 : 1;
-      const cells = 2 * Math.ceil(span / 2 / cell);
-      const line = this.#colour("--line");
-      const grid = new GridHelper(cells * cell, cells, quiet, line.lerp(quiet, 0.35));
-      grid.rotateX(MathUtils.degToRad(90));
-      grid.position.set(Math.round(centre.x / cell) * cell, Math.round(centre.y / cell) * cell, floor.height);
-      group.add(grid);
-    }
-    for (const { position, half_size, yaw = 0 } of boxes) {
-      const geometry = new BoxGeometry(...new Vector3(...half_size).multiplyScalar(2).toArray());
-      const box = new Mesh(geometry, new MeshLambertMaterial({ color: quiet, transparent: true, opacity: 0.28, depthWrite: false }));
-      box.add(new LineSegments(new EdgesGeometry(geometry), new LineBasicMaterial({ color: quiet })));
-      box.position.fromArray(position);
-      box.rotateZ(yaw);
-      group.add(box);
-    }
-    for (const { point, normal } of walls) group.add(this.#wall(new Vector3(...point), new Vector3(...normal).normalize(), centre, span));
-    return group;
-  }
-
-  #wall(point: Vector3, normal: Vector3, centre: Vector3, span: number): Object3D {
-    const height = Math.min(3, span);
-    const geometry = new PlaneGeometry(span, height);
-    const quiet = this.#colour("--quiet");
-    const wall = new Mesh(geometry, new MeshBasicMaterial({ color: quiet, transparent: true, opacity: 0.08, side: DoubleSide, depthWrite: false }));
-    wall.add(new LineSegments(new EdgesGeometry(geometry), new LineBasicMaterial({ color: quiet, transparent: true, opacity: 0.5 })));
-    const middle = centre.clone();
-    const floor = this.#scene?.floor;
-    if (floor) middle.setZ(floor.height + height / 2);
-    new Plane().setFromNormalAndCoplanarPoint(normal, point).projectPoint(middle, wall.position);
-    wall.up.copy(UP);
-    wall.lookAt(wall.position.clone().add(normal));
-    return wall;
-  }
-
-  /** The camera as the pyramid that it sees, `length` deep. */
-  #frustum(camera: Camera, length: number): Object3D {
-    const { width, height, intrinsic } = camera;
-    const toRay = new Matrix3().fromArray(intrinsic.flat()).transpose().invert();
-    const corners = [[0, 0], [width, 0], [width, height], [0, height]].map(([u, v]) => new Vector3(u, v, 1).applyMatrix3(toRay).multiplyScalar(length));
-    const lines = corners.flatMap((corner, index) => [new Vector3(), corner, corner, corners[(index + 1) % corners.length]!]);
-    const frustum = new LineSegments(new BufferGeometry().setFromPoints(lines), new LineBasicMaterial({ color: this.#colour("--ink") }));
-    frustum.applyMatrix4(worldFromCamera(camera));
-    return frustum;
-  }
-
-  /** What is found frame by frame is noisy: dots on a thin line. The others are smooth: tubes, thick enough to be seen. */
-  #path(name: PathName, points: Vector[]): Object3D {
-    const color = this.#colour(COLOURS[name]);
-    const places = points.map((point) => new Vector3(...point));
-    if (name !== "found") {
-      const curve = new CatmullRomCurve3(places);
-      curve.arcLengthDivisions = Math.min(4 * places.length, 4000);
-      const segments = Math.min(3 * places.length, 3000);
-      return new Mesh(new TubeGeometry(curve, segments, this.#radius() * TUBE[name], 6), new MeshLambertMaterial({ color }));
-    }
-    const geometry = new BufferGeometry().setFromPoints(places);
-    const line = new Line(geometry, new LineBasicMaterial({ color, transparent: true, opacity: 0.4 }));
-    line.add(new Points(geometry, new PointsMaterial({ color, size: DOT * (this.#renderer?.getPixelRatio() ?? 1), sizeAttenuation: false })));
-    return line;
   }
 
   #radius(): number {
@@ -383,27 +264,8 @@ export class View3d {
   }
 }
 
-function worldFromCamera(camera: Camera): Matrix4 {
-  // Rows, where three.js wants columns.
-  return new Matrix4().fromArray(camera.camera_from_world.flat()).transpose().invert();
-}
-
-/** Where a camera is, and a place in front of it. */
-function poseOf(camera: Camera): { position: Vector3; ahead: Vector3 } {
-  const matrix = worldFromCamera(camera);
-  return { position: new Vector3().setFromMatrixPosition(matrix), ahead: new Vector3(0, 0, 6).applyMatrix4(matrix) };
-}
-
 /** How far from the middle of the view (1: the edge) the farthest corner of a box is. */
 function outermost({ min, max }: Box3, eye: PerspectiveCamera): number {
   const corners = [min.x, max.x].flatMap((x) => [min.y, max.y].flatMap((y) => [min.z, max.z].map((z) => new Vector3(x, y, z).project(eye))));
   return Math.max(...corners.flatMap(({ x, y }) => [Math.abs(x), Math.abs(y)]));
-}
-
-function free(object: Object3D | null): void {
-  object?.traverse((part) => {
-    const { geometry, material } = part as Partial<Mesh>;
-    geometry?.dispose();
-    for (const each of [material ?? []].flat()) each.dispose();
-  });
 }

@@ -1,7 +1,8 @@
 /** The clips that may be learned from: those that are kept, and examples. */
 import type { TrainingClip } from "gravisight";
-import { make } from "../dom";
+import { make, textButton } from "../dom";
 import { tools } from "../shared/core";
+import { simulatedClip } from "../shared/simulated";
 import { workspace, type StoredClip } from "../shared/workspace";
 
 /** Fewest labelled frames that physics can be fitted to with any hope. */
@@ -47,11 +48,8 @@ function labelled({ labels }: StoredClip): number {
 
 function rowOf({ clip, use, heldOut }: Choice): HTMLLIElement {
   const words = `${labelled(clip)} of ${clip.pictures.length} frames labelled`;
-  const label = (input: HTMLInputElement, text: string) => make("label", {}, input, document.createTextNode(` ${text}`));
-  const forget = make("button", { class: "button", text: "Delete" });
-  forget.type = "button";
-  forget.setAttribute("aria-label", `Delete ${clip.id}`);
-  forget.addEventListener("click", () => {
+  const label = (input: HTMLInputElement, text: string) => make("label", { class: "check" }, input, document.createTextNode(text));
+  const forget = textButton("Delete…", "tune-delete", `Delete ${clip.id}`, () => {
     if (confirm(`Delete the clip "${clip.id}" from this browser?`)) void workspace.forget(clip.id);
   });
   const name = make("span", { class: "name" }, make("strong", { text: clip.id }), document.createTextNode(`, ${words}`));
@@ -73,33 +71,11 @@ export async function makeExamples(camera: number, progress: (share: number) => 
   const simulator = await toolbox.simulator({ environment: 1, camera });
   try {
     for (let number = 0; number < EXAMPLES; number++) {
-      const { fps, frames } = await simulator.clip(SEED, number);
-      const pictures: Blob[] = [];
-      for (const [index, { world }] of frames.entries()) {
-        signal.throwIfAborted();
-        const { data, width, height } = await simulator.picture(world);
-        pictures.push(await png(new ImageData(data, width, height)));
-        progress((number + (index + 1) / frames.length) / EXAMPLES);
-      }
-      await workspace.keep({
-        id: `Example, camera ${camera}, throw ${number + 1}`,
-        fps,
-        camera: simulator.camera,
-        scene: simulator.scene,
-        pictures,
-        times: frames.map(({ t }) => t),
-        labels: frames.map(({ image, visible }) => (visible ? image : null)),
-        truth: frames.map(({ world }) => world),
-        heldOut: number === EXAMPLES - 1,
-      });
+      const watch = { signal, progress: (done: number, of: number | null) => progress((number + done / (of ?? 1)) / EXAMPLES) };
+      const { clip, seen } = await simulatedClip(simulator, SEED, number, watch);
+      await workspace.keep({ ...clip, id: `Example, camera ${camera}, throw ${number + 1}`, labels: seen, heldOut: number === EXAMPLES - 1 });
     }
   } finally {
     simulator.dispose();
   }
-}
-
-async function png(picture: ImageData): Promise<Blob> {
-  const canvas = new OffscreenCanvas(picture.width, picture.height);
-  canvas.getContext("2d")?.putImageData(picture, 0, 0);
-  return canvas.convertToBlob({ type: "image/png" });
 }

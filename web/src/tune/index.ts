@@ -1,10 +1,10 @@
 /** Step 5: a model learns clips in this page, and what it gained is shown on a clip held out. */
 import { FineTuner, Localiser, type DeviceChoice, type Localisation, type TuneScore } from "gravisight";
 import { contextOf, make } from "../dom";
-import { drawFound, drawTruth } from "../marks";
 import { Chart } from "../shared/chart";
-import { Alert, fill } from "../shared/panel";
-import { save } from "../shared/save";
+import { save } from "../shared/files";
+import { drawFound, drawTruth } from "../shared/marks";
+import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace, type StoredClip } from "../shared/workspace";
 import { makeExamples, showClips, trainingClip, type Choice } from "./clips";
 import markup from "./panel.html?raw";
@@ -21,7 +21,7 @@ export async function start(panel: HTMLElement): Promise<void> {
 }
 
 class Tune {
-  readonly #part: ReturnType<typeof fill>;
+  readonly #part: Parts;
   readonly #alert: Alert;
   readonly #loss: Chart;
   readonly #score: Chart;
@@ -98,8 +98,12 @@ class Tune {
     if (leftOut.length > 0) this.#alert.say(leftOut.join(" "));
     const first = await tuner.evaluate({ signal });
     const losses: [number, number][] = [];
-    const scores: [number, number][] = [[0, first.forecast_px ?? NaN]];
-    this.#showScores(scores, steps, first, first);
+    const scores: [number, number][] = [];
+    const score = (made: number, now: TuneScore) => {
+      if (typeof now.forecast_px === "number") scores.push([made, now.forecast_px]);
+      this.#showScores(scores, steps, first, now);
+    };
+    score(0, first);
     const every = Math.max(1, Math.ceil(steps / SCORES));
     const began = performance.now();
     for (let made = 0; made < steps; ) {
@@ -111,13 +115,11 @@ class Tune {
           const left = ((performance.now() - began) / step) * (steps - step);
           this.#say(`Step ${step} of ${steps}, about ${words(left)} left`);
           this.#progress(step / steps);
-          this.#loss.show({ title: "Loss", axis: "Step", from: 0, to: steps, series: [{ name: "", colour: "var(--accent)", line: losses }] });
+          this.#loss.show({ y: "Loss", x: "Step", series: [{ name: "on the clips learned from", colour: "--accent", line: losses }], from: 0, to: steps });
         },
       });
       made += count;
-      const score = await tuner.evaluate({ signal });
-      scores.push([made, score.forecast_px ?? NaN]);
-      this.#showScores(scores, steps, first, score);
+      score(made, await tuner.evaluate({ signal }));
     }
     await this.#showFrames(shown, before, tuner, signal);
     this.#part<HTMLButtonElement>("tune-save").disabled = false;
@@ -125,18 +127,15 @@ class Tune {
   }
 
   #showScores(scores: [number, number][], steps: number, before: TuneScore, now: TuneScore): void {
-    this.#score.show({
-      title: "Forecast error on the clip held out (px)",
-      axis: "Step",
-      from: 0,
-      to: steps,
-      series: [{ name: "", colour: "var(--found)", line: scores, dots: scores.map((at) => ({ at, faint: false })) }],
-    });
+    const series = { name: "on the clip held out", colour: "--found", line: scores, dots: scores };
+    this.#score.show({ y: "Forecast error (px)", x: "Step", series: [series], from: 0, to: steps });
     const rows: [string, number | null | undefined, number | null | undefined, (value: number) => string][] = [
       ["Forecast 15 frames away, median", before.forecast_px, now.forecast_px, (value) => `${value.toFixed(2)} px`],
       ["2D error, median", before.image_error_px.median, now.image_error_px.median, (value) => `${value.toFixed(2)} px`],
       ["Distance to the truth, mean (where it is known)", before.dtg.mean, now.dtg.mean, (value) => `${(100 * value).toFixed(1)} cm`],
     ];
+    this.#part("tune-none").hidden = true;
+    this.#part("tune-scores").hidden = false;
     const cells = (...texts: string[]) => texts.map((text) => make("td", { text }));
     this.#part("tune-table").replaceChildren(
       ...rows.map(([name, a, b, say]) => {
@@ -220,8 +219,8 @@ async function drawn(picture: Blob, label: [number, number] | undefined, found: 
   const context = contextOf(canvas);
   context.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
   bitmap.close();
-  drawFound(context, (found[0] + 0.5) * scale, (found[1] + 0.5) * scale);
-  if (label) drawTruth(context, (label[0] + 0.5) * scale, (label[1] + 0.5) * scale);
+  drawFound(context, [(found[0] + 0.5) * scale, (found[1] + 0.5) * scale]);
+  if (label) drawTruth(context, [(label[0] + 0.5) * scale, (label[1] + 0.5) * scale]);
   return canvas;
 }
 

@@ -13,7 +13,7 @@ export class FitResult {
   }
 
   show({ explained, rmsPx, points, bounces }: Trajectory): void {
-    this.#place.dataset.explained = String(explained);
+    this.#place.dataset.tone = explained ? "good" : "bad";
     const speeds = points.map(({ speed }) => speed);
     const outliers = points.filter(({ outlier }) => outlier).length;
     const left = outliers ? ` ${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.` : "";

@@ -1,6 +1,7 @@
 /** The model of this step: loaded when it is first needed, gone when the video is closed. */
-import { Localiser, type DeviceChoice, type Progress } from "gravisight";
+import { Localiser, type DeviceChoice } from "gravisight";
 import { MODEL } from "../shared/core";
+import type { Watch } from "../shared/job";
 
 /** Where the card says nothing. */
 const USUAL_THRESHOLD = 0.5;
@@ -14,14 +15,19 @@ export class Model {
     return this.#localiser;
   }
 
-  async load(signal: AbortSignal, onProgress: (progress: Progress) => void): Promise<Localiser> {
-    if (this.#localiser) return this.#localiser;
+  async load({ signal, progress }: Watch): Promise<void> {
+    if (this.#localiser) return;
     const [localiser, threshold] = await Promise.all([
-      Localiser.create({ model: MODEL, device: chosenDevice(), signal, onProgress }),
+      Localiser.create({
+        model: MODEL,
+        device: chosenDevice(),
+        signal,
+        onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total),
+      }),
       thresholdOf(MODEL, signal),
     ]);
     this.threshold = threshold;
-    return (this.#localiser = localiser);
+    this.#localiser = localiser;
   }
 
   dispose(): void {

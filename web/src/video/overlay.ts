@@ -1,19 +1,16 @@
 /** The frame that was looked at last, with the ball's ring and the network's maps over it. */
-import type { FloatMap, Localisation } from "gravisight";
-import { pixelsOf, rangeOf } from "../colourmap";
+import type { Localisation } from "gravisight";
 import { contextOf, make } from "../dom";
-import { drawFound } from "../marks";
-import { ScaleBar, type Scale } from "../scale";
-
-export type Layer = "none" | "heatmap" | "depth" | "saliency";
+import { overlayOf } from "../shared/canvas";
+import { drawMap, mapOf, type ColouredMap, type Layer } from "../shared/maps";
+import { drawFound } from "../shared/marks";
+import { ScaleBar } from "../shared/scale";
 
 /** No screen shows more; in pixels. */
 const LARGEST_SIDE = 1600;
 /** Of a ring that is not to be trusted. */
 const DIM = 0.4;
 const MAP_OPACITY = 0.7;
-/** Cells of the heatmap reach full opacity at this part of its peak. */
-const HEATMAP_OPAQUE_AT = 0.4;
 
 export class Overlay {
   readonly #frame: HTMLElement;
@@ -24,7 +21,7 @@ export class Overlay {
   readonly #next = make("canvas");
   #size = { width: 1, height: 1 };
   #ring: { at: [number, number]; sure: boolean } | undefined;
-  #map: { pixels: HTMLCanvasElement; scale: Scale } | undefined;
+  #map: ColouredMap | undefined;
 
   constructor(frame: HTMLElement, picture: HTMLCanvasElement, overlay: HTMLCanvasElement, scale: HTMLElement) {
     this.#frame = frame;
@@ -80,50 +77,11 @@ export class Overlay {
   }
 
   #draw(): void {
-    const { width, height } = this.#frame.getBoundingClientRect();
-    const density = window.devicePixelRatio || 1;
-    this.#overlay.width = Math.max(1, Math.round(width * density));
-    this.#overlay.height = Math.max(1, Math.round(height * density));
-    const context = contextOf(this.#overlay);
-    context.scale(density, density);
+    const { context, width, height, place } = overlayOf(this.#overlay, this.#size);
     this.#scale.show(this.#map?.scale ?? null);
-    if (this.#map) {
-      context.globalAlpha = MAP_OPACITY;
-      context.imageSmoothingQuality = "high";
-      context.drawImage(this.#map.pixels, 0, 0, width, height);
-    }
+    if (this.#map) drawMap(context, this.#map, width, height, MAP_OPACITY);
     if (!this.#ring) return;
-    const { at: [u, v], sure } = this.#ring;
-    context.globalAlpha = sure ? 1 : DIM;
-    // An integer pixel is a pixel's centre, which lies half a pixel from the picture's edge.
-    drawFound(context, ((u + 0.5) / this.#size.width) * width, ((v + 0.5) / this.#size.height) * height);
+    context.globalAlpha = this.#ring.sure ? 1 : DIM;
+    drawFound(context, place(this.#ring.at));
   }
-}
-
-function mapOf({ heatmap, depthMap, saliency }: Partial<Localisation>, layer: Layer): { pixels: HTMLCanvasElement; scale: Scale } | undefined {
-  if (layer === "heatmap" && heatmap) {
-    const range = { from: 0, to: rangeOf(heatmap.values).to };
-    const words = (value: number) => (value === 0 ? "0" : `${(100 * value).toPrecision(2)} %`);
-    return { pixels: painted(heatmap, range, (level) => Math.min(1, level / HEATMAP_OPAQUE_AT)), scale: { name: "Probability", ...range, words } };
-  }
-  if (layer === "depth" && depthMap) {
-    const range = rangeOf(depthMap.values);
-    return { pixels: painted(depthMap, range, () => 1), scale: { name: "Depth", ...range, words: (value) => `${value.toFixed(2)} m` } };
-  }
-  if (layer === "saliency" && saliency) {
-    // How much, whichever way.
-    const strength = { ...saliency, values: saliency.values.map(Math.abs) };
-    const range = { from: 0, to: rangeOf(strength.values).to };
-    const words = (value: number) => (value === 0 ? "0" : `${value.toPrecision(2)} m`);
-    return { pixels: painted(strength, range, (level) => Math.min(1, 0.15 + 2 * level)), scale: { name: "Depth changes by", ...range, words } };
-  }
-  return undefined;
-}
-
-function painted({ values, width, height }: FloatMap, range: { from: number; to: number }, opacity: (level: number) => number): HTMLCanvasElement {
-  const canvas = make("canvas");
-  canvas.width = width;
-  canvas.height = height;
-  contextOf(canvas).putImageData(pixelsOf(values, width, height, range, opacity), 0, 0);
-  return canvas;
 }

@@ -1,12 +1,13 @@
 /** The camera and the scene in use, and where they come from: the example's own, dropped files, or the other steps. */
 import type { Camera, Scene } from "gravisight";
-import { wordsOf } from "../dom";
+import { tools } from "../shared/core";
+import { readJson } from "../shared/files";
 import { workspace } from "../shared/workspace";
 
 export class Place {
   /** Of the example while it is shown. */
   example: { camera: Camera; scene: Scene } | undefined;
-  #dropped: { camera?: { name: string; content: Camera }; scene?: { name: string; content: Scene } } = {};
+  readonly #dropped: { camera?: { name: string; content: Camera }; scene?: { name: string; content: Scene } } = {};
 
   get camera(): Camera | undefined {
     return this.example?.camera ?? this.#dropped.camera?.content ?? workspace.camera;
@@ -27,29 +28,18 @@ export class Place {
     return `${camera ? `Camera: from ${from}${size}.` : "Camera: none yet."} Scene${this.#dropped.scene ? ` from ${this.#dropped.scene.name}` : ""}: ${ball}.`;
   }
 
-  /** Takes a camera.json or a scene.json; the core checks what is in it. */
-  async take(file: File): Promise<"camera" | "scene"> {
-    let content: unknown;
-    try {
-      content = JSON.parse(await file.text());
-    } catch (thrown) {
-      throw new Error(`${file.name} is not JSON: ${wordsOf(thrown)}.`);
-    }
-    if (typeof content === "object" && content !== null) {
-      if ("intrinsic" in content && "camera_from_world" in content) {
-        this.#dropped.camera = { name: file.name, content: content as Camera };
-        return "camera";
-      }
-      if ("gravity" in content && "ball" in content) {
-        this.#dropped.scene = { name: file.name, content: content as Scene };
-        return "scene";
-      }
-    }
-    throw new Error(`${file.name} is neither a camera.json (intrinsic, camera_from_world) nor a scene.json (gravity, ball).`);
-  }
-
-  /** Forgets a file that the core refused. */
-  forget(what: "camera" | "scene"): void {
-    delete this.#dropped[what];
+  /** Takes a camera.json or a scene.json, if the core has nothing against it. */
+  async take(file: File): Promise<void> {
+    const content = await readJson(file);
+    const has = (...names: string[]) => typeof content === "object" && content !== null && names.every((name) => name in content);
+    if (has("intrinsic", "camera_from_world")) {
+      const camera = content as Camera;
+      await (await tools()).project(camera, [[0, 0, 0]]);
+      this.#dropped.camera = { name: file.name, content: camera };
+    } else if (has("gravity", "ball")) {
+      const scene = content as Scene;
+      await (await tools()).forecast(scene, { position: [0, 0, 1e3], velocity: [0, 0, 0] }, [0]);
+      this.#dropped.scene = { name: file.name, content: scene };
+    } else throw new Error(`${file.name} is neither a camera.json (intrinsic, camera_from_world) nor a scene.json (gravity, ball).`);
   }
 }

@@ -8,7 +8,8 @@ const LIVE_WINDOW = 20;
 /** A video up to this long is plotted on its whole length from the start, in seconds. */
 const SHORT = 12;
 
-const AXES = ["x", "y", "z"] as const;
+const AXES = ["x", "y", "z"];
+const TIME = "time (s)";
 
 export class Plots {
   readonly #position: Chart;
@@ -29,16 +30,16 @@ export class Plots {
     const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
     const points = (fit?.points ?? []).filter(({ timestampMs }) => timestampMs / 1000 >= from);
     const marks = (fit?.bounces ?? []).map(({ timestampMs }) => timestampMs / 1000).filter((t) => t >= from);
-    const series = AXES.map((name, axis): Series => ({
-      name,
-      colour: `var(--axis-${name})`,
-      dots: seen.map(({ timeMs, world, confidence }) => ({ at: [timeMs / 1000, world[axis] ?? 0], faint: confidence < threshold })),
-      line: points.map(({ timestampMs, world }) => [timestampMs / 1000, world[axis] ?? 0]),
-    }));
-    this.#position.show({ title: "Position (m)", series, marks, from, to });
+    const series = AXES.map((name, axis): Series => {
+      const dots = (isSure: boolean) =>
+        seen.filter(({ confidence }) => confidence >= threshold === isSure).map(({ timeMs, world }): [number, number] => [timeMs / 1000, world[axis] ?? 0]);
+      const line = points.map(({ timestampMs, world }): [number, number] => [timestampMs / 1000, world[axis] ?? 0]);
+      return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
+    });
+    this.#position.show({ y: "Position (m)", x: TIME, series, marks, from, to });
     this.#speedPlace.hidden = !fit;
     const line = points.map(({ timestampMs, speed }): [number, number] => [timestampMs / 1000, speed]);
-    if (fit) this.#speed.show({ title: "Speed of the fit (m/s)", series: [{ name: "", colour: "var(--accent)", line }], marks, from, to });
+    if (fit) this.#speed.show({ y: "Speed of the fit (m/s)", x: TIME, series: [{ name: "", colour: "--accent", line }], marks, from, to });
   }
 
   picture(): Promise<Blob> {

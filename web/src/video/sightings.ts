@@ -15,6 +15,11 @@ export interface Seen {
 /** Two times that are closer are of one frame, in milliseconds. */
 export const SAME = 0.5;
 
+/** Undefined of nothing. */
+export function average(values: number[]): number | undefined {
+  return values.length ? values.reduce((sum, value) => sum + value, 0) / values.length : undefined;
+}
+
 export class Sightings {
   readonly all: Seen[] = [];
   /** Rises with every frame that is new. */

@@ -1,6 +1,6 @@
 /** The colour bar with its two ends. */
 import { pixelsOf } from "./colourmap";
-import { contextOf } from "./dom";
+import { contextOf } from "../dom";
 
 export interface Scale {
   name: string;

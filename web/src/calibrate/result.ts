@@ -1,0 +1,59 @@
+/** The camera that the core made of the clicks, how sure it is, and which clicks it does not believe. */
+import { make } from "../dom";
+import type { Parts } from "../shared/panel";
+import type { Calibration } from "./calibration";
+import { offBy } from "./list";
+
+export class Result {
+  readonly #part: Parts;
+
+  constructor(part: Parts) {
+    this.#part = part;
+  }
+
+  /** There is none, and why. */
+  showNone(why: string): void {
+    this.hint(why);
+    this.#part("cal-found").hidden = true;
+    this.#part("cal-outliers").replaceChildren();
+    this.#enable(false);
+  }
+
+  show({ found: { camera, rms_px, sigma, point_sigma }, outliers }: Calibration, nameOf: (index: number) => string): void {
+    this.hint("");
+    this.#part("cal-found").hidden = false;
+    const [[focal = NaN] = []] = camera.intrinsic;
+    this.#number("cal-rms", [rms_px], (value) => value.toFixed(2));
+    this.#number("cal-centre-sigma", sigma.centre, centimetres);
+    this.#number("cal-point-sigma", point_sigma.world, centimetres);
+    this.#number("cal-focal-found", [focal], (value) => value.toFixed(1) + (sigma.focal_px > 0 ? ` ± ${sigma.focal_px.toFixed(1)}` : ""));
+    this.#part("cal-sigma-note").textContent = `Each along x, y and z; two times out of three the error is smaller. The ball: in the picture’s middle, ${point_sigma.depth.toFixed(1)} m from the camera, as far as the camera is to blame.`;
+    this.#part("cal-outliers").replaceChildren(
+      ...[...outliers].map(([index, { residual_px }]) => {
+        const item = make("li", { class: "callout" }, make("strong", { text: `Wrong click? ${nameOf(index)}` }));
+        item.append(` does not fit the others and was left out. The camera puts it ${offBy(residual_px)} from your click.`);
+        return item;
+      }),
+    );
+    this.#enable(true);
+  }
+
+  hint(words: string): void {
+    this.#part("cal-hint").textContent = words;
+  }
+
+  #enable(isFound: boolean): void {
+    for (const testId of ["cal-use", "cal-save"]) this.#part<HTMLButtonElement>(testId).disabled = !isFound;
+  }
+
+  #number(testId: string, values: number[], words: (value: number) => string): void {
+    const place = this.#part<HTMLDataElement>(testId);
+    place.value = values.join(" ");
+    place.textContent = values.map(words).join(" · ");
+  }
+}
+
+function centimetres(metres: number): string {
+  const value = 100 * metres;
+  return value < 0.05 ? "< 0.1" : value.toFixed(value < 10 ? 1 : 0);
+}

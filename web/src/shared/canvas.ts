@@ -1,0 +1,48 @@
+/** Pictures and canvases: decoded, drawn over, saved. */
+import { contextOf, make } from "../dom";
+
+export type Pixel = [number, number];
+/** From pixels of the picture to where they are drawn. */
+export type Place = (pixel: Pixel) => Pixel;
+
+interface Size {
+  width: number;
+  height: number;
+}
+
+/** Empties a canvas that covers a picture of `size`, at the screen's own sharpness: to be drawn on in CSS pixels. */
+export function overlayOf(canvas: HTMLCanvasElement, size: Size): Size & { context: CanvasRenderingContext2D; place: Place } {
+  const { width, height } = canvas.getBoundingClientRect();
+  const density = window.devicePixelRatio || 1;
+  canvas.width = Math.max(1, Math.round(width * density));
+  canvas.height = Math.max(1, Math.round(height * density));
+  const context = contextOf(canvas);
+  context.scale(density, density);
+  // An integer pixel is a pixel's centre, which lies half a pixel from the picture's edge.
+  return { context, width, height, place: ([u, v]) => [((u + 0.5) / size.width) * width, ((v + 0.5) / size.height) * height] };
+}
+
+/** A canvas of these pixels. */
+export function canvasOf(image: ImageData): HTMLCanvasElement {
+  const canvas = make("canvas");
+  canvas.width = image.width;
+  canvas.height = image.height;
+  contextOf(canvas).putImageData(image, 0, 0);
+  return canvas;
+}
+
+/** A canvas as a picture file. */
+export function blobOf(canvas: HTMLCanvasElement, type: "image/png" | "image/webp"): Promise<Blob> {
+  return new Promise((resolve, reject) => {
+    canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("This browser could not make a picture file."))), type, 0.95);
+  });
+}
+
+/** Decodes a picture file; throws in words. */
+export async function decode(picture: Blob, name: string): Promise<ImageBitmap> {
+  try {
+    return await createImageBitmap(picture, { colorSpaceConversion: "none" });
+  } catch {
+    throw new Error(`${name} is not a picture that this browser can read. PNG, JPEG and WebP are.`);
+  }
+}

@@ -1,0 +1,40 @@
+/** Files: the user's, the server's, and those that the page saves. */
+import { wordsOf } from "../dom";
+
+export function isJson(file: File): boolean {
+  return file.type === "application/json" || file.name.toLowerCase().endsWith(".json");
+}
+
+export function isVideo(file: File): boolean {
+  return file.type.startsWith("video/") || /\.(mp4|m4v|mov|webm|mkv|avi|ogv)$/i.test(file.name);
+}
+
+/** What a JSON file holds; throws in words. */
+export async function readJson(file: File): Promise<unknown> {
+  const text = await file.text().catch((thrown: unknown) => {
+    throw new Error(`${file.name} could not be read: ${wordsOf(thrown)}.`);
+  });
+  try {
+    return JSON.parse(text);
+  } catch (thrown) {
+    const hint = /\b(NaN|Infinity)\b/.test(text) ? " NaN and infinity are not numbers in JSON, and no camera has them." : "";
+    throw new Error(`${file.name} is not JSON: ${wordsOf(thrown)}.${hint}`);
+  }
+}
+
+/** Fetches; throws in words. */
+export async function fetchOk(url: string): Promise<Response> {
+  const response = await fetch(url);
+  if (!response.ok) throw new Error(`Could not fetch ${url}: the server answered ${response.status}.`);
+  return response;
+}
+
+/** Saves a file that the page has made. */
+export function save(name: string, content: Blob | string, type = "application/json"): void {
+  const blob = typeof content === "string" ? new Blob([content], { type }) : content;
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = name;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}

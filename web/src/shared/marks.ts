@@ -1,0 +1,57 @@
+/** Marks over pictures. Each has a dark edge, so that it is seen on any picture. Lengths are CSS pixels. */
+import type { Pixel } from "./canvas";
+
+const EDGE = "rgb(10 12 20 / 0.75)";
+const FOUND = "#ff3d7f";
+const TRUTH = "#ffffff";
+const UPRIGHT = [[1, 0], [0, 1], [-1, 0], [0, -1]] as const;
+const DIAGONAL = [[1, 1], [-1, 1], [-1, -1], [1, -1]] as const;
+
+/** A ring with four ticks around it, which leaves the ball free to be seen. */
+export function drawFound(context: CanvasRenderingContext2D, at: Pixel): void {
+  const path = new Path2D();
+  addRing(path, at, 15);
+  addTicks(path, at, 19, 27);
+  context.lineCap = "round";
+  stroke(context, path, FOUND, 2.5);
+}
+
+/** A cross small enough to lie inside the ring. */
+export function drawTruth(context: CanvasRenderingContext2D, at: Pixel): void {
+  const path = new Path2D();
+  addTicks(path, at, 0, 6);
+  context.lineCap = "round";
+  stroke(context, path, TRUTH, 2.5);
+}
+
+export function addRing(path: Path2D, [x, y]: Pixel, radius: number): void {
+  path.moveTo(x + radius, y);
+  path.arc(x, y, radius, 0, 2 * Math.PI);
+}
+
+/** Four lines that point at a place. */
+export function addTicks(path: Path2D, [x, y]: Pixel, from: number, to: number, isDiagonal = false): void {
+  for (const [dx, dy] of isDiagonal ? DIAGONAL : UPRIGHT) {
+    path.moveTo(x + dx * from, y + dy * from);
+    path.lineTo(x + dx * to, y + dy * to);
+  }
+}
+
+export function stroke(context: CanvasRenderingContext2D, path: Path2D, colour: string, width = 2): void {
+  for (const [style, line] of [[EDGE, width + 2.5], [colour, width]] as const) {
+    context.strokeStyle = style;
+    context.lineWidth = line;
+    context.stroke(path);
+  }
+}
+
+/** Words whose lower edge is at `at`. */
+export function write(context: CanvasRenderingContext2D, words: string, at: Pixel, colour: string): void {
+  context.textBaseline = "bottom";
+  context.lineJoin = "round";
+  context.strokeStyle = EDGE;
+  context.lineWidth = 4;
+  context.strokeText(words, ...at);
+  context.fillStyle = colour;
+  context.fillText(words, ...at);
+}

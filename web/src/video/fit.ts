@@ -1,0 +1,28 @@
+/** The trajectory that physics makes of the sightings. */
+import { GravisightError, Track, type Camera, type Scene, type Trajectory } from "gravisight";
+import { wordsOf } from "../dom";
+import { tools } from "../shared/core";
+import type { Seen } from "./sightings";
+
+export interface FitOptions {
+  camera: Camera;
+  scene: Scene;
+  /** Least confidence of a sighting. */
+  threshold: number;
+  /** Of the video, pixels. */
+  size: { width: number; height: number };
+  signal: AbortSignal;
+}
+
+export async function fitted(all: Seen[], { camera, scene, threshold, size, signal }: FitOptions): Promise<Trajectory> {
+  const track = await Track.create({ camera, scene, toolbox: await tools(), leastConfidence: threshold });
+  for (const { timeMs, image: [u, v], confidence } of all) {
+    // In the pixels that the camera speaks of, which need not be the video's; an integer is a pixel's centre.
+    const image: [number, number] = [((u + 0.5) * camera.width) / size.width - 0.5, ((v + 0.5) * camera.height) / size.height - 0.5];
+    track.add({ timestampMs: timeMs, image, confidence });
+  }
+  return track.fit({ signal }).catch((thrown: unknown) => {
+    if (!(thrown instanceof GravisightError) || thrown.code !== "fit") throw thrown;
+    throw new Error(`The trajectory could not be fitted: ${wordsOf(thrown).replace(/^fit: /, "")}.`);
+  });
+}

@@ -1,0 +1,48 @@
+/** The position in the frame that is shown, and what is known of all frames together. */
+import type { Parts } from "../shared/panel";
+import { average, type Seen } from "./sightings";
+
+export class Numbers {
+  readonly #part: Parts;
+
+  constructor(part: Parts) {
+    this.#part = part;
+  }
+
+  show(seen: Seen, isSure: boolean): void {
+    for (const [axis, testId] of ["video-x", "video-y", "video-z"].entries()) {
+      const metres = seen.world[axis] ?? NaN;
+      this.#set(testId, metres, metres.toFixed(2).replace("-", "−"));
+    }
+    this.#set("video-confidence", seen.confidence, `${(100 * seen.confidence).toFixed(0)} %${isSure ? "" : " – not sure"}`);
+    this.#setError("video-error", seen.dtg);
+  }
+
+  /** Of the frames whose position is sure, where the truth is known. */
+  showMean(sure: Seen[]): void {
+    this.#setError("video-mean-error", average(sure.flatMap(({ dtg }) => dtg ?? [])));
+  }
+
+  showCounts(looked: number, skipped: number, milliseconds: number | undefined, isLive: boolean): void {
+    this.#set("video-processed", looked, String(looked));
+    this.#set("video-skipped", skipped, String(skipped));
+    this.#part("video-skipped-note").hidden = skipped === 0 || isLive;
+    this.#set("video-ms", milliseconds ?? "", milliseconds === undefined ? "–" : `${milliseconds.toFixed(1)} ms`);
+  }
+
+  clear(): void {
+    for (const testId of ["video-x", "video-y", "video-z", "video-confidence"]) this.#set(testId, "", "–");
+    for (const testId of ["video-error", "video-mean-error"]) this.#setError(testId, undefined);
+  }
+
+  #setError(testId: string, metres: number | undefined): void {
+    this.#part(`${testId}-row`).hidden = metres === undefined;
+    this.#set(testId, metres ?? "", metres === undefined ? "–" : `${(100 * metres).toFixed(1)} cm`);
+  }
+
+  #set(testId: string, value: number | string, words: string): void {
+    const data = this.#part<HTMLDataElement>(testId);
+    data.value = String(value);
+    data.textContent = words;
+  }
+}

@@ -1,0 +1,163 @@
+/** What a `<video>` plays: a file, or the webcam. */
+import { closeVideo, openVideo, until, videoElement } from "../shared/film";
+import type { Frame, Source } from "./sources";
+
+/** Between two frames where a video has not told yet, in seconds. */
+const USUAL_FRAME = 1 / 30;
+/** A seek that shows no frame within so many milliseconds has shown it without telling. */
+const SEEK_PATIENCE = 150;
+
+export class VideoSource implements Source {
+  onFrame: Source["onFrame"] = () => {};
+  onState: Source["onState"] = () => {};
+  current: Frame | undefined;
+  readonly element: HTMLVideoElement;
+  #frameSeconds = USUAL_FRAME;
+  #presented = 0;
+  /** The webcam's clock starts with its first frame. */
+  #origin: number | undefined;
+  #callback = 0;
+  #timer = 0;
+  #disposed = false;
+  readonly #stream: MediaStream | undefined;
+
+  private constructor(
+    readonly kind: "video" | "webcam",
+    readonly name: string,
+    element: HTMLVideoElement,
+    stream?: MediaStream,
+  ) {
+    this.element = element;
+    this.#stream = stream;
+    for (const event of ["play", "pause", "ended"]) element.addEventListener(event, () => this.onState());
+    if (!stream) element.addEventListener("seeked", () => (this.#timer = window.setTimeout(() => this.#shown(element.currentTime * 1000, 1), SEEK_PATIENCE)));
+    // The camera was taken away.
+    stream?.getVideoTracks()[0]?.addEventListener("ended", () => this.pause());
+    this.#listen();
+  }
+
+  static async file(file: File): Promise<VideoSource> {
+    const element = await openVideo(file, `${file.name} is no video or picture that this browser can read. MP4 (H.264) and WebM play nearly everywhere.`);
+    if (!element.videoWidth) {
+      closeVideo(element);
+      throw new Error(`${file.name} has sound, but no pictures.`);
+    }
+    const source = new VideoSource("video", file.name, element);
+    // The browser may have shown the first frame before anybody listened: to seek it shows it again.
+    element.currentTime = 0;
+    return source;
+  }
+
+  static async webcam(): Promise<VideoSource> {
+    // Absent where the page is not served over HTTPS.
+    if (!navigator.mediaDevices?.getUserMedia) throw new Error("This browser gives this page no webcam: it must be served over HTTPS.");
+    const stream = await navigator.mediaDevices.getUserMedia({ video: { facingMode: "environment", frameRate: { ideal: 60 } } }).catch((thrown: unknown) => {
+      throw new Error(refusal(thrown));
+    });
+    try {
+      const element = videoElement();
+      element.srcObject = stream;
+      await until(element, "loadeddata", "The webcam gives no pictures.");
+      return new VideoSource("webcam", "Webcam", element, stream);
+    } catch (thrown) {
+      for (const track of stream.getTracks()) track.stop();
+      throw thrown;
+    }
+  }
+
+  get width(): number {
+    return this.element.videoWidth;
+  }
+
+  get height(): number {
+    return this.element.videoHeight;
+  }
+
+  get durationMs(): number {
+    return this.kind === "webcam" ? Infinity : this.element.duration * 1000;
+  }
+
+  get playing(): boolean {
+    return !this.element.paused && !this.element.ended;
+  }
+
+  async play(): Promise<void> {
+    for (const track of this.#stream?.getTracks() ?? []) track.enabled = true;
+    await this.element.play();
+  }
+
+  pause(): void {
+    this.element.pause();
+    // So that the camera rests while nobody looks.
+    for (const track of this.#stream?.getTracks() ?? []) track.enabled = false;
+  }
+
+  seek(timeMs: number): void {
+    if (this.kind === "video") this.element.currentTime = Math.min(Math.max(timeMs / 1000, 0), this.element.duration);
+  }
+
+  step(by: 1 | -1): void {
+    this.pause();
+    const shown = (this.current?.timeMs ?? 0) / 1000;
+    // Into the middle of that frame's time.
+    this.seek(1000 * (shown + this.#frameSeconds * (by > 0 ? 1.5 : -0.5)));
+  }
+
+  setRate(rate: number): void {
+    if (this.kind === "video") this.element.playbackRate = rate;
+  }
+
+  dispose(): void {
+    this.#disposed = true;
+    this.pause();
+    clearTimeout(this.#timer);
+    this.element.cancelVideoFrameCallback?.(this.#callback);
+    for (const track of this.#stream?.getTracks() ?? []) track.stop();
+    closeVideo(this.element);
+  }
+
+  #listen(): void {
+    const { element } = this;
+    // Typed as always there; Firefox before 132 has none.
+    if (typeof element.requestVideoFrameCallback === "function") {
+      const onFrame: VideoFrameRequestCallback = (now, { mediaTime, presentedFrames, captureTime }) => {
+        if (this.#disposed) return;
+        this.#callback = element.requestVideoFrameCallback(onFrame);
+        const missed = this.#presented ? presentedFrames - this.#presented - 1 : 0;
+        this.#presented = presentedFrames;
+        this.#shown(this.#stream ? (captureTime ?? now) : mediaTime * 1000, missed + 1);
+      };
+      this.#callback = element.requestVideoFrameCallback(onFrame);
+      return;
+    }
+    // Whatever is new at the screen's next picture.
+    let last = -1;
+    const look = (now: number) => {
+      if (this.#disposed) return;
+      if (element.currentTime !== last) this.#shown(this.#stream ? now : element.currentTime * 1000, 1);
+      last = element.currentTime;
+      requestAnimationFrame(look);
+    };
+    requestAnimationFrame(look);
+  }
+
+  #shown(clockMs: number, presented: number): void {
+    clearTimeout(this.#timer);
+    if (this.#disposed) return;
+    this.#origin ??= this.#stream ? clockMs : 0;
+    const timeMs = clockMs - this.#origin;
+    const since = (timeMs - (this.current?.timeMs ?? -Infinity)) / 1000;
+    // Of frames one after the other; what was left out makes no frame longer.
+    if (this.playing && presented === 1 && since > 1e-3 && since < 0.2) this.#frameSeconds = since;
+    this.current = { picture: this.element, image: this.element, timeMs };
+    this.onFrame(this.current, this.playing ? Math.max(0, presented - 1) : 0);
+  }
+}
+
+function refusal(thrown: unknown): string {
+  const name = thrown instanceof DOMException ? thrown.name : "";
+  if (name === "NotAllowedError") return "The webcam was refused. Allow it for this page in the browser’s address bar, and try again.";
+  if (name === "NotFoundError" || name === "OverconstrainedError") return "This computer has no webcam that the browser can see.";
+  if (name === "NotReadableError") return "The webcam is in use by another program.";
+  return `The webcam could not be started: ${thrown instanceof Error ? thrown.message : String(thrown)}`;
+}
