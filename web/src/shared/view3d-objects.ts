@@ -125,8 +125,8 @@ function worldFromCamera(camera: Camera): Matrix4 {
 }
 
 /** Gives back what an object holds on the graphics card. */
-export function free(object: Object3D | null): void {
-  object?.traverse((part) => {
+export function free(object: Object3D): void {
+  object.traverse((part) => {
     const { geometry, material } = part as Partial<Mesh>;
     geometry?.dispose();
     for (const each of [material ?? []].flat()) each.dispose();

@@ -31,6 +31,8 @@ const ZOOM = 1.15;
 const POLE = MathUtils.degToRad(3);
 /** Part of the view, from its middle to its edge, that is filled at first. */
 const FILLED = 0.88;
+/** Milliseconds between two drawings, and drawn for displayed pixels, where there is no GPU: so that the page still answers. */
+const WITHOUT_GPU = { pause: 150, ratio: 0.6 };
 const NO_WEBGL = "This browser shows no 3D graphics (WebGL), so the view in space is left out; the numbers and plots are complete without it.";
 
 export class View3d {
@@ -41,6 +43,8 @@ export class View3d {
   readonly #controls: OrbitControls | undefined;
   /** What is drawn, by name: redrawn when the colours change. */
   readonly #drawn = new Map<string, { draw: () => Object3D | null; object: Object3D | null }>();
+  /** Given back after what replaces them was drawn: it uses their shaders, which take long to compile. */
+  readonly #replaced: Object3D[] = [];
   #scene: Scene | undefined;
   #camera: Camera | undefined;
   #paths: Partial<Record<PathName, Vector[]>> = {};
@@ -48,11 +52,16 @@ export class View3d {
   #placed = new Box3();
   /** Whether a person has turned the view: then it stays. */
   #turned = false;
-  #requested = 0;
+  #requested = false;
+  /** Whether something was added since the last drawing. */
+  #hasNew = false;
+  readonly #hasGpu: boolean;
 
   constructor(canvas: HTMLCanvasElement) {
     this.#canvas = canvas;
-    const context = canvas.getContext("webgl2", { antialias: true, alpha: true });
+    const fast = canvas.getContext("webgl2", { antialias: true, alpha: true, failIfMajorPerformanceCaveat: true });
+    const context = fast ?? canvas.getContext("webgl2", { antialias: false, alpha: true });
+    this.#hasGpu = fast !== null;
     if (!context) {
       canvas.hidden = true;
       canvas.after(make("p", { class: "hint no-webgl", text: NO_WEBGL, testId: "no-webgl" }));
@@ -221,9 +230,10 @@ export class View3d {
     if (!this.#renderer) return;
     const old = this.#drawn.get(name)?.object ?? null;
     old?.removeFromParent();
-    free(old);
+    if (old) this.#replaced.push(old);
     const object = draw();
     if (object) this.#stage.add(object);
+    this.#hasNew = true;
     this.#drawn.set(name, { draw, object });
     this.#request();
   }
@@ -245,7 +255,7 @@ export class View3d {
     const { clientWidth: width, clientHeight: height } = this.#canvas;
     // A hidden step has no size; it is drawn when it is shown.
     if (!width || !height) return;
-    this.#renderer?.setPixelRatio(Math.min(2, window.devicePixelRatio || 1));
+    this.#renderer?.setPixelRatio(this.#hasGpu ? Math.min(2, window.devicePixelRatio || 1) : WITHOUT_GPU.ratio);
     this.#renderer?.setSize(width, height, false);
     this.#eye.aspect = width / height;
     // What fits into a wide view fits into a narrow one, too.
@@ -257,10 +267,19 @@ export class View3d {
 
   #request(): void {
     if (!this.#renderer || this.#requested) return;
-    this.#requested = requestAnimationFrame(() => {
-      this.#requested = 0;
-      this.#renderer?.render(this.#stage, this.#eye);
-    });
+    this.#requested = true;
+    const soon = () => requestAnimationFrame(() => void this.#render());
+    if (this.#hasGpu) soon();
+    else setTimeout(soon, WITHOUT_GPU.pause);
+  }
+
+  async #render(): Promise<void> {
+    // What is new has shaders to be compiled: to wait for them in `render` would stop the page.
+    if (this.#hasNew) await this.#renderer?.compileAsync(this.#stage, this.#eye);
+    this.#hasNew = false;
+    this.#requested = false;
+    this.#renderer?.render(this.#stage, this.#eye);
+    this.#replaced.splice(0).forEach(free);
   }
 }
 
