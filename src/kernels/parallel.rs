@@ -3,9 +3,12 @@
 use std::cell::Cell;
 use std::sync::Mutex;
 #[cfg(not(target_arch = "wasm32"))]
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, Ordering},
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
 };
 
 thread_local! {
@@ -51,6 +54,11 @@ impl Drop for Restore {
 #[cfg(not(target_arch = "wasm32"))]
 static AWAKE: AtomicBool = AtomicBool::new(false);
 
+/// How long a thread is kept awake without anything to do. It must end: a thread may have begun to wait in the middle of a
+/// task that `work` waits for (between looking for its own jobs and stealing one of `work`'s, it was sent to wait).
+#[cfg(not(target_arch = "wasm32"))]
+const PATIENCE: Duration = Duration::from_millis(2);
+
 /// Runs `work`, in which [`for_each`] is called again and again, with all threads awake: to wake one takes as
 /// long as a small layer. One caller at a time has that; others run without. `work` must not hold a lock that
 /// another such call waits for.
@@ -61,8 +69,11 @@ pub fn with_threads_awake<R: Send>(work: impl FnOnce() -> R + Send) -> R {
             let asleep = Asleep(Arc::new(AtomicBool::new(false)));
             let (done, here) = (asleep.0.clone(), rayon::current_thread_index());
             scope.spawn_broadcast(move |_, context| {
-                while Some(context.index()) != here && !done.load(Ordering::Relaxed) {
-                    if rayon::yield_now() != Some(rayon::Yield::Executed) {
+                let mut last = Instant::now();
+                while Some(context.index()) != here && !done.load(Ordering::Relaxed) && last.elapsed() < PATIENCE {
+                    if rayon::yield_now() == Some(rayon::Yield::Executed) {
+                        last = Instant::now();
+                    } else {
                         std::thread::yield_now();
                     }
                 }
