@@ -15,6 +15,7 @@ const SCORES = 6;
 /** Frames that are shown before and after. */
 const SHOWN = 3;
 const CAMERAS = 9;
+const signed = new Intl.NumberFormat("en", { maximumFractionDigits: 0, signDisplay: "exceptZero" });
 
 export async function start(panel: HTMLElement): Promise<void> {
   await new Tune(panel).refresh();
@@ -142,7 +143,7 @@ class Tune {
         const header = make("th", { text: name });
         header.scope = "row";
         const known = typeof a === "number" && typeof b === "number";
-        const change = known && a > 0 ? `${(100 * (b / a - 1)).toFixed(0)} %` : "–";
+        const change = known && a > 0 ? `${signed.format(100 * (b / a - 1))} %` : "–";
         return make("tr", {}, header, ...(known ? cells(say(a), say(b), change) : cells("–", "–", "–")));
       }),
     );
