@@ -77,10 +77,19 @@ test("fine-tuning asks for clips, makes examples, learns, can be stopped, and gi
   assert.deepEqual(files.sort(), ["sd-s-tuned.json", "sd-s-tuned.safetensors"]);
 });
 
+test("what is chosen of a clip outlives a change of another", async () => {
+  await page.getByTestId("tune-use").nth(0).uncheck();
+  await page.getByTestId("tune-held-out").nth(1).check();
+  await page.waitForTimeout(500);
+  assert.ok(!(await page.getByTestId("tune-use").nth(0).isChecked()));
+  assert.equal(await page.evaluate(() => document.activeElement.dataset.testid), "tune-held-out");
+});
+
 test("clips survive a reload", async () => {
   await page.reload();
   await page.getByTestId("tune-clips").locator("li").nth(4).waitFor(PATIENCE);
   assert.equal(await page.getByTestId("tune-clips").locator("li").count(), 5);
+  assert.ok(await page.getByTestId("tune-held-out").nth(1).isChecked());
 });
 
 test("axe finds nothing serious on any step, light or dark, and nothing scrolls sideways on a phone", { timeout: 120_000 }, async () => {
