@@ -1,14 +1,11 @@
 /** Step Calibrate of the page, as a user meets it. */
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
-import { fileURLToPath } from "node:url";
-import { launch, open } from "./support/browser.js";
+import { axe, launch, open, saved, value } from "./support/browser.js";
 import { jsonFile, pictureOf, pngFile, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
 const { camera } = samples[0];
-const axe = fileURLToPath(import.meta.resolve("axe-core"));
 const PATIENCE = { timeout: 60_000 };
 const complaints = [];
 let server, browser, page, points;
@@ -42,8 +39,8 @@ test("the sample's points, clicked where they are, give the sample's camera", as
   for (const { image } of points.slice(2)) await clickAt(image);
   await page.waitForFunction(() => document.querySelector('[data-testid="cal-count"]').textContent.includes("10 of 10"));
   await settled();
-  assert.ok((await number("cal-rms")) < 0.3, "a mouse is this exact");
-  const found = await saved("cal-save");
+  assert.ok((await value(page, "cal-rms")) < 0.3, "a mouse is this exact");
+  const found = await savedJson("cal-save");
   assert.ok(Math.abs(found.intrinsic[0][0] - camera.intrinsic[0][0]) < 12, `${found.intrinsic[0][0]} px`);
   nearMatrix(found.camera_from_world, camera.camera_from_world, 0.35);
 });
@@ -51,8 +48,8 @@ test("the sample's points, clicked where they are, give the sample's camera", as
 test("own points with exact clicks, loaded as JSON, give the camera exactly", async () => {
   await load({ width: 224, height: 224, intrinsic: camera.intrinsic, world: points.map(({ world }) => world), image: points.map(({ image }) => image), names: points.map((_, index) => `own ${index}`) });
   await settled();
-  assert.ok((await number("cal-rms")) < 1e-3);
-  nearMatrix((await saved("cal-save")).camera_from_world, camera.camera_from_world, 1e-4);
+  assert.ok((await value(page, "cal-rms")) < 1e-3);
+  nearMatrix((await savedJson("cal-save")).camera_from_world, camera.camera_from_world, 1e-4);
   assert.ok((await page.getByTestId("cal-centre-sigma").textContent()).includes("0.1"));
 });
 
@@ -66,11 +63,11 @@ test("a point dragged away is named and left out, and undo brings it back", asyn
   await page.getByTestId("cal-outliers").filter({ hasText: "own 4" }).waitFor(PATIENCE);
   assert.match(await page.getByTestId("cal-outliers").textContent(), /Wrong click\?.*left out.*px left.*px up/);
   assert.match(await page.getByTestId("cal-state-4").textContent(), /wrong click\? left out/);
-  nearMatrix((await saved("cal-save")).camera_from_world, camera.camera_from_world, 1e-3);
+  nearMatrix((await savedJson("cal-save")).camera_from_world, camera.camera_from_world, 1e-3);
   await page.keyboard.press("Control+z");
   await page.waitForFunction(() => document.querySelector('[data-testid="cal-outliers"]').textContent === "");
   await settled();
-  assert.ok((await number("cal-rms")) < 1e-3);
+  assert.ok((await value(page, "cal-rms")) < 1e-3);
 });
 
 test("the keyboard moves a point by a pixel and by a tenth, and takes the click away", async () => {
@@ -87,7 +84,7 @@ test("the keyboard moves a point by a pixel and by a tenth, and takes the click 
   assert.match(await page.getByTestId("cal-state-2").textContent(), /off by|clicked at|left out/);
   for (let times = 0; times < 3; times++) await page.keyboard.press("Control+z");
   await settled();
-  assert.ok((await number("cal-rms")) < 1e-3, "all of it is undone");
+  assert.ok((await value(page, "cal-rms")) < 1e-3, "all of it is undone");
 });
 
 test("own coordinates can be written, and a missing one is told", async () => {
@@ -100,7 +97,7 @@ test("own coordinates can be written, and a missing one is told", async () => {
   await clickAt(image);
   await page.getByTestId("cal-count").filter({ hasText: "11 of 11" }).waitFor();
   await settled();
-  assert.ok((await number("cal-rms")) < 0.3);
+  assert.ok((await value(page, "cal-rms")) < 0.3);
   await page.getByTestId("cal-z-10").fill("");
   await page.getByTestId("cal-count").filter({ hasText: "10 of 11" }).waitFor();
   await page.getByTestId("cal-remove-10").click();
@@ -122,14 +119,9 @@ test("a reload keeps picture, points and clicks, and the camera is used", async 
 });
 
 test("axe finds nothing to complain of, in light and in dark", async () => {
-  await page.addScriptTag({ path: axe });
   for (const colorScheme of ["light", "dark"]) {
     await page.emulateMedia({ colorScheme });
-    const violations = await page.evaluate(async (panel) => {
-      const { violations } = await window.axe.run(panel, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
-      return violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html, any }) => `${html} ${any.map(({ message }) => message)}`).join("; ")}`);
-    }, "#panel-calibrate");
-    assert.deepEqual(violations, [], colorScheme);
+    assert.deepEqual(await axe(page, "#panel-calibrate"), [], colorScheme);
   }
   await page.emulateMedia({ colorScheme: null });
 });
@@ -220,15 +212,8 @@ async function settled() {
   );
 }
 
-async function number(testId) {
-  return Number(await page.getByTestId(testId).getAttribute("value"));
-}
-
-async function saved(testId) {
-  const [download] = await Promise.all([page.waitForEvent("download"), page.getByTestId(testId).click()]);
-  return JSON.parse(readFileSync(await download.path(), "utf8"));
-}
-const savedPoints = () => saved("cal-save-points");
+const savedJson = async (testId) => JSON.parse(await saved(page, testId));
+const savedPoints = () => savedJson("cal-save-points");
 
 async function load(content) {
   await page.getByTestId("cal-load").setInputFiles([jsonFile(content, "points.json")]);

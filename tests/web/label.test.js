@@ -1,13 +1,10 @@
 /** Step Label of the page, as a user meets it. */
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
-import { fileURLToPath } from "node:url";
-import { launch, open } from "./support/browser.js";
+import { axe, launch, open, saved } from "./support/browser.js";
 import { jsonFile, pictureOf, pngFile, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
-const axe = fileURLToPath(import.meta.resolve("axe-core"));
 const PATIENCE = { timeout: 120_000 };
 const ID = "env1/cam1/0003";
 const complaints = [];
@@ -123,28 +120,23 @@ test("a reload keeps clip, labels and frame; the clip is listed with its count",
 });
 
 test("axe finds nothing to complain of, in light and in dark", async () => {
-  await page.addScriptTag({ path: axe });
   for (const colorScheme of ["light", "dark"]) {
     await page.emulateMedia({ colorScheme });
-    const violations = await page.evaluate(async (panel) => {
-      const { violations } = await window.axe.run(panel, { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] });
-      return violations.map(({ id, nodes }) => `${id}: ${nodes.map(({ html, any }) => `${html} ${any.map(({ message }) => message)}`).join("; ")}`);
-    }, "#panel-label");
-    assert.deepEqual(violations, [], colorScheme);
+    assert.deepEqual(await axe(page, "#panel-label"), [], colorScheme);
   }
   await page.emulateMedia({ colorScheme: null });
 });
 
 test("the files say what was labelled", async () => {
   const { labels } = await stored();
-  const csv = (await saved("lab-save-csv")).trim().split("\n");
+  const csv = (await saved(page, "lab-save-csv")).toString().trim().split("\n");
   assert.equal(csv[0], "Frame,Visibility,X,Y");
   const looked = labels.flatMap((label, frame) => (label === undefined ? [] : [[frame, label]]));
   assert.equal(csv.length - 1, looked.length);
   for (const [index, [frame, label]] of looked.entries()) {
     assert.equal(csv[index + 1], label ? `${frame},1,${label[0].toFixed(3)},${label[1].toFixed(3)}` : `${frame},0,0,0`);
   }
-  const clip = JSON.parse(await saved("lab-save-jsonl"));
+  const clip = JSON.parse(await saved(page, "lab-save-jsonl"));
   assert.deepEqual(Object.keys(clip), ["id", "fps", "camera", "scene", "frames"]);
   assert.equal(clip.frames.length, looked.length);
   for (const [index, [frame, label]] of looked.entries()) {
@@ -178,7 +170,7 @@ test("pictures and clips.jsonl are written into a folder, and another clip's lin
 
 test("a browser that cannot write a folder saves the labels and says what is missing", async () => {
   await page.evaluate(() => (window.showDirectoryPicker = undefined));
-  assert.equal(JSON.parse(await saved("lab-save-pictures")).id, ID);
+  assert.equal(JSON.parse(await saved(page, "lab-save-pictures")).id, ID);
   assert.match(await page.getByTestId("lab-export-note").textContent(), /only clips\.jsonl was saved.*folder env1_cam1_0003/);
 });
 
@@ -270,10 +262,6 @@ async function currentFrame() {
   return Number((await page.locator(".lab-strip [aria-current]").getAttribute("data-testid")).replace("lab-cell-", ""));
 }
 
-async function saved(testId) {
-  const [download] = await Promise.all([page.waitForEvent("download"), page.getByTestId(testId).click()]);
-  return readFileSync(await download.path(), "utf8");
-}
 
 /** A video of 0.7 s, 224 × 224, as base64: made here, so that the repository holds none. */
 async function record() {

@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { chromium } from "playwright-core";
-import { launch, open } from "./support/browser.js";
+import { axe, launch, open, saved, value } from "./support/browser.js";
 import { jsonFile, ONE_PIXEL, pictureOf, pngFile, samples } from "./support/demo.js";
 import { film } from "./support/film.js";
 import { serve } from "./support/server.js";
@@ -117,6 +117,17 @@ test("physics explains the example, to within centimetres", async () => {
   assert.ok(average(off) < 0.05, `off by ${average(off)} m on average`);
   assert.ok(await page.getByTestId("video-chart-speed").isVisible());
   assert.match(await page.getByTestId("video-chart-position").getAttribute("aria-label"), /Position \(m\).*x from .*y from .*z from .*marked at/);
+});
+
+test("a plot is drawn anew in the colours of the dark", async () => {
+  const drawn = () => page.getByTestId("video-chart-position").locator("canvas").evaluate((canvas) => canvas.toDataURL());
+  const light = await drawn();
+  await page.emulateMedia({ colorScheme: "dark" });
+  await page.waitForTimeout(200);
+  assert.notEqual(await drawn(), light);
+  await page.emulateMedia({ colorScheme: null });
+  await page.waitForTimeout(200);
+  assert.equal(await drawn(), light);
 });
 
 test("the table has a header and a row a frame; the plot is saved as a picture", async () => {
@@ -267,11 +278,11 @@ test("the step never scrolls sideways on a phone", async () => {
 for (const colorScheme of ["light", "dark"]) {
   test(`axe finds nothing to complain of (${colorScheme})`, async () => {
     const seen = await step({ colorScheme });
-    assert.deepEqual(await complaintsOfAxe(seen), []);
+    assert.deepEqual(await axe(seen, "#panel-video"), []);
     await playExample(seen);
     await seen.getByTestId("video-fit").click();
     await seen.getByTestId("video-fit-words").waitFor(PATIENCE);
-    assert.deepEqual(await complaintsOfAxe(seen), []);
+    assert.deepEqual(await axe(seen, "#panel-video"), []);
     await seen.close();
   });
 }
@@ -320,27 +331,12 @@ async function played(on, start) {
   await on.waitForTimeout(500);
 }
 
-async function value(on, testId) {
-  return Number(await on.getByTestId(testId).getAttribute("value"));
-}
-
 async function count(on, atLeast) {
   await on.waitForFunction((n) => Number(document.querySelector('[data-testid="video-processed"]').value) >= n, atLeast, PATIENCE);
 }
 
-async function saved(on, testId) {
-  const [download] = await Promise.all([on.waitForEvent("download"), on.getByTestId(testId).click()]);
-  return readFileSync(await download.path());
-}
-
 async function exported(on) {
   return JSON.parse((await saved(on, "video-json")).toString());
-}
-
-async function complaintsOfAxe(on) {
-  await on.evaluate(readFileSync(new URL("../../node_modules/axe-core/axe.min.js", import.meta.url), "utf8"));
-  const { violations } = await on.evaluate(() => globalThis.axe.run("#panel-video", { runOnly: ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"] }));
-  return violations.flatMap(({ id, nodes }) => nodes.map(({ html }) => `${id}: ${html}`));
 }
 
 function distance(a, b) {

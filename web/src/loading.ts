@@ -2,7 +2,7 @@
 import type { Progress } from "gravisight";
 import { element } from "./dom";
 
-export type State = "loading" | "warming up" | "ready" | "localising" | "not loaded";
+type State = "loading" | "warming up" | "ready" | "localising" | "not loaded";
 
 const NAMES = { wasm: "core", weights: "weights" } as const;
 const MEGABYTE = 1e6;

@@ -80,7 +80,7 @@ function number(testId: string): HTMLDataElement {
 
 function set(target: HTMLDataElement, values: readonly number[], digits: number): void {
   target.value = values.join(" ");
-  target.textContent = values.map((value) => value.toFixed(digits)).join(", ") || NOTHING;
+  target.textContent = values.map((value) => value.toFixed(digits).replace("-", "−")).join(", ") || NOTHING;
 }
 
 function vector(className: string, values: HTMLDataElement[]): HTMLElement {

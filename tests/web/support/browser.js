@@ -1,4 +1,6 @@
 /** Chromium, and pages of which every complaint is kept. */
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
 import { chromium } from "playwright-core";
 
 const QUIET = ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
@@ -25,4 +27,31 @@ export async function open(browser, url, complaints, options = {}) {
   page.on("pageerror", (error) => complaints.push(`uncaught: ${error.stack ?? error}`));
   await page.goto(url);
   return page;
+}
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+const RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"];
+
+/** What axe has to say against a part of a page: a line for each rule, with its severity. */
+export async function axe(page, selector = "html", runOnly = RULES) {
+  await page.evaluate(AXE);
+  return page.evaluate(
+    async ([selector, runOnly]) => {
+      const { violations } = await window.axe.run(selector, { runOnly });
+      const line = ({ html, any }) => `${html.slice(0, 300)} ${any.map(({ message }) => message)}`;
+      return violations.map(({ id, impact, nodes }) => `${impact}, ${id}: ${nodes.map(line).join("; ")}`);
+    },
+    [selector, runOnly],
+  );
+}
+
+/** Presses a button of the page that saves a file, and returns the file's bytes. */
+export async function saved(page, testId) {
+  const [download] = await Promise.all([page.waitForEvent("download"), page.getByTestId(testId).click()]);
+  return readFileSync(await download.path());
+}
+
+/** The full number that a `data` element holds. */
+export async function value(page, testId) {
+  return Number(await page.getByTestId(testId).getAttribute("value"));
 }

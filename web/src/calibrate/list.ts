@@ -63,7 +63,7 @@ export class PointList {
   #courtRow(point: Point, index: number): Row {
     const where = make("small", { text: `(${point.world.join(", ")}) m` });
     const choose = this.#chooser(index, make("span", { class: "cal-number", text: String(index + 1) }), make("span", { text: point.name }), where);
-    return this.#row(index, "", [choose]);
+    return this.#row(index, "", choose);
   }
 
   #ownRow(point: Point, index: number): Row {
@@ -75,7 +75,9 @@ export class PointList {
     name.placeholder = "name";
     name.setAttribute("aria-label", `Name of point ${index + 1}`);
     name.addEventListener("input", () => this.#listener.rename(index, name.value));
-    const remove = textButton("Remove", `cal-remove-${index}`, `Remove point ${index + 1}`, () => this.#listener.remove(index));
+    const remove = textButton("×", `cal-remove-${index}`, `Remove point ${index + 1}`, () => this.#listener.remove(index));
+    remove.classList.add("cal-remove");
+    remove.title = "Remove";
     const axes = ([0, 1, 2] as const).map((axis) => {
       const letter = "xyz"[axis] ?? "";
       const input = make("input", { testId: `cal-${letter}-${index}` });
@@ -90,7 +92,7 @@ export class PointList {
     for (const input of [name, ...axes.flatMap((label) => [...label.querySelectorAll("input")])]) {
       input.addEventListener("focus", () => this.#listener.choose(index));
     }
-    return this.#row(index, "own", [choose, name, make("div", { class: "cal-axes" }, ...axes)], remove);
+    return this.#row(index, "own", choose, name, remove, make("div", { class: "cal-axes" }, ...axes));
   }
 
   #chooser(index: number, ...content: Node[]): HTMLButtonElement {
@@ -100,11 +102,11 @@ export class PointList {
     return choose;
   }
 
-  #row(index: number, kind: string, content: [HTMLButtonElement, ...Node[]], ...more: Node[]): Row {
+  #row(index: number, kind: string, choose: HTMLButtonElement, ...more: Node[]): Row {
     const state = make("span", { class: "cal-state", testId: `cal-state-${index}` });
     const unclick = textButton("Delete click", `cal-unclick-${index}`, `Delete click on point ${index + 1}`, () => this.#listener.unclick(index));
-    const item = make("li", { class: kind }, ...content, make("div", { class: "cal-standing" }, state, unclick, ...more));
-    return { item, choose: content[0], state, unclick };
+    const item = make("li", { class: kind }, choose, ...more, make("div", { class: "cal-standing" }, state, unclick));
+    return { item, choose, state, unclick };
   }
 }
 

@@ -83,7 +83,7 @@ export class Chart {
     const { x, y, series } = this.#content ?? { x: "", y: "", series: [] };
     const axis = (label: string, extra: uPlot.Axis): uPlot.Axis => {
       const line = { stroke: () => this.colour("--line"), width: 1 };
-      return { label, font: FONT, labelFont: FONT, labelSize: 18, stroke: () => this.colour("--quiet"), grid: line, ticks: line, ...extra };
+      return { label, font: FONT, labelFont: FONT, labelSize: 18, stroke: () => this.colour("--quiet"), grid: line, ticks: { ...line, size: 4 }, gap: 4, ...extra };
     };
     return {
       ...size,
@@ -94,7 +94,7 @@ export class Chart {
         x: { time: false, range: () => [this.#content?.from ?? 0, this.#content?.to ?? 1] },
         y: { range: (_, low, high) => (low === null || high === null ? [0, 1] : uPlot.rangeNum(low, high, 0.1, true)) },
       },
-      axes: [axis(x, { size: 30 }), axis(y, { size: 42 })],
+      axes: [axis(x, { size: 24 }), axis(y, { size: 40 })],
       series: [{}, ...series.flatMap(({ colour }) => lineAndDots(() => this.colour(colour)))],
       hooks: { draw: [(plot) => this.#mark(plot), (plot) => this.#name(plot)] },
     };

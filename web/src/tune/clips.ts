@@ -16,44 +16,66 @@ export interface Choice {
   clip: StoredClip;
   use: HTMLInputElement;
   heldOut: HTMLInputElement;
+  words: HTMLElement;
+  row: HTMLLIElement;
 }
 
-/** Shows the kept clips in `list`. */
-export async function showClips(list: HTMLElement, empty: HTMLElement): Promise<Choice[]> {
-  const choices: Choice[] = [];
-  for (const id of await workspace.clips()) {
-    const clip = await workspace.clip(id);
-    if (clip) choices.push(choiceOf(clip));
+/** The list of kept clips. */
+export class ClipChoices {
+  all: Choice[] = [];
+  readonly #list: HTMLElement;
+  readonly #empty: HTMLElement;
+  #updates = 0;
+
+  constructor(list: HTMLElement, empty: HTMLElement) {
+    this.#list = list;
+    this.#empty = empty;
   }
-  list.replaceChildren(...choices.map(rowOf));
-  empty.hidden = choices.length > 0;
-  return choices;
+
+  /** Shows the clips that are kept now; what was chosen stays. */
+  async update(): Promise<void> {
+    const update = ++this.#updates;
+    const ids = await workspace.clips();
+    const clips = await Promise.all(ids.map((id) => workspace.clip(id)));
+    // A later one may have been faster.
+    if (update !== this.#updates) return;
+    this.all = clips.flatMap((clip) => {
+      if (!clip) return [];
+      const choice = this.all.find((each) => each.clip.id === clip.id) ?? choiceOf(clip);
+      choice.clip = clip;
+      choice.heldOut.checked = clip.heldOut;
+      choice.words.textContent = `, ${labelled(clip)} of ${clip.pictures.length} frames labelled`;
+      return [choice];
+    });
+    // Rows that stay keep the focus.
+    const isSame = this.all.length === this.#list.childElementCount && this.all.every(({ row }, index) => row === this.#list.children[index]);
+    if (!isSame) this.#list.replaceChildren(...this.all.map(({ row }) => row));
+    this.#empty.hidden = this.all.length > 0;
+  }
 }
 
 function choiceOf(clip: StoredClip): Choice {
-  const box = (checked: boolean, testId: string) => {
+  const box = (text: string, checked: boolean, testId: string) => {
     const input = make("input", { testId });
     input.type = "checkbox";
     input.checked = checked;
-    return input;
+    return { input, label: make("label", { class: "check" }, input, document.createTextNode(text)) };
   };
-  const choice = { clip, use: box(labelled(clip) >= FEWEST, "tune-use"), heldOut: box(clip.heldOut, "tune-held-out") };
-  choice.heldOut.addEventListener("change", () => void workspace.keep({ ...clip, heldOut: choice.heldOut.checked }));
+  const use = box("use", labelled(clip) >= FEWEST, "tune-use");
+  const heldOut = box("held out", clip.heldOut, "tune-held-out");
+  const forget = textButton("Delete…", "tune-delete", `Delete ${clip.id}`, () => {
+    if (confirm(`Delete the clip "${clip.id}" from this browser?`)) void workspace.forget(clip.id);
+  });
+  const words = make("span");
+  const name = make("span", { class: "name" }, make("strong", { text: clip.id }), words);
+  const row = make("li", {}, use.label, name, heldOut.label, forget);
+  const choice = { clip, use: use.input, heldOut: heldOut.input, words, row };
+  choice.heldOut.addEventListener("change", () => void workspace.keep({ ...choice.clip, heldOut: choice.heldOut.checked }));
   return choice;
 }
 
 function labelled({ labels }: StoredClip): number {
   return labels.filter((label) => label).length;
-}
-
-function rowOf({ clip, use, heldOut }: Choice): HTMLLIElement {
-  const words = `${labelled(clip)} of ${clip.pictures.length} frames labelled`;
-  const label = (input: HTMLInputElement, text: string) => make("label", { class: "check" }, input, document.createTextNode(text));
-  const forget = textButton("Delete…", "tune-delete", `Delete ${clip.id}`, () => {
-    if (confirm(`Delete the clip "${clip.id}" from this browser?`)) void workspace.forget(clip.id);
-  });
-  const name = make("span", { class: "name" }, make("strong", { text: clip.id }), document.createTextNode(`, ${words}`));
-  return make("li", {}, label(use, "use"), name, label(heldOut, "held out"), forget);
 }
 
 /** A kept clip as the package takes it. */

@@ -6,7 +6,7 @@ import { save } from "../shared/files";
 import { drawFound, drawTruth } from "../shared/marks";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace, type StoredClip } from "../shared/workspace";
-import { makeExamples, showClips, trainingClip, type Choice } from "./clips";
+import { ClipChoices, makeExamples, trainingClip } from "./clips";
 import markup from "./panel.html?raw";
 import "./style.css";
 
@@ -15,9 +15,10 @@ const SCORES = 6;
 /** Frames that are shown before and after. */
 const SHOWN = 3;
 const CAMERAS = 9;
+const signed = new Intl.NumberFormat("en", { maximumFractionDigits: 0, signDisplay: "exceptZero" });
 
 export async function start(panel: HTMLElement): Promise<void> {
-  await new Tune(panel).refresh();
+  await new Tune(panel).open();
 }
 
 class Tune {
@@ -25,13 +26,14 @@ class Tune {
   readonly #alert: Alert;
   readonly #loss: Chart;
   readonly #score: Chart;
-  #choices: Choice[] = [];
+  readonly #clips: ClipChoices;
   #run: AbortController | undefined;
   #tuner: FineTuner | undefined;
 
   constructor(panel: HTMLElement) {
     this.#part = fill(panel, markup);
     this.#alert = new Alert(this.#part("tune-alert"));
+    this.#clips = new ClipChoices(this.#part("tune-clips"), this.#part("tune-empty"));
     this.#loss = new Chart(this.#part("tune-loss"), "tune-loss-chart");
     this.#score = new Chart(this.#part("tune-score"), "tune-score-chart");
     const cameras = this.#part<HTMLSelectElement>("tune-camera");
@@ -40,12 +42,11 @@ class Tune {
     this.#part("tune-start").addEventListener("click", () => void this.#busy((signal) => this.#learn(signal)));
     this.#part("tune-stop").addEventListener("click", () => this.#run?.abort());
     this.#part("tune-save").addEventListener("click", () => void this.#alert.during(() => this.#save()));
-    workspace.addEventListener("clips", () => void this.refresh());
+    workspace.addEventListener("clips", () => void this.#clips.update());
   }
 
-  /** Shows the clips that are kept now. */
-  async refresh(): Promise<void> {
-    this.#choices = await showClips(this.#part("tune-clips"), this.#part("tune-empty"));
+  async open(): Promise<void> {
+    await this.#clips.update();
   }
 
   /** One job at a time, which Stop ends. */
@@ -73,7 +74,7 @@ class Tune {
   }
 
   async #learn(signal: AbortSignal): Promise<void> {
-    const chosen = this.#choices.filter(({ use }) => use.checked);
+    const chosen = this.#clips.all.filter(({ use }) => use.checked);
     const [learned, held] = [chosen.filter(({ heldOut }) => !heldOut.checked), chosen.filter(({ heldOut }) => heldOut.checked)];
     const shown = held[0]?.clip;
     if (learned.length === 0) throw new Error("Choose at least one clip to learn from (not held out).");
@@ -142,7 +143,7 @@ class Tune {
         const header = make("th", { text: name });
         header.scope = "row";
         const known = typeof a === "number" && typeof b === "number";
-        const change = known && a > 0 ? `${(100 * (b / a - 1)).toFixed(0)} %` : "–";
+        const change = known && a > 0 ? `${signed.format(100 * (b / a - 1))} %` : "–";
         return make("tr", {}, header, ...(known ? cells(say(a), say(b), change) : cells("–", "–", "–")));
       }),
     );
