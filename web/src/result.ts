@@ -28,9 +28,9 @@ export class ResultPanel {
     const device = make("div", { class: "row" });
     device.append(make("dt", { text: "Device" }), make("dd", { testId: "device" }, this.#device, this.#reason));
     element("result").append(
-      make("h2", { text: "Position in the world" }),
+      make("h2", { text: "Position in the world, in metres" }),
       vector("vector large", this.#world),
-      make("h2", { text: "In the camera’s frame" }),
+      make("h2", { text: "In the camera’s frame, in metres" }),
       vector("vector", this.#camera),
       make(
         "dl",
@@ -84,9 +84,7 @@ function set(target: HTMLDataElement, values: readonly number[], digits: number)
 }
 
 function vector(className: string, values: HTMLDataElement[]): HTMLElement {
-  const parts = values.map((value, axis) =>
-    make("div", {}, make("span", { class: "axis", text: AXES[axis]! }), value, make("span", { class: "unit", text: "m" })),
-  );
+  const parts = values.map((value, axis) => make("div", {}, make("span", { class: "axis", text: AXES[axis]! }), value));
   return make("div", { class: className }, ...parts);
 }
 

@@ -217,6 +217,7 @@ class Step {
     this.#part("cal-about").textContent = own ? "Metres; z points up. Where zero is and where x points is yours to choose." : "";
     if (!own) void tools().then(async (toolbox) => (this.#part("cal-about").textContent = (await toolbox.court(court)).about), () => undefined);
     this.#clicks.restart();
+    this.#list.reveal(this.#clicks.current);
     this.#changed();
   }
 

@@ -159,7 +159,7 @@ class Step {
   #showCamera(): void {
     const { camera } = workspace;
     const place = this.#part("lab-camera");
-    if (camera) return place.replaceChildren(`Camera: the calibrated one, for frames of ${camera.width} × ${camera.height} pixels.`);
+    if (camera) return place.replaceChildren(`Camera: the calibrated one, for frames of ${camera.width}\u00a0×\u00a0${camera.height} pixels.`);
     const link = make("a", { text: "Calibrate gives one" });
     link.href = "#calibrate";
     place.replaceChildren("No camera yet. ", link, "; or drop a camera.json here.");

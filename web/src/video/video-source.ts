@@ -4,8 +4,8 @@ import type { Frame, Source } from "./sources";
 
 /** Between two frames where a video has not told yet, in seconds. */
 const USUAL_FRAME = 1 / 30;
-/** A seek that shows no frame within so many milliseconds has shown it without telling. */
-const SEEK_PATIENCE = 150;
+/** A video that shows no frame within so many milliseconds of being opened, or of a seek, has shown it without telling. */
+const PATIENCE = 150;
 
 export class VideoSource implements Source {
   onFrame: Source["onFrame"] = () => {};
@@ -30,7 +30,12 @@ export class VideoSource implements Source {
     this.element = element;
     this.#stream = stream;
     for (const event of ["play", "pause", "ended"]) element.addEventListener(event, () => this.onState());
-    if (!stream) element.addEventListener("seeked", () => (this.#timer = window.setTimeout(() => this.#shown(element.currentTime * 1000, 1), SEEK_PATIENCE)));
+    if (!stream) {
+      const shownSoon = () => (this.#timer = window.setTimeout(() => this.#shown(element.currentTime * 1000, 1), PATIENCE));
+      element.addEventListener("seeked", shownSoon);
+      // The first frame may have been shown before anybody listened.
+      shownSoon();
+    }
     // The camera was taken away.
     stream?.getVideoTracks()[0]?.addEventListener("ended", () => this.pause());
     this.#listen();
