@@ -147,7 +147,7 @@ impl FineTuner {
     /// One step; None after the last.
     ///
     /// # Errors
-    /// [`Error::Data`] where no clip teaches anything; as [`Trainer::advance`].
+    /// [`Error::Data`] where no clip teaches anything; [`Error::Diverged`]; [`Error::Device`].
     pub async fn step(&mut self) -> Result<Option<Tuned>> {
         let Some((phase, _)) = self.config.phase(self.trainer.step) else { return Ok(None) };
         let sampler = match &mut self.sampler {
