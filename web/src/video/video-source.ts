@@ -43,14 +43,9 @@ export class VideoSource implements Source {
 
   static async file(file: File): Promise<VideoSource> {
     const element = await openVideo(file, `${file.name} is no video or picture that this browser can read. MP4 (H.264) and WebM play nearly everywhere.`);
-    if (!element.videoWidth) {
-      closeVideo(element);
-      throw new Error(`${file.name} has sound, but no pictures.`);
-    }
-    const source = new VideoSource("video", file.name, element);
-    // The browser may have shown the first frame before anybody listened: to seek it shows it again.
-    element.currentTime = 0;
-    return source;
+    if (element.videoWidth) return new VideoSource("video", file.name, element);
+    closeVideo(element);
+    throw new Error(`${file.name} has sound, but no pictures.`);
   }
 
   static async webcam(): Promise<VideoSource> {
