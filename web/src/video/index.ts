@@ -179,7 +179,7 @@ class Step {
     const load = async () => {
       try {
         await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(watch));
-        this.#looker.restart();
+        this.#looker.look();
       } finally {
         if (this.#loading === loading) this.#loading = undefined;
       }

@@ -30,7 +30,6 @@ export class Looker {
   readonly #with: { model: Model; place: Place; overlay: Overlay; job: Job };
   readonly #listener: LookerListener;
   #busy = false;
-  #lastStamp = -Infinity;
   /** Frames in a row that could not be read. */
   #unreadable = 0;
   #times: number[] = [];
@@ -49,12 +48,6 @@ export class Looker {
   open(source: Source | undefined): void {
     this.source = source;
     this.#busy = false;
-  }
-
-  /** Looks at the frame that is shown with another localiser. */
-  restart(): void {
-    this.#lastStamp = -Infinity;
-    this.look();
   }
 
   /** Forgets all positions. */
@@ -131,14 +124,8 @@ export class Looker {
     const { camera } = place;
     if (!localiser || !camera) throw new Error("there is no model or no camera");
     const options: LocaliseOptions = { camera, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
-    const find = (more: LocaliseOptions = {}) => {
-      const all = { ...options, ...more };
-      if (!(frame.timeMs > this.#lastStamp)) return localiser.localise(frame.picture, all);
-      this.#lastStamp = frame.timeMs;
-      return localiser.localiseVideoFrame(frame.picture, frame.timeMs, all);
-    };
-    if (layer !== "saliency") return find();
-    return job.run("Looking for what the depth depends on…", ({ signal }) => find({ saliency: true, signal }));
+    if (layer !== "saliency") return localiser.localise(frame.picture, options);
+    return job.run("Looking for what the depth depends on…", ({ signal }) => localiser.localise(frame.picture, { ...options, saliency: true, signal }));
   }
 
   #fail(thrown: unknown, frame: Frame, source: Source): void {
