@@ -2,8 +2,8 @@
 import { GravisightError, type LocaliseOptions } from "gravisight";
 import type { Job } from "../shared/job";
 import type { Layer } from "../shared/maps";
+import type { Overlay } from "../shared/overlay";
 import type { Model } from "./model";
-import type { Overlay } from "./overlay";
 import type { Place } from "./place";
 import { average, Sightings, type Seen } from "./sightings";
 import type { Frame, Source } from "./sources";
@@ -80,7 +80,7 @@ export class Looker {
     if (counts) this.skipped += missed;
     if (known && this.layer === "none" && !this.#busy) {
       overlay.hold(frame.image);
-      overlay.show(known, model.threshold, "none");
+      overlay.show(known, { layer: "none", sure: known.confidence >= model.threshold });
       this.#listener.shown(known, false);
     } else if (!this.#busy) {
       void this.#find(frame, isNew);
@@ -104,7 +104,7 @@ export class Looker {
       if (!isNew && !this.sightings.at(frame.timeMs)) this.skipped = Math.max(0, this.skipped - 1);
       this.#times = [...this.#times, found.milliseconds].slice(-AVERAGED);
       const seen = this.sightings.add(frame.timeMs, found, frame.truth);
-      overlay.show({ ...found, ...seen }, model.threshold, layer);
+      overlay.show({ ...found, ...seen }, { layer, sure: seen.confidence >= model.threshold });
       this.#listener.shown(seen, true);
       this.#listener.counted();
     } catch (thrown) {

@@ -1,27 +1,34 @@
-/** The frame that was looked at last, with the ball's ring and the network's maps over it. */
+/** The picture that was looked at last, with the ball's ring and the network's maps over it. */
 import type { Localisation } from "gravisight";
 import { contextOf, make } from "../dom";
-import { overlayOf } from "../shared/canvas";
-import { drawMap, mapOf, type ColouredMap, type Layer } from "../shared/maps";
-import { drawFound } from "../shared/marks";
-import { ScaleBar } from "../shared/scale";
+import { overlayOf, type Pixel } from "./canvas";
+import { drawMap, mapOf, type ColouredMap, type Layer } from "./maps";
+import { drawFound, drawTruth } from "./marks";
+import { ScaleBar } from "./scale";
 
-/** No screen shows more; in pixels. */
+/** No picture is kept larger than this: no screen shows more. In pixels. */
 const LARGEST_SIDE = 1600;
 /** Of a ring that is not to be trusted. */
 const DIM = 0.4;
-const MAP_OPACITY = 0.7;
+
+export interface Shown {
+  layer: Layer;
+  /** Whether the position is to be trusted. */
+  sure?: boolean;
+  truth?: Pixel | undefined;
+}
 
 export class Overlay {
   readonly #frame: HTMLElement;
   readonly #picture: HTMLCanvasElement;
   readonly #overlay: HTMLCanvasElement;
   readonly #scale: ScaleBar;
-  /** The frame that is being looked at: shown together with what is found in it. */
+  /** The picture that is being looked at: shown together with what is found in it. */
   readonly #next = make("canvas");
   #size = { width: 1, height: 1 };
-  #ring: { at: [number, number]; sure: boolean } | undefined;
+  #ring: { at: Pixel; sure: boolean; truth: Pixel | undefined } | undefined;
   #map: ColouredMap | undefined;
+  #opacity = 0.7;
 
   constructor(frame: HTMLElement, picture: HTMLCanvasElement, overlay: HTMLCanvasElement, scale: HTMLElement) {
     this.#frame = frame;
@@ -42,23 +49,28 @@ export class Overlay {
     this.clear("No position yet");
   }
 
-  /** Keeps a frame until {@link show}. */
+  /** Of the maps. */
+  setOpacity(opacity: number): void {
+    this.#opacity = opacity;
+    this.#draw();
+  }
+
+  /** Keeps a picture until {@link show}. */
   hold(image: CanvasImageSource): void {
     contextOf(this.#next).drawImage(image, 0, 0, this.#next.width, this.#next.height);
   }
 
-  /** Shows a frame about which nothing is known. */
+  /** Shows a picture about which nothing is known. */
   showPlain(image: CanvasImageSource, words: string): void {
     this.hold(image);
     this.#flip();
     this.clear(words);
   }
 
-  /** Shows the frame that is held, and what was found in it. */
-  show(found: { image: [number, number]; depth: number; confidence: number } & Partial<Localisation>, threshold: number, layer: Layer): void {
+  /** Shows the picture that is held, and what was found in it. */
+  show(found: { image: Pixel; depth: number } & Partial<Localisation>, { layer, sure = true, truth }: Shown): void {
     this.#flip();
-    const sure = found.confidence >= threshold;
-    this.#ring = { at: found.image, sure };
+    this.#ring = { at: found.image, sure, truth };
     this.#map = mapOf(found, layer);
     const [u, v] = found.image.map((x) => x.toFixed(0));
     const where = `the ball at pixel ${u}, ${v}, ${found.depth.toFixed(2)} metres from the camera`;
@@ -79,9 +91,11 @@ export class Overlay {
   #draw(): void {
     const { context, width, height, place } = overlayOf(this.#overlay, this.#size);
     this.#scale.show(this.#map?.scale ?? null);
-    if (this.#map) drawMap(context, this.#map, width, height, MAP_OPACITY);
+    if (this.#map) drawMap(context, this.#map, width, height, this.#opacity);
     if (!this.#ring) return;
-    context.globalAlpha = this.#ring.sure ? 1 : DIM;
-    drawFound(context, place(this.#ring.at));
+    const { at, sure, truth } = this.#ring;
+    context.globalAlpha = sure ? 1 : DIM;
+    drawFound(context, place(at));
+    if (truth) drawTruth(context, place(truth));
   }
 }
