@@ -83,7 +83,9 @@ export class Chart {
     const { x, y, series } = this.#content ?? { x: "", y: "", series: [] };
     const axis = (label: string, extra: uPlot.Axis): uPlot.Axis => {
       const line = { stroke: () => this.colour("--line"), width: 1 };
-      return { label, font: FONT, labelFont: FONT, labelSize: 18, stroke: () => this.colour("--quiet"), grid: line, ticks: { ...line, size: 4 }, gap: 4, ...extra };
+      // As the page writes numbers, not as the browser's language does.
+      const values = (_: uPlot, ticks: number[]) => ticks.map((tick) => `${Number(tick.toPrecision(6))}`);
+      return { label, values, font: FONT, labelFont: FONT, labelSize: 18, stroke: () => this.colour("--quiet"), grid: line, ticks: { ...line, size: 4 }, gap: 4, ...extra };
     };
     return {
       ...size,
