@@ -18,9 +18,13 @@ function settingsFrom(query: URLSearchParams): Settings {
 startTabs();
 const settings = settingsFrom(new URLSearchParams(location.search));
 const app = new App(settings);
-void app.start(settings).then(async () => {
+// Below the fold: after what is seen first.
+setTimeout(() => startLive(element("live"), () => app.localiser));
+void showModelNote(settings.model);
+await app.start(settings);
+try {
   await keepForOffline();
   element("offline-note").textContent = "This page is kept in your browser and opens without a network, too.";
-});
-startLive(element("live"), () => app.localiser);
-void showModelNote(settings.model);
+} catch {
+  // The browser forbids it, or the network broke: the page works as well without.
+}

@@ -52,7 +52,7 @@ export class Overlay {
   /** Of the maps. */
   setOpacity(opacity: number): void {
     this.#opacity = opacity;
-    this.#draw();
+    if (this.#map) this.#draw();
   }
 
   /** Keeps a picture until {@link show}. */
