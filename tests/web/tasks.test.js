@@ -1,0 +1,50 @@
+/** How long the page keeps the browser's main thread busy: in CPU time, which other work on the machine does not change. */
+import assert from "node:assert/strict";
+import { mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
+import { test } from "node:test";
+import { launch, open } from "./support/browser.js";
+import { located } from "./support/demo.js";
+import { serve } from "./support/server.js";
+
+/** A person notices what takes longer (the platform's own limit for a long task). */
+const LONG_MS = 50;
+
+test("loading, a throw and the opening of each step keep the main thread for no long task", { timeout: 180_000 }, async () => {
+  const complaints = [];
+  const server = await serve();
+  const browser = await launch({ webgpu: false });
+  const folder = mkdtempSync(join(tmpdir(), "gravisight-tasks-"));
+  try {
+    const page = await open(browser, "about:blank", complaints);
+    const path = join(folder, "trace.json");
+    await browser.startTracing(page, { path, categories: ["devtools.timeline", "disabled-by-default-devtools.timeline", "toplevel"] });
+    await page.goto(server.url);
+    await located(page);
+    await page.getByTestId("live-throw").click();
+    await page.getByTestId("live-state").filter({ hasText: /^Done/ }).waitFor();
+    for (const step of ["video", "calibrate", "label", "tune"]) {
+      await page.locator(`#tab-${step}`).click();
+      await page.locator(`#panel-${step} button`).first().waitFor();
+    }
+    await browser.stopTracing();
+    const longest = longestTask(JSON.parse(readFileSync(path, "utf8")).traceEvents, server.url);
+    console.log(`longest task: ${longest} ms of CPU time`);
+    assert.ok(longest > 1, "the trace holds the page's tasks");
+    assert.ok(longest < LONG_MS, `${longest} ms`);
+    assert.deepEqual(complaints, []);
+  } finally {
+    await browser.close();
+    await server.close();
+    rmSync(folder, { recursive: true });
+  }
+});
+
+/** CPU time of the longest task on the main thread of the page at `url`, in milliseconds. */
+function longestTask(events, url) {
+  const process = events.find(({ name, args }) => name === "CommitLoad" && args.data?.url?.startsWith(url)).pid;
+  const main = events.find(({ name, pid, args }) => name === "thread_name" && pid === process && args.name === "CrRendererMain").tid;
+  const tasks = events.filter(({ name, ph, pid, tid }) => /RunTask$/.test(name) && ph === "X" && pid === process && tid === main);
+  return Math.max(...tasks.map(({ tdur = 0 }) => tdur / 1000));
+}
