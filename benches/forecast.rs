@@ -9,7 +9,7 @@ use std::io::Write as _;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-use gravisight::physics::{Contact, Forecaster, Integrator, Options, Scene, State};
+use gravisight::{Contact, Forecaster, Integrator, Options, Scene, State};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 

@@ -223,19 +223,19 @@ impl Error {
     }
 
     /// An [`Error::Io`] at `path`, for `map_err`.
-    pub(crate) fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+    pub fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |cause| Self::Io { path, cause }
     }
 
     /// An [`Error::Format`] in `what`, for `map_err`.
-    pub(crate) fn format<M: std::fmt::Display>(what: impl Into<String>) -> impl FnOnce(M) -> Self {
+    pub fn format<M: std::fmt::Display>(what: impl Into<String>) -> impl FnOnce(M) -> Self {
         let what = what.into();
         move |message| Self::Format { what, message: message.to_string() }
     }
 
     /// An [`Error::Value`] for the function's caller to return.
-    pub(crate) fn value(what: impl Into<String>, field: impl Into<String>, reason: impl Into<String>) -> Self {
+    pub fn value(what: impl Into<String>, field: impl Into<String>, reason: impl Into<String>) -> Self {
         Self::Value { what: what.into(), field: field.into(), reason: reason.into() }
     }
 }

@@ -6,7 +6,7 @@ use std::time::Instant;
 use nalgebra::{Point2, Point3, distance};
 use serde::Serialize;
 
-use crate::data::{Clip, Clips};
+use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
 use crate::localise::Localiser;
 
@@ -149,7 +149,7 @@ impl Sample {
     }
 
     /// The part of the clip's id that begins with `prefix`, e.g. `cam1`.
-    pub(crate) fn part(&self, prefix: &str) -> Option<&str> {
+    pub fn part(&self, prefix: &str) -> Option<&str> {
         self.clip.split('/').find(|part| part.starts_with(prefix))
     }
 }

@@ -1,49 +1,54 @@
 //! A ball's 3D position from a single picture of one calibrated camera.
-//!
-//! ```text
-//! picture ─► image ─► model (PEN) ─► heatmap, depth map ─► decode ─► x, y, z in the image
-//!                                                                        │
-//! camera.json ─────────────────────────────► camera ─► camera frame ─► world frame
-//! ```
-//!
-//! Frames and units: `image` px with the first pixel's centre at (0, 0); `camera` OpenCV's axes
-//! (x right, y down, z forward); `world` right-handed, z up; metres, seconds, radians.
-//!
-//! The method is that of "Towards Learning Monocular 3D Object Localization From 2D Labels Using
-//! the Physical Laws of Motion"; "paper eq. (n)" in the documentation speaks of it.
 #![warn(missing_docs, clippy::unwrap_used)]
 #![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
-pub mod camera;
-pub mod data;
-#[cfg(feature = "cli")]
-pub mod draw;
-pub mod error;
-pub mod evaluate;
+mod camera;
+mod clips;
+mod error;
+mod evaluate;
 #[cfg(not(target_arch = "wasm32"))]
-pub mod files;
+mod files;
 pub mod image;
 pub mod kernels;
-pub mod localise;
+mod localise;
 pub mod model;
-pub mod physics;
-#[cfg(feature = "cli")]
-pub mod report;
-#[cfg(feature = "train")]
+mod physics;
+mod synth;
+mod track;
 pub mod train;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
 
-// The browser's tests of the kernels, in a build of their own.
-#[cfg(all(target_arch = "wasm32", feature = "check-kernels"))]
+// Tests beside the code share their helpers with those outside, which see the surface alone.
+#[cfg(test)]
 extern crate self as gravisight;
-#[cfg(all(target_arch = "wasm32", feature = "check-kernels"))]
-#[allow(missing_docs, clippy::unwrap_used)]
-#[path = "../tests/web/kernels.rs"]
-mod check_kernels;
+#[cfg(test)]
+mod testing;
 
-pub use camera::Camera;
-pub use error::{Error, Result};
-pub use image::Picture;
-pub use localise::{Localisation, Localiser};
+pub use burn::tensor::Device;
+
+pub use self::camera::{Calibration, Camera, Court, Distortion, Points, Unknowns, calibrate};
+pub use self::clips::{Clip, Clips, Frame};
+pub use self::error::{Error, Result};
+pub use self::evaluate::{Bins, Confidence, Metrics, Sample, Seconds, Statistic, score};
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::files::{NewFolder, write_whole};
+pub use self::image::Picture;
+pub use self::localise::{Localisation, Localiser, Maps, Saliency};
+pub use self::model::Card;
+pub use self::physics::{Case, Contact, Cuboid, Forecast, Forecaster, Integrator, Options, Scene, State};
+pub use self::synth::{Engine, Set, Shot, Split, Studio};
+pub use self::track::{
+    Fit, FitOptions, FittedFrame, LabelOptions, Observation, Parameter, Proposal, Track, TrackPoint, propose_labels,
+};
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::train::{
+    config::TrainConfig,
+    examples::LeftOut,
+    fine_tune::{FineTuneOptions, FineTuner},
+    log::LOG,
+    recipe::{assignment, lay_over, preset, presets, read_fields},
+    run::{self, Event, Prepared, Progress, Validation},
+    score::Score,
+};

@@ -3,8 +3,8 @@
 mod common;
 
 use common::golden;
-use gravisight::camera::{Camera, Distortion};
-use gravisight::error::Error;
+use gravisight::Error;
+use gravisight::{Camera, Distortion};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};

@@ -3,8 +3,8 @@
 mod common;
 
 use common::{root, scratch};
-use gravisight::data::{Clips, Track};
-use gravisight::error::Error;
+use gravisight::Error;
+use gravisight::{Clips, Track};
 use serde_json::{Value, json};
 
 fn samples() -> Vec<Value> {

@@ -2,15 +2,15 @@
 
 mod common;
 
-use burn::tensor::Device;
 use common::root;
-use common::training::{alone, seen_by};
-use gravisight::data::{Clip, Clips};
-use gravisight::error::Error;
-use gravisight::image::Picture;
-use gravisight::localise::Localiser;
-use gravisight::model::Card;
+use common::{alone, seen_by};
+use gravisight::Card;
+use gravisight::Device;
+use gravisight::Error;
+use gravisight::Localiser;
+use gravisight::Picture;
 use gravisight::train::fine_tune::{FineTuneOptions, FineTuner};
+use gravisight::{Clip, Clips};
 
 /// Clips by the built-in engine with their pictures in memory.
 fn in_memory(camera: usize, name: &str, count: usize, frames: usize) -> Vec<(Clip, Vec<Picture>)> {

@@ -5,7 +5,7 @@ mod common;
 use std::time::Instant;
 
 use gravisight::Camera;
-use gravisight::physics::{Fit, FitOptions, Forecaster, Observation, Parameter, Scene};
+use gravisight::{Fit, FitOptions, Forecaster, Observation, Parameter, Scene};
 use nalgebra::{Point2, Vector3};
 use serde_json::Value;
 

@@ -2,8 +2,8 @@
 
 use std::io::Cursor;
 
+use gravisight::Error;
 use gravisight::Picture;
-use gravisight::error::Error;
 use gravisight::image::Normalisation;
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, Rgb, RgbImage, Rgba, RgbaImage};
 

@@ -4,8 +4,8 @@
 #[path = "common/kernels.rs"]
 mod common;
 
-use burn::tensor::Device;
 use common::{Case, Data, check, close, read, reference, tensor, values};
+use gravisight::Device;
 use gravisight::kernels::{ConvShape, Convolution, Extent, Map, MapMut, SLACK, Vectors, upsample, upsample_backward};
 use proptest::prelude::*;
 

@@ -3,7 +3,7 @@
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use burn::tensor::Device;
+use gravisight::Device;
 use gravisight::model::{Pen, PenConfig, decode};
 
 /// The system's allocator, counting.

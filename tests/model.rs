@@ -4,7 +4,7 @@ mod common;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{formula, formula_tensor, golden, safetensors_of, vector};
-use gravisight::error::Error;
+use gravisight::Error;
 use gravisight::model::{
     self, BackboneConfig, Card, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, halved, load,
     load_backbone_timm, save,

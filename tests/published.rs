@@ -4,13 +4,13 @@ mod common;
 
 use std::path::PathBuf;
 
-use burn::tensor::Device;
 use common::root;
-use gravisight::camera::Camera;
-use gravisight::data::synth::{Engine as _, Set, Shot, Split, Studio};
-use gravisight::image::Picture;
-use gravisight::localise::Localiser;
-use gravisight::model::Card;
+use gravisight::Camera;
+use gravisight::Card;
+use gravisight::Device;
+use gravisight::Localiser;
+use gravisight::Picture;
+use gravisight::{Engine as _, Set, Shot, Split, Studio};
 use image::RgbImage;
 use nalgebra::Point3;
 use serde_json::Value;

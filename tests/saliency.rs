@@ -2,9 +2,9 @@
 
 mod common;
 
-use burn::tensor::Device;
 use common::{golden, root, tiny_card};
-use gravisight::localise::Saliency;
+use gravisight::Device;
+use gravisight::Saliency;
 use gravisight::{Camera, Localiser, Picture};
 use image::{RgbImage, imageops};
 

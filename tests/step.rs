@@ -7,15 +7,15 @@ use std::sync::Arc;
 use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
-use common::training::alone;
+use common::alone;
 use common::{formula, formula_tensor, root, safetensors_of, vector};
-use gravisight::data::Clips;
+use gravisight::Clips;
 use gravisight::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
-use gravisight::physics::{Forecaster, Scene, State};
 use gravisight::train::ema::Ema;
 use gravisight::train::future::{Place, Target, Window, future, future_loss};
 use gravisight::train::loss::{HeatmapLoss, Labels, map_losses};
 use gravisight::train::step::{Batch, StepOptions, step};
+use gravisight::{Forecaster, Scene, State};
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use pollster::block_on;
 

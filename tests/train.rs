@@ -5,19 +5,19 @@ mod common;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-use burn::tensor::Device;
-use common::training::{alone, seen_by};
+use common::{alone, seen_by};
 use common::{formula, root, scratch};
-use gravisight::data::{Clip, Clips, Frame};
-use gravisight::error::Error;
-use gravisight::localise::Localiser;
-use gravisight::model::Card;
+use gravisight::Card;
+use gravisight::Device;
+use gravisight::Error;
+use gravisight::Localiser;
 use gravisight::train::config::{FitConfig, TrainConfig};
 use gravisight::train::pictures::Pictures;
 use gravisight::train::recipe::{assignment, lay_over, preset, presets, read_fields};
 use gravisight::train::run::{self, Event, Validation};
 use gravisight::train::score::score;
 use gravisight::train::teacher::teach;
+use gravisight::{Clip, Clips, Frame};
 use nalgebra::Point3;
 
 /// A run configuration on the samples, its folder, extra lines for the top level.

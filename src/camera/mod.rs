@@ -10,7 +10,7 @@ mod file;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 
-pub use self::calibrate::{Calibration, Method, Points, Unknowns, calibrate};
+pub use self::calibrate::{Calibration, Points, Unknowns, calibrate};
 pub use self::court::Court;
 pub use self::distortion::Distortion;
 use crate::error::{Error, Result};

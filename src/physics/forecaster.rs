@@ -22,7 +22,7 @@ const SOFT_WALL_WIDTHS: f64 = 8.0;
 
 /// How a state moves on; the Jacobian is that of its first `D` components.
 #[derive(Debug, Clone)]
-pub(super) struct Transition<const D: usize> {
+pub(crate) struct Transition<const D: usize> {
     pub end: Column,
     pub jacobian: SMatrix<f64, D, D>,
     /// Whether anything is touched on the way.
@@ -147,7 +147,7 @@ impl Forecaster {
 
     /// Position, velocity and spin `dt` s later (negative: earlier), with the Jacobian of the first `D`
     /// components (6 or 9); `None` where the forecast stops before.
-    pub(super) fn transition<const D: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
+    pub(crate) fn transition<const D: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
         match D {
             6 => self.transition_of::<D, WITH_JACOBIAN>(start, dt),
             _ => self.transition_of::<D, WITH_SPIN_JACOBIAN>(start, dt),
@@ -189,12 +189,12 @@ impl Forecaster {
     }
 
     /// Accelerations that have a closed form; contacts, drag, spin and the user's potential left out.
-    pub(super) fn linear_part(&self) -> Linear {
+    pub(crate) fn linear_part(&self) -> Linear {
         self.forwards.linear_part()
     }
 
     /// The accelerations that [`Self::linear_part`] leaves out, contacts excepted, m/s².
-    pub(super) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+    pub(crate) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
         let spin = self.scene.ball.spin.into();
         self.forwards.nonlinear_acceleration(r, v, &spin)
     }

@@ -10,7 +10,6 @@ mod cases;
 mod columns;
 mod engine;
 mod field;
-mod fit;
 mod forecast;
 mod forecaster;
 mod guard;
@@ -20,13 +19,19 @@ mod obstacle;
 mod pressed;
 mod rest;
 mod scene;
+#[cfg(test)]
+mod tests;
 
 pub use self::cases::Case;
 pub use self::field::Potential;
-pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Observation, Parameter};
 pub use self::forecast::{Forecast, Impact, Options, State, Status};
 pub use self::forecaster::Forecaster;
 pub use self::guard::Moved;
 pub use self::integrate::Integrator;
 pub use self::obstacle::Surface;
 pub use self::scene::{Ball, Contact, Cuboid, Floor, Scene, Spring, Wall};
+
+// What the fit shoots with: forecasts of one frame, column by column.
+pub(crate) use self::arc::Arc;
+pub(crate) use self::columns::{Column, Columns, WITH_JACOBIAN, column, part};
+pub(crate) use self::forecaster::Transition;

@@ -74,7 +74,7 @@ impl Sampler {
     /// The batch of step `step`: the same for the same seed and step, whatever came before.
     ///
     /// # Errors
-    /// As [`Clips::picture`](crate::data::Clips::picture).
+    /// As [`Clips::picture`](crate::clips::Clips::picture).
     pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
         let (shots, middles) = self.shots(phase, step);
         let drawn: Vec<Drawn> = shots.par_iter().map(|shot| self.draw(shot, phase)).collect::<Result<_>>()?;

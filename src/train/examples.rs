@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::config::TrainConfig;
 use super::teacher::TaughtClip;
-use crate::data::{Clip, Clips, Frame};
+use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 
 /// Share of the picture's side by which a label may lie outside (a ball cut by the edge).

@@ -14,7 +14,7 @@ use super::score::{Score, score};
 use super::step::StepReport;
 use super::teacher::{TaughtClip, teach};
 use super::trainer::Trainer;
-use crate::data::{Clip, Clips};
+use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::localise::Localiser;

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::data::{Clip, Clips};
+use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 

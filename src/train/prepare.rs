@@ -10,7 +10,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 use super::config::{Supervision, TrainConfig};
 use super::examples::{Example, Examples, LeftOut, check_label, check_physics, examples_of, name};
 use super::teacher::{TaughtClip, check_taught, teach};
-use crate::data::{Clip, Clips, Frame};
+use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
 

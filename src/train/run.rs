@@ -22,7 +22,7 @@ use super::recipe::read_fields;
 use super::score::{Score, score};
 use super::step::StepReport;
 use super::trainer::Trainer;
-use crate::data::Clips;
+use crate::clips::Clips;
 use crate::error::{Error, Result};
 use crate::files::write_whole;
 use crate::localise::Localiser;

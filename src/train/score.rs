@@ -4,7 +4,7 @@ use nalgebra::{Matrix6, Point2, Point3, Vector3, Vector6, distance};
 use serde::Serialize;
 
 use super::pictures::Pictures;
-use crate::data::Clip;
+use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
 use crate::image::Picture;

@@ -4,9 +4,10 @@ use nalgebra::{Point2, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::config::FitConfig;
-use crate::data::{Clip, Frame};
+use crate::clips::{Clip, Frame};
 use crate::error::{Error, Result};
-use crate::physics::{Fit, FitOptions, FittedFrame, Forecaster, Observation, Options, Scene};
+use crate::physics::{Forecaster, Options, Scene};
+use crate::track::{Fit, FitOptions, FittedFrame, Observation};
 
 /// Clips that are tried under another reading of their labels, where hardly any can be explained.
 const DIAGNOSED: usize = 3;

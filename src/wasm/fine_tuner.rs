@@ -6,7 +6,7 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 use super::held::Held;
 use super::localiser::{JsLocaliser, device_of};
 use super::{js_error, object_of, set};
-use crate::data::Clip;
+use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::model::Card;

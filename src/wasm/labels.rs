@@ -5,9 +5,9 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 use super::held::Held;
 use super::{js_error, object_of};
 use crate::camera::Camera;
-use crate::data::{LabelOptions, propose_labels};
 use crate::error::{Error, Result};
 use crate::image::Picture;
+use crate::track::{LabelOptions, propose_labels};
 
 /// The frames of a clip whose labels are to be proposed.
 #[wasm_bindgen(js_name = Labeller)]

@@ -72,7 +72,6 @@ impl JsLocaliser {
 }
 
 /// What only the build with the training knows.
-#[cfg(feature = "train")]
 #[wasm_bindgen(js_class = Localiser)]
 impl JsLocaliser {
     /// How the depth found in a PNG, JPEG or WebP file depends on each pixel.
@@ -87,7 +86,6 @@ impl JsLocaliser {
     }
 }
 
-#[cfg(feature = "train")]
 impl JsLocaliser {
     fn saliency_of(&self, picture: &Picture) -> Result<JsValue> {
         let found = self.localiser.saliency(picture)?;

@@ -1,15 +1,10 @@
 //! The browser's boundary: an opaque handle, plain objects in and out, no arithmetic.
 
-#[cfg(feature = "train")]
 mod fine_tuner;
-#[cfg(feature = "train")]
 mod held;
-#[cfg(feature = "train")]
 mod labels;
 mod localiser;
-#[cfg(feature = "train")]
 mod simulator;
-#[cfg(feature = "train")]
 mod tools;
 
 use std::cell::RefCell;

@@ -4,8 +4,8 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::tools::state_of;
 use super::{js_error, object_of};
-use crate::data::synth::{Engine as _, Shot, Split, Studio};
 use crate::error::{Error, Result};
+use crate::synth::{Engine as _, Shot, Split, Studio};
 
 /// One scene and camera of the paper's synthetic sets, by the built-in engine.
 #[wasm_bindgen(js_name = Simulator)]

@@ -7,7 +7,8 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 use super::{js_error, object_of};
 use crate::camera::{Camera, Court, Points, Unknowns, calibrate};
 use crate::error::{Error, Result};
-use crate::physics::{FitOptions, Forecaster, Observation, Parameter, Scene, State};
+use crate::physics::{Forecaster, Scene, State};
+use crate::track::{FitOptions, Observation, Parameter};
 
 /// One frame of a track.
 #[derive(Deserialize)]

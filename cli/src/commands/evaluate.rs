@@ -1,0 +1,117 @@
+//! `gravisight evaluate`.
+
+use std::path::{Path, PathBuf};
+
+use super::print_line;
+use crate::device::DeviceChoice;
+use crate::model;
+use crate::progress::Progress;
+use crate::report::{self, Log, Report};
+use anyhow::{Result, bail};
+use clap::Args;
+use gravisight::{Bins, Card, Clips, Metrics, Seconds, Statistic, score};
+
+/// Score a model on labelled clips with 3D truth: how far off it is.
+#[derive(Args)]
+pub struct Arguments {
+    /// Clips folder (with clips.jsonl).
+    #[arg(long, value_name = "DIR")]
+    data: PathBuf,
+    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
+    /// Device to run on.
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceChoice,
+    /// Depth bins of the binned DtG.
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
+    bins: u16,
+    /// Lower edge of the first bin, m [default: the nearest ball].
+    #[arg(long, value_name = "A")]
+    z_min: Option<f64>,
+    /// Upper edge of the last bin, m [default: the farthest ball].
+    #[arg(long, value_name = "B")]
+    z_max: Option<f64>,
+    /// Write a report: one HTML file with charts, tables and pictures, which needs nothing else.
+    #[arg(long, value_name = "OUT.HTML")]
+    report: Option<PathBuf>,
+    /// The log.jsonl of the run that made the model: its curves, for the report.
+    #[arg(long, value_name = "LOG.JSONL", requires = "report")]
+    log: Option<PathBuf>,
+    /// Write the metrics into the model's card.
+    #[arg(long, requires = "model")]
+    record: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    let given = [arguments.z_min, arguments.z_max].map(|edge| edge.is_none_or(f64::is_finite));
+    let ordered = arguments.z_min.zip(arguments.z_max).is_none_or(|(low, high)| low < high);
+    if given != [true; 2] || !ordered {
+        bail!("--z-min must be below --z-max, and both finite numbers");
+    }
+    let log = arguments.log.as_deref().map(Log::read).transpose()?;
+    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
+    let clips = Clips::read(&arguments.data)?;
+    // The first picture would pay for memory and kernels, and the speed would tell.
+    pollster::block_on(localiser.warm_up())?;
+    let mut progress = Progress::new();
+    let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures");
+    let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
+    progress.finish();
+    let Bins { count, z_min, z_max } = Bins::over(&samples, arguments.bins.into());
+    let bins = Bins { count, z_min: arguments.z_min.unwrap_or(z_min), z_max: arguments.z_max.unwrap_or(z_max) };
+    if bins.z_min > bins.z_max {
+        bail!("no ball lies between --z-min {} and --z-max {} (m)", bins.z_min, bins.z_max);
+    }
+    let metrics = Metrics::of(&samples, bins);
+    if let Some(path) = &arguments.report {
+        let log = log.as_ref();
+        report::write(path, &Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log })?;
+    }
+    if let Some(model) = arguments.model.filter(|_| arguments.record) {
+        record(&model::card_path(&model), &metrics)?;
+    }
+    match arguments.json {
+        true => Ok(print_line(serde_json::to_string(&metrics)?)?),
+        false => print(&metrics, bins),
+    }
+}
+
+/// Writes the metrics into the card at `path`, without the speed, which is this machine's.
+fn record(path: &Path, metrics: &Metrics) -> Result<()> {
+    let mut card = Card::from_file(path)?;
+    card.metrics = serde_json::to_value(metrics)?;
+    if let Some(fields) = card.metrics.as_object_mut() {
+        fields.remove("seconds_per_picture");
+    }
+    Ok(card.write(path)?)
+}
+
+fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
+    let row = |name: &str, statistic: &Statistic, factor: f64, unit: &str| match statistic {
+        Statistic { mean: Some(mean), std: Some(std), median: Some(median), n } => {
+            let [mean, std, median] = [mean, std, median].map(|value| value * factor);
+            print_line(format_args!(
+                "{name:<22} {mean:>8.2} ± {std:>6.2} {unit:<2}  median {median:>7.2} {unit:<2}  n {n}"
+            ))
+        }
+        _ => print_line(format_args!("{name:<22} no pictures")),
+    };
+    row("DtG", &metrics.dtg, 100.0, "cm")?;
+    row("DtG, ball seen", &metrics.dtg_visible, 100.0, "cm")?;
+    row("DtG / distance", &metrics.dtg_relative, 100.0, "%")?;
+    row("2D error", &metrics.image_error_px, 1.0, "px")?;
+    for (edges, statistic) in bins.edges().windows(2).zip(&metrics.dtg_binned) {
+        row(&format!("DtG at {:.2}–{:.2} m", edges[0], edges[1]), statistic, 100.0, "cm")?;
+    }
+    for (name, statistic) in metrics.per_environment.iter().chain(&metrics.per_camera) {
+        row(&format!("DtG {name}"), statistic, 100.0, "cm")?;
+    }
+    let Seconds { network, with_decoding } = &metrics.seconds_per_picture;
+    row("network", network, 1000.0, "ms")?;
+    row("with decoding", with_decoding, 1000.0, "ms")?;
+    Ok(())
+}

@@ -1,0 +1,146 @@
+//! `gravisight fit`.
+
+use std::path::PathBuf;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::{Args, ValueEnum};
+use serde_json::Value;
+
+use super::print_line;
+use gravisight::{Camera, Fit, FitOptions, FittedFrame, Forecaster, Parameter, Scene, Track, write_whole};
+
+/// 1-σ of a position that counts as sure, m.
+const SURE: f64 = 0.1;
+
+/// Find the 3D trajectory whose projection best explains a 2D track.
+#[derive(Args)]
+pub struct Arguments {
+    /// The 2D track (CSV with Frame,Visibility,X,Y).
+    #[arg(long, value_name = "TRACK.CSV")]
+    track: PathBuf,
+    /// The camera that saw it (camera.json).
+    #[arg(long, value_name = "CAMERA.JSON")]
+    camera: PathBuf,
+    /// The place and its ball (scene.json).
+    #[arg(long, value_name = "SCENE.JSON")]
+    scene: PathBuf,
+    /// Frames a second.
+    #[arg(long, value_name = "F")]
+    fps: f64,
+    /// Standard deviation of the labels, px [default: found from the track].
+    #[arg(long, value_name = "S")]
+    noise_px: Option<f64>,
+    /// Estimate these, too; the scene's values are where the search starts.
+    #[arg(long, value_enum, value_delimiter = ',')]
+    estimate: Vec<Unknown>,
+    /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).
+    #[arg(long, value_name = "TRAJECTORY.CSV")]
+    out: Option<PathBuf>,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Unknown {
+    Restitution,
+    Drag,
+    Spin,
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    ensure!(arguments.noise_px.is_none_or(|noise| noise.is_finite() && noise > 0.0), "--noise-px must be positive");
+    let camera = Camera::from_file(&arguments.camera)?;
+    let forecaster = Forecaster::new(&Scene::from_file(&arguments.scene)?)?;
+    let (frames, observations) = Track::from_file(&arguments.track)?.observations(arguments.fps)?;
+    let mut estimate: Vec<Parameter> = Vec::new();
+    for unknown in &arguments.estimate {
+        let parameter = match unknown {
+            Unknown::Restitution => Parameter::Restitution,
+            Unknown::Drag => Parameter::Drag,
+            Unknown::Spin => Parameter::Spin,
+        };
+        if estimate.contains(&parameter) {
+            bail!("--estimate names {} twice", parameter.name());
+        }
+        estimate.push(parameter);
+    }
+    let options = FitOptions { noise_px: arguments.noise_px, estimate, ..FitOptions::default() };
+    let name = || arguments.track.display().to_string();
+    let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?;
+    if let Some(out) = &arguments.out {
+        write_whole(out, fit.to_csv(&frames)?.as_bytes())?;
+    }
+    match arguments.json {
+        true => print_line(as_json(&frames, &fit))?,
+        false => print(&frames, &fit, arguments.out.is_none())?,
+    }
+    if !fit.explained {
+        eprintln!(
+            "gravisight: note: no trajectory that the scene allows explains the track well (the best leaves {:.2} px rms, or \
+             breaks the laws); check the scene, the camera and --fps, or let --estimate find what is unknown",
+            fit.rms_px
+        );
+    }
+    Ok(())
+}
+
+/// The fit with the frames' numbers in the track.
+fn as_json(frames: &[u64], fit: &Fit) -> Value {
+    let mut fitted = fit.as_json();
+    for (fields, number) in fitted["frames"].as_array_mut().into_iter().flatten().zip(frames) {
+        fields["frame"] = Value::from(*number);
+    }
+    fitted
+}
+
+fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
+    if table {
+        print_line("frame        t s        x        y        z m   ± cm   residual px")?;
+        for (number, frame) in frames.iter().zip(&fit.frames) {
+            let r = frame.state.position;
+            let residual = match (frame.residual_px, frame.outlier) {
+                (None, _) => "not seen".into(),
+                (Some(residual), false) => format!("{:.2}", residual.norm()),
+                (Some(residual), true) => format!("{:.2} outlier", residual.norm()),
+            };
+            print_line(format_args!(
+                "{number:5} {:10.4} {:8.3} {:8.3} {:8.3} {:8.1}   {residual}",
+                frame.time,
+                r.x,
+                r.y,
+                r.z,
+                100.0 * frame.sigma()
+            ))?;
+        }
+    }
+    for impact in &fit.impacts {
+        let [x, y, z] = impact.position.into();
+        print_line(format_args!(
+            "touches {} at t {:.3} s, x {x:.3}  y {y:.3}  z {z:.3} m, {:.2} m/s",
+            impact.surface, impact.time, impact.speed
+        ))?;
+    }
+    for estimate in &fit.estimates {
+        let name = estimate.parameter.name();
+        print_line(format_args!("{name} {:.3} ± {:.3}", estimate.value, estimate.sigma))?;
+    }
+    if fit.spin != [0.0; 3] {
+        let [x, y, z] = fit.spin;
+        print_line(format_args!("spin at the first frame {x:.1} {y:.1} {z:.1} rad/s"))?;
+    }
+    let seen = fit.frames.iter().filter(|frame| frame.residual_px.is_some()).count();
+    let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
+    let sure = fit.frames.iter().filter(|frame| frame.sigma() < SURE).count();
+    let mut sigmas: Vec<f64> = fit.frames.iter().map(FittedFrame::sigma).collect();
+    sigmas.sort_by(f64::total_cmp);
+    print_line(format_args!("{} frames, seen in {seen}, {outliers} outliers", frames.len()))?;
+    print_line(format_args!("labels: noise {:.2} px, residuals {:.2} px rms", fit.noise_px, fit.rms_px))?;
+    print_line(format_args!(
+        "positions: 1-σ {:.1} cm (median), under {:.0} cm in {:.0} % of the frames",
+        100.0 * sigmas[sigmas.len() / 2],
+        100.0 * SURE,
+        100.0 * sure as f64 / frames.len() as f64
+    ))?;
+    Ok(())
+}

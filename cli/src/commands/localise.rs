@@ -1,0 +1,96 @@
+//! `gravisight localise`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, ensure};
+use clap::Args;
+
+use super::print_line;
+use crate::device::DeviceChoice;
+use crate::{draw, model};
+use gravisight::{Camera, Localisation, Picture, write_whole};
+
+/// Find the ball's 3D position in pictures.
+#[derive(Args)]
+pub struct Arguments {
+    /// PNG, JPEG or WebP pictures.
+    #[arg(required = true, value_name = "IMAGE")]
+    images: Vec<PathBuf>,
+    /// The camera that took them (camera.json).
+    #[arg(long, value_name = "CAMERA.JSON")]
+    camera: PathBuf,
+    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
+    /// Device to run on.
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceChoice,
+    /// Write the picture with heatmap and position drawn over it (one picture only).
+    #[arg(long, value_name = "OUT.PNG")]
+    overlay: Option<PathBuf>,
+    /// Print one JSON object a picture, with `"file"` where there are several.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    let several = arguments.images.len() > 1;
+    ensure!(!(several && arguments.overlay.is_some()), "--overlay takes one picture, {} given", arguments.images.len());
+    if let Some(out) = &arguments.overlay {
+        check_png("--overlay", out)?;
+    }
+    let camera = Camera::from_file(&arguments.camera)?;
+    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
+    for path in &arguments.images {
+        let name = || path.display().to_string();
+        let picture = open_picture(path)?;
+        let found = pollster::block_on(localiser.localise(&picture, &camera, arguments.overlay.is_some()))
+            .with_context(name)?;
+        if let (Some(out), Some(maps)) = (&arguments.overlay, &found.maps) {
+            let mut drawn = draw::with_heatmap(picture.rgb(), maps);
+            draw::mark(&mut drawn, found.image);
+            write_whole(out, &draw::png(&drawn)?)?;
+        }
+        if arguments.json {
+            let mut object = serde_json::to_value(&found)?;
+            if several {
+                object["file"] = path.to_string_lossy().into();
+            }
+            print_line(object)?;
+        } else {
+            print(several.then(name), &found)?;
+        }
+    }
+    Ok(())
+}
+
+/// Refuses an `option` that is no PNG's name.
+pub fn check_png(option: &str, out: &Path) -> Result<()> {
+    let png = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
+    ensure!(png, "{option} writes a PNG: {} should end in .png", out.display());
+    Ok(())
+}
+
+/// The picture at `path`; errors name it.
+pub fn open_picture(path: &Path) -> Result<Picture> {
+    match Picture::open(path) {
+        // An I/O error names the file itself.
+        Err(error @ gravisight::Error::Io { .. }) => Err(error.into()),
+        other => other.with_context(|| path.display().to_string()),
+    }
+}
+
+fn print(name: Option<String>, found: &Localisation) -> Result<()> {
+    if let Some(name) = name {
+        print_line(name)?;
+    }
+    let Localisation { image: [u, v], depth, camera, world, confidence, .. } = found;
+    let point = |[x, y, z]: &[f64; 3]| format!("x {x:8.3}  y {y:8.3}  z {z:8.3} m");
+    print_line(format_args!("world       {}", point(world)))?;
+    print_line(format_args!("camera      {}", point(camera)))?;
+    print_line(format_args!("image       {u:.2}, {v:.2} px   depth {depth:.3} m   confidence {confidence:.2}"))?;
+    for note in &found.notes {
+        print_line(format_args!("note        {note}"))?;
+    }
+    Ok(())
+}

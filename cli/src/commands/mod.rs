@@ -1,0 +1,62 @@
+//! One file a subcommand.
+
+mod calibrate;
+mod evaluate;
+mod fit;
+mod forecast;
+mod import;
+mod label;
+mod localise;
+mod saliency;
+mod synth;
+mod train;
+
+use std::io::{self, Write as _};
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+
+/// A ball's 3D position from a single picture of one calibrated camera.
+#[derive(Parser)]
+#[command(name = "gravisight", version, about)]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Localise(localise::Arguments),
+    Calibrate(calibrate::Arguments),
+    Label(label::Arguments),
+    Import(import::Arguments),
+    Synth(synth::Arguments),
+    Train(train::Arguments),
+    Evaluate(evaluate::Arguments),
+    Saliency(saliency::Arguments),
+    Fit(fit::Arguments),
+    Forecast(forecast::Arguments),
+}
+
+impl Arguments {
+    /// Does what was asked for.
+    pub fn run(self) -> Result<()> {
+        match self.command {
+            Command::Localise(arguments) => localise::run(arguments),
+            Command::Evaluate(arguments) => evaluate::run(arguments),
+            Command::Saliency(arguments) => saliency::run(arguments),
+            Command::Train(arguments) => train::run(arguments),
+            Command::Forecast(arguments) => forecast::run(arguments),
+            Command::Fit(arguments) => fit::run(arguments),
+            Command::Calibrate(arguments) => calibrate::run(arguments),
+            Command::Synth(arguments) => synth::run(arguments),
+            Command::Import(arguments) => import::run(arguments),
+            Command::Label(arguments) => label::run(arguments),
+        }
+    }
+}
+
+/// Prints a line of results; an error, not a panic, where nobody reads.
+fn print_line(line: impl std::fmt::Display) -> io::Result<()> {
+    writeln!(io::stdout(), "{line}")
+}

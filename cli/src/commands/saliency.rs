@@ -1,0 +1,75 @@
+//! `gravisight saliency`.
+
+use std::path::PathBuf;
+
+use crate::draw;
+use anyhow::{Context, Result};
+use clap::Args;
+use gravisight::{Camera, Localisation, Saliency, write_whole};
+use serde_json::json;
+
+use super::localise::{check_png, open_picture};
+use super::print_line;
+use crate::device::DeviceChoice;
+use crate::model;
+
+/// Show which pixels of a picture the ball's depth depends on.
+///
+/// Writes the picture with |∂depth/∂pixel| glowing in it: how far the depth found would move if the pixel got
+/// brighter, worked out through the whole network (on the CPU).
+#[derive(Args)]
+pub struct Arguments {
+    /// PNG, JPEG or WebP picture.
+    #[arg(value_name = "IMAGE")]
+    image: PathBuf,
+    /// The camera that took it (camera.json).
+    #[arg(long, value_name = "CAMERA.JSON")]
+    camera: PathBuf,
+    /// Where to write the picture.
+    #[arg(long, value_name = "OUT.PNG")]
+    out: PathBuf,
+    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    check_png("--out", &arguments.out)?;
+    let camera = Camera::from_file(&arguments.camera)?;
+    let localiser = model::open(arguments.model.as_deref(), &DeviceChoice::Cpu.open()?)?;
+    let picture = open_picture(&arguments.image)?;
+    let name = || arguments.image.display().to_string();
+    let found = pollster::block_on(localiser.localise(&picture, &camera, false)).with_context(name)?;
+    let saliency = localiser.saliency(&picture).with_context(name)?;
+    let (drawn, full) = draw::with_saliency(picture.rgb(), &saliency);
+    write_whole(&arguments.out, &draw::png(&drawn)?)?;
+    let radius = localiser.confidence_radius(picture.size());
+    let near = share_near(&saliency, &found, picture.size(), radius);
+    if arguments.json {
+        let mut object = serde_json::to_value(&found)?;
+        object["saliency"] = json!({"full_m": full, "near": near, "radius_px": radius});
+        return Ok(print_line(object)?);
+    }
+    let Localisation { image: [u, v], depth, .. } = found;
+    print_line(format_args!("image       {u:.2}, {v:.2} px   depth {depth:.3} m"))?;
+    let percent = near * 100.0;
+    print_line(format_args!("saliency    {percent:.0} % of it within {radius:.0} px of the ball"))?;
+    Ok(print_line(format_args!("full colour {full:.2e} m of depth for a pixel from black to white"))?)
+}
+
+/// Share of all |∂depth/∂brightness| that is within `radius` px of the position found.
+fn share_near(saliency: &Saliency, found: &Localisation, size: [u32; 2], radius: f64) -> f64 {
+    let scale = [f64::from(size[0]) / saliency.width as f64, f64::from(size[1]) / saliency.height as f64];
+    let [mut near, mut all] = [0.0; 2];
+    for (index, value) in saliency.values.iter().enumerate() {
+        let cell = [index % saliency.width, index / saliency.width];
+        let off = [0, 1].map(|axis| (cell[axis] as f64 + 0.5) * scale[axis] - 0.5 - found.image[axis]);
+        let strength = f64::from(value.abs());
+        all += strength;
+        near += if off[0].hypot(off[1]) <= radius { strength } else { 0.0 };
+    }
+    if all > 0.0 { near / all } else { 0.0 }
+}

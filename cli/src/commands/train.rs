@@ -1,0 +1,157 @@
+//! `gravisight train`.
+
+use std::path::{Path, PathBuf};
+
+use crate::report::{Log, Report};
+use anyhow::Result;
+use clap::Args;
+use gravisight::{
+    Bins, Clips, Device, Event, LOG, LeftOut, Prepared, Score, TrainConfig, Validation, assignment, lay_over, preset,
+    presets, read_fields, run, score,
+};
+
+use super::print_line;
+use crate::device::DeviceChoice;
+use crate::model;
+use crate::progress::Progress;
+
+/// Depth bins of the report, as `evaluate`'s.
+const BINS: usize = 3;
+
+/// Train a model on labelled clips.
+///
+/// 2D labels and the scene's physics are enough: `--preset sd-s --train DIR --validation DIR --out DIR`. Checkpoints are
+/// written as it goes; after a stop at any point, `--resume` goes on from the last.
+#[derive(Args)]
+#[command(group(clap::ArgGroup::new("what").required(true).multiple(true).args(["config", "preset", "resume"])))]
+pub struct Arguments {
+    /// Configuration of a new run (TOML; paths in it are relative to it).
+    #[arg(long, value_name = "RUN.TOML")]
+    config: Option<PathBuf>,
+    /// Start from a recipe; --config, the folders and --set are laid over it.
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(presets()))]
+    preset: Option<String>,
+    /// Clips folder to train on.
+    #[arg(long, value_name = "DIR")]
+    train: Option<PathBuf>,
+    /// Clips folder that is scored while training, never trained on.
+    #[arg(long, value_name = "DIR")]
+    validation: Option<PathBuf>,
+    /// Folder of the run: checkpoints, log and the model made.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Set any field of the configuration, as in seed=3 or augmentation.shift=8; can be repeated.
+    #[arg(long = "set", value_name = "FIELD=VALUE")]
+    fields: Vec<String>,
+    /// Folder of a run to go on with.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "preset", "train", "validation", "out", "fields"])]
+    resume: Option<PathBuf>,
+    /// Device to train on.
+    #[arg(long, value_enum, default_value = "cpu")]
+    device: DeviceChoice,
+    /// Print one JSON object at the end instead of words: `{"card": PATH, "report": PATH or null}`.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Arguments {
+    /// The configuration of a new run: preset, file, flags, each over the one before.
+    fn configuration(&self) -> Result<TrainConfig> {
+        let mut fields = self.preset.as_deref().map_or_else(|| Ok(toml::Table::new()), preset)?;
+        if let Some(file) = &self.config {
+            lay_over(&mut fields, read_fields(file)?);
+        }
+        for (name, folder) in [("train", &self.train), ("validation", &self.validation), ("out", &self.out)] {
+            if let Some(folder) = folder {
+                fields.insert(name.into(), folder.display().to_string().into());
+            }
+        }
+        for text in &self.fields {
+            lay_over(&mut fields, assignment(text)?);
+        }
+        Ok(TrainConfig::of(fields)?)
+    }
+}
+
+pub fn run(arguments: Arguments) -> Result<()> {
+    let device = arguments.device.open()?;
+    let mut progress = Progress::new();
+    let mut observe = |event: Event| match event {
+        Event::Fitting { done, all } => progress.set(done as u64, all as u64, "clips fitted by physics"),
+        Event::Prepared(prepared) => show_prepared(&mut progress, prepared),
+        Event::Step(now) => show(&mut progress, now),
+    };
+    let card = match &arguments.resume {
+        Some(folder) => run::resume(folder, &device, &mut observe)?,
+        None => run::start(arguments.configuration()?, &device, &mut observe)?,
+    };
+    let report = report(&card, &device, &mut progress)?;
+    progress.finish();
+    let path = card.display();
+    if arguments.json {
+        let report = report.map(|path| path.display().to_string());
+        return Ok(print_line(serde_json::json!({ "card": path.to_string(), "report": report }))?);
+    }
+    print_line(format_args!("model written: {path}"))?;
+    if let Some(report) = report {
+        print_line(format_args!("report, on the validation clips: {}", report.display()))?;
+    }
+    print_line(format_args!("score it on data it never saw: gravisight evaluate --data DIR --model {path} --record"))?;
+    Ok(())
+}
+
+/// Writes the report of the run that made `card`, on its validation clips; none where those have no 3D truth.
+fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Option<PathBuf>> {
+    let folder = card.parent().unwrap_or(Path::new("."));
+    let config = TrainConfig::of(read_fields(&folder.join(run::CONFIG))?)?;
+    let clips = Clips::read(&config.validation)?;
+    if !clips.clips.iter().flat_map(|clip| &clip.frames).any(|frame| frame.world.is_some() && frame.image.is_some()) {
+        return Ok(None);
+    }
+    let localiser = model::open(Some(card), device)?;
+    progress.restart();
+    let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
+    let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
+    let path = folder.join("report.html");
+    let (bins, log) = (Bins::over(&samples, BINS), Log::read(&folder.join(LOG))?);
+    let report = Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log: Some(&log) };
+    crate::report::write(&path, &report)?;
+    Ok(Some(path))
+}
+
+fn show_prepared(progress: &mut Progress, prepared: &Prepared) {
+    let Prepared { clips, frames, left_out } = prepared;
+    progress.restart();
+    progress.say(&format!("{frames} frames of {clips} clips to learn from"));
+    if !left_out.is_empty() {
+        progress.say(&format!("{} clips are left out, for physics does not explain them:", left_out.len()));
+    }
+    for LeftOut { clip, reason } in left_out {
+        progress.say(&format!("  {clip}: {reason}"));
+    }
+}
+
+fn show(progress: &mut Progress, now: &run::Progress) {
+    let run::Progress { step, steps, loss, heatmap, depth, future, seconds, .. } = *now;
+    let mut losses = format!("loss {loss:.4} (heatmap {heatmap:.4}, depth {depth:.4} m");
+    if future > 0.0 {
+        losses += &format!(", future {future:.2} px");
+    }
+    progress.set(step as u64, steps as u64, &format!("{losses}), {seconds:.2} s a step"));
+    match &now.validation {
+        Some(Validation::Score(Score { forecast_px, image_error_px, dtg, .. })) => {
+            let pixels = |value: Option<f64>| value.map_or("none".into(), |value| format!("{value:.2} px"));
+            let mut line = format!(
+                "step {step}: validation: forecast error {}, 2D error {}",
+                pixels(*forecast_px),
+                pixels(image_error_px.median)
+            );
+            if let (Some(mean), Some(median)) = (dtg.mean, dtg.median) {
+                line += &format!("; DtG {:.1} cm (median {:.1})", 100.0 * mean, 100.0 * median);
+            }
+            progress.say(&line);
+        }
+        Some(Validation::Failed { failed }) => progress.say(&format!("step {step}: validation failed: {failed}")),
+        None => {}
+    }
+}

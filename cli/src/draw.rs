@@ -1,0 +1,110 @@
+//! Pictures with maps painted over them.
+
+use std::io::Cursor;
+
+use gravisight::{Error, Maps, Result, Saliency};
+use image::imageops::{self, FilterType};
+use image::{ImageBuffer, ImageFormat, Luma, Rgb, RgbImage};
+
+/// Colour of the heatmap and of the position.
+const HEAT: [f32; 3] = [255.0, 96.0, 0.0];
+const MARK: Rgb<u8> = Rgb([255, 255, 255]);
+/// Share of the map's colour where the heatmap peaks; everywhere on the depth map.
+const HEAT_OPACITY: f32 = 0.7;
+const DEPTH_OPACITY: f32 = 0.75;
+/// Inner and outer end of the four strokes around the position, px.
+const STROKE: std::ops::Range<i64> = 6..14;
+/// Viridis, which is perceptually uniform and safe for the colour-blind: ten equal steps of matplotlib's table.
+const VIRIDIS: [u32; 11] =
+    [0x440154, 0x482475, 0x414487, 0x355f8d, 0x2a788e, 0x21918c, 0x22a884, 0x44bf70, 0x7ad151, 0xbddf26, 0xfde725];
+/// Share of a saliency map's pixels that are below its full colour: a few strong pixels do not dim all others.
+const SALIENCY_PERCENTILE: f64 = 0.999;
+
+/// `picture` with the heatmap's glow over it.
+pub fn with_heatmap(picture: &RgbImage, maps: &Maps) -> RgbImage {
+    let peak = maps.heatmap.iter().fold(f32::MIN_POSITIVE, |peak, &value| peak.max(value));
+    let levels = maps.heatmap.iter().map(|value| value / peak).collect();
+    painted(picture, [maps.width, maps.height], levels, |level| (HEAT, level * HEAT_OPACITY))
+}
+
+/// `picture` under its depth map, and the depths (m) of the darkest and of the brightest colour.
+pub fn with_depth(picture: &RgbImage, maps: &Maps) -> (RgbImage, [f32; 2]) {
+    let nearest = maps.depth.iter().fold(f32::INFINITY, |least, &depth| least.min(depth));
+    let farthest = maps.depth.iter().fold(0.0, |most: f32, &depth| most.max(depth));
+    let span = (farthest - nearest).max(f32::MIN_POSITIVE);
+    let levels = maps.depth.iter().map(|depth| (depth - nearest) / span).collect();
+    let picture = painted(picture, [maps.width, maps.height], levels, |level| (viridis(level), DEPTH_OPACITY));
+    (picture, [nearest, farthest])
+}
+
+/// `picture`, dimmed, with |∂depth/∂brightness| glowing in it, and the value of the full glow, m.
+pub fn with_saliency(picture: &RgbImage, saliency: &Saliency) -> (RgbImage, f32) {
+    let mut sorted: Vec<f32> = saliency.values.iter().map(|value| value.abs()).collect();
+    sorted.sort_by(f32::total_cmp);
+    let full = sorted.get(((sorted.len() - 1) as f64 * SALIENCY_PERCENTILE) as usize).copied().unwrap_or_default();
+    let full = full.max(f32::MIN_POSITIVE);
+    let levels = saliency.values.iter().map(|value| (value.abs() / full).min(1.0)).collect();
+    let grey = ImageBuffer::from_fn(picture.width(), picture.height(), |x, y| {
+        let Luma([brightness]) = image::Pixel::to_luma(picture.get_pixel(x, y));
+        Rgb([brightness / 2; 3])
+    });
+    // The square root shows a hundredth of the full glow as a tenth.
+    let glow = |level: f32| (viridis(level.sqrt()), level.sqrt());
+    (painted(&grey, [saliency.width, saliency.height], levels, glow), full)
+}
+
+/// Four white strokes around `position`, px.
+pub fn mark(picture: &mut RgbImage, [x, y]: [f64; 2]) {
+    let (x, y) = (x.round() as i64, y.round() as i64);
+    for offset in STROKE {
+        for (dx, dy) in [(offset, 0), (-offset, 0), (0, offset), (0, -offset)] {
+            let (px, py) = (u32::try_from(x + dx), u32::try_from(y + dy));
+            if let (Ok(px), Ok(py)) = (px, py)
+                && let Some(pixel) = picture.get_pixel_mut_checked(px, py)
+            {
+                *pixel = MARK;
+            }
+        }
+    }
+}
+
+/// The bytes of a PNG file.
+///
+/// # Errors
+/// [`Error::Format`] where the encoder refuses.
+pub fn png(picture: &RgbImage) -> Result<Vec<u8>> {
+    let mut png = Cursor::new(Vec::new());
+    picture.write_to(&mut png, ImageFormat::Png).map_err(Error::format("picture"))?;
+    Ok(png.into_inner())
+}
+
+/// `picture` with `levels` (0 to 1, row-major, of any size) over it; `paint` gives a level's colour and opacity.
+fn painted(
+    picture: &RgbImage,
+    [width, height]: [usize; 2],
+    levels: Vec<f32>,
+    paint: impl Fn(f32) -> ([f32; 3], f32),
+) -> RgbImage {
+    let mut out = picture.clone();
+    let cells: ImageBuffer<Luma<f32>, _> =
+        ImageBuffer::from_raw(width as u32, height as u32, levels).unwrap_or_default();
+    let levels = imageops::resize(&cells, out.width(), out.height(), FilterType::Triangle);
+    for (pixel, level) in out.pixels_mut().zip(levels.pixels()) {
+        let (colour, share) = paint(level.0[0]);
+        for (channel, colour) in pixel.0.iter_mut().zip(colour) {
+            *channel = (f32::from(*channel) * (1.0 - share) + colour * share).round() as u8;
+        }
+    }
+    out
+}
+
+/// Colour of a level between 0 (dark) and 1 (bright).
+fn viridis(level: f32) -> [f32; 3] {
+    let position = level.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f32;
+    let below = (position as usize).min(VIRIDIS.len() - 2);
+    let fraction = position - below as f32;
+    std::array::from_fn(|channel| {
+        let of = |stop: u32| ((stop >> (16 - 8 * channel)) & 0xff) as f32;
+        of(VIRIDIS[below]) * (1.0 - fraction) + of(VIRIDIS[below + 1]) * fraction
+    })
+}

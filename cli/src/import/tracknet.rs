@@ -1,0 +1,58 @@
+//! Tracks (`Frame,Visibility,X,Y`) beside their frames or videos.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point2;
+
+use super::ImportOptions;
+use super::draft::Job;
+use super::pictures::{files_below, has_extension, id_of};
+use super::table::Table;
+use super::video::{Labelled, Media, draft};
+use gravisight::{Error, Result};
+
+/// A job for every track.
+pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
+    let camera = options.camera()?;
+    let tracks = match source.is_dir() {
+        true => files_below(source, &|path| has_extension(path, &["csv"]))?,
+        false => vec![source.to_path_buf()],
+    };
+    if options.pictures.is_some() && tracks.len() > 1 {
+        let reason = format!("{} holds {} tracks, each has its own", source.display(), tracks.len());
+        return Err(Error::value("import", "pictures", reason));
+    }
+    let root = if source.is_dir() { source } else { source.parent().unwrap_or(Path::new("")) };
+    let job = |path: PathBuf| {
+        let name = path.strip_prefix(root).unwrap_or(&path).with_extension("");
+        let id = id_of(name.iter().filter_map(|part| part.to_str()));
+        let (camera, options) = (camera.clone(), options.clone());
+        let read = move |scratch: &Path| {
+            let media = Media::beside(&path, &options, None)?;
+            draft(&labels(&path)?, &media, &camera, &options, scratch)
+        };
+        Job { id, read: Box::new(read) }
+    };
+    Ok(tracks.into_iter().map(job).collect())
+}
+
+fn labels(path: &Path) -> Result<BTreeMap<u64, Labelled>> {
+    let table = Table::from_file(path)?;
+    let [frame, visibility, x, y] = table.columns(["Frame", "Visibility", "X", "Y"])?;
+    let mut labels = BTreeMap::new();
+    let mut before = None;
+    for row in &table.rows {
+        let number = row.count(frame)?;
+        if let Some(before) = before.filter(|before| *before >= number) {
+            return Err(Error::value(&row.what, "Frame", format!("must ascend: {number} follows {before}")));
+        }
+        before = Some(number);
+        let image = match row.flag(visibility)? {
+            true => Some(Point2::from(row.numbers([x, y])?)),
+            false => None,
+        };
+        labels.insert(number, Labelled { what: row.what.clone(), image });
+    }
+    Ok(labels)
+}

@@ -1,0 +1,220 @@
+//! Labels by frame number, and the folder of frames or the video that they speak of.
+//! Videos are read by ffmpeg and ffprobe, programs that the user installs.
+
+use std::collections::BTreeMap;
+use std::ffi::{OsStr, OsString};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use nalgebra::Point2;
+
+use super::ImportOptions;
+use super::draft::{Draft, Shot, fps_of, fps_of_numbers};
+use super::pictures::by_number;
+use gravisight::{Camera, Error, Result};
+
+/// Extensions of videos.
+const VIDEOS: [&str; 8] = ["mp4", "avi", "mov", "mkv", "webm", "m4v", "mpg", "mts"];
+/// What trackers add to a video's name for its track.
+const SUFFIXES: [&str; 3] = ["", "_ball", "_predict"];
+
+/// What is said of a frame.
+#[derive(Debug, Clone)]
+pub(super) struct Labelled {
+    /// File and line.
+    pub what: String,
+    /// 2D label, px; none where the ball is not seen.
+    pub image: Option<Point2<f64>>,
+}
+
+/// Where frames are.
+#[derive(Debug, Clone)]
+pub(super) enum Media {
+    /// A folder of pictures with numbers.
+    Pictures(PathBuf),
+    /// A video.
+    Video(PathBuf),
+}
+
+/// The frames of a video or folder.
+struct Frames {
+    /// Pictures by frame number.
+    pictures: BTreeMap<u64, PathBuf>,
+    /// Their times, s.
+    times: Vec<f64>,
+}
+
+impl Media {
+    /// What belongs to the annotation file `source`: what was given, what is called `name`, a folder or a video
+    /// of the file's name, or `images`.
+    pub fn beside(source: &Path, options: &ImportOptions, name: Option<&str>) -> Result<Self> {
+        if let Some(given) = &options.pictures {
+            return Ok(if given.is_dir() { Self::Pictures(given.clone()) } else { Self::Video(given.clone()) });
+        }
+        let own = source.parent().unwrap_or(Path::new(""));
+        let named = name.map(str::trim).filter(|name| !name.is_empty());
+        if let Some(video) = named.map(|name| own.join(name)).filter(|path| path.is_file()) {
+            return Ok(Self::Video(video));
+        }
+        let stem = source.file_stem().unwrap_or_default().to_string_lossy();
+        for stem in SUFFIXES.iter().filter_map(|suffix| stem.strip_suffix(suffix)).filter(|stem| !stem.is_empty()) {
+            if own.join(stem).is_dir() {
+                return Ok(Self::Pictures(own.join(stem)));
+            }
+            let video = |extension| own.join(format!("{stem}.{extension}"));
+            if let Some(video) = VIDEOS.iter().map(video).find(|path| path.is_file()) {
+                return Ok(Self::Video(video));
+            }
+        }
+        if named.is_some() && own.join("images").is_dir() {
+            return Ok(Self::Pictures(own.join("images")));
+        }
+        let reason =
+            format!("there is no folder `{stem}` of frames and no video `{stem}.mp4` beside it; give --pictures");
+        Err(Error::Data { what: source.display().to_string(), reason })
+    }
+}
+
+/// The clip of labels by frame number, from the first ball to the last; frames of which nothing is said are frames
+/// without the ball. A video's frames are written to `scratch`.
+pub(super) fn draft(
+    labels: &BTreeMap<u64, Labelled>,
+    media: &Media,
+    camera: &Camera,
+    options: &ImportOptions,
+    scratch: &Path,
+) -> Result<Draft> {
+    let (Media::Pictures(path) | Media::Video(path)) = media;
+    let what = path.display().to_string();
+    let seen = || labels.iter().filter(|(_, label)| label.image.is_some()).map(|(number, _)| *number);
+    let (Some(first), Some(last)) = (seen().next(), seen().next_back()) else {
+        return Err(Error::Data { what, reason: "no frame of it has a label".into() });
+    };
+    let frames = match media {
+        Media::Pictures(folder) => pictures(folder, [first, last], options.fps()?)?,
+        Media::Video(video) => decoded(video, [first, last], options.fps, scratch)?,
+    };
+    let mut told = labels.range(first..=last);
+    if let Some((number, label)) = told.find(|(number, _)| !frames.pictures.contains_key(number)) {
+        let reason = format!("is not in {what}; check that both count frames alike");
+        return Err(Error::value(&label.what, format!("frame {number}"), reason));
+    }
+    let nothing = Labelled { what: what.clone(), image: None };
+    let shot = |((number, picture), t): ((u64, PathBuf), f64)| {
+        let Labelled { what, image } = labels.get(&number).unwrap_or(&nothing).clone();
+        Shot { picture, what, t, image, world: None }
+    };
+    let numbers: Vec<u64> = frames.pictures.keys().copied().collect();
+    let shots: Vec<Shot> = frames.pictures.into_iter().zip(frames.times).map(shot).collect();
+    let fps = match options.fps {
+        Some(fps) => fps_of_numbers(numbers, fps),
+        None => fps_of(&shots)?,
+    };
+    Ok(Draft { camera: camera.clone(), scene: options.scene.clone(), fps, shots })
+}
+
+fn pictures(folder: &Path, [first, last]: [u64; 2], fps: f64) -> Result<Frames> {
+    let mut pictures = by_number(folder, "")?;
+    pictures.retain(|number, _| (first..=last).contains(number));
+    let times = pictures.keys().map(|&number| (number - first) as f64 / fps).collect();
+    Ok(Frames { pictures, times })
+}
+
+/// The frames of a video, written to `folder` (which is made), and their times, s: its own, or evenly spaced by `fps`.
+///
+/// # Errors
+/// [`Error::Data`] where ffmpeg or ffprobe is not installed or cannot read it; [`Error::Io`].
+pub fn video_frames(video: &Path, fps: Option<f64>, folder: &Path) -> Result<(Vec<PathBuf>, Vec<f64>)> {
+    let frames = decoded(video, [0, u64::MAX], fps, folder)?;
+    Ok((frames.pictures.into_values().collect(), frames.times))
+}
+
+fn decoded(video: &Path, [first, last]: [u64; 2], fps: Option<f64>, scratch: &Path) -> Result<Frames> {
+    let all = frame_times(video)?;
+    let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
+    let last = last.min((all.len() as u64).saturating_sub(1));
+    if first > last || all.is_empty() {
+        return Err(refuse(format!("has {} frames, the first label is of frame {first}", all.len())));
+    }
+    let time = |number: u64| match fps {
+        Some(fps) => Ok((number - first) as f64 / fps),
+        None => all[number as usize].ok_or_else(|| refuse(format!("says no time of frame {number}; give --fps"))),
+    };
+    let times = (first..=last).map(time).collect::<Result<Vec<_>>>()?;
+    std::fs::create_dir(scratch).map_err(Error::io(scratch))?;
+    extract(video, [first, last], scratch)?;
+    let pictures = by_number(scratch, "")?;
+    if pictures.len() != times.len() {
+        let reason = format!(
+            "ffmpeg gave {} frames where ffprobe counts {}; the file may be damaged",
+            pictures.len(),
+            times.len()
+        );
+        return Err(refuse(reason));
+    }
+    Ok(Frames { pictures, times })
+}
+
+/// The time of every frame, s, as ffprobe reads it; none where the file says nothing.
+fn frame_times(video: &Path) -> Result<Vec<Option<f64>>> {
+    let arguments = [
+        "-v",
+        "error",
+        "-select_streams",
+        "v:0",
+        "-show_entries",
+        "frame=best_effort_timestamp_time",
+        "-of",
+        "csv=p=0",
+    ];
+    let mut command = Command::new("ffprobe");
+    command.args(arguments).arg(file_url(video)?);
+    let text = output(command, "ffprobe", video)?;
+    let time = |line: &str| line.trim().trim_end_matches(',').parse::<f64>().ok().filter(|time| time.is_finite());
+    Ok(text.lines().filter(|line| !line.trim().is_empty()).map(time).collect())
+}
+
+/// Writes the frames from the first to the last, both included, as `NUMBER.png`, each once.
+fn extract(video: &Path, [first, last]: [u64; 2], folder: &Path) -> Result<()> {
+    let select = format!("select=between(n\\,{first}\\,{last})");
+    let start = first.to_string();
+    let run = |passthrough: [&str; 2]| {
+        let mut command = Command::new("ffmpeg");
+        // Run where the frames go: a `%` in a folder's name would count.
+        command.current_dir(folder).args(["-v", "error", "-nostdin", "-i"]).arg(file_url(video)?);
+        command.args(["-map", "0:v:0", "-vf", &select]).args(passthrough);
+        command.args(["-pix_fmt", "rgb24", "-start_number", &start, "%06d.png"]);
+        output(command, "ffmpeg", video)
+    };
+    // The option's name since ffmpeg 5.1, and before.
+    match run(["-fps_mode", "passthrough"]) {
+        Err(Error::Data { reason, .. }) if reason.contains("fps_mode") => run(["-vsync", "0"]).map(drop),
+        other => other.map(drop),
+    }
+}
+
+/// What a program prints.
+fn output(mut command: Command, program: &str, video: &Path) -> Result<String> {
+    let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
+    let output = command.output().map_err(|error| match error.kind() {
+        std::io::ErrorKind::NotFound => refuse(format!(
+            "videos are read by `{program}`, which is not installed; install ffmpeg (apt install ffmpeg, brew install \
+             ffmpeg, winget install ffmpeg), or give a folder of frames with --pictures"
+        )),
+        _ => refuse(format!("`{program}` cannot be run: {error}")),
+    })?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        let said: Vec<&str> = said.lines().map(str::trim).collect();
+        return Err(refuse(format!("`{program}` cannot read it: {}", said.join("; "))));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// The path as ffmpeg takes it: never an option, never a protocol.
+fn file_url(video: &Path) -> Result<OsString> {
+    let path = std::path::absolute(video).map_err(Error::io(video))?;
+    let mut url = OsString::from("file:");
+    url.push::<&OsStr>(path.as_ref());
+    Ok(url)
+}

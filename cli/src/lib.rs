@@ -1,0 +1,34 @@
+//! The `gravisight` command: [`main`] is all of it. [`import`] and [`report`] are public for its tests.
+#![warn(missing_docs, clippy::unwrap_used)]
+#![deny(unsafe_code)]
+
+mod commands;
+mod device;
+mod draw;
+mod export;
+pub mod import;
+mod model;
+mod progress;
+pub mod report;
+
+use std::io;
+use std::process::ExitCode;
+
+use clap::Parser as _;
+
+/// Does what the command line asks for.
+pub fn main() -> ExitCode {
+    match commands::Arguments::parse().run() {
+        Ok(()) => ExitCode::SUCCESS,
+        // Whoever reads our output has seen enough.
+        Err(error) if error.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe) => {
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            // One line, whatever the parser's message looked like.
+            let text = format!("{error:#}");
+            eprintln!("gravisight: {}", text.split_whitespace().collect::<Vec<_>>().join(" "));
+            ExitCode::FAILURE
+        }
+    }
+}

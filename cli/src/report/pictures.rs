@@ -1,0 +1,139 @@
+//! The chapters of pictures: the worst ones, and what the depth looks at.
+
+use image::RgbImage;
+use image::imageops::{self, FilterType};
+
+use super::{Report, cm, html};
+use crate::draw;
+use gravisight::{Error, Picture, Result, Sample};
+
+/// Clips whose worst picture is shown, and pictures whose saliency is.
+const WORST: usize = 6;
+const SALIENCIES: usize = 4;
+/// Shares of a picture's sides that the ball's picture and the saliency's show.
+const ZOOM: f64 = 0.3;
+const SALIENCY_ZOOM: f64 = 0.6;
+const MARKS: [(&str, &str); 2] = [("found", "found"), ("truth", "true")];
+/// Longest side of a picture in the file, px.
+const LONGEST_SIDE: u32 = 448;
+
+/// The worst picture of each of the worst clips.
+pub fn worst(report: &Report<'_>) -> Result<String> {
+    let mut sorted: Vec<&Sample> = report.samples.iter().collect();
+    sorted.sort_by(|a, b| b.dtg().total_cmp(&a.dtg()));
+    let mut clips = Vec::new();
+    sorted.retain(|sample| {
+        let new = !clips.contains(&sample.place[0]);
+        clips.push(sample.place[0]);
+        new
+    });
+    let cards = sorted.iter().take(WORST).map(|sample| bad(report, sample)).collect::<Result<Vec<_>>>()?;
+    let lead = "The worst picture of each of the worst clips: the ball with the position found (cross) and the true \
+                one (ring), the heatmap, and the depth map (bright is far).";
+    Ok(html::section("Where it failed most", lead, &html::row("", &cards)))
+}
+
+/// A picture's card: with marks, with heatmap, with depth map.
+fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
+    let picture = picture(report, sample)?;
+    let camera = &report.clips.clips[sample.place[0]].camera;
+    let found = pollster::block_on(report.localiser.localise(&picture, camera, true))?;
+    let Some(maps) = found.maps else { return Ok(String::new()) };
+    let (depth_map, [nearest, farthest]) = draw::with_depth(picture.rgb(), &maps);
+    let heatmap = draw::with_heatmap(picture.rgb(), &maps);
+    let drawings = [
+        (marked(picture.rgb(), sample, ZOOM)?, "ball".to_string()),
+        (marked(&heatmap, sample, 1.0)?, "heatmap".to_string()),
+        (marked(&depth_map, sample, 1.0)?, format!("depth, {nearest:.1}–{farthest:.1} m")),
+    ];
+    let hidden = if sample.visible { "" } else { ", ball hidden" };
+    let caption = format!("{} cm off: {}, frame {}{hidden}", cm(sample.dtg()), sample.clip, sample.place[1]);
+    let details = format!(
+        "Depth {:.2} m, truly {:.2} m. {:.1} px off. Confidence {:.2}.",
+        found.depth,
+        sample.true_depth,
+        sample.image_error(),
+        sample.confidence
+    );
+    Ok(html::figure(&(html::strip(&drawings) + &html::text("p", &details)), &caption, &MARKS))
+}
+
+/// Some pictures with ∂depth/∂pixel.
+pub fn saliency(report: &Report<'_>) -> Result<String> {
+    let mut sorted: Vec<&Sample> = report.samples.iter().collect();
+    sorted.sort_by(|a, b| a.dtg().total_cmp(&b.dtg()));
+    let count = SALIENCIES.min(sorted.len());
+    let some = (0..count).map(|index| sorted[(2 * index + 1) * sorted.len() / (2 * count)]);
+    let card = |sample: &Sample| -> Result<String> {
+        let picture = picture(report, sample)?;
+        let (drawing, full) = draw::with_saliency(picture.rgb(), &report.localiser.saliency(&picture)?);
+        let details = format!("Brightest: {:.1} cm. {}, frame {}", full * 100.0, sample.clip, sample.place[1]);
+        let glow = part(&drawing, sample, SALIENCY_ZOOM, "")? + &html::text("p", &details);
+        Ok(html::figure(&glow, &format!("{} cm off", cm(sample.dtg())), &[]))
+    };
+    let cards = some.map(card).collect::<Result<Vec<_>>>()?;
+    let lead = "|∂depth/∂pixel|: how far the depth found would move if a pixel got brighter, from black to white \
+                (paper, “Interpretation of the learning process”). What glows is what the network measures the \
+                depth by; colours follow its square root, so that weak traces show. From a good picture to a bad \
+                one.";
+    Ok(html::section("What the depth looks at", lead, &html::row("four", &cards)))
+}
+
+/// The picture of `sample`.
+fn picture(report: &Report<'_>, sample: &Sample) -> Result<Picture> {
+    let [clip, frame] = sample.place;
+    let missing = || Error::Data { what: sample.clip.clone(), reason: format!("there is no frame {frame} any more") };
+    let clip = report.clips.clips.get(clip).ok_or_else(missing)?;
+    report.clips.picture(clip, clip.frames.get(frame).ok_or_else(missing)?)
+}
+
+/// `drawing`, which has its picture's size, with the position found and the true one.
+fn marked(drawing: &RgbImage, sample: &Sample, share: f64) -> Result<String> {
+    let (found, truth) = (sample.found_image, sample.true_image);
+    let size = f64::from(drawing.width().max(drawing.height())) * share;
+    let (ring, inner, outer) = (size * 0.04, size * 0.025, size * 0.06);
+    let strokes = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].map(|(dx, dy)| {
+        let at = |distance: f64| format!("{:.2} {:.2}", found.x + dx * distance, found.y + dy * distance);
+        format!("M{}L{}", at(inner), at(outer))
+    });
+    let marks = format!(
+        "<g class=\"marks\" stroke-width=\"{:.2}\"><circle cx=\"{:.2}\" cy=\"{:.2}\" r=\"{ring:.2}\"/>\
+         <path d=\"{}\"/></g>",
+        size * 0.009,
+        truth.x,
+        truth.y,
+        strokes.concat()
+    );
+    part(drawing, sample, share, &marks)
+}
+
+/// The part of `drawing` around the positions found and true whose sides are `share` of the whole's, or as large as
+/// both need; `marks` (SVG, in px of the picture) lie over it.
+fn part(drawing: &RgbImage, sample: &Sample, share: f64, marks: &str) -> Result<String> {
+    let (found, truth) = (sample.found_image, sample.true_image);
+    let sides = [drawing.width(), drawing.height()];
+    let apart = [0, 1].map(|axis| 1.4 * (found[axis] - truth[axis]).abs() / f64::from(sides[axis]));
+    let share = share.max(apart[0]).max(apart[1]).min(1.0);
+    let [width, height] = sides.map(|side| ((f64::from(side) * share).ceil() as u32).min(side));
+    let [left, top]: [u32; 2] = std::array::from_fn(|axis| {
+        let part = [width, height][axis];
+        let start = (found[axis] + truth[axis] - f64::from(part)) / 2.0;
+        start.clamp(0.0, f64::from(sides[axis] - part)) as u32
+    });
+    let part = imageops::crop_imm(drawing, left, top, width, height).to_image();
+    let longest = width.max(height);
+    let png = match longest > LONGEST_SIDE {
+        true => {
+            let side = |side: u32| (u64::from(side) * u64::from(LONGEST_SIDE) / u64::from(longest)).max(1) as u32;
+            draw::png(&imageops::resize(&part, side(width), side(height), FilterType::Triangle))?
+        }
+        false => draw::png(&part)?,
+    };
+    // Pixel coordinates: the first pixel's centre is (0, 0).
+    let (x, y) = (f64::from(left) - 0.5, f64::from(top) - 0.5);
+    Ok(format!(
+        "<svg class=\"picture\" viewBox=\"{x} {y} {width} {height}\">\
+         <image x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" href=\"{}\"/>{marks}</svg>\n",
+        html::data_uri(&png)
+    ))
+}

@@ -1,0 +1,5 @@
+//! What the tests share.
+#[path = "../../../src/testing.rs"]
+mod testing;
+
+pub use testing::*;

@@ -1,0 +1,89 @@
+//! `gravisight label` as a user meets it.
+
+mod common;
+
+use std::process::{Command, Output};
+
+use common::{root, scratch};
+use gravisight::{Clips, Track};
+use serde_json::{Value, json};
+
+fn gravisight(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gravisight")).args(arguments).current_dir(root()).output().unwrap()
+}
+
+#[test]
+fn the_command_turns_a_clips_folder_into_a_labelled_one() {
+    let out = scratch("label").join("new");
+    let path = out.to_str().unwrap();
+    let output = gravisight(&["label", "tests/samples", "--out", path, "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((report["frames"].as_u64(), report["clips"].as_array().map(Vec::len)), (Some(24), Some(2)));
+    assert!(report["labelled"].as_u64().unwrap() + report["not_seen"].as_u64().unwrap() == 24, "{report}");
+    let clips = Clips::read(&out).unwrap();
+    let clip = &clips.clips[0];
+    assert!(clip.frames.iter().all(|frame| frame.world.is_none() && clips.picture(clip, frame).is_ok()));
+    let table = std::fs::read_to_string(out.join("labels/train_env1_cam1_0000.csv")).unwrap();
+    assert_eq!(table.lines().count(), 13);
+    let again = gravisight(&["label", "tests/samples", "--out", path]);
+    assert!(!again.status.success() && String::from_utf8_lossy(&again.stderr).contains("already"));
+}
+
+#[test]
+fn the_command_turns_a_folder_of_frames_into_a_track_or_into_cvats_xml() {
+    let folder = scratch("label-frames");
+    let camera = serde_json::to_string(&Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera).unwrap();
+    let camera_file = folder.join("camera.json");
+    std::fs::write(&camera_file, camera).unwrap();
+    let (camera, frames) = (camera_file.to_str().unwrap(), "tests/samples/frames/train_e1_c1_0000");
+    let (track, cvat) = (folder.join("track"), folder.join("cvat"));
+    let label = |out: &str, format| {
+        gravisight(&["label", frames, "--out", out, "--camera", camera, "--fps", "15", "--format", format])
+    };
+    assert!(label(track.to_str().unwrap(), "csv").status.success());
+    assert!(label(cvat.to_str().unwrap(), "cvat").status.success());
+    let track = Track::from_file(&track.join("train_e1_c1_0000.csv")).unwrap();
+    assert_eq!(track.points.len(), 12);
+    let xml = std::fs::read_to_string(cvat.join("annotations.xml")).unwrap();
+    assert_eq!(xml.matches("<image ").count(), 12);
+    assert!(cvat.join("frames/train_e1_c1_0000/000011.png").is_file() && !cvat.join("clips.jsonl").exists());
+}
+
+#[test]
+fn the_command_says_what_is_missing_and_leaves_nothing() {
+    let folder = scratch("label-missing");
+    let out = folder.join("out");
+    let path = out.to_str().unwrap();
+    let video = folder.join("video.mp4");
+    std::fs::write(&video, "no video").unwrap();
+    let camera = folder.join("camera.json");
+    let file = json!({"width": 128, "height": 128, "intrinsic": [[500, 0, 63.5], [0, 500, 63.5], [0, 0, 1]],
+        "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]});
+    std::fs::write(&camera, file.to_string()).unwrap();
+    let (video, camera) = (video.to_str().unwrap(), camera.to_str().unwrap());
+    let frames = "tests/samples/frames/train_e1_c1_0000";
+    let cases: [(&[&str], &str); 7] = [
+        (&[frames], "--camera"),
+        (&[frames, "--camera", camera], "--fps"),
+        (&[frames, "--camera", camera, "--fps", "15"], "[224, 224]"),
+        (&[frames, "--camera", camera, "--fps", "0"], "--fps"),
+        (&["src", "--camera", camera, "--fps", "15"], "no PNG"),
+        (&["tests/samples", "--camera", camera], "clips folder"),
+        (&["no/such/folder", "--camera", camera], "no such"),
+    ];
+    for (arguments, named) in cases {
+        let output = gravisight(&[&["label"], arguments, &["--out", path]].concat());
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && message.contains(named), "{arguments:?}: {message}");
+        assert!(!out.exists(), "{arguments:?}");
+    }
+    // Nothing is on this path.
+    let mut command = Command::new(env!("CARGO_BIN_EXE_gravisight"));
+    command.args(["label", video, "--camera", camera, "--out", path]).env("PATH", &folder).current_dir(root());
+    let output = command.output().unwrap();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && message.contains("ffmpeg"), "{message}");
+    let wrong = gravisight(&["label", frames, "--out", path, "--radius-px", "4-20"]);
+    assert!(wrong.status.code() == Some(2) && String::from_utf8_lossy(&wrong.stderr).contains("MIN..MAX"));
+}

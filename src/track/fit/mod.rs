@@ -1,0 +1,220 @@
+//! From a 2D track of one camera to the 3D trajectory that explains it best.
+//!
+//! Gravity (or any known force) gives the scale: a free flight's images determine position and
+//! velocity linearly ([`seed`]). From there the trajectory grows frame by frame through contacts,
+//! refined all along ([`chain`]); several starts are grown, and the best parts of all are joined.
+
+mod chain;
+mod json;
+mod labels;
+mod parameters;
+mod problem;
+mod search;
+mod seed;
+
+use nalgebra::{Matrix3, Point2, Point3, Vector2};
+
+use self::chain::Chain;
+use self::labels::{SMALLEST_NOISE, noise_of, trusted};
+pub use self::parameters::{Estimate, Parameter};
+use self::problem::Problem;
+use self::search::{EXPLAINED, FINAL, best_of, searched};
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::physics::Contact;
+use crate::physics::Forecaster;
+use crate::physics::part;
+use crate::physics::{Impact, State};
+
+/// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
+const FEWEST: usize = 4;
+/// Residual, in standard deviations, of an outlier.
+const OUTLIER: f64 = 4.0;
+/// Standard deviation of a known spin, rad/s.
+const KNOWN_SPIN: f64 = 1e-3;
+/// Standard deviation of a spin that is to be estimated, rad/s.
+const UNKNOWN_SPIN: f64 = 200.0;
+
+/// One frame of a track.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// s.
+    pub time: f64,
+    /// The ball's centre in the picture, px; `None` where it was not seen.
+    pub image: Option<Point2<f64>>,
+}
+
+/// How a track is fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FitOptions {
+    /// Standard deviation of the 2D labels, px; estimated from the track where `None`.
+    pub noise_px: Option<f64>,
+    /// Starts that are grown to whole trajectories, at most.
+    pub starts: usize,
+    /// What is unknown of the ball: the scene's value is where the search for it starts.
+    pub estimate: Vec<Parameter>,
+}
+
+impl Default for FitOptions {
+    fn default() -> Self {
+        Self { noise_px: None, starts: 24, estimate: vec![] }
+    }
+}
+
+/// The fitted ball at one frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FittedFrame {
+    /// s.
+    pub time: f64,
+    /// Position and velocity in the world.
+    pub state: State,
+    /// Covariance of the position, m²: the labels' noise and the laws' own uncertainty, and the
+    /// spread of other trajectories that explain the track nearly as well.
+    pub covariance: Matrix3<f64>,
+    /// Projection minus label, px.
+    pub residual_px: Option<Vector2<f64>>,
+    /// Whether the label does not belong to the trajectory.
+    pub outlier: bool,
+}
+
+impl FittedFrame {
+    /// Root mean square error of the position to expect, m.
+    pub fn sigma(&self) -> f64 {
+        self.covariance.trace().max(0.0).sqrt()
+    }
+}
+
+/// A fitted trajectory.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fit {
+    /// One a frame of the track, seen or not.
+    pub frames: Vec<FittedFrame>,
+    /// Standard deviation of the labels, px: the one given, or found.
+    pub noise_px: f64,
+    /// Root mean square residual of the labels that are no outliers, px.
+    pub rms_px: f64,
+    /// Whether the trajectory explains the labels to about their noise and keeps the laws. If not, a force is
+    /// unknown, the scene or the camera wrong, or the right trajectory was not found.
+    pub explained: bool,
+    /// Where the ball touches something, by time (s on the track's clock).
+    pub impacts: Vec<Impact>,
+    /// The numbers of the scene that were to be estimated.
+    pub estimates: Vec<Estimate>,
+    /// Spin at the first frame, rad/s: the scene's, or the one found.
+    pub spin: [f64; 3],
+}
+
+impl Forecaster {
+    /// The trajectory through `observations` (by time) that the scene's physics allows and whose image
+    /// explains them best.
+    ///
+    /// # Errors
+    /// [`Error::Fit`] for times that do not ascend, fewer than four observations, or a track that no
+    /// trajectory in front of the camera explains; the camera's errors for a label outside its lens model.
+    pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
+        check(observations)?;
+        // The spin matters where air or friction turns it into forces.
+        let ball = &self.scene().ball;
+        let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
+        match ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin) {
+            true => self.fit_chain::<9>(camera, observations, options),
+            false => self.fit_chain::<6>(camera, observations, options),
+        }
+    }
+
+    fn fit_chain<const D: usize>(
+        &self,
+        camera: &Camera,
+        observations: &[Observation],
+        options: &FitOptions,
+    ) -> Result<Fit> {
+        let spin_sigma = if options.estimate.contains(&Parameter::Spin) { UNKNOWN_SPIN } else { KNOWN_SPIN };
+        let trusted = trusted(observations);
+        let noise = options.noise_px.unwrap_or_else(|| noise_of(&trusted)).max(SMALLEST_NOISE);
+        let mut problem = Problem::new(self, camera, observations, &trusted, noise, spin_sigma)?;
+        let numbers: Vec<Parameter> = options.estimate.iter().copied().filter(|&p| p != Parameter::Spin).collect();
+        problem.slack = parameters::slack(&numbers);
+        let chains = searched::<D>(&mut problem, options)?;
+        if numbers.is_empty() {
+            return finished(&problem, &chains, vec![]).ok_or_else(unexplained);
+        }
+        let found = parameters::searched(&mut problem, &chains, &numbers, options.noise_px.is_none())?;
+        let problem = problem.with(&found.forecaster);
+        let mut fit = finished(&problem, &[found.chain], found.estimates).ok_or_else(unexplained)?;
+        for (frame, spread) in fit.frames.iter_mut().zip(found.spread) {
+            frame.covariance += spread;
+        }
+        Ok(fit)
+    }
+}
+
+fn unexplained() -> Error {
+    let reason = "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps";
+    Error::Fit { reason: reason.into() }
+}
+
+fn check(observations: &[Observation]) -> Result<()> {
+    let refuse = |reason: String| Err(Error::Fit { reason });
+    if let Some(index) = (1..observations.len()).find(|&i| observations[i].time <= observations[i - 1].time) {
+        let times = [observations[index - 1].time, observations[index].time];
+        return refuse(format!("times must ascend, but {} s is followed by {} s", times[0], times[1]));
+    }
+    let seen = observations.iter().filter(|observation| observation.image.is_some()).count();
+    let finite = |o: &Observation| o.time.is_finite() && o.image.is_none_or(|p| p.x.is_finite() && p.y.is_finite());
+    if !observations.iter().all(finite) {
+        return refuse("the track holds NaN or infinity".into());
+    }
+    match seen {
+        FEWEST.. => Ok(()),
+        _ => refuse(format!("the ball is seen in {seen} frames; at least {FEWEST} are needed")),
+    }
+}
+
+/// The result, with covariances.
+fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: Vec<Estimate>) -> Option<Fit> {
+    let (best, excess) = best_of(problem, chains)?;
+    let best = &chains[best];
+    let covariances = best.covariances(problem, FINAL)?;
+    let cost = best.total_cost(problem, FINAL);
+    // Where even the best explains badly, its own covariance says little, and more of the others count.
+    let explained = excess < EXPLAINED * EXPLAINED;
+    let temperature = if explained { 1.0 } else { excess * excess };
+    let others: Vec<(f64, &Chain<D>)> = chains
+        .iter()
+        .filter(|chain| chain.states.len() == problem.len())
+        .map(|chain| ((-0.5 * (chain.total_cost(problem, FINAL) - cost) / temperature).min(0.0).exp(), chain))
+        .filter(|(weight, _)| *weight > 1e-6)
+        .collect();
+    let all = others.iter().map(|(weight, _)| weight).sum::<f64>();
+    let mut squares = Vec::new();
+    let frames = (0..problem.len())
+        .map(|frame| {
+            let state = best.at(frame)?;
+            let own = &covariances[frame];
+            let mut covariance = own.fixed_view::<3, 3>(0, 0) * temperature;
+            for (weight, other) in &others {
+                let off = part(other.at(frame)?, 0) - part(state, 0);
+                covariance += off * off.transpose() * (*weight / all);
+            }
+            let residual_px = best.observed(problem, frame, FINAL).map(|(_, _, residual)| residual);
+            let outlier = residual_px.is_some_and(|residual| residual.norm() > OUTLIER * problem.sigma);
+            squares.extend(residual_px.filter(|_| !outlier).map(|residual| residual.norm_squared() / 2.0));
+            Some(FittedFrame {
+                time: problem.observations[frame].time,
+                state: State { position: Point3::from(part(state, 0)), velocity: part(state, 1) },
+                covariance,
+                residual_px,
+                outlier,
+            })
+        })
+        .collect::<Option<Vec<FittedFrame>>>()?;
+    let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
+    let touched = (0..problem.len() - 1).flat_map(|frame| {
+        let start = problem.observations[frame].time;
+        let forecast = problem.forecaster.forecast(&frames[frame].state, &[problem.interval(frame)]);
+        forecast.impacts.into_iter().map(move |impact| Impact { time: start + impact.time, ..impact })
+    });
+    let impacts = touched.collect();
+    let spin = part(best.at(0)?, 2).into();
+    Some(Fit { frames, noise_px: problem.sigma, rms_px, explained, impacts, estimates, spin })
+}
