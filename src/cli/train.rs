@@ -1,6 +1,7 @@
 //! `gravisight train`.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use anyhow::Result;
 use burn::tensor::Device;
@@ -115,7 +116,9 @@ fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Optio
     let localiser = model::open(Some(card), device)?;
     progress.restart();
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
-    let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
+    let began = Instant::now();
+    let clock = || began.elapsed().as_secs_f64();
+    let samples = pollster::block_on(score(&localiser, &clips, None, &clock, &mut observe))?;
     let path = folder.join("report.html");
     let (bins, log) = (Bins::over(&samples, BINS), Log::read(&folder.join(LOG))?);
     let report = Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log: Some(&log) };
