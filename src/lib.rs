@@ -30,6 +30,8 @@ pub mod model;
 pub mod physics;
 #[cfg(feature = "cli")]
 pub mod report;
+#[cfg(test)]
+mod testing;
 #[cfg(feature = "train")]
 pub mod train;
 #[cfg(target_arch = "wasm32")]

@@ -2,7 +2,6 @@
 #![allow(dead_code)] // each test file uses its part
 
 pub mod scenes;
-pub mod training;
 
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix6, Point2, Point3, Vector3, Vector6, distance};
 use serde::Serialize;
 
-use super::pictures::Pictures;
+use super::super::examples::Pictures;
 use crate::data::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use burn::optim::ModuleOptimizer;
 use burn::store::{ModuleRecord, RecordError};
 use serde::{Deserialize, Serialize};
 
+use super::super::recipe::Recipe;
+use super::publish::Best;
+use super::trainer::State;
 use crate::error::{Error, Result};
 use crate::files::{temporary_name, write_whole};
 use crate::model::Pen;
@@ -22,19 +24,7 @@ const PREFIX: &str = "step-";
 /// Checkpoints kept: the last and the one before it.
 const KEPT: usize = 2;
 
-/// All that a run needs to go on, besides its configuration.
-pub struct Checkpoint {
-    /// Steps done.
-    pub step: usize,
-    /// The network.
-    pub model: Pen,
-    /// Its moving average.
-    pub average: Pen,
-    /// The optimiser's moments.
-    pub optimiser: ModuleOptimizer,
-}
-
-impl Checkpoint {
+impl State {
     /// Writes the checkpoint under `folder` and removes old ones.
     ///
     /// # Errors
@@ -63,11 +53,11 @@ impl Checkpoint {
     }
 
     /// The newest checkpoint under `folder`, read into `blank`, a network of the run's architecture
-    /// on the training device, and a fresh `optimiser`. None where there is no checkpoint yet.
+    /// on the training device. None where there is no checkpoint yet.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Data`] for a damaged record.
-    pub fn load_last(folder: &Path, blank: &Pen, optimiser: ModuleOptimizer) -> Result<Option<Self>> {
+    pub fn load_last(folder: &Path, blank: &Pen, recipe: &Recipe) -> Result<Option<Self>> {
         let Some((step, path)) = list(folder)?.pop() else { return Ok(None) };
         let at = |file: &str| path.join(file);
         let read = |pen: Pen, file: &str| {
@@ -78,22 +68,9 @@ impl Checkpoint {
             step,
             model: read(blank.clone(), MODEL)?,
             average: read(blank.valid(), AVERAGE)?,
-            optimiser: optimiser.load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
+            optimiser: Self::blank_optimiser(recipe).load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
         }))
     }
-}
-
-/// The averaged weights that scored best so far.
-#[derive(Debug, Clone)]
-pub struct Best {
-    /// Steps done.
-    pub step: usize,
-    /// Their forecast error, px; less is better. Absent where there is none to be had: then the last count as best.
-    pub score: Option<f64>,
-    /// Confidence that nearly all visible balls exceed.
-    pub least_confidence: f64,
-    /// The network.
-    pub average: Pen,
 }
 
 /// What is written beside the weights.
@@ -105,14 +82,6 @@ struct BestScore {
 }
 
 impl Best {
-    /// Whether weights of this forecast error are to take its place.
-    pub fn is_beaten_by(&self, score: Option<f64>) -> bool {
-        match (score, self.score) {
-            (Some(new), Some(old)) => new < old,
-            (new, old) => new.is_some() || old.is_none(),
-        }
-    }
-
     /// Writes it under `folder` in place of the one before.
     ///
     /// # Errors

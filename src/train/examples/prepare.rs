@@ -1,4 +1,4 @@
-//! From a configuration's training clips to what they teach.
+//! From a run's training clips to what they teach.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,9 +7,9 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
-use super::config::{Supervision, TrainConfig};
-use super::examples::{Example, Examples, LeftOut, check_label, check_physics, examples_of, name};
-use super::teacher::{TaughtClip, check_taught, teach};
+use super::super::recipe::{FitConfig, Recipe, Supervision};
+use super::teacher::check_taught;
+use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, name, teach};
 use crate::data::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 use crate::files::write_whole;
@@ -17,37 +17,47 @@ use crate::files::write_whole;
 /// Clips that are fitted between two reports of progress.
 const FITTED_TOGETHER: usize = 20;
 
-/// What `config`'s training clips teach. Fits are kept in the file `fits` and taken from it if it is there; `progress`
-/// gets the number of clips fitted and of all.
+/// What the clips in `folder` teach by `recipe`. Fits are kept in `file` and taken from it if it is there; `progress` gets
+/// the number of clips fitted and of all.
 ///
 /// # Errors
 /// [`Error::Data`] for labels that cannot teach (with the clip), for clips that physics cannot explain, and
-/// where nothing is left; [`Error::Io`] and [`Error::Format`] for `fits`.
-pub(super) fn prepare(config: &TrainConfig, fits: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<Examples> {
-    let clips = prepared(config)?;
-    let (frames, left_out) = match config.supervision {
+/// where nothing is left; [`Error::Io`] and [`Error::Format`] for `file`.
+pub fn prepare(
+    recipe: &Recipe,
+    folder: &Path,
+    file: &Path,
+    progress: &mut dyn FnMut(usize, usize),
+) -> Result<Examples> {
+    let clips = prepared(recipe, folder)?;
+    let mut by_physics = |wanted: &dyn Fn(usize) -> bool| -> Result<_> {
+        let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
+        let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
+        Ok(examples_of(&chosen, fitted(&of_chosen, &clips.folder, &recipe.fit, file, progress)?, recipe))
+    };
+    let (frames, left_out) = match recipe.supervision {
         Supervision::Labels3d => (labelled_3d(&clips, |_| true)?, vec![]),
         Supervision::Future2dGt | Supervision::Future2dPredict => {
             check_physics(&clips.clips)?;
             (labelled_2d(&clips), vec![])
         }
-        Supervision::PhysicsFit => taught(&clips, config, fits, |_| true, progress)?,
+        Supervision::PhysicsFit => by_physics(&|_| true)?,
         Supervision::Mixed => {
-            let share = config.labelled_share;
+            let share = recipe.labelled_share;
             // evenly spread: the clips at which the running share passes a whole number
             let is_labelled = |clip: usize| ((clip + 1) as f64 * share).floor() > (clip as f64 * share).floor();
-            let (mut frames, left_out) = taught(&clips, config, fits, |clip| !is_labelled(clip), progress)?;
+            let (mut frames, left_out) = by_physics(&|clip| !is_labelled(clip))?;
             frames.extend(labelled_3d(&clips, is_labelled)?);
             (frames, left_out)
         }
     };
-    Examples::new(config, clips, frames, left_out)
+    Examples::new(recipe, clips, frames, left_out)
 }
 
-/// The training clips with what the configuration changes: fewer, noisier, with another contact model.
-fn prepared(config: &TrainConfig) -> Result<Clips> {
-    let mut clips = Clips::read(&config.train)?;
-    if let Some(most) = config.clips_per_camera {
+/// The training clips with what the recipe changes: fewer, noisier, with another contact model.
+fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
+    let mut clips = Clips::read(folder)?;
+    if let Some(most) = recipe.clips_per_camera {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         clips.clips.retain(|clip| {
             let group = clip.id.rsplit_once('/').map_or("", |(group, _)| group);
@@ -58,12 +68,12 @@ fn prepared(config: &TrainConfig) -> Result<Clips> {
     }
     for clip in &mut clips.clips {
         clip.frames.iter().try_for_each(|frame| check_label(clip, frame))?;
-        if let (Some(contact), Some(scene)) = (&config.contact, &mut clip.scene) {
+        if let (Some(contact), Some(scene)) = (&recipe.contact, &mut clip.scene) {
             scene.contact = contact.clone();
             scene.check(&format!("clip `{}` with the configuration's `contact`", clip.id))?;
         }
-        if config.label_noise_px > 0.0 {
-            add_noise(clip, config.label_noise_px, config.seed);
+        if recipe.label_noise_px > 0.0 {
+            add_noise(clip, recipe.label_noise_px, recipe.seed);
         }
     }
     Ok(clips)
@@ -104,31 +114,26 @@ fn labelled_2d(clips: &Clips) -> Vec<Example> {
     frames.collect()
 }
 
-/// Frames that physics teaches, and the clips that it does not explain.
-fn taught(
-    clips: &Clips,
-    config: &TrainConfig,
+/// What physics says of `clips`, which come from `folder`: kept in `file`, or found now.
+fn fitted(
+    clips: &[Clip],
+    folder: &Path,
+    config: &FitConfig,
     file: &Path,
-    wanted: impl Fn(usize) -> bool,
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<(Vec<Example>, Vec<LeftOut>)> {
-    let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
-    let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
-    check_physics(&of_chosen)?;
-    let fits = match file.exists() {
-        true => read_fits(file, &of_chosen)?,
-        false => {
-            let mut fits: Vec<TaughtClip> = Vec::new();
-            for some in of_chosen.chunks(FITTED_TOGETHER) {
-                fits.par_extend(some.par_iter().map(|clip| teach(clip, &config.fit)));
-                progress(fits.len(), of_chosen.len());
-            }
-            check_taught(&of_chosen, &fits, &config.fit, &clips.folder.display().to_string())?;
-            write_fits(file, &fits)?;
-            fits
-        }
-    };
-    Ok(examples_of(&chosen, fits, config))
+) -> Result<Vec<TaughtClip>> {
+    check_physics(clips)?;
+    if file.exists() {
+        return read_fits(file, clips);
+    }
+    let mut fits: Vec<TaughtClip> = Vec::new();
+    for some in clips.chunks(FITTED_TOGETHER) {
+        fits.par_extend(some.par_iter().map(|clip| teach(clip, config)));
+        progress(fits.len(), clips.len());
+    }
+    check_taught(clips, &fits, config, &folder.display().to_string())?;
+    write_fits(file, &fits)?;
+    Ok(fits)
 }
 
 fn write_fits(file: &Path, fits: &[TaughtClip]) -> Result<()> {

@@ -1,9 +1,29 @@
-//! What there is to learn: frames with their targets, and windows of frames.
+//! What there is to learn: from clips to frames with their targets (`prepare`, by physics: `teacher`), and
+//! from those to batches (`sampler`, ahead of time: `loader`).
+
+mod augment;
+mod batch;
+#[cfg(not(target_arch = "wasm32"))]
+mod loader;
+mod pictures;
+#[cfg(not(target_arch = "wasm32"))]
+mod prepare;
+mod sampler;
+mod teacher;
+#[cfg(test)]
+mod tests;
 
 use serde::Serialize;
 
-use super::config::TrainConfig;
-use super::teacher::TaughtClip;
+pub use self::batch::{Batch, Labels, Place, Target, Window};
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::loader::Loader;
+pub(super) use self::pictures::Pictures;
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::prepare::prepare;
+pub(super) use self::sampler::Sampler;
+pub(super) use self::teacher::{TaughtClip, teach};
+use super::recipe::Recipe;
 use crate::data::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 
@@ -35,7 +55,7 @@ pub struct LeftOut {
 /// All that a run learns from.
 #[derive(Debug, Clone)]
 pub struct Examples {
-    /// The clips, as the configuration changes them.
+    /// The clips, as the recipe changes them.
     pub clips: Clips,
     /// Frames with targets.
     pub frames: Vec<Example>,
@@ -46,22 +66,17 @@ pub struct Examples {
 }
 
 impl Examples {
-    /// Those of `clips` (as the configuration changes them) that were fitted already: `fits`, one a clip.
+    /// Those of `clips` (as the recipe changes them) that were fitted already: `fits`, one a clip.
     ///
     /// # Errors
     /// [`Error::Data`] where nothing is left.
-    pub fn of_fits(config: &TrainConfig, clips: Clips, fits: Vec<TaughtClip>) -> Result<Self> {
+    pub fn of_fits(recipe: &Recipe, clips: Clips, fits: Vec<TaughtClip>) -> Result<Self> {
         let chosen: Vec<usize> = (0..clips.clips.len()).collect();
-        let (frames, left_out) = examples_of(&chosen, fits, config);
-        Self::new(config, clips, frames, left_out)
+        let (frames, left_out) = examples_of(&chosen, fits, recipe);
+        Self::new(recipe, clips, frames, left_out)
     }
 
-    pub(super) fn new(
-        config: &TrainConfig,
-        clips: Clips,
-        frames: Vec<Example>,
-        left_out: Vec<LeftOut>,
-    ) -> Result<Self> {
+    pub(super) fn new(recipe: &Recipe, clips: Clips, frames: Vec<Example>, left_out: Vec<LeftOut>) -> Result<Self> {
         let mut of_frame: Vec<Vec<Option<usize>>> =
             clips.clips.iter().map(|clip| vec![None; clip.frames.len()]).collect();
         for (index, example) in frames.iter().enumerate() {
@@ -73,8 +88,8 @@ impl Examples {
             return refuse("no frame shows the ball (`visible`: true)".into());
         }
         let examples = Self { clips, frames, of_frame, left_out };
-        if config.supervision.is_future() && examples.windows(&config.future.ahead).is_empty() {
-            let longest = config.future.ahead.iter().max().unwrap_or(&0) + 2;
+        if recipe.supervision.is_future() && examples.windows(&recipe.future.ahead).is_empty() {
+            let longest = recipe.future.ahead.iter().max().unwrap_or(&0) + 2;
             return refuse(format!(
                 "no clip shows the ball in a window of {longest} frames; take shorter `future.ahead`, or longer clips"
             ));
@@ -111,16 +126,12 @@ impl Examples {
 }
 
 /// What `fits` teach, one each of the clips `chosen`, and the clips that they leave out.
-pub(super) fn examples_of(
-    chosen: &[usize],
-    fits: Vec<TaughtClip>,
-    config: &TrainConfig,
-) -> (Vec<Example>, Vec<LeftOut>) {
+pub(super) fn examples_of(chosen: &[usize], fits: Vec<TaughtClip>, recipe: &Recipe) -> (Vec<Example>, Vec<LeftOut>) {
     let mut examples = Vec::new();
     for (&clip, fit) in chosen.iter().zip(&fits) {
         for (frame, taught) in fit.frames.iter().enumerate() {
             let Some(taught) = taught else { continue };
-            let weight = 1.0 / (1.0 + (taught.sigma / config.fit.half_weight_sigma).powi(2));
+            let weight = 1.0 / (1.0 + (taught.sigma / recipe.fit.half_weight_sigma).powi(2));
             examples.push(Example { clip, frame, image: taught.image, depth: Some([taught.depth, weight]) });
         }
     }

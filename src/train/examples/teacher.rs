@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::config::FitConfig;
+use super::super::recipe::FitConfig;
 use crate::data::{Clip, Frame};
 use crate::error::{Error, Result};
 use crate::physics::{Fit, FitOptions, FittedFrame, Forecaster, Observation, Options, Scene};

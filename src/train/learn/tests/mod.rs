@@ -1,0 +1,5 @@
+//! Learning: steps, runs, fine-tuning.
+
+mod fine_tune;
+mod run;
+mod step;
