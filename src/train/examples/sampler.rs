@@ -9,7 +9,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe, Supervision};
 use super::augment::{View, change_light};
-use super::teacher::forecaster;
+use super::teacher::{forecaster, scene_of};
 use super::{Batch, Examples, Labels, Pictures, Place, Target, Window};
 use crate::error::{Error, Result};
 use crate::physics::Forecaster;
@@ -51,13 +51,14 @@ impl Sampler {
     /// Of `examples`, whose clips' pictures are `pictures`.
     ///
     /// # Errors
-    /// [`Error::Value`] for scenes that cannot be forecast.
+    /// [`Error::Value`] for scenes that cannot be forecast; [`Error::Data`] for a clip without one, where forecasts teach.
     pub fn new(recipe: &Recipe, examples: Examples, pictures: Pictures) -> Result<Self> {
-        let is_future = recipe.supervision.is_future();
-        let windows = if is_future { examples.windows(&recipe.future.ahead) } else { vec![] };
-        let mut forecasters = Vec::new();
-        for scene in examples.clips.clips.iter().filter_map(|clip| clip.scene.as_ref()).filter(|_| is_future) {
-            forecasters.push(Arc::new(forecaster(scene, recipe.future.numeric)?));
+        let (mut windows, mut forecasters) = (vec![], vec![]);
+        if recipe.supervision.is_future() {
+            windows = examples.windows(&recipe.future.ahead);
+            for clip in &examples.clips.clips {
+                forecasters.push(Arc::new(forecaster(scene_of(clip)?, recipe.future.numeric)?));
+            }
         }
         Ok(Self { recipe: recipe.clone(), examples, pictures, windows, forecasters })
     }

@@ -47,10 +47,7 @@ pub fn teach(clip: &Clip, config: &FitConfig) -> TaughtClip {
 
 /// The clip's trajectory.
 fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
-    let Some(scene) = &clip.scene else {
-        let reason = "has no `scene`, so physics can teach nothing; give it one, or train with 3D labels".into();
-        return Err(Error::Data { what: format!("clip `{}`", clip.id), reason });
-    };
+    let scene = scene_of(clip)?;
     let observations: Vec<Observation> = clip.frames.iter().map(observation).collect();
     let options = FitOptions { noise_px: config.noise_px, ..FitOptions::default() };
     let fit = forecaster(scene, config.numeric)?.fit(&clip.camera, &observations, &options)?;
@@ -64,6 +61,15 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
         return refuse(format!("{outliers} of its {labelled} labels do not belong to its trajectory"));
     }
     Ok(fit)
+}
+
+/// The clip's scene.
+///
+/// # Errors
+/// [`Error::Data`] with the clip where it has none.
+pub(super) fn scene_of(clip: &Clip) -> Result<&Scene> {
+    let reason = "has no `scene`, so physics can teach nothing; give it one, or train with 3D labels";
+    clip.scene.as_ref().ok_or_else(|| Error::Data { what: format!("clip `{}`", clip.id), reason: reason.into() })
 }
 
 /// The forecaster of a scene; `numeric` without closed forms.

@@ -2,11 +2,12 @@
 
 use nalgebra::Point3;
 
-use super::teach;
+use super::{Example, Examples, Pictures, Sampler, teach};
 use crate::data::Clips;
 use crate::testing::formula;
+use crate::train::TrainSettings;
 use crate::train::recipe::FitConfig;
-use crate::train::testing::synthetic;
+use crate::train::testing::{on, synthetic};
 
 #[test]
 fn physics_teaches_depths_from_2d_labels_alone() {
@@ -44,4 +45,20 @@ fn of_noisy_labels_the_fit_makes_better_2d_targets() {
     let labels = error(noisy.frames.iter().map(|frame| frame.image).collect());
     let targets = error(taught.frames.iter().map(|frame| frame.map(|frame| frame.image)).collect());
     assert!(targets < 0.5 * labels, "{targets} {labels}");
+}
+
+#[test]
+fn a_clip_without_a_scene_is_not_forecast_by_anothers() {
+    let folder = synthetic("no-scene", 2, 0, |clip| clip.frames.truncate(45));
+    let path = on("no-scene-run", &folder, "future-2d-gt", "");
+    let recipe = TrainSettings::read(&path).unwrap().config().unwrap().recipe;
+    let mut clips = Clips::read(&folder).unwrap();
+    clips.clips[0].scene = None;
+    let frames = (0..2).flat_map(|clip| {
+        let frames = clips.clips[clip].frames.iter().enumerate();
+        frames.filter_map(move |(frame, it)| Some(Example { clip, frame, image: it.image?, depth: None }))
+    });
+    let examples = Examples::new(&recipe, clips.clone(), frames.collect(), vec![]).unwrap();
+    let error = Sampler::new(&recipe, examples, Pictures::new(clips.clone(), 0)).err().unwrap().to_string();
+    assert!(error.contains(&clips.clips[0].id) && error.contains("scene"), "{error}");
 }
