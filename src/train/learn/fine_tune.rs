@@ -167,7 +167,7 @@ impl FineTuner {
                 none.insert(Pictures::in_memory(Clips { folder: PathBuf::new(), clips }, pictures)?)
             }
         };
-        let scored = score(&localiser, validation, usize::MAX >> 32).await?;
+        let scored = score(&localiser, validation, None).await?;
         Best::keep(&mut self.best, self.trainer.step(), &scored, self.trainer.average());
         Ok(scored)
     }

@@ -209,7 +209,7 @@ impl<'a> Run<'a> {
         let device = self.device.clone().without_autodiff();
         let average = self.trainer.average();
         let localiser = Localiser::from_pen(average.clone(), self.card.clone(), &device);
-        let frames = self.recipe.validate_frames;
+        let frames = Some(self.recipe.validate_frames);
         let scored = match pollster::block_on(score(&localiser, &self.validation, frames)) {
             Ok(scored) => scored,
             Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),

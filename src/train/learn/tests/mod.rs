@@ -2,4 +2,5 @@
 
 mod fine_tune;
 mod run;
+mod score;
 mod step;

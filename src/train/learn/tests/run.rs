@@ -151,7 +151,8 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
     let device = Device::flex();
     let weights = std::fs::read(path.with_file_name("out/t.safetensors")).unwrap();
     let localiser = Localiser::new(card, weights, &device).unwrap();
-    let published = pollster::block_on(score(&localiser, &Pictures::new(Clips::read(&folder).unwrap(), 0), 2)).unwrap();
+    let published =
+        pollster::block_on(score(&localiser, &Pictures::new(Clips::read(&folder).unwrap(), 0), Some(2))).unwrap();
     let published = published.forecast_px.unwrap();
     assert!((published - best.1).abs() < 0.01 * best.1, "{published} {scores:?}");
     assert!(scores.iter().any(|(_, score)| *score > 1.05 * best.1), "{scores:?}");
