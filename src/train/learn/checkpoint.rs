@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::recipe::Recipe;
 use super::publish::Best;
-use super::trainer::State;
+use super::trainer::{State, Watch};
 use crate::error::{Error, Result};
 use crate::files::{temporary_name, write_whole};
 use crate::model::Pen;
@@ -16,6 +16,8 @@ use crate::model::Pen;
 const MODEL: &str = "model.bpk";
 const AVERAGE: &str = "average.bpk";
 const OPTIMISER: &str = "optimiser.bpk";
+/// The watch's two numbers as text, from which they are read to the bit. (JSON would round, and has no infinity.)
+const WATCH: &str = "watch.txt";
 /// Folder of the weights that scored best so far.
 const BEST: &str = "best";
 const SCORE: &str = "score.json";
@@ -37,7 +39,12 @@ impl State {
         self.model.clone().into_record().save(at(MODEL)).map_err(record(&at(MODEL)))?;
         self.average.clone().into_record().save(at(AVERAGE)).map_err(record(&at(AVERAGE)))?;
         self.optimiser.save(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?;
-        for file in [MODEL, AVERAGE, OPTIMISER] {
+        let mut files = vec![MODEL, AVERAGE, OPTIMISER];
+        if let Some(Watch { mean, lowest }) = self.watch {
+            std::fs::write(at(WATCH), format!("{mean} {lowest}")).map_err(Error::io(at(WATCH)))?;
+            files.push(WATCH);
+        }
+        for file in files {
             std::fs::File::open(at(file)).and_then(|file| file.sync_all()).map_err(Error::io(at(file)))?;
         }
         if target.exists() {
@@ -69,8 +76,20 @@ impl State {
             model: read(blank.clone(), MODEL)?,
             average: read(blank.valid(), AVERAGE)?,
             optimiser: Self::blank_optimiser(recipe).load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
+            watch: read_watch(&at(WATCH))?,
         }))
     }
+}
+
+/// The watch over the loss; none where there was no step yet, or in a checkpoint of before it was kept.
+fn read_watch(file: &Path) -> Result<Option<Watch>> {
+    if !file.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+    let numbers = text.split_once(' ').and_then(|(mean, lowest)| Some((mean.parse().ok()?, lowest.parse().ok()?)));
+    let (mean, lowest) = numbers.ok_or_else(|| damaged(file, "not two numbers"))?;
+    Ok(Some(Watch { mean, lowest }))
 }
 
 /// What is written beside the weights.

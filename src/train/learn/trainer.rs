@@ -1,4 +1,4 @@
-//! What a step of a training changes: the network, its average, the optimiser.
+//! What a step of a training changes: the network, its average, the optimiser, the watch over the loss.
 
 use burn::module::Module;
 use burn::optim::{AdamWConfig, ModuleOptimizer};
@@ -26,21 +26,23 @@ pub struct State {
     pub average: Pen,
     /// The optimiser's moments.
     pub optimiser: ModuleOptimizer,
+    /// Before the first step there is none.
+    pub watch: Option<Watch>,
 }
 
 /// What the loss on the maps was.
-#[derive(Debug, Clone, Copy)]
-struct Watch {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Watch {
     /// Its running mean.
-    mean: f64,
+    pub mean: f64,
     /// The lowest of that in this phase; infinite in the first steps.
-    lowest: f64,
+    pub lowest: f64,
 }
 
 impl State {
     /// The start from `model`.
     pub fn first(recipe: &Recipe, model: Pen) -> Self {
-        Self { step: 0, average: model.valid(), model, optimiser: Self::blank_optimiser(recipe) }
+        Self { step: 0, average: model.valid(), model, optimiser: Self::blank_optimiser(recipe), watch: None }
     }
 
     /// The optimiser of a training at its start.
@@ -63,16 +65,16 @@ pub struct Trainer {
 impl Trainer {
     /// Goes on from `state`; `device` is an autodiff device.
     pub fn new(recipe: &Recipe, state: State, device: &Device) -> Self {
-        let State { step, model, average, optimiser } = state;
+        let State { step, model, average, optimiser, watch } = state;
         let ema = Ema::new(average, recipe.ema_decay, step);
         let model = if recipe.fixed_norms { model.with_fixed_norms() } else { model };
-        Self { recipe: recipe.clone(), device: device.clone(), step, model, optimiser, ema, watch: None }
+        Self { recipe: recipe.clone(), device: device.clone(), step, model, optimiser, ema, watch }
     }
 
     /// What it would go on from.
     pub fn state(&self) -> State {
-        let Self { step, model, optimiser, .. } = self;
-        State { step: *step, model: model.clone(), average: self.average(), optimiser: optimiser.clone() }
+        let Self { step, watch, .. } = *self;
+        State { step, model: self.model.clone(), average: self.average(), optimiser: self.optimiser.clone(), watch }
     }
 
     /// Steps done.

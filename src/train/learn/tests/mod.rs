@@ -4,3 +4,4 @@ mod fine_tune;
 mod run;
 mod score;
 mod step;
+mod watch;
