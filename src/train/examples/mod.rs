@@ -1,8 +1,10 @@
-//! What there is to learn: from clips to frames with their targets (`prepare`, by physics: `teacher`), and
+//! What there is to learn: from clips to frames with their targets (`prepare`, by physics: `teacher`, kept in `fits`), and
 //! from those to batches (`sampler`, ahead of time: `loader`).
 
 mod augment;
 mod batch;
+#[cfg(not(target_arch = "wasm32"))]
+mod fits;
 #[cfg(not(target_arch = "wasm32"))]
 mod loader;
 mod pictures;
@@ -16,6 +18,8 @@ mod tests;
 use serde::Serialize;
 
 pub use self::batch::{Batch, Labels, Place, Target, Window};
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::loader::Loader;
 pub(super) use self::pictures::Pictures;

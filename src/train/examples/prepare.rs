@@ -8,17 +8,18 @@ use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
 use super::super::recipe::{FitConfig, Recipe, Supervision};
+use super::fits::Fits;
 use super::teacher::check_taught;
 use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, name, teach};
 use crate::data::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
-use crate::files::write_whole;
 
 /// Clips that are fitted between two reports of progress.
 const FITTED_TOGETHER: usize = 20;
 
-/// What the clips in `folder` teach by `recipe`. Fits are kept in `file` and taken from it if it is there; `progress` gets
-/// the number of clips fitted and of all.
+/// What the clips in `folder` teach by `recipe`, and the fits behind it. Fits are taken from `file` if it holds those of
+/// the same clips and settings, and are to be kept there by a run that starts; `progress` gets the number of clips fitted
+/// and of all.
 ///
 /// # Errors
 /// [`Error::Data`] for labels that cannot teach (with the clip), for clips that physics cannot explain, and
@@ -28,12 +29,15 @@ pub fn prepare(
     folder: &Path,
     file: &Path,
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<Examples> {
+) -> Result<(Examples, Option<Fits>)> {
     let clips = prepared(recipe, folder)?;
+    let mut fits = None;
     let mut by_physics = |wanted: &dyn Fn(usize) -> bool| -> Result<_> {
         let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
         let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
-        Ok(examples_of(&chosen, fitted(&of_chosen, &clips.folder, &recipe.fit, file, progress)?, recipe))
+        let found = fitted(&of_chosen, &clips.folder, &recipe.fit, file, progress)?;
+        let taught = fits.insert(found).clips()?;
+        Ok(examples_of(&chosen, taught, recipe))
     };
     let (frames, left_out) = match recipe.supervision {
         Supervision::Labels3d => (labelled_3d(&clips, |_| true)?, vec![]),
@@ -51,7 +55,7 @@ pub fn prepare(
             (frames, left_out)
         }
     };
-    Examples::new(recipe, clips, frames, left_out)
+    Ok((Examples::new(recipe, clips, frames, left_out)?, fits))
 }
 
 /// The training clips with what the recipe changes: fewer, noisier, with another contact model.
@@ -121,10 +125,10 @@ fn fitted(
     config: &FitConfig,
     file: &Path,
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<Vec<TaughtClip>> {
+) -> Result<Fits> {
     check_physics(clips)?;
-    if file.exists() {
-        return read_fits(file, clips);
+    if let Some(kept) = Fits::read(file, clips, config)? {
+        return Ok(kept);
     }
     let mut fits: Vec<TaughtClip> = Vec::new();
     for some in clips.chunks(FITTED_TOGETHER) {
@@ -132,30 +136,7 @@ fn fitted(
         progress(fits.len(), clips.len());
     }
     check_taught(clips, &fits, config, &folder.display().to_string())?;
-    write_fits(file, &fits)?;
-    Ok(fits)
-}
-
-fn write_fits(file: &Path, fits: &[TaughtClip]) -> Result<()> {
-    let mut text = String::new();
-    for fit in fits {
-        text.push_str(&serde_json::to_string(fit).map_err(Error::format(file.display().to_string()))?);
-        text.push('\n');
-    }
-    write_whole(file, text.as_bytes())
-}
-
-fn read_fits(file: &Path, clips: &[Clip]) -> Result<Vec<TaughtClip>> {
-    let name = file.display().to_string();
-    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
-    let fits: Vec<TaughtClip> =
-        text.lines().map(|line| serde_json::from_str(line).map_err(Error::format(&name))).collect::<Result<_>>()?;
-    let same = |(fit, clip): (&TaughtClip, &Clip)| fit.id == clip.id && fit.frames.len() == clip.frames.len();
-    if fits.len() != clips.len() || !fits.iter().zip(clips).all(same) {
-        let reason = "speaks of other clips than the run's; delete it, and the clips are fitted again".into();
-        return Err(Error::Data { what: name, reason });
-    }
-    Ok(fits)
+    Fits::new(clips, config, &fits)
 }
 
 /// Depth (camera z) of a frame's 3D label, m.

@@ -8,7 +8,7 @@ use std::time::Instant;
 use burn::tensor::Device;
 use serde::Serialize;
 
-use super::super::examples::{LeftOut, Loader, Pictures, Sampler, prepare};
+use super::super::examples::{Fits, LeftOut, Loader, Pictures, Sampler, prepare};
 use super::super::recipe::{Recipe, RunPaths, TrainConfig};
 use super::log::{LOG, log_until, table};
 use super::memory::check_memory;
@@ -90,6 +90,8 @@ pub enum TrainEvent<'a> {
 struct Run<'a> {
     recipe: &'a Recipe,
     paths: &'a RunPaths,
+    /// To be kept, where physics teaches.
+    fits: Option<Fits>,
     sampler: Arc<Sampler>,
     validation: Pictures,
     device: Device,
@@ -141,7 +143,7 @@ impl<'a> Run<'a> {
         let device = device.clone().autodiff();
         let validation = Pictures::new(Clips::read(&paths.validation)?, 0);
         let mut fitting = |done, all| observe(TrainEvent::Fitting { done, all });
-        let examples = prepare(recipe, &paths.train, &paths.fits(), &mut fitting)?;
+        let (examples, fits) = prepare(recipe, &paths.train, &paths.fits(), &mut fitting)?;
         let (clips, frames, left_out) = (examples.clips.clips.len(), examples.frames.len(), &examples.left_out);
         observe(TrainEvent::Prepared { clips, frames, left_out });
         let pictures = Pictures::new(examples.clips.clone(), recipe.cache_mb << 20);
@@ -159,11 +161,14 @@ impl<'a> Run<'a> {
         let best = Best::load(&paths.checkpoints(), &state.average)?;
         let log = log_until(&paths.log(), state.step)?;
         let trainer = Trainer::new(recipe, state, &device);
-        Ok(Self { recipe, paths, sampler, validation, device, trainer, card, best, log })
+        Ok(Self { recipe, paths, fits, sampler, validation, device, trainer, card, best, log })
     }
 
     /// All steps that are left, then the model.
     fn finish(mut self, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+        if let Some(fits) = &self.fits {
+            fits.save(&self.paths.fits())?;
+        }
         let loader = Loader::start(self.sampler.clone(), self.recipe, self.trainer.step())?;
         while let Some(progress) = self.next(&loader)? {
             let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;

@@ -239,6 +239,32 @@ fn a_step_that_cannot_fit_the_memory_is_refused_before_the_start() {
 }
 
 #[test]
+fn fits_are_left_behind_by_runs_that_start_alone_and_resumed_with_what_they_are_of() {
+    let _alone = alone();
+    let folder = synthetic("left", 1, 45, |clip| clip.frames.truncate(45));
+    let path = on("left-run", &folder, "physics-fit", "");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen("batch = 3", "batch = 100000000", 1)).unwrap();
+    start(&path, &mut |_| {}).unwrap_err();
+    assert!(std::fs::read_dir(path.with_file_name("out")).unwrap().next().is_none(), "nothing is left behind");
+    std::fs::write(&path, &text).unwrap();
+    let mut stop = |event: Event| assert!(!matches!(event, Event::Step(_)), "killed by the test");
+    catch_unwind(AssertUnwindSafe(|| start(&path, &mut stop))).unwrap_err();
+    assert!(path.with_file_name("out/fits.jsonl").exists());
+    // The labels are corrected before it goes on: it learns from them, as a run from the start does.
+    let clips = Clips::read(&folder).unwrap();
+    let index = std::fs::read_to_string(folder.join("clips.jsonl")).unwrap();
+    let mut corrected = clips.clone();
+    corrected.clips[0].frames.iter_mut().for_each(|frame| frame.image = frame.image.map(|[x, y]| [x + 3.0, y]));
+    corrected.write_index().unwrap();
+    assert_ne!(std::fs::read_to_string(folder.join("clips.jsonl")).unwrap(), index);
+    let weights = |card: PathBuf| std::fs::read(card.with_extension("safetensors")).unwrap();
+    let resumed = weights(resume_run(&path.with_file_name("out"), &Device::flex(), &mut |_| {}).unwrap());
+    let fresh = weights(start(&on("left-fresh", &folder, "physics-fit", ""), &mut |_| {}).unwrap());
+    assert!(resumed == fresh);
+}
+
+#[test]
 fn a_run_that_diverges_stops_and_says_so() {
     let _alone = alone();
     let path = configuration("diverges", "");
