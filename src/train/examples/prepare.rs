@@ -9,7 +9,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
 use super::super::recipe::{FitConfig, Recipe, Supervision};
 use super::fits::Fits;
-use super::teacher::check_taught;
+use super::readings::check_taught;
 use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, name, teach};
 use crate::data::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
@@ -17,7 +17,26 @@ use crate::error::{Error, Result};
 /// Clips that are fitted between two reports of progress.
 const FITTED_TOGETHER: usize = 20;
 
-/// What the clips in `folder` teach by `recipe`, and the fits behind it. Fits are taken from `file` if it holds those of
+/// What a run learns from.
+pub struct Prepared {
+    /// Frames with their targets.
+    pub examples: Examples,
+    /// Clips that physics could not explain.
+    pub left_out: Vec<LeftOut>,
+    /// The fits behind them, where physics teaches.
+    pub fits: Option<Fits>,
+}
+
+/// A clip that physics could not explain.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftOut {
+    /// The clip's id.
+    pub clip: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
+/// What the clips in `folder` teach by `recipe`. Fits are taken from `file` if it holds those of
 /// the same clips and settings, and are to be kept there by a run that starts; `progress` gets the number of clips fitted
 /// and of all.
 ///
@@ -29,33 +48,35 @@ pub fn prepare(
     folder: &Path,
     file: &Path,
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<(Examples, Option<Fits>)> {
+) -> Result<Prepared> {
     let clips = prepared(recipe, folder)?;
-    let mut fits = None;
+    let (mut fits, mut left_out) = (None, vec![]);
     let mut by_physics = |wanted: &dyn Fn(usize) -> bool| -> Result<_> {
         let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
         let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
         let found = fitted(&of_chosen, &clips.folder, &recipe.fit, file, progress)?;
         let taught = fits.insert(found).clips()?;
-        Ok(examples_of(&chosen, taught, recipe))
+        let frames = examples_of(&chosen, &taught, recipe);
+        left_out.extend(taught.into_iter().filter_map(|fit| Some(LeftOut { clip: fit.id, reason: fit.left_out? })));
+        Ok(frames)
     };
-    let (frames, left_out) = match recipe.supervision {
-        Supervision::Labels3d => (labelled_3d(&clips, |_| true)?, vec![]),
+    let frames = match recipe.supervision {
+        Supervision::Labels3d => labelled_3d(&clips, |_| true)?,
         Supervision::Future2dGt | Supervision::Future2dPredict => {
             check_physics(&clips.clips)?;
-            (labelled_2d(&clips), vec![])
+            labelled_2d(&clips)
         }
         Supervision::PhysicsFit => by_physics(&|_| true)?,
         Supervision::Mixed => {
             let share = recipe.labelled_share;
             // evenly spread: the clips at which the running share passes a whole number
             let is_labelled = |clip: usize| ((clip + 1) as f64 * share).floor() > (clip as f64 * share).floor();
-            let (mut frames, left_out) = by_physics(&|clip| !is_labelled(clip))?;
+            let mut frames = by_physics(&|clip| !is_labelled(clip))?;
             frames.extend(labelled_3d(&clips, is_labelled)?);
-            (frames, left_out)
+            frames
         }
     };
-    Ok((Examples::new(recipe, clips, frames, left_out)?, fits))
+    Ok(Prepared { examples: Examples::new(recipe, clips, frames)?, left_out, fits })
 }
 
 /// The training clips with what the recipe changes: fewer, noisier, with another contact model.

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::{Example, Examples, Fits, Pictures, Sampler, prepare, teach};
+use super::{Example, Examples, Fits, Pictures, Prepared, Sampler, prepare, teach};
 use crate::data::{Clip, Clips};
 use crate::testing::{formula, scratch};
 use crate::train::recipe::FitConfig;
@@ -52,7 +52,8 @@ fn of_noisy_labels_the_fit_makes_better_2d_targets() {
 /// What a run learns, and how many clips were fitted for it.
 fn prepared(config: &TrainConfig, file: &Path) -> (Vec<Example>, Option<Fits>, usize) {
     let mut fitted = 0;
-    let (examples, fits) = prepare(&config.recipe, &config.paths.train, file, &mut |done, _| fitted = done).unwrap();
+    let Prepared { examples, fits, .. } =
+        prepare(&config.recipe, &config.paths.train, file, &mut |done, _| fitted = done).unwrap();
     (examples.frames, fits, fitted)
 }
 
@@ -121,7 +122,7 @@ fn a_clip_without_a_scene_is_not_forecast_by_anothers() {
         let frames = clips.clips[clip].frames.iter().enumerate();
         frames.filter_map(move |(frame, it)| Some(Example { clip, frame, image: it.image?, depth: None }))
     });
-    let examples = Examples::new(&recipe, clips.clone(), frames.collect(), vec![]).unwrap();
+    let examples = Examples::new(&recipe, clips.clone(), frames.collect()).unwrap();
     let error = Sampler::new(&recipe, examples, Pictures::new(clips.clone(), 0)).err().unwrap().to_string();
     assert!(error.contains(&clips.clips[0].id) && error.contains("scene"), "{error}");
 }

@@ -101,22 +101,22 @@ struct BestScore {
 }
 
 impl Best {
-    /// Writes it under `folder` in place of the one before.
+    /// Writes it, of step `step`, under `folder` in place of the one before.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Data`] where the record cannot be written.
-    pub fn save(&self, folder: &Path) -> Result<()> {
+    pub fn save(&self, folder: &Path, step: usize) -> Result<()> {
         std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        let Self { step, score, least_confidence, .. } = *self;
+        let Self { score, least_confidence, .. } = *self;
         let named = BestScore { step, score, least_confidence };
-        let weights = weights_of(folder, self.step);
+        let weights = weights_of(folder, step);
         self.average.clone().into_record().save(&weights).map_err(record(&weights))?;
         std::fs::File::open(&weights).and_then(|file| file.sync_all()).map_err(Error::io(&weights))?;
         let before = Self::score(folder)?;
         let text = serde_json::to_string(&named).map_err(Error::format(SCORE))?;
         // From here on the new one counts.
         write_whole(&folder.join(SCORE), text.as_bytes())?;
-        match before.filter(|before| before.step != self.step) {
+        match before.filter(|before| before.step != step) {
             Some(before) => {
                 let old = weights_of(folder, before.step);
                 std::fs::remove_file(&old).map_err(Error::io(&old))
@@ -135,7 +135,7 @@ impl Best {
         let weights = weights_of(folder, step);
         let loaded = ModuleRecord::load(&weights).map_err(record(&weights))?;
         let average = blank.valid().try_load_record(loaded).map_err(|error| damaged(&weights, error))?;
-        Ok(Some(Self { step, score, least_confidence, average }))
+        Ok(Some(Self { score, least_confidence, average }))
     }
 
     fn score(folder: &Path) -> Result<Option<BestScore>> {

@@ -168,7 +168,7 @@ impl FineTuner {
             }
         };
         let scored = score(&localiser, validation, None).await?;
-        Best::keep(&mut self.best, self.trainer.step(), &scored, self.trainer.average());
+        Best::keep(&mut self.best, &scored, self.trainer.average());
         Ok(scored)
     }
 

@@ -1,16 +1,17 @@
 //! The model that a training makes: which weights, and what their card says. Runs and fine-tunings share it.
 
 use super::super::examples::Examples;
+#[cfg(not(target_arch = "wasm32"))]
 use super::super::recipe::{Recipe, Supervision};
 use super::score::Score;
 use crate::error::Result;
-use crate::model::{self, Card, Pen, PenConfig, sha256_hex};
+#[cfg(not(target_arch = "wasm32"))]
+use crate::model::PenConfig;
+use crate::model::{self, Card, Pen, sha256_hex};
 
 /// The averaged weights that scored best so far.
 #[derive(Debug, Clone)]
 pub struct Best {
-    /// Steps done.
-    pub step: usize,
     /// Their forecast error, px; less is better. Absent where there is none to be had: then the last count as best.
     pub score: Option<f64>,
     /// Confidence that nearly all visible balls exceed.
@@ -20,15 +21,15 @@ pub struct Best {
 }
 
 impl Best {
-    /// Puts the weights `average`, of step `step`, in the place of `best` unless that is better: whether it did.
-    pub fn keep(best: &mut Option<Self>, step: usize, scored: &Score, average: Pen) -> bool {
+    /// Puts the weights `average` in the place of `best` unless that is better: whether it did.
+    pub fn keep(best: &mut Option<Self>, scored: &Score, average: Pen) -> bool {
         let score = scored.forecast_px.filter(|score| score.is_finite());
         let beaten = best.as_ref().is_none_or(|best| match (score, best.score) {
             (Some(new), Some(old)) => new < old,
             (new, old) => new.is_some() || old.is_none(),
         });
         if beaten {
-            *best = Some(Self { step, score, least_confidence: scored.least_confidence, average });
+            *best = Some(Self { score, least_confidence: scored.least_confidence, average });
         }
         beaten
     }
@@ -59,6 +60,7 @@ pub async fn publish(card: Card, best: Option<&Best>, last: Pen) -> Result<(Card
 }
 
 /// The card of a run's model, but for its weights; `data` names the training data where the recipe does not.
+#[cfg(not(target_arch = "wasm32"))]
 pub fn card_of_run(recipe: &Recipe, data: String, examples: &Examples, architecture: &PenConfig) -> Card {
     let [nearest, _, farthest] = examples.depths();
     let data = recipe.data_name.clone().unwrap_or(data);

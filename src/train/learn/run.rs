@@ -8,7 +8,7 @@ use std::time::Instant;
 use burn::tensor::Device;
 use serde::Serialize;
 
-use super::super::examples::{Fits, LeftOut, Loader, Pictures, Sampler, prepare};
+use super::super::examples::{Fits, LeftOut, Loader, Pictures, Prepared, Sampler, prepare};
 use super::super::recipe::{Recipe, RunPaths, TrainConfig};
 use super::log::{LOG, log_until, table};
 use super::memory::check_memory;
@@ -143,9 +143,9 @@ impl<'a> Run<'a> {
         let device = device.clone().autodiff();
         let validation = Pictures::new(Clips::read(&paths.validation)?, 0);
         let mut fitting = |done, all| observe(TrainEvent::Fitting { done, all });
-        let (examples, fits) = prepare(recipe, &paths.train, &paths.fits(), &mut fitting)?;
-        let (clips, frames, left_out) = (examples.clips.clips.len(), examples.frames.len(), &examples.left_out);
-        observe(TrainEvent::Prepared { clips, frames, left_out });
+        let Prepared { examples, left_out, fits } = prepare(recipe, &paths.train, &paths.fits(), &mut fitting)?;
+        let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
+        observe(TrainEvent::Prepared { clips, frames, left_out: &left_out });
         let pictures = Pictures::new(examples.clips.clone(), recipe.cache_mb << 20);
         let sampler = Arc::new(Sampler::new(recipe, examples, pictures)?);
         let [_, mean_depth, _] = sampler.examples().depths();
@@ -219,10 +219,10 @@ impl<'a> Run<'a> {
             Ok(scored) => scored,
             Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
         };
-        if Best::keep(&mut self.best, self.trainer.step(), &scored, average)
+        if Best::keep(&mut self.best, &scored, average)
             && let Some(best) = &self.best
         {
-            best.save(&self.paths.checkpoints())?;
+            best.save(&self.paths.checkpoints(), self.trainer.step())?;
         }
         Ok(Validation::Score(scored))
     }

@@ -72,6 +72,7 @@ impl Trainer {
     }
 
     /// What it would go on from.
+    #[cfg(not(target_arch = "wasm32"))]
     pub fn state(&self) -> State {
         let Self { step, watch, .. } = *self;
         State { step, model: self.model.clone(), average: self.average(), optimiser: self.optimiser.clone(), watch }

@@ -25,17 +25,6 @@ pub enum Supervision {
 }
 
 impl Supervision {
-    /// As in `run.toml`.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::PhysicsFit => "physics-fit",
-            Self::Future2dPredict => "future-2d-predict",
-            Self::Future2dGt => "future-2d-gt",
-            Self::Labels3d => "3d-gt",
-            Self::Mixed => "mixed",
-        }
-    }
-
     /// Whether it learns through forecasts.
     pub fn is_future(self) -> bool {
         matches!(self, Self::Future2dPredict | Self::Future2dGt)
