@@ -11,12 +11,11 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use burn::optim::AdamConfig;
-use burn::tensor::Device;
+use gravisight::Device;
 use gravisight::image::Normalisation;
 use gravisight::kernels::{ConvShape, Convolution, Extent, Map, MapMut, SLACK, Vectors};
 use gravisight::model::{self, BackboneConfig, Card, HeadConfig, InputSize, Pen, PenConfig, PenOutput, sha256_hex};
-use gravisight::train::loss::{HeatmapLoss, Labels};
-use gravisight::train::step::{Batch, StepOptions, step};
+use gravisight::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
 use serde_json::{Value, json};
 
 /// As the command has it.

@@ -42,13 +42,6 @@ pub use self::synth::{Engine, Set, Shot, Split, Studio};
 pub use self::track::{
     Fit, FitOptions, FittedFrame, LabelOptions, Observation, Parameter, Proposal, Track, TrackPoint, propose_labels,
 };
+pub use self::train::{FineTuneOptions, FineTuner, Recipe};
 #[cfg(not(target_arch = "wasm32"))]
-pub use self::train::{
-    config::TrainConfig,
-    examples::LeftOut,
-    fine_tune::{FineTuneOptions, FineTuner},
-    log::LOG,
-    recipe::{assignment, lay_over, preset, presets, read_fields},
-    run::{self, Event, Prepared, Progress, Validation},
-    score::Score,
-};
+pub use self::train::{TrainConfig, TrainEvent, TrainProgress, TrainSettings, Validation, resume_run, start_run};

@@ -1,6 +1,14 @@
 //! Metrics against numbers worked out by hand.
 
-use gravisight::{Bins, Metrics, Sample, Statistic};
+mod common;
+
+use std::cell::Cell;
+
+use common::{golden, root, tiny_card};
+use gravisight::Clips;
+use gravisight::Device;
+use gravisight::Localiser;
+use gravisight::{Bins, Metrics, Sample, Statistic, score};
 use nalgebra::{Point2, Point3};
 
 fn sample(clip: &str, error: f64, depth: f64) -> Sample {
@@ -106,6 +114,18 @@ fn the_calibration_says_how_often_the_ball_was_where_the_model_was_so_sure_of_it
 fn the_time_of_a_picture_is_told_with_and_without_its_decoding() {
     let seconds = Metrics::of(&[sample("a", 0.1, 1.0)], BINS).seconds_per_picture;
     assert_eq!((seconds.network.mean, seconds.with_decoding.mean), (Some(0.5), Some(0.75)));
+}
+
+#[test]
+fn the_time_is_told_by_the_callers_clock_and_by_no_other() {
+    // A browser's wasm has no clock that the standard library knows.
+    let localiser = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
+    let clips = Clips::read(&root().join("tests/samples")).unwrap();
+    let now = Cell::new(0.0_f64);
+    let clock = || now.replace(now.get() + 1.0).powi(2);
+    let samples = pollster::block_on(score(&localiser, &clips, Some(2), &clock, &mut |_, _| {})).unwrap();
+    let seconds: Vec<_> = samples.iter().map(|it| [it.seconds_to_decode, it.seconds_to_localise]).collect();
+    assert_eq!(seconds, [[1.0, 3.0], [7.0, 9.0]]);
 }
 
 #[test]

@@ -1,10 +1,14 @@
 //! Inference uses its buffers again: `cargo test --release --test memory`.
 
+mod common;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use common::{golden, root, tiny_card};
+use gravisight::Clips;
 use gravisight::Device;
-use gravisight::model::{Pen, PenConfig, decode};
+use gravisight::{Localiser, Picture};
 
 /// The system's allocator, counting.
 struct Counting;
@@ -31,14 +35,13 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_thousand_pictures_take_no_more_memory_than_the_first_ones() {
-    let device = Device::flex();
-    device.seed(1);
-    let config = PenConfig::compact(7.0);
-    let runner = Pen::new(&config, &device).unwrap().runner([64, 96], &device);
-    let run = |picture: usize| {
-        let values = (0..64 * 96 * 3).map(|index| ((index + picture) % 251) as f32 / 251.0).collect();
-        let depth = decode(runner.run(values), &config).depth.into_data().iter::<f32>().next().unwrap();
-        assert!(depth.is_finite());
+    let localiser = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
+    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.resized([64, 64]).unwrap();
+    let run = |number: usize| {
+        let values: Vec<u8> = (0..64 * 64 * 4).map(|index| ((index + number) % 251) as u8).collect();
+        let picture = Picture::from_rgba(&values, [64, 64]).unwrap();
+        let found = pollster::block_on(localiser.localise(&picture, &camera, false)).unwrap();
+        assert!(found.depth.is_finite());
     };
     // Threads take their work buffers at different times.
     (0..200).for_each(run);

@@ -1,25 +1,37 @@
 //! Work that keeps its threads awake ends, however the system schedules them.
 
-use std::hint::black_box;
+mod common;
+
+use std::sync::Arc;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use gravisight::kernels::{for_each, with_threads_awake};
+use common::{golden, root, tiny_card};
+use gravisight::Clips;
+use gravisight::Device;
+use gravisight::{Localiser, Picture};
 
 /// More threads than cores, so that each is stopped at any place.
 const POOLS: usize = 4;
 const THREADS: usize = 3;
-const ROUNDS: usize = 500_000;
+/// Pictures, each of a few dozen layers that wait for their threads.
+const ROUNDS: usize = 20_000;
 
 #[test]
 fn threads_kept_awake_never_wait_for_each_other() {
+    let localiser = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
+    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.resized([64, 64]).unwrap();
+    let picture = Picture::from_rgba(&[100; 64 * 64 * 4], [64, 64]).unwrap();
+    let shared = Arc::new((localiser, camera, picture));
     let (done, all) = channel();
     for _ in 0..POOLS {
-        let done = done.clone();
+        let (done, shared) = (done.clone(), shared.clone());
         std::thread::spawn(move || {
+            let (localiser, camera, picture) = &*shared;
             let pool = rayon::ThreadPoolBuilder::new().num_threads(THREADS).build().unwrap();
             for _ in 0..ROUNDS {
-                pool.install(|| with_threads_awake(|| for_each(8, |index| drop(black_box(vec![index; 100])))));
+                let found = pool.install(|| pollster::block_on(localiser.localise(picture, camera, false)));
+                assert!(found.unwrap().depth.is_finite());
             }
             done.send(()).unwrap();
         });

@@ -1,34 +1,25 @@
-//! Training: from 2D labels to targets, batches, losses, the step, the loop, scores, checkpoints.
+//! Training: the recipe (what a run is), the examples (clips, fitted and drawn in batches), the learning (loss, step, loop,
+//! checkpoints).
 //!
-//! [`step`] and what it needs run wherever Burn does, a browser included; the loop with its files
-//! is native.
+//! A step and what it needs run wherever Burn does, a browser included; the loop with its files is native.
 
-mod augment;
-mod batch;
-mod check;
-pub mod config;
-pub mod ema;
-pub mod examples;
-pub mod fine_tune;
-pub mod future;
-pub mod loss;
-pub mod pictures;
-pub mod score;
-pub mod step;
-pub mod teacher;
-mod trainer;
+mod examples;
+mod learn;
+mod recipe;
+#[cfg(test)]
+mod testing;
 
+pub use learn::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
-mod checkpoint;
+pub use learn::{TrainEvent, TrainProgress, Validation, resume_run, start_run};
+pub use recipe::Recipe;
 #[cfg(not(target_arch = "wasm32"))]
-mod loader;
-#[cfg(not(target_arch = "wasm32"))]
-pub mod log;
-#[cfg(not(target_arch = "wasm32"))]
-mod memory;
-#[cfg(not(target_arch = "wasm32"))]
-mod prepare;
-#[cfg(not(target_arch = "wasm32"))]
-pub mod recipe;
-#[cfg(not(target_arch = "wasm32"))]
-pub mod run;
+pub use recipe::{TrainConfig, TrainSettings};
+
+/// For `benches/convolution`, which times a step by itself.
+#[doc(hidden)]
+pub mod bench {
+    pub use super::examples::{Batch, Labels};
+    pub use super::learn::{StepOptions, step};
+    pub use super::recipe::HeatmapLoss;
+}

@@ -10,7 +10,7 @@ use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::model::Card;
-use crate::train::fine_tune::{FineTuneOptions, FineTuner};
+use crate::train::{FineTuneOptions, FineTuner};
 
 /// A model that learns from clips given to it.
 #[wasm_bindgen(js_name = FineTuner)]

@@ -1,6 +1,7 @@
 //! `gravisight evaluate`.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use super::print_line;
 use crate::device::DeviceChoice;
@@ -59,7 +60,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     pollster::block_on(localiser.warm_up())?;
     let mut progress = Progress::new();
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures");
-    let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
+    let began = Instant::now();
+    let clock = || began.elapsed().as_secs_f64();
+    let samples = pollster::block_on(score(&localiser, &clips, None, &clock, &mut observe))?;
     progress.finish();
     let Bins { count, z_min, z_max } = Bins::over(&samples, arguments.bins.into());
     let bins = Bins { count, z_min: arguments.z_min.unwrap_or(z_min), z_max: arguments.z_max.unwrap_or(z_max) };

@@ -1,19 +1,20 @@
 //! `gravisight train`.
 
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
-use crate::report::{Log, Report};
 use anyhow::Result;
 use clap::Args;
 use gravisight::{
-    Bins, Clips, Device, Event, LOG, LeftOut, Prepared, Score, TrainConfig, Validation, assignment, lay_over, preset,
-    presets, read_fields, run, score,
+    Bins, Clips, Device, TrainConfig, TrainEvent, TrainProgress, TrainSettings, Validation, resume_run, score,
+    start_run,
 };
 
 use super::print_line;
 use crate::device::DeviceChoice;
 use crate::model;
 use crate::progress::Progress;
+use crate::report::{Log, Report};
 
 /// Depth bins of the report, as `evaluate`'s.
 const BINS: usize = 3;
@@ -29,7 +30,7 @@ pub struct Arguments {
     #[arg(long, value_name = "RUN.TOML")]
     config: Option<PathBuf>,
     /// Start from a recipe; --config, the folders and --set are laid over it.
-    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(presets()))]
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(TrainSettings::presets()))]
     preset: Option<String>,
     /// Clips folder to train on.
     #[arg(long, value_name = "DIR")]
@@ -57,33 +58,39 @@ pub struct Arguments {
 impl Arguments {
     /// The configuration of a new run: preset, file, flags, each over the one before.
     fn configuration(&self) -> Result<TrainConfig> {
-        let mut fields = self.preset.as_deref().map_or_else(|| Ok(toml::Table::new()), preset)?;
+        let mut settings =
+            self.preset.as_deref().map_or_else(|| Ok(TrainSettings::default()), TrainSettings::preset)?;
         if let Some(file) = &self.config {
-            lay_over(&mut fields, read_fields(file)?);
+            settings.lay(TrainSettings::read(file)?);
         }
         for (name, folder) in [("train", &self.train), ("validation", &self.validation), ("out", &self.out)] {
             if let Some(folder) = folder {
-                fields.insert(name.into(), folder.display().to_string().into());
+                settings.set_path(name, folder);
             }
         }
-        for text in &self.fields {
-            lay_over(&mut fields, assignment(text)?);
-        }
-        Ok(TrainConfig::of(fields)?)
+        self.fields.iter().try_for_each(|text| settings.set(text))?;
+        Ok(settings.config()?)
     }
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
     let device = arguments.device.open()?;
     let mut progress = Progress::new();
-    let mut observe = |event: Event| match event {
-        Event::Fitting { done, all } => progress.set(done as u64, all as u64, "clips fitted by physics"),
-        Event::Prepared(prepared) => show_prepared(&mut progress, prepared),
-        Event::Step(now) => show(&mut progress, now),
+    let mut observe = |event: TrainEvent| match event {
+        TrainEvent::Fitting { done, all } => progress.set(done as u64, all as u64, "clips fitted by physics"),
+        TrainEvent::Prepared { clips, frames, left_out } => {
+            progress.restart();
+            progress.say(&format!("{frames} frames of {clips} clips to learn from"));
+            if !left_out.is_empty() {
+                progress.say(&format!("{} clips are left out, for physics does not explain them:", left_out.len()));
+            }
+            left_out.iter().for_each(|it| progress.say(&format!("  {}: {}", it.clip, it.reason)));
+        }
+        TrainEvent::Step(now) => show(&mut progress, now),
     };
     let card = match &arguments.resume {
-        Some(folder) => run::resume(folder, &device, &mut observe)?,
-        None => run::start(arguments.configuration()?, &device, &mut observe)?,
+        Some(folder) => resume_run(folder, &device, &mut observe)?,
+        None => start_run(arguments.configuration()?, &device, &mut observe)?,
     };
     let report = report(&card, &device, &mut progress)?;
     progress.finish();
@@ -103,50 +110,40 @@ pub fn run(arguments: Arguments) -> Result<()> {
 /// Writes the report of the run that made `card`, on its validation clips; none where those have no 3D truth.
 fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Option<PathBuf>> {
     let folder = card.parent().unwrap_or(Path::new("."));
-    let config = TrainConfig::of(read_fields(&folder.join(run::CONFIG))?)?;
-    let clips = Clips::read(&config.validation)?;
+    let paths = TrainConfig::saved_in(folder)?.paths;
+    let clips = Clips::read(&paths.validation)?;
     if !clips.clips.iter().flat_map(|clip| &clip.frames).any(|frame| frame.world.is_some() && frame.image.is_some()) {
         return Ok(None);
     }
     let localiser = model::open(Some(card), device)?;
     progress.restart();
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
-    let samples = pollster::block_on(score(&localiser, &clips, None, &mut observe))?;
+    let began = Instant::now();
+    let clock = || began.elapsed().as_secs_f64();
+    let samples = pollster::block_on(score(&localiser, &clips, None, &clock, &mut observe))?;
     let path = folder.join("report.html");
-    let (bins, log) = (Bins::over(&samples, BINS), Log::read(&folder.join(LOG))?);
+    let (bins, log) = (Bins::over(&samples, BINS), Log::read(&paths.log())?);
     let report = Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log: Some(&log) };
     crate::report::write(&path, &report)?;
     Ok(Some(path))
 }
 
-fn show_prepared(progress: &mut Progress, prepared: &Prepared) {
-    let Prepared { clips, frames, left_out } = prepared;
-    progress.restart();
-    progress.say(&format!("{frames} frames of {clips} clips to learn from"));
-    if !left_out.is_empty() {
-        progress.say(&format!("{} clips are left out, for physics does not explain them:", left_out.len()));
-    }
-    for LeftOut { clip, reason } in left_out {
-        progress.say(&format!("  {clip}: {reason}"));
-    }
-}
-
-fn show(progress: &mut Progress, now: &run::Progress) {
-    let run::Progress { step, steps, loss, heatmap, depth, future, seconds, .. } = *now;
+fn show(progress: &mut Progress, now: &TrainProgress) {
+    let TrainProgress { step, steps, loss, heatmap, depth, future, seconds, .. } = *now;
     let mut losses = format!("loss {loss:.4} (heatmap {heatmap:.4}, depth {depth:.4} m");
     if future > 0.0 {
         losses += &format!(", future {future:.2} px");
     }
     progress.set(step as u64, steps as u64, &format!("{losses}), {seconds:.2} s a step"));
     match &now.validation {
-        Some(Validation::Score(Score { forecast_px, image_error_px, dtg, .. })) => {
+        Some(Validation::Score(score)) => {
             let pixels = |value: Option<f64>| value.map_or("none".into(), |value| format!("{value:.2} px"));
             let mut line = format!(
                 "step {step}: validation: forecast error {}, 2D error {}",
-                pixels(*forecast_px),
-                pixels(image_error_px.median)
+                pixels(score.forecast_px),
+                pixels(score.image_error_px.median)
             );
-            if let (Some(mean), Some(median)) = (dtg.mean, dtg.median) {
+            if let (Some(mean), Some(median)) = (score.dtg.mean, score.dtg.median) {
                 line += &format!("; DtG {:.1} cm (median {:.1})", 100.0 * mean, 100.0 * median);
             }
             progress.say(&line);

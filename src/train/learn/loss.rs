@@ -1,48 +1,11 @@
 //! Losses on the network's maps.
 
 use burn::tensor::{Device, Tensor, TensorData, activation::log_softmax};
-use serde::{Deserialize, Serialize};
 
+use super::super::examples::Labels;
+use super::super::recipe::HeatmapLoss;
 use crate::model::{PenConfig, PenOutput};
 use crate::model::{cell_centre, weighted_depth};
-
-/// How the heatmap is compared with the 2D label.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-pub enum HeatmapLoss {
-    /// Cross-entropy of the decoded distribution against a Gaussian of `sigma` input px.
-    CrossEntropy {
-        /// Standard deviation, input px.
-        sigma: f64,
-    },
-    /// Mean squared error of the raw heatmap against `amplitude`·Gaussian (as published: 100, 2 px).
-    Mse {
-        /// Peak of the target.
-        amplitude: f64,
-        /// Standard deviation, input px.
-        sigma: f64,
-    },
-}
-
-impl HeatmapLoss {
-    /// Standard deviation of the target, input px.
-    pub fn sigma(&self) -> f64 {
-        match *self {
-            Self::CrossEntropy { sigma } | Self::Mse { sigma, .. } => sigma,
-        }
-    }
-}
-
-/// Labels of a batch, one a picture.
-#[derive(Debug, Clone, Default)]
-pub struct Labels {
-    /// 2D positions, px of the network's input; none for a picture without the ball.
-    pub image: Vec<Option<[f64; 2]>>,
-    /// Depths (camera z), m.
-    pub depth: Vec<f64>,
-    /// How much each depth counts, 0 (not at all: forecasts teach, or there is no ball) to 1.
-    pub depth_weight: Vec<f64>,
-}
 
 /// The parts of the loss on the maps, each a scalar tensor `[1]`.
 #[derive(Debug, Clone)]

@@ -3,10 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use burn::module::Module;
-use burn::optim::ModuleOptimizer;
 use burn::store::{ModuleRecord, RecordError};
 use serde::{Deserialize, Serialize};
 
+use super::super::recipe::Recipe;
+use super::publish::Best;
+use super::trainer::{State, Watch};
 use crate::error::{Error, Result};
 use crate::files::{temporary_name, write_whole};
 use crate::model::Pen;
@@ -14,6 +16,8 @@ use crate::model::Pen;
 const MODEL: &str = "model.bpk";
 const AVERAGE: &str = "average.bpk";
 const OPTIMISER: &str = "optimiser.bpk";
+/// The watch's two numbers as text, from which they are read to the bit. (JSON would round, and has no infinity.)
+const WATCH: &str = "watch.txt";
 /// Folder of the weights that scored best so far.
 const BEST: &str = "best";
 const SCORE: &str = "score.json";
@@ -22,19 +26,7 @@ const PREFIX: &str = "step-";
 /// Checkpoints kept: the last and the one before it.
 const KEPT: usize = 2;
 
-/// All that a run needs to go on, besides its configuration.
-pub struct Checkpoint {
-    /// Steps done.
-    pub step: usize,
-    /// The network.
-    pub model: Pen,
-    /// Its moving average.
-    pub average: Pen,
-    /// The optimiser's moments.
-    pub optimiser: ModuleOptimizer,
-}
-
-impl Checkpoint {
+impl State {
     /// Writes the checkpoint under `folder` and removes old ones.
     ///
     /// # Errors
@@ -47,7 +39,12 @@ impl Checkpoint {
         self.model.clone().into_record().save(at(MODEL)).map_err(record(&at(MODEL)))?;
         self.average.clone().into_record().save(at(AVERAGE)).map_err(record(&at(AVERAGE)))?;
         self.optimiser.save(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?;
-        for file in [MODEL, AVERAGE, OPTIMISER] {
+        let mut files = vec![MODEL, AVERAGE, OPTIMISER];
+        if let Some(Watch { mean, lowest }) = self.watch {
+            std::fs::write(at(WATCH), format!("{mean} {lowest}")).map_err(Error::io(at(WATCH)))?;
+            files.push(WATCH);
+        }
+        for file in files {
             std::fs::File::open(at(file)).and_then(|file| file.sync_all()).map_err(Error::io(at(file)))?;
         }
         if target.exists() {
@@ -63,11 +60,11 @@ impl Checkpoint {
     }
 
     /// The newest checkpoint under `folder`, read into `blank`, a network of the run's architecture
-    /// on the training device, and a fresh `optimiser`. None where there is no checkpoint yet.
+    /// on the training device. None where there is no checkpoint yet.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Data`] for a damaged record.
-    pub fn load_last(folder: &Path, blank: &Pen, optimiser: ModuleOptimizer) -> Result<Option<Self>> {
+    pub fn load_last(folder: &Path, blank: &Pen, recipe: &Recipe) -> Result<Option<Self>> {
         let Some((step, path)) = list(folder)?.pop() else { return Ok(None) };
         let at = |file: &str| path.join(file);
         let read = |pen: Pen, file: &str| {
@@ -78,22 +75,21 @@ impl Checkpoint {
             step,
             model: read(blank.clone(), MODEL)?,
             average: read(blank.valid(), AVERAGE)?,
-            optimiser: optimiser.load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
+            optimiser: Self::blank_optimiser(recipe).load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
+            watch: read_watch(&at(WATCH))?,
         }))
     }
 }
 
-/// The averaged weights that scored best so far.
-#[derive(Debug, Clone)]
-pub struct Best {
-    /// Steps done.
-    pub step: usize,
-    /// Their forecast error, px; less is better. Absent where there is none to be had: then the last count as best.
-    pub score: Option<f64>,
-    /// Confidence that nearly all visible balls exceed.
-    pub least_confidence: f64,
-    /// The network.
-    pub average: Pen,
+/// The watch over the loss; none where there was no step yet, or in a checkpoint of before it was kept.
+fn read_watch(file: &Path) -> Result<Option<Watch>> {
+    if !file.exists() {
+        return Ok(None);
+    }
+    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+    let numbers = text.split_once(' ').and_then(|(mean, lowest)| Some((mean.parse().ok()?, lowest.parse().ok()?)));
+    let (mean, lowest) = numbers.ok_or_else(|| damaged(file, "not two numbers"))?;
+    Ok(Some(Watch { mean, lowest }))
 }
 
 /// What is written beside the weights.
@@ -105,30 +101,22 @@ struct BestScore {
 }
 
 impl Best {
-    /// Whether weights of this forecast error are to take its place.
-    pub fn is_beaten_by(&self, score: Option<f64>) -> bool {
-        match (score, self.score) {
-            (Some(new), Some(old)) => new < old,
-            (new, old) => new.is_some() || old.is_none(),
-        }
-    }
-
-    /// Writes it under `folder` in place of the one before.
+    /// Writes it, of step `step`, under `folder` in place of the one before.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Data`] where the record cannot be written.
-    pub fn save(&self, folder: &Path) -> Result<()> {
+    pub fn save(&self, folder: &Path, step: usize) -> Result<()> {
         std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        let Self { step, score, least_confidence, .. } = *self;
+        let Self { score, least_confidence, .. } = *self;
         let named = BestScore { step, score, least_confidence };
-        let weights = weights_of(folder, self.step);
+        let weights = weights_of(folder, step);
         self.average.clone().into_record().save(&weights).map_err(record(&weights))?;
         std::fs::File::open(&weights).and_then(|file| file.sync_all()).map_err(Error::io(&weights))?;
         let before = Self::score(folder)?;
         let text = serde_json::to_string(&named).map_err(Error::format(SCORE))?;
         // From here on the new one counts.
         write_whole(&folder.join(SCORE), text.as_bytes())?;
-        match before.filter(|before| before.step != self.step) {
+        match before.filter(|before| before.step != step) {
             Some(before) => {
                 let old = weights_of(folder, before.step);
                 std::fs::remove_file(&old).map_err(Error::io(&old))
@@ -147,7 +135,7 @@ impl Best {
         let weights = weights_of(folder, step);
         let loaded = ModuleRecord::load(&weights).map_err(record(&weights))?;
         let average = blank.valid().try_load_record(loaded).map_err(|error| damaged(&weights, error))?;
-        Ok(Some(Self { step, score, least_confidence, average }))
+        Ok(Some(Self { score, least_confidence, average }))
     }
 
     fn score(folder: &Path) -> Result<Option<BestScore>> {

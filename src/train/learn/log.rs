@@ -4,10 +4,9 @@ use std::path::Path;
 
 use crate::error::{Error, Result};
 
-/// The log's file in a run's folder.
-pub const LOG: &str = "log.jsonl";
-/// The same as a table.
-pub(super) const LOG_CSV: &str = "log.csv";
+/// The log and its table in errors.
+pub(super) const LOG: &str = "log.jsonl";
+const LOG_CSV: &str = "log.csv";
 
 /// The log as CSV: its numbers, of validations the forecast error and the means.
 pub(super) fn table(log: &str) -> Result<Vec<u8>> {

@@ -1,4 +1,4 @@
-//! From a configuration's training clips to what they teach.
+//! From a run's training clips to what they teach.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,47 +7,82 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
-use super::config::{Supervision, TrainConfig};
-use super::examples::{Example, Examples, LeftOut, check_label, check_physics, examples_of, name};
-use super::teacher::{TaughtClip, check_taught, teach};
+use super::super::recipe::{FitConfig, Recipe, Supervision};
+use super::fits::Fits;
+use super::readings::check_taught;
+use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, name, teach};
 use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
-use crate::files::write_whole;
 
 /// Clips that are fitted between two reports of progress.
 const FITTED_TOGETHER: usize = 20;
 
-/// What `config`'s training clips teach. Fits are kept in the file `fits` and taken from it if it is there; `progress`
-/// gets the number of clips fitted and of all.
+/// What a run learns from.
+pub struct Prepared {
+    /// Frames with their targets.
+    pub examples: Examples,
+    /// Clips that physics could not explain.
+    pub left_out: Vec<LeftOut>,
+    /// The fits behind them, where physics teaches.
+    pub fits: Option<Fits>,
+}
+
+/// A clip that physics could not explain.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LeftOut {
+    /// The clip's id.
+    pub clip: String,
+    /// Why, in words.
+    pub reason: String,
+}
+
+/// What the clips in `folder` teach by `recipe`. Fits are taken from `file` if it holds those of
+/// the same clips and settings, and are to be kept there by a run that starts; `progress` gets the number of clips fitted
+/// and of all.
 ///
 /// # Errors
 /// [`Error::Data`] for labels that cannot teach (with the clip), for clips that physics cannot explain, and
-/// where nothing is left; [`Error::Io`] and [`Error::Format`] for `fits`.
-pub(super) fn prepare(config: &TrainConfig, fits: &Path, progress: &mut dyn FnMut(usize, usize)) -> Result<Examples> {
-    let clips = prepared(config)?;
-    let (frames, left_out) = match config.supervision {
-        Supervision::Labels3d => (labelled_3d(&clips, |_| true)?, vec![]),
+/// where nothing is left; [`Error::Io`] and [`Error::Format`] for `file`.
+pub fn prepare(
+    recipe: &Recipe,
+    folder: &Path,
+    file: &Path,
+    progress: &mut dyn FnMut(usize, usize),
+) -> Result<Prepared> {
+    let clips = prepared(recipe, folder)?;
+    let (mut fits, mut left_out) = (None, vec![]);
+    let mut by_physics = |wanted: &dyn Fn(usize) -> bool| -> Result<_> {
+        let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
+        let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
+        let found = fitted(&of_chosen, &clips.folder, &recipe.fit, file, progress)?;
+        let taught = fits.insert(found).clips()?;
+        let frames = examples_of(&chosen, &taught, recipe);
+        left_out.extend(taught.into_iter().filter_map(|fit| Some(LeftOut { clip: fit.id, reason: fit.left_out? })));
+        Ok(frames)
+    };
+    let frames = match recipe.supervision {
+        Supervision::Labels3d => labelled_3d(&clips, |_| true)?,
         Supervision::Future2dGt | Supervision::Future2dPredict => {
             check_physics(&clips.clips)?;
-            (labelled_2d(&clips), vec![])
+            labelled_2d(&clips)
         }
-        Supervision::PhysicsFit => taught(&clips, config, fits, |_| true, progress)?,
+        Supervision::PhysicsFit => by_physics(&|_| true)?,
         Supervision::Mixed => {
-            let share = config.labelled_share;
+            let share = recipe.labelled_share;
             // evenly spread: the clips at which the running share passes a whole number
             let is_labelled = |clip: usize| ((clip + 1) as f64 * share).floor() > (clip as f64 * share).floor();
-            let (mut frames, left_out) = taught(&clips, config, fits, |clip| !is_labelled(clip), progress)?;
+            let mut frames = by_physics(&|clip| !is_labelled(clip))?;
             frames.extend(labelled_3d(&clips, is_labelled)?);
-            (frames, left_out)
+            frames
         }
     };
-    Examples::new(config, clips, frames, left_out)
+    Ok(Prepared { examples: Examples::new(recipe, clips, frames)?, left_out, fits })
 }
 
-/// The training clips with what the configuration changes: fewer, noisier, with another contact model.
-fn prepared(config: &TrainConfig) -> Result<Clips> {
-    let mut clips = Clips::read(&config.train)?;
-    if let Some(most) = config.clips_per_camera {
+/// The training clips with what the recipe changes: fewer, noisier, with another contact model.
+fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
+    let mut clips = Clips::read(folder)?;
+    if let Some(most) = recipe.clips_per_camera {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         clips.clips.retain(|clip| {
             let group = clip.id.rsplit_once('/').map_or("", |(group, _)| group);
@@ -58,12 +93,12 @@ fn prepared(config: &TrainConfig) -> Result<Clips> {
     }
     for clip in &mut clips.clips {
         clip.frames.iter().try_for_each(|frame| check_label(clip, frame))?;
-        if let (Some(contact), Some(scene)) = (&config.contact, &mut clip.scene) {
+        if let (Some(contact), Some(scene)) = (&recipe.contact, &mut clip.scene) {
             scene.contact = contact.clone();
             scene.check(&format!("clip `{}` with the configuration's `contact`", clip.id))?;
         }
-        if config.label_noise_px > 0.0 {
-            add_noise(clip, config.label_noise_px, config.seed);
+        if recipe.label_noise_px > 0.0 {
+            add_noise(clip, recipe.label_noise_px, recipe.seed);
         }
     }
     Ok(clips)
@@ -104,53 +139,25 @@ fn labelled_2d(clips: &Clips) -> Vec<Example> {
     frames.collect()
 }
 
-/// Frames that physics teaches, and the clips that it does not explain.
-fn taught(
-    clips: &Clips,
-    config: &TrainConfig,
+/// What physics says of `clips`, which come from `folder`: kept in `file`, or found now.
+fn fitted(
+    clips: &[Clip],
+    folder: &Path,
+    config: &FitConfig,
     file: &Path,
-    wanted: impl Fn(usize) -> bool,
     progress: &mut dyn FnMut(usize, usize),
-) -> Result<(Vec<Example>, Vec<LeftOut>)> {
-    let chosen: Vec<usize> = (0..clips.clips.len()).filter(|&clip| wanted(clip)).collect();
-    let of_chosen: Vec<Clip> = chosen.iter().map(|&clip| clips.clips[clip].clone()).collect();
-    check_physics(&of_chosen)?;
-    let fits = match file.exists() {
-        true => read_fits(file, &of_chosen)?,
-        false => {
-            let mut fits: Vec<TaughtClip> = Vec::new();
-            for some in of_chosen.chunks(FITTED_TOGETHER) {
-                fits.par_extend(some.par_iter().map(|clip| teach(clip, &config.fit)));
-                progress(fits.len(), of_chosen.len());
-            }
-            check_taught(&of_chosen, &fits, &config.fit, &clips.folder.display().to_string())?;
-            write_fits(file, &fits)?;
-            fits
-        }
-    };
-    Ok(examples_of(&chosen, fits, config))
-}
-
-fn write_fits(file: &Path, fits: &[TaughtClip]) -> Result<()> {
-    let mut text = String::new();
-    for fit in fits {
-        text.push_str(&serde_json::to_string(fit).map_err(Error::format(file.display().to_string()))?);
-        text.push('\n');
+) -> Result<Fits> {
+    check_physics(clips)?;
+    if let Some(kept) = Fits::read(file, clips, config)? {
+        return Ok(kept);
     }
-    write_whole(file, text.as_bytes())
-}
-
-fn read_fits(file: &Path, clips: &[Clip]) -> Result<Vec<TaughtClip>> {
-    let name = file.display().to_string();
-    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
-    let fits: Vec<TaughtClip> =
-        text.lines().map(|line| serde_json::from_str(line).map_err(Error::format(&name))).collect::<Result<_>>()?;
-    let same = |(fit, clip): (&TaughtClip, &Clip)| fit.id == clip.id && fit.frames.len() == clip.frames.len();
-    if fits.len() != clips.len() || !fits.iter().zip(clips).all(same) {
-        let reason = "speaks of other clips than the run's; delete it, and the clips are fitted again".into();
-        return Err(Error::Data { what: name, reason });
+    let mut fits: Vec<TaughtClip> = Vec::new();
+    for some in clips.chunks(FITTED_TOGETHER) {
+        fits.par_extend(some.par_iter().map(|clip| teach(clip, config)));
+        progress(fits.len(), clips.len());
     }
-    Ok(fits)
+    check_taught(clips, &fits, config, &folder.display().to_string())?;
+    Fits::new(clips, config, &fits)
 }
 
 /// Depth (camera z) of a frame's 3D label, m.

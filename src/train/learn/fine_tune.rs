@@ -2,23 +2,20 @@
 
 use std::path::PathBuf;
 
-use burn::module::Module as _;
 use burn::tensor::Device;
 use serde::{Deserialize, Serialize};
 
-use super::batch::Sampler;
-use super::config::{Phase, TrainConfig};
-use super::examples::{Examples, check_label, check_physics};
-use super::pictures::Pictures;
+use super::super::examples::{Examples, Pictures, Sampler, TaughtClip, check_label, check_physics, teach};
+use super::super::recipe::{Phase, Recipe, Supervision};
+use super::publish::{Best, card_of_fine_tuning, publish};
 use super::score::{Score, score};
 use super::step::StepReport;
-use super::teacher::{TaughtClip, teach};
-use super::trainer::Trainer;
+use super::trainer::{State, Trainer};
 use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::localise::Localiser;
-use crate::model::{self, Card, Pen, sha256_hex};
+use crate::model::{self, Card};
 
 /// Share of the steps that see crops; the others see whole pictures, as the model will.
 const CROPPED: f64 = 0.9;
@@ -78,17 +75,10 @@ pub struct Tuned {
     pub depth: f64,
 }
 
-/// The best weights so far on the held-out clips.
-struct Best {
-    forecast_px: f64,
-    least_confidence: f64,
-    average: Pen,
-}
-
 /// A model that learns the clips given to it, by physics from their 2D labels.
 pub struct FineTuner {
     card: Card,
-    config: TrainConfig,
+    recipe: Recipe,
     trainer: Trainer,
     clips: Vec<(Clip, Vec<Picture>, TaughtClip)>,
     held_out: Vec<(Clip, Vec<Picture>)>,
@@ -106,13 +96,12 @@ impl FineTuner {
     /// As [`Localiser::new`]; [`Error::Value`] for options that cannot train.
     pub fn new(card: Card, weights: Vec<u8>, options: &FineTuneOptions, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
-        let config = configuration(&card, options)?;
+        let recipe = recipe(&card, options)?;
         let device = device.clone().autodiff();
         let model = model::load(&card.architecture, weights, &device)?;
-        let average = model.valid();
-        let trainer = Trainer::new(&config, 0, model, average, Trainer::optimiser(&config), &device);
+        let trainer = Trainer::new(&recipe, State::first(&recipe, model), &device);
         let (clips, held_out) = (vec![], vec![]);
-        Ok(Self { card, config, trainer, clips, held_out, sampler: None, validation: None, best: None })
+        Ok(Self { card, recipe, trainer, clips, held_out, sampler: None, validation: None, best: None })
     }
 
     /// Gives a clip to learn from (its track is fitted by the physics of its scene), or, `held_out`, to score with.
@@ -138,7 +127,7 @@ impl FineTuner {
             self.held_out.push((clip, pictures));
             return Ok(Added { frames, left_out: None });
         }
-        let taught = teach(&clip, &self.config.fit);
+        let taught = teach(&clip, &self.recipe.fit);
         let added = Added { frames: taught.frames.iter().flatten().count(), left_out: taught.left_out.clone() };
         self.clips.push((clip, pictures, taught));
         Ok(added)
@@ -149,16 +138,16 @@ impl FineTuner {
     /// # Errors
     /// [`Error::Data`] where no clip teaches anything; [`Error::Diverged`]; [`Error::Device`].
     pub async fn step(&mut self) -> Result<Option<Tuned>> {
-        let Some((phase, _)) = self.config.phase(self.trainer.step) else { return Ok(None) };
+        let Some((phase, _)) = self.recipe.phase(self.trainer.step()) else { return Ok(None) };
         let sampler = match &mut self.sampler {
             Some(sampler) => sampler,
-            none => none.insert(sampler(&self.config, std::mem::take(&mut self.clips))?),
+            none => none.insert(sampler(&self.recipe, std::mem::take(&mut self.clips))?),
         };
-        let batch = sampler.batch(phase, self.trainer.step)?;
+        let batch = sampler.batch(phase, self.trainer.step())?;
         let Some((StepReport { loss, heatmap, depth, .. }, _)) = self.trainer.advance(batch).await? else {
             return Ok(None);
         };
-        Ok(Some(Tuned { step: self.trainer.step, steps: self.config.steps(), loss, heatmap, depth }))
+        Ok(Some(Tuned { step: self.trainer.step(), steps: self.recipe.steps(), loss, heatmap, depth }))
     }
 
     /// Scores the averaged weights on the held-out clips, by 2D labels alone, and keeps them if none were better.
@@ -178,12 +167,8 @@ impl FineTuner {
                 none.insert(Pictures::in_memory(Clips { folder: PathBuf::new(), clips }, pictures)?)
             }
         };
-        let scored = score(&localiser, validation, usize::MAX >> 32).await?;
-        let forecast_px = scored.forecast_px.unwrap_or(f64::INFINITY);
-        if self.best.as_ref().is_none_or(|best| forecast_px < best.forecast_px) {
-            let (least_confidence, average) = (scored.least_confidence, self.trainer.average());
-            self.best = Some(Best { forecast_px, least_confidence, average });
-        }
+        let scored = score(&localiser, validation, None).await?;
+        Best::keep(&mut self.best, &scored, self.trainer.average());
         Ok(scored)
     }
 
@@ -198,40 +183,13 @@ impl FineTuner {
     /// # Errors
     /// [`Error::WeightsFile`] where the weights cannot be written; [`Error::Device`] where they cannot be read.
     pub async fn export(&self) -> Result<(Card, Vec<u8>)> {
-        let pen = self.best.as_ref().map_or_else(|| self.trainer.average(), |best| best.average.clone());
-        let weights = model::halved(&model::save(&model::on_cpu(&pen).await?)?)?;
-        let name = format!("{}-tuned", self.card.name.trim_end_matches("-tuned"));
         let examples = self.sampler.as_ref().map(Sampler::examples);
-        let mut depth_range = self.card.depth_range;
-        let mut training_data = self.card.training_data.clone();
-        if let Some(examples) = examples {
-            let [nearest, _, farthest] = examples.depths();
-            depth_range = [depth_range[0].min(nearest), depth_range[1].max(farthest)];
-            let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
-            training_data += &format!("; then {frames} frames of {clips} clips given by the user");
-        }
-        let card = Card {
-            weights: format!("{name}.safetensors"),
-            name,
-            sha256: sha256_hex(&weights),
-            depth_range,
-            confidence_threshold: match &self.best {
-                Some(best) => Some(best.least_confidence / 2.0),
-                None => self.card.confidence_threshold,
-            },
-            training_data,
-            description: format!(
-                "{} Fine-tuned with 2D labels and physics: {} steps.",
-                self.card.description, self.trainer.step
-            ),
-            metrics: serde_json::Value::Null,
-            ..self.card.clone()
-        };
-        Ok((card, weights))
+        let card = card_of_fine_tuning(&self.card, examples, self.trainer.step());
+        publish(card, self.best.as_ref(), self.trainer.average()).await
     }
 }
 
-fn configuration(card: &Card, options: &FineTuneOptions) -> Result<TrainConfig> {
+fn recipe(card: &Card, options: &FineTuneOptions) -> Result<Recipe> {
     let FineTuneOptions { steps, batch, crop, learning_rate, seed } = *options;
     let cropped = ((steps as f64 * CROPPED).round() as usize).clamp(1, steps.max(1));
     let pixels = f64::from(card.input.width * card.input.height) / f64::from(crop * crop).max(1.0);
@@ -249,17 +207,19 @@ fn configuration(card: &Card, options: &FineTuneOptions) -> Result<TrainConfig> 
     if steps > cropped {
         phases.push(phase(steps - cropped, whole, None, last, 0.0));
     }
-    let fields = serde_json::json!({
-        "name": card.name, "train": "", "validation": "", "out": "", "supervision": "physics-fit", "input": card.input,
-        "normalisation": card.normalisation, "architecture": card.architecture, "seed": seed, "ema_decay": EMA_DECAY,
-        "fixed_norms": true, "phases": phases,
-    });
-    let config: TrainConfig = serde_json::from_value(fields).map_err(Error::format("fine-tuning"))?;
-    config.check()?;
-    Ok(config)
+    let recipe = Recipe {
+        normalisation: card.normalisation,
+        architecture: Some(card.architecture.clone()),
+        seed,
+        ema_decay: EMA_DECAY,
+        fixed_norms: true,
+        ..Recipe::new(card.name.clone(), Supervision::PhysicsFit, card.input, phases)
+    };
+    recipe.check()?;
+    Ok(recipe)
 }
 
-fn sampler(config: &TrainConfig, clips: Vec<(Clip, Vec<Picture>, TaughtClip)>) -> Result<Sampler> {
+fn sampler(recipe: &Recipe, clips: Vec<(Clip, Vec<Picture>, TaughtClip)>) -> Result<Sampler> {
     let (mut these, mut pictures, mut fits) = (Vec::new(), Vec::new(), Vec::new());
     for (clip, some, fit) in clips {
         these.push(clip);
@@ -273,6 +233,6 @@ fn sampler(config: &TrainConfig, clips: Vec<(Clip, Vec<Picture>, TaughtClip)>) -
         return Err(Error::Data { what: "clips".into(), reason });
     }
     let clips = Clips { folder: PathBuf::new(), clips: these };
-    let examples = Examples::of_fits(config, clips.clone(), fits)?;
-    Sampler::new(config, examples, Pictures::in_memory(clips, pictures)?)
+    let examples = Examples::of_fits(recipe, clips.clone(), fits)?;
+    Sampler::new(recipe, examples, Pictures::in_memory(clips, pictures)?)
 }

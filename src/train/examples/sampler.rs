@@ -7,14 +7,10 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
+use super::super::recipe::{Phase, Recipe, Supervision};
 use super::augment::{View, change_light};
-use super::config::{Phase, Supervision, TrainConfig};
-use super::examples::Examples;
-use super::future::{Place, Target, Window};
-use super::loss::Labels;
-use super::pictures::Pictures;
-use super::step::Batch;
-use super::teacher::forecaster;
+use super::teacher::{forecaster, scene_of};
+use super::{Batch, Examples, Labels, Pictures, Place, Target, Window};
 use crate::error::{Error, Result};
 use crate::physics::Forecaster;
 
@@ -23,7 +19,7 @@ const STARTS: usize = 3;
 
 /// Draws batches.
 pub struct Sampler {
-    config: TrainConfig,
+    recipe: Recipe,
     examples: Examples,
     pictures: Pictures,
     /// Middles of windows, clip and frame; where forecasts teach.
@@ -55,15 +51,16 @@ impl Sampler {
     /// Of `examples`, whose clips' pictures are `pictures`.
     ///
     /// # Errors
-    /// [`Error::Value`] for scenes that cannot be forecast.
-    pub fn new(config: &TrainConfig, examples: Examples, pictures: Pictures) -> Result<Self> {
-        let is_future = config.supervision.is_future();
-        let windows = if is_future { examples.windows(&config.future.ahead) } else { vec![] };
-        let mut forecasters = Vec::new();
-        for scene in examples.clips.clips.iter().filter_map(|clip| clip.scene.as_ref()).filter(|_| is_future) {
-            forecasters.push(Arc::new(forecaster(scene, config.future.numeric)?));
+    /// [`Error::Value`] for scenes that cannot be forecast; [`Error::Data`] for a clip without one, where forecasts teach.
+    pub fn new(recipe: &Recipe, examples: Examples, pictures: Pictures) -> Result<Self> {
+        let (mut windows, mut forecasters) = (vec![], vec![]);
+        if recipe.supervision.is_future() {
+            windows = examples.windows(&recipe.future.ahead);
+            for clip in &examples.clips.clips {
+                forecasters.push(Arc::new(forecaster(scene_of(clip)?, recipe.future.numeric)?));
+            }
         }
-        Ok(Self { config: config.clone(), examples, pictures, windows, forecasters })
+        Ok(Self { recipe: recipe.clone(), examples, pictures, windows, forecasters })
     }
 
     /// What it draws from.
@@ -79,7 +76,7 @@ impl Sampler {
         let (shots, middles) = self.shots(phase, step);
         let drawn: Vec<Drawn> = shots.par_iter().map(|shot| self.draw(shot, phase)).collect::<Result<_>>()?;
         let [width, height] =
-            phase.crop.map_or([self.config.input.width, self.config.input.height], |side| [side, side]);
+            phase.crop.map_or([self.recipe.input.width, self.recipe.input.height], |side| [side, side]);
         let windows = middles.iter().enumerate().map(|(index, &middle)| self.window(index, middle, &drawn)).collect();
         let mut batch = Batch {
             pictures: Vec::with_capacity(drawn.len() * 3 * (width * height) as usize),
@@ -98,18 +95,18 @@ impl Sampler {
 
     /// What is drawn, and the middles of its windows.
     fn shots(&self, phase: &Phase, step: usize) -> (Vec<Shot>, Vec<(usize, usize)>) {
-        let seed = |index: usize| seed(self.config.seed, step, index);
+        let seed = |index: usize| seed(self.recipe.seed, step, index);
         let mut random = StdRng::seed_from_u64(seed(usize::MAX));
         let pick = |random: &mut StdRng| self.examples.frames[random.random_range(0..self.examples.frames.len())];
         if self.windows.is_empty() {
             let shot = |index: usize| {
                 let example = pick(&mut random);
-                let empty = random.random_bool(self.config.empty_share);
+                let empty = random.random_bool(self.recipe.empty_share);
                 Shot { clip: example.clip, frame: (!empty).then_some(example.frame), seed: seed(index) }
             };
             return ((0..phase.batch).map(shot).collect(), vec![]);
         }
-        let ahead = &self.config.future.ahead;
+        let ahead = &self.recipe.future.ahead;
         let count = (phase.batch / (STARTS + ahead.len())).max(1);
         let middles: Vec<(usize, usize)> =
             (0..count).map(|_| self.windows[random.random_range(0..self.windows.len())]).collect();
@@ -124,13 +121,13 @@ impl Sampler {
 
     /// The `index`-th window of a batch, whose pictures are in order.
     fn window(&self, index: usize, (clip, middle): (usize, usize), drawn: &[Drawn]) -> Window {
-        let ahead = &self.config.future.ahead;
+        let ahead = &self.recipe.future.ahead;
         let first = index * (STARTS + ahead.len());
         let frames = &self.pictures.clips()[clip].frames;
         let later = ahead.iter().enumerate().map(|(number, by)| {
             let label = self.examples.example(clip, middle + by).map_or([0.0; 2], |example| example.image);
             let picture = first + STARTS + number;
-            match self.config.supervision {
+            match self.recipe.supervision {
                 Supervision::Future2dGt => Target::Label(label),
                 _ => Target::Predicted { picture, place: drawn[picture].place },
             }
@@ -181,13 +178,13 @@ impl Sampler {
         phase: &Phase,
         random: &mut StdRng,
     ) -> (Vec<f32>, [f64; 2], Place) {
-        let size = [self.config.input.width, self.config.input.height];
-        let input = picture.network_input(size, &self.config.normalisation);
+        let size = [self.recipe.input.width, self.recipe.input.height];
+        let input = picture.network_input(size, &self.recipe.normalisation);
         let scale = [0, 1].map(|axis| f64::from(input.content[axis]) / f64::from(picture.size()[axis]));
         let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
-        let view = View::random(size, phase.crop, in_input, &self.config.augmentation, random);
+        let view = View::random(size, phase.crop, in_input, &self.recipe.augmentation, random);
         let mut values = view.cut(&input.values, size);
-        change_light(&mut values, view.size, &self.config.augmentation, random);
+        change_light(&mut values, view.size, &self.recipe.augmentation, random);
         let (linear, origin) = view.to_input();
         let unscale = Matrix2::new(1.0 / scale[0], 0.0, 0.0, 1.0 / scale[1]);
         let half = Vector2::repeat(0.5);

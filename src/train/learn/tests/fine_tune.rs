@@ -1,16 +1,14 @@
 //! Fine-tuning in memory, as the browser does it.
 
-mod common;
+use burn::tensor::Device;
 
-use common::root;
-use common::{alone, seen_by};
-use gravisight::Card;
-use gravisight::Device;
-use gravisight::Error;
-use gravisight::Localiser;
-use gravisight::Picture;
-use gravisight::train::fine_tune::{FineTuneOptions, FineTuner};
-use gravisight::{Clip, Clips};
+use crate::clips::{Clip, Clips};
+use crate::error::Error;
+use crate::image::Picture;
+use crate::localise::Localiser;
+use crate::model::Card;
+use crate::testing::{alone, golden, root, seen_by, tiny_card};
+use crate::train::{FineTuneOptions, FineTuner};
 
 /// Clips by the built-in engine with their pictures in memory.
 fn in_memory(camera: usize, name: &str, count: usize, frames: usize) -> Vec<(Clip, Vec<Picture>)> {
@@ -86,7 +84,27 @@ fn a_fine_tuning_refuses_what_it_cannot_learn_from() {
     assert!(tuner.add_clip(wrong, pictures.clone(), false).unwrap().left_out.is_some());
     assert!(said(pollster::block_on(tuner.step()).map(|_| ())).contains("physics explains none"));
     let senseless = FineTuneOptions { crop: 33, ..options };
-    let card = Card::from_json(include_str!("golden/tiny.json"), "tiny").unwrap();
-    let refused = FineTuner::new(card, common::golden("tiny.safetensors"), &senseless, &Device::flex());
+    let refused = FineTuner::new(tiny_card(), golden("tiny.safetensors"), &senseless, &Device::flex());
     assert!(refused.err().unwrap().to_string().contains("crop"));
+}
+
+#[test]
+fn where_no_forecast_can_be_scored_the_last_weights_are_exported() {
+    let _alone = alone();
+    let options = FineTuneOptions { steps: 3, batch: 2, crop: 32, ..FineTuneOptions::default() };
+    let mut tuner = FineTuner::new(tiny_card(), golden("tiny.safetensors"), &options, &Device::flex()).unwrap();
+    let (clip, pictures) = in_memory(1, "unscored", 1, 30).remove(0);
+    let mut short = clip.clone();
+    short.frames.truncate(8);
+    tuner.add_clip(short, pictures[..8].to_vec(), true).unwrap();
+    tuner.add_clip(clip, pictures, false).unwrap();
+    let export = |tuner: &mut FineTuner| {
+        assert_eq!(pollster::block_on(tuner.evaluate()).unwrap().forecast_px, None);
+        pollster::block_on(tuner.export()).unwrap()
+    };
+    let (_, before) = export(&mut tuner);
+    while pollster::block_on(tuner.step()).unwrap().is_some() {}
+    let (card, after) = export(&mut tuner);
+    assert!(before != after, "what was learned is lost");
+    assert!(card.confidence_threshold.is_some());
 }

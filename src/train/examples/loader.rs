@@ -4,9 +4,8 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 
-use super::batch::Sampler;
-use super::config::TrainConfig;
-use super::step::Batch;
+use super::super::recipe::Recipe;
+use super::{Batch, Sampler};
 use crate::error::{Error, Result};
 
 /// Batches that wait at most.
@@ -20,11 +19,11 @@ impl Loader {
     ///
     /// # Errors
     /// [`Error::Io`] where no thread can be started.
-    pub fn start(sampler: Arc<Sampler>, config: &TrainConfig, first: usize) -> Result<Self> {
+    pub fn start(sampler: Arc<Sampler>, recipe: &Recipe, first: usize) -> Result<Self> {
         let (sender, receiver) = sync_channel(AHEAD);
-        let config = config.clone();
+        let recipe = recipe.clone();
         let draw = move || {
-            let steps = (first..).map_while(|step| Some((step, *config.phase(step)?.0)));
+            let steps = (first..).map_while(|step| Some((step, *recipe.phase(step)?.0)));
             for (step, phase) in steps {
                 if sender.send(sampler.batch(&phase, step)).is_err() {
                     return;

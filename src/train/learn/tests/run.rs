@@ -1,64 +1,19 @@
 //! Training runs: they learn, resume exactly, and refuse what cannot train.
 
-mod common;
-
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
-use common::{alone, seen_by};
-use common::{formula, root, scratch};
-use gravisight::Card;
-use gravisight::Device;
-use gravisight::Error;
-use gravisight::Localiser;
-use gravisight::train::config::{FitConfig, TrainConfig};
-use gravisight::train::pictures::Pictures;
-use gravisight::train::recipe::{assignment, lay_over, preset, presets, read_fields};
-use gravisight::train::run::{self, Event, Validation};
-use gravisight::train::score::score;
-use gravisight::train::teacher::teach;
-use gravisight::{Clip, Clips, Frame};
-use nalgebra::Point3;
+use burn::tensor::Device;
 
-/// A run configuration on the samples, its folder, extra lines for the top level.
-fn configuration(name: &str, extra: &str) -> PathBuf {
-    let samples = root().join("tests/samples");
-    let text = format!(
-        r#"
-name = "t"
-train = {samples:?}
-validation = {samples:?}
-out = "out"
-supervision = "3d-gt"
-checkpoint_every = 2
-validate_frames = 2
-input = {{ width = 64, height = 64 }}
-{extra}
-[architecture]
-backbone = {{ kind = "compact", stem = 4, stages = [4, 6, 8, 8], pyramid = 4 }}
-head = {{ kind = "depthwise" }}
-heatmap = {{ beta = 1.0 }}
-depth = {{ activation = "exp", scale = 7.4 }}
-
-[[phases]]
-steps = 4
-batch = 3
-crop = 32
-learning_rate = 1e-3
-[[phases]]
-steps = 3
-batch = 2
-learning_rate = 1e-3
-"#
-    );
-    let path = scratch(name).join("run.toml");
-    std::fs::write(&path, text).unwrap();
-    path
-}
-
-fn start(path: &Path, observe: &mut dyn FnMut(Event)) -> Result<PathBuf, Error> {
-    run::start(TrainConfig::of(read_fields(path)?)?, &Device::flex(), observe)
-}
+use super::super::score::score;
+use crate::clips::{Clips, Frame};
+use crate::error::Error;
+use crate::localise::Localiser;
+use crate::model::Card;
+use crate::testing::{alone, root, scratch, tiny_card};
+use crate::train::examples::Pictures;
+use crate::train::testing::{configuration, on, start, synthetic};
+use crate::train::{TrainEvent as Event, TrainSettings, Validation, resume_run, start_run};
 
 #[test]
 fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
@@ -73,10 +28,10 @@ fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
         let folder = path.parent().unwrap().to_path_buf();
         let mut observe = |event: Event| match event {
             Event::Step(progress) => assert!(progress.step < kill_after, "killed by the test"),
-            Event::Prepared(_) | Event::Fitting { .. } => {}
+            Event::Prepared { .. } | Event::Fitting { .. } => {}
         };
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
-        let card = run::resume(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
+        let card = resume_run(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
         let found = std::fs::read(card.with_extension("safetensors")).unwrap();
         assert!(found == expected, "killed after {kill_after}");
         assert_eq!(log(&folder), 7);
@@ -129,111 +84,10 @@ fn start_on_first_clip(path: &Path, change: impl FnOnce(&mut serde_json::Value))
 }
 
 #[test]
-fn senseless_configurations_are_refused_with_the_field() {
-    for (extra, named) in [
-        ("learning_rat = 1.0", "learning_rat"),
-        ("ema_decay = 1.5", "ema_decay"),
-        ("depth_weight = -1.0", "depth_weight"),
-        ("checkpoint_every = 0", "checkpoint_every"),
-        ("augmentation = { noise = inf }", "noise"),
-        ("name = \"a/b\"", "name"),
-        ("heatmap_loss = { kind = \"cross_entropy\", sigma = 0.0 }", "sigma"),
-        ("network = \"huge\"", "huge"),
-    ] {
-        let path = configuration("senseless", "");
-        let text = std::fs::read_to_string(&path).unwrap();
-        let field = extra.split(' ').next().unwrap();
-        let kept: Vec<&str> = text.lines().filter(|line| !line.starts_with(field)).collect();
-        std::fs::write(&path, format!("{extra}\n{}", kept.join("\n"))).unwrap();
-        let error = read_fields(&path).and_then(TrainConfig::of).unwrap_err();
-        assert!(error.to_string().contains(named), "{extra}: {error}");
-    }
-    for (from, to, named) in [("crop = 32", "crop = 33", "crop"), ("supervision = \"3d-gt\"", "", "supervision")] {
-        let path = configuration("senseless", "");
-        let text = std::fs::read_to_string(&path).unwrap().replace(from, to);
-        std::fs::write(&path, text).unwrap();
-        let error = read_fields(&path).and_then(TrainConfig::of).unwrap_err();
-        assert!(error.to_string().contains(named), "{to}: {error}");
-    }
-}
-
-#[test]
-fn presets_files_and_flags_are_laid_over_each_other() {
-    for name in presets() {
-        let mut fields = preset(name).unwrap();
-        lay_over(&mut fields, assignment("train=a").unwrap());
-        lay_over(&mut fields, assignment("validation=b").unwrap());
-        lay_over(&mut fields, assignment("out=c").unwrap());
-        lay_over(&mut fields, assignment("augmentation.shift=8").unwrap());
-        lay_over(&mut fields, assignment("augmentation.flip=0.5").unwrap());
-        let config = TrainConfig::of(fields).unwrap();
-        assert_eq!((config.augmentation.shift, config.augmentation.flip), (8, 0.5), "{name}");
-        assert_eq!(config.train, Path::new("a"));
-    }
-    for wrong in ["seed", "=3", "a..b=3", "a b=3"] {
-        assert!(assignment(wrong).is_err(), "{wrong}");
-    }
-    assert!(preset("huge").unwrap_err().to_string().contains("sd-s"));
-}
-
-#[test]
 fn a_frame_without_3d_label_is_refused_by_name() {
     let path = configuration("no_world", "");
     let error = start_on_first_clip(&path, |frame| drop(frame.as_object_mut().unwrap().remove("world"))).unwrap_err();
     assert!(error.to_string().contains("world") && error.to_string().contains("000.png"), "{error}");
-}
-
-/// Clips of camera 1: see [`seen_by`].
-fn synthetic(name: &str, count: usize, drawn: usize, change: impl Fn(&mut Clip)) -> PathBuf {
-    seen_by(1, name, count, drawn, change)
-}
-
-/// A configuration with other clips and another supervision.
-fn on(name: &str, clips: &Path, supervision: &str, extra: &str) -> PathBuf {
-    let path = configuration(name, extra);
-    let text = std::fs::read_to_string(&path).unwrap();
-    let samples = format!("{:?}", root().join("tests/samples"));
-    let text = text.replace(&samples, &format!("{clips:?}")).replace("3d-gt", supervision);
-    std::fs::write(&path, text).unwrap();
-    path
-}
-
-#[test]
-fn physics_teaches_depths_from_2d_labels_alone() {
-    let folder = synthetic("taught", 2, 0, |_| {});
-    for clip in Clips::read(&folder).unwrap().clips {
-        let mut blind = clip.clone();
-        blind.frames.iter_mut().for_each(|frame| frame.world = None);
-        let taught = teach(&blind, &FitConfig::default());
-        assert_eq!(taught.left_out, None);
-        assert!(taught.frames.iter().flatten().count() > 80);
-        for (frame, taught) in clip.frames.iter().zip(&taught.frames) {
-            let Some(taught) = taught else { continue };
-            let truth = clip.camera.camera_from_world(&Point3::from(frame.world.unwrap())).z;
-            assert!((taught.depth - truth).abs() < 0.05, "{} {truth}", taught.depth);
-        }
-    }
-}
-
-#[test]
-fn of_noisy_labels_the_fit_makes_better_2d_targets() {
-    let folder = synthetic("noisy", 1, 0, |_| {});
-    let clip = Clips::read(&folder).unwrap().clips.remove(0);
-    let mut noisy = clip.clone();
-    let noise = formula("noise", 2 * clip.frames.len());
-    let spread = (noise.iter().map(|value| value * value).sum::<f64>() / noise.len() as f64).sqrt();
-    for (frame, by) in noisy.frames.iter_mut().zip(noise.chunks_exact(2)) {
-        frame.image = frame.image.map(|[x, y]| [x + by[0] / spread, y + by[1] / spread]);
-    }
-    let taught = teach(&noisy, &FitConfig::default());
-    let error = |images: Vec<Option<[f64; 2]>>| {
-        let pairs = images.into_iter().zip(&clip.frames).filter_map(|(image, frame)| Some((image?, frame.image?)));
-        let squares: Vec<f64> = pairs.map(|(a, b)| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).collect();
-        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
-    };
-    let labels = error(noisy.frames.iter().map(|frame| frame.image).collect());
-    let targets = error(taught.frames.iter().map(|frame| frame.map(|frame| frame.image)).collect());
-    assert!(targets < 0.5 * labels, "{targets} {labels}");
 }
 
 #[test]
@@ -250,11 +104,11 @@ fn every_supervision_runs_and_resumes_to_the_same_weights() {
         let path = of("killed");
         let mut observe = |event: Event| match event {
             Event::Step(progress) => assert!(progress.step < 5, "killed by the test"),
-            Event::Prepared(prepared) => assert_eq!((prepared.clips, prepared.left_out.len()), (2, 0)),
+            Event::Prepared { clips, left_out, .. } => assert_eq!((clips, left_out.len()), (2, 0)),
             Event::Fitting { .. } => {}
         };
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
-        let card = run::resume(&path.parent().unwrap().join("out"), &Device::flex(), &mut |_| {}).unwrap();
+        let card = resume_run(&path.parent().unwrap().join("out"), &Device::flex(), &mut |_| {}).unwrap();
         let found = std::fs::read(card.with_extension("safetensors")).unwrap();
         assert!(found == expected, "{supervision}");
         let text = std::fs::read_to_string(card).unwrap();
@@ -297,7 +151,8 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
     let device = Device::flex();
     let weights = std::fs::read(path.with_file_name("out/t.safetensors")).unwrap();
     let localiser = Localiser::new(card, weights, &device).unwrap();
-    let published = pollster::block_on(score(&localiser, &Pictures::new(Clips::read(&folder).unwrap(), 0), 2)).unwrap();
+    let published =
+        pollster::block_on(score(&localiser, &Pictures::new(Clips::read(&folder).unwrap(), 0), Some(2))).unwrap();
     let published = published.forecast_px.unwrap();
     assert!((published - best.1).abs() < 0.01 * best.1, "{published} {scores:?}");
     assert!(scores.iter().any(|(_, score)| *score > 1.05 * best.1), "{scores:?}");
@@ -344,7 +199,7 @@ fn clips_that_cannot_teach_are_refused_by_name() {
 fn the_papers_own_recipe_makes_its_steps() {
     let _alone = alone();
     let folder = synthetic("paper", 1, 45, |clip| clip.frames.truncate(45));
-    let mut fields = preset("paper").unwrap();
+    let mut settings = TrainSettings::preset("paper").unwrap();
     let out = scratch("paper-run").join("out");
     let [folder, out_text] = [&folder, &out].map(|path| path.to_str().unwrap().replace('\\', "/"));
     for field in [
@@ -356,7 +211,7 @@ fn the_papers_own_recipe_makes_its_steps() {
         "input={width=64, height=64}".into(),
         "phases=[{steps=2, batch=6, learning_rate=2e-5}]".into(),
     ] {
-        lay_over(&mut fields, assignment(&field).unwrap());
+        settings.set(&field).unwrap();
     }
     let mut losses = Vec::new();
     let mut observe = |event: Event| {
@@ -364,7 +219,7 @@ fn the_papers_own_recipe_makes_its_steps() {
             losses.push([progress.loss, progress.heatmap, progress.future, progress.gradient_norm]);
         }
     };
-    let card = run::start(TrainConfig::of(fields).unwrap(), &Device::flex(), &mut observe).unwrap();
+    let card = start_run(settings.config().unwrap(), &Device::flex(), &mut observe).unwrap();
     assert_eq!(losses.len(), 2);
     for [loss, heatmap, future, norm] in losses {
         assert!([loss, heatmap, future, norm].iter().all(|value| value.is_finite()) && norm > 0.0 && future > 0.0);
@@ -381,6 +236,32 @@ fn a_step_that_cannot_fit_the_memory_is_refused_before_the_start() {
     let error = start(&path, &mut |_| {}).unwrap_err().to_string();
     assert!(error.contains("GB") && error.contains("batch"), "{error}");
     assert!(!path.with_file_name("out/run.toml").exists());
+}
+
+#[test]
+fn fits_are_left_behind_by_runs_that_start_alone_and_resumed_with_what_they_are_of() {
+    let _alone = alone();
+    let folder = synthetic("left", 1, 45, |clip| clip.frames.truncate(45));
+    let path = on("left-run", &folder, "physics-fit", "");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replacen("batch = 3", "batch = 100000000", 1)).unwrap();
+    start(&path, &mut |_| {}).unwrap_err();
+    assert!(std::fs::read_dir(path.with_file_name("out")).unwrap().next().is_none(), "nothing is left behind");
+    std::fs::write(&path, &text).unwrap();
+    let mut stop = |event: Event| assert!(!matches!(event, Event::Step(_)), "killed by the test");
+    catch_unwind(AssertUnwindSafe(|| start(&path, &mut stop))).unwrap_err();
+    assert!(path.with_file_name("out/fits.jsonl").exists());
+    // The labels are corrected before it goes on: it learns from them, as a run from the start does.
+    let clips = Clips::read(&folder).unwrap();
+    let index = std::fs::read_to_string(folder.join("clips.jsonl")).unwrap();
+    let mut corrected = clips.clone();
+    corrected.clips[0].frames.iter_mut().for_each(|frame| frame.image = frame.image.map(|[x, y]| [x + 3.0, y]));
+    corrected.write_index().unwrap();
+    assert_ne!(std::fs::read_to_string(folder.join("clips.jsonl")).unwrap(), index);
+    let weights = |card: PathBuf| std::fs::read(card.with_extension("safetensors")).unwrap();
+    let resumed = weights(resume_run(&path.with_file_name("out"), &Device::flex(), &mut |_| {}).unwrap());
+    let fresh = weights(start(&on("left-fresh", &folder, "physics-fit", ""), &mut |_| {}).unwrap());
+    assert!(resumed == fresh);
 }
 
 #[test]
@@ -406,7 +287,7 @@ fn a_run_may_start_from_a_models_weights() {
         }
     };
     let card = Card::from_file(&start(&path, &mut observe).unwrap()).unwrap();
-    let tiny = Card::from_json(include_str!("golden/tiny.json"), "tiny").unwrap();
+    let tiny = tiny_card();
     assert_eq!((card.architecture, card.input), (tiny.architecture, tiny.input));
     let mut fresh = None;
     let mut observe = |event: Event| {

@@ -1,9 +1,33 @@
-//! What there is to learn: frames with their targets, and windows of frames.
+//! What there is to learn: from clips to frames with their targets (`prepare`, by physics: `teacher`, kept in `fits`), and
+//! from those to batches (`sampler`, ahead of time: `loader`).
 
-use serde::Serialize;
+mod augment;
+mod batch;
+#[cfg(not(target_arch = "wasm32"))]
+mod fits;
+#[cfg(not(target_arch = "wasm32"))]
+mod loader;
+mod pictures;
+#[cfg(not(target_arch = "wasm32"))]
+mod prepare;
+#[cfg(not(target_arch = "wasm32"))]
+mod readings;
+mod sampler;
+mod teacher;
+#[cfg(test)]
+mod tests;
 
-use super::config::TrainConfig;
-use super::teacher::TaughtClip;
+pub use self::batch::{Batch, Labels, Place, Target, Window};
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::fits::Fits;
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::loader::Loader;
+pub(super) use self::pictures::Pictures;
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::prepare::{LeftOut, Prepared, prepare};
+pub(super) use self::sampler::Sampler;
+pub(super) use self::teacher::{TaughtClip, teach};
+use super::recipe::Recipe;
 use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 
@@ -23,45 +47,28 @@ pub struct Example {
     pub depth: Option<[f64; 2]>,
 }
 
-/// A clip that physics could not explain.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct LeftOut {
-    /// The clip's id.
-    pub clip: String,
-    /// Why, in words.
-    pub reason: String,
-}
-
 /// All that a run learns from.
 #[derive(Debug, Clone)]
 pub struct Examples {
-    /// The clips, as the configuration changes them.
+    /// The clips, as the recipe changes them.
     pub clips: Clips,
     /// Frames with targets.
     pub frames: Vec<Example>,
     /// For each frame of each clip the number of its example.
     of_frame: Vec<Vec<Option<usize>>>,
-    /// Clips that physics could not explain.
-    pub left_out: Vec<LeftOut>,
 }
 
 impl Examples {
-    /// Those of `clips` (as the configuration changes them) that were fitted already: `fits`, one a clip.
+    /// Those of `clips` (as the recipe changes them) that were fitted already: `fits`, one a clip.
     ///
     /// # Errors
     /// [`Error::Data`] where nothing is left.
-    pub fn of_fits(config: &TrainConfig, clips: Clips, fits: Vec<TaughtClip>) -> Result<Self> {
+    pub fn of_fits(recipe: &Recipe, clips: Clips, fits: Vec<TaughtClip>) -> Result<Self> {
         let chosen: Vec<usize> = (0..clips.clips.len()).collect();
-        let (frames, left_out) = examples_of(&chosen, fits, config);
-        Self::new(config, clips, frames, left_out)
+        Self::new(recipe, clips, examples_of(&chosen, &fits, recipe))
     }
 
-    pub(super) fn new(
-        config: &TrainConfig,
-        clips: Clips,
-        frames: Vec<Example>,
-        left_out: Vec<LeftOut>,
-    ) -> Result<Self> {
+    pub(super) fn new(recipe: &Recipe, clips: Clips, frames: Vec<Example>) -> Result<Self> {
         let mut of_frame: Vec<Vec<Option<usize>>> =
             clips.clips.iter().map(|clip| vec![None; clip.frames.len()]).collect();
         for (index, example) in frames.iter().enumerate() {
@@ -72,9 +79,9 @@ impl Examples {
         if frames.is_empty() {
             return refuse("no frame shows the ball (`visible`: true)".into());
         }
-        let examples = Self { clips, frames, of_frame, left_out };
-        if config.supervision.is_future() && examples.windows(&config.future.ahead).is_empty() {
-            let longest = config.future.ahead.iter().max().unwrap_or(&0) + 2;
+        let examples = Self { clips, frames, of_frame };
+        if recipe.supervision.is_future() && examples.windows(&recipe.future.ahead).is_empty() {
+            let longest = recipe.future.ahead.iter().max().unwrap_or(&0) + 2;
             return refuse(format!(
                 "no clip shows the ball in a window of {longest} frames; take shorter `future.ahead`, or longer clips"
             ));
@@ -110,22 +117,17 @@ impl Examples {
     }
 }
 
-/// What `fits` teach, one each of the clips `chosen`, and the clips that they leave out.
-pub(super) fn examples_of(
-    chosen: &[usize],
-    fits: Vec<TaughtClip>,
-    config: &TrainConfig,
-) -> (Vec<Example>, Vec<LeftOut>) {
+/// What `fits` teach, one each of the clips `chosen`.
+pub(super) fn examples_of(chosen: &[usize], fits: &[TaughtClip], recipe: &Recipe) -> Vec<Example> {
     let mut examples = Vec::new();
-    for (&clip, fit) in chosen.iter().zip(&fits) {
+    for (&clip, fit) in chosen.iter().zip(fits) {
         for (frame, taught) in fit.frames.iter().enumerate() {
             let Some(taught) = taught else { continue };
-            let weight = 1.0 / (1.0 + (taught.sigma / config.fit.half_weight_sigma).powi(2));
+            let weight = 1.0 / (1.0 + (taught.sigma / recipe.fit.half_weight_sigma).powi(2));
             examples.push(Example { clip, frame, image: taught.image, depth: Some([taught.depth, weight]) });
         }
     }
-    let left_out = fits.into_iter().filter_map(|fit| Some(LeftOut { clip: fit.id, reason: fit.left_out? }));
-    (examples, left_out.collect())
+    examples
 }
 
 /// Refuses clips whose scenes say nothing of depth.

@@ -1,33 +1,33 @@
 //! A training step: its losses, their gradients, what it does to the weights.
 
-mod common;
-
 use std::sync::Arc;
 
 use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param};
 use burn::optim::{AdamWConfig, GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
-use common::alone;
-use common::{formula, formula_tensor, root, safetensors_of, vector};
-use gravisight::Clips;
-use gravisight::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
-use gravisight::train::ema::Ema;
-use gravisight::train::future::{Place, Target, Window, future, future_loss};
-use gravisight::train::loss::{HeatmapLoss, Labels, map_losses};
-use gravisight::train::step::{Batch, StepOptions, step};
-use gravisight::{Forecaster, Scene, State};
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use pollster::block_on;
 
+use super::super::ema::Ema;
+use super::super::future::{future, future_loss};
+use super::super::loss::map_losses;
+use super::super::step::{StepOptions, step};
+use crate::clips::Clips;
+use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
+use crate::physics::{Forecaster, Scene, State};
+use crate::testing::{alone, formula, formula_tensor, root, safetensors_of, vector};
+use crate::train::examples::{Batch, Labels, Place, Target, Window};
+use crate::train::recipe::HeatmapLoss;
+
 const CROSS_ENTROPY: HeatmapLoss = HeatmapLoss::CrossEntropy { sigma: 4.0 };
 
-fn tiny() -> PenConfig {
+pub(super) fn tiny() -> PenConfig {
     let backbone = BackboneConfig::Compact { stem: 4, stages: [4, 6, 8, 8], pyramid: 4 };
     PenConfig { backbone, ..PenConfig::compact(7.4) }
 }
 
 /// A batch of two pictures from the formula, balls inside.
-fn batch() -> Batch {
+pub(super) fn batch() -> Batch {
     let pictures = formula("batch", 2 * 3 * 32 * 64).into_iter().map(|value| value as f32).collect();
     Batch {
         pictures,
@@ -338,7 +338,7 @@ fn the_future_loss_enters_the_graph_with_its_value_and_gradient() {
     let image = Tensor::<2>::from_data(TensorData::new(image, [12, 2]), &device).require_grad();
     let depth = Tensor::<1>::from_data(TensorData::new(column(2), [12]), &device).require_grad();
     let probability = Tensor::<3>::zeros([12, 1, 1], &device);
-    let decoded = gravisight::model::Decoded { image: image.clone(), depth: depth.clone(), probability };
+    let decoded = crate::model::Decoded { image: image.clone(), depth: depth.clone(), probability };
     let loss = block_on(future(&decoded, &windows, Some(5.0))).unwrap();
     let expected = future_loss(&positions, &windows, Some(5.0));
     let value = f64::from(loss.clone().into_scalar::<f32>());

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Rotation2, Vector2};
 use rand::RngExt;
 use rand::rngs::StdRng;
 
-use super::config::Augmentation;
+use super::super::recipe::Augmentation;
 
 /// Grid that crops are placed on, px: the compact backbone's largest stride, so that a crop sees
 /// the same pixels in the same cells as the whole picture.

@@ -1,10 +1,10 @@
 //! What a configuration may not say.
 
-use super::config::{Augmentation, FutureConfig, Supervision, TrainConfig};
+use super::{Augmentation, FutureConfig, Recipe, Supervision};
 use crate::error::{Error, Result};
 use crate::model::check_input;
 
-impl TrainConfig {
+impl Recipe {
     /// Refuses values that cannot train.
     ///
     /// # Errors

@@ -3,65 +3,14 @@
 //! All of it is computed in f64 outside the tensor graph, with its gradient g by the network's positions u, and enters
 //! the graph as `value + ⟨g, u − detach(u)⟩`: the same on every device, and no tape of solver steps.
 
-use std::sync::Arc;
-
 use burn::tensor::{Tensor, TensorData};
-use nalgebra::{Matrix2, Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
+use super::super::examples::{Target, Window};
 use super::step::read;
-use crate::camera::Camera;
 use crate::error::Result;
 use crate::model::Decoded;
-use crate::physics::{Forecaster, State};
-
-/// Where a drawn picture lies in the clip's.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
-    /// From an offset in the drawn picture to an offset in the clip's, px.
-    pub linear: Matrix2<f64>,
-    /// Where the drawn picture's first pixel lies in the clip's, px.
-    pub origin: Vector2<f64>,
-    /// The clip's depths over the drawn picture's: it was magnified by as much, and looks nearer.
-    pub zoom: f64,
-}
-
-impl Place {
-    /// Where a point of the drawn picture is in the clip's, px.
-    pub fn in_clip(&self, point: [f64; 2]) -> [f64; 2] {
-        (self.linear * Vector2::from(point) + self.origin).into()
-    }
-}
-
-/// What a forecast must meet.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Target {
-    /// A 2D label, px of the clip's picture.
-    Label([f64; 2]),
-    /// The network's own 2D position in this picture of the batch, detached.
-    Predicted {
-        /// Index in the batch.
-        picture: usize,
-        /// Its place.
-        place: Place,
-    },
-}
-
-/// Three neighbouring frames that a forecast starts from, and what it must meet.
-#[derive(Debug, Clone)]
-pub struct Window {
-    /// Index in the batch of the first of the three pictures; the others follow.
-    pub first: usize,
-    /// Their places.
-    pub places: [Place; 3],
-    /// Their times, s; the middle one's is 0.
-    pub times: [f64; 3],
-    /// The camera of the clip's pictures.
-    pub camera: Camera,
-    /// The clip's physics.
-    pub forecaster: Arc<Forecaster>,
-    /// Times, s, and targets.
-    pub ahead: Vec<(f64, Target)>,
-}
+use crate::physics::State;
 
 /// The future loss and its gradient.
 #[derive(Debug, Clone, PartialEq)]

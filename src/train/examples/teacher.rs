@@ -3,14 +3,11 @@
 use nalgebra::{Point2, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::config::FitConfig;
+use super::super::recipe::FitConfig;
 use crate::clips::{Clip, Frame};
 use crate::error::{Error, Result};
 use crate::physics::{Forecaster, Options, Scene};
 use crate::track::{Fit, FitOptions, FittedFrame, Observation};
-
-/// Clips that are tried under another reading of their labels, where hardly any can be explained.
-const DIAGNOSED: usize = 3;
 
 /// What physics says of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -48,10 +45,7 @@ pub fn teach(clip: &Clip, config: &FitConfig) -> TaughtClip {
 
 /// The clip's trajectory.
 fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
-    let Some(scene) = &clip.scene else {
-        let reason = "has no `scene`, so physics can teach nothing; give it one, or train with 3D labels".into();
-        return Err(Error::Data { what: format!("clip `{}`", clip.id), reason });
-    };
+    let scene = scene_of(clip)?;
     let observations: Vec<Observation> = clip.frames.iter().map(observation).collect();
     let options = FitOptions { noise_px: config.noise_px, ..FitOptions::default() };
     let fit = forecaster(scene, config.numeric)?.fit(&clip.camera, &observations, &options)?;
@@ -65,6 +59,15 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
         return refuse(format!("{outliers} of its {labelled} labels do not belong to its trajectory"));
     }
     Ok(fit)
+}
+
+/// The clip's scene.
+///
+/// # Errors
+/// [`Error::Data`] with the clip where it has none.
+pub(super) fn scene_of(clip: &Clip) -> Result<&Scene> {
+    let reason = "has no `scene`, so physics can teach nothing; give it one, or train with 3D labels";
+    clip.scene.as_ref().ok_or_else(|| Error::Data { what: format!("clip `{}`", clip.id), reason: reason.into() })
 }
 
 /// The forecaster of a scene; `numeric` without closed forms.
@@ -125,69 +128,4 @@ fn view_axis(clip: &Clip, position: &Point3<f64>) -> Vector3<f64> {
 fn in_picture(clip: &Clip, image: [f64; 2]) -> bool {
     let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
     image.iter().zip(size).all(|(&at, side)| (-0.5..side - 0.5).contains(&at))
-}
-
-/// How labels may have been written otherwise than the clip says.
-#[derive(Debug, Clone, Copy)]
-enum Reading {
-    Swapped,
-    Faster,
-    Slower,
-    Upward,
-}
-
-impl Reading {
-    const ALL: [Self; 4] = [Self::Swapped, Self::Faster, Self::Slower, Self::Upward];
-
-    fn of(self, clip: &Clip) -> Clip {
-        let mut clip = clip.clone();
-        let height = f64::from(clip.camera.height());
-        for frame in &mut clip.frames {
-            match self {
-                Self::Swapped => frame.image = frame.image.map(|[x, y]| [y, x]),
-                Self::Faster => frame.t /= 2.0,
-                Self::Slower => frame.t *= 2.0,
-                Self::Upward => frame.image = frame.image.map(|[x, y]| [x, height - 1.0 - y]),
-            }
-        }
-        clip
-    }
-
-    fn hint(self) -> &'static str {
-        match self {
-            Self::Swapped => "x and y of the labels are exchanged",
-            Self::Faster => "the true frame rate is twice the stated one (times `t` are twice too long)",
-            Self::Slower => "the true frame rate is half the stated one (times `t` are half too short)",
-            Self::Upward => "y of the labels counts from the bottom instead of the top",
-        }
-    }
-}
-
-/// Refuses clips of which physics explains less than half, with what may be wrong: other readings of the labels
-/// are tried on some.
-///
-/// # Errors
-/// [`Error::Data`].
-pub fn check_taught(clips: &[Clip], taught: &[TaughtClip], config: &FitConfig, what: &str) -> Result<()> {
-    let left_out: Vec<(&Clip, &str)> =
-        clips.iter().zip(taught).filter_map(|(clip, taught)| Some((clip, taught.left_out.as_deref()?))).collect();
-    let explained = clips.len() - left_out.len();
-    if 2 * explained >= clips.len() {
-        return Ok(());
-    }
-    let tried: Vec<&Clip> = left_out.iter().take(DIAGNOSED).map(|&(clip, _)| clip).collect();
-    let fits =
-        |reading: Reading| tried.iter().filter(|clip| teach(&reading.of(clip), config).left_out.is_none()).count();
-    let hint = Reading::ALL.into_iter().map(|reading| (fits(reading), reading)).max_by_key(|&(count, _)| count);
-    let advice = match hint {
-        Some((count, reading)) if 2 * count > tried.len() => {
-            format!("but {count} of {} tried are explained if {}", tried.len(), reading.hint())
-        }
-        _ => {
-            let (clip, reason) = left_out[0];
-            format!("check camera, scene and labels; the first that is not, clip `{}`: {reason}", clip.id)
-        }
-    };
-    let reason = format!("the scene's physics explains {explained} of {} clips; {advice}", clips.len());
-    Err(Error::Data { what: what.into(), reason })
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix6, Point2, Point3, Vector3, Vector6, distance};
 use serde::Serialize;
 
-use super::pictures::Pictures;
+use super::super::examples::Pictures;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
@@ -40,15 +40,14 @@ pub struct Score {
     pub dtg: Statistic,
 }
 
-/// Scores `localiser` on about `frames` frames of the clips of `pictures`: whole clips, evenly spread.
+/// Scores `localiser` on about `frames` frames of the clips of `pictures`: whole clips, evenly spread; on all where absent.
 ///
 /// # Errors
 /// [`Error::Data`] where no frame has a label, and for a picture that cannot be localised; as
 /// [`Pictures::with`].
-pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: usize) -> Result<Score> {
+pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<usize>) -> Result<Score> {
     let clips = pictures.clips();
-    let all: usize = clips.iter().map(|clip| clip.frames.len()).sum();
-    let count = (frames * clips.len()).div_ceil(all.max(1)).clamp(1, clips.len());
+    let count = frames.map_or(clips.len(), |frames| clips_with(frames, clips));
     let (mut forecast, mut image, mut dtg, mut confidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for index in 0..count {
         let clip = index * clips.len() / count;
@@ -76,6 +75,13 @@ pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: usize) ->
         image_error_px: Statistic::of(image),
         dtg: Statistic::of(dtg),
     })
+}
+
+/// How many of `clips` hold about `frames` frames, if they are alike: at least one.
+pub(super) fn clips_with(frames: usize, clips: &[Clip]) -> usize {
+    let all: usize = clips.iter().map(|clip| clip.frames.len()).sum();
+    // Counts of frames may be as large as a `usize` holds: all that there are.
+    (frames.min(all) * clips.len()).div_ceil(all.max(1)).clamp(1, clips.len())
 }
 
 /// What the network finds in a frame.

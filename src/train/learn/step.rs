@@ -4,23 +4,12 @@ use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::{GradientsParams, ModuleOptimizer};
 use burn::tensor::{Device, Tensor, TensorData};
 
-use super::future::{Window, future};
-use super::loss::{HeatmapLoss, Labels, map_losses};
+use super::super::examples::Batch;
+use super::super::recipe::HeatmapLoss;
+use super::future::future;
+use super::loss::map_losses;
 use crate::error::{Error, Result};
 use crate::model::{Pen, decode};
-
-/// Pictures with their labels.
-#[derive(Debug, Clone)]
-pub struct Batch {
-    /// Normalised pictures, `[batch, height, width, 3]`, row-major.
-    pub pictures: Vec<f32>,
-    /// Height and width of the pictures, px.
-    pub size: [usize; 2],
-    /// Their labels.
-    pub labels: Labels,
-    /// Windows among them, where forecasts teach.
-    pub windows: Vec<Window>,
-}
 
 /// What a step optimises, and how.
 #[derive(Debug, Clone, Copy)]

@@ -1,0 +1,81 @@
+//! What a step is given: pictures, their labels, and windows of them where forecasts teach.
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::camera::Camera;
+use crate::physics::Forecaster;
+
+/// Pictures with their labels.
+#[derive(Debug, Clone)]
+pub struct Batch {
+    /// Normalised pictures, `[batch, height, width, 3]`, row-major.
+    pub pictures: Vec<f32>,
+    /// Height and width of the pictures, px.
+    pub size: [usize; 2],
+    /// Their labels.
+    pub labels: Labels,
+    /// Windows among them, where forecasts teach.
+    pub windows: Vec<Window>,
+}
+
+/// Labels of a batch, one a picture.
+#[derive(Debug, Clone, Default)]
+pub struct Labels {
+    /// 2D positions, px of the network's input; none for a picture without the ball.
+    pub image: Vec<Option<[f64; 2]>>,
+    /// Depths (camera z), m.
+    pub depth: Vec<f64>,
+    /// How much each depth counts, 0 (not at all: forecasts teach, or there is no ball) to 1.
+    pub depth_weight: Vec<f64>,
+}
+
+/// Where a drawn picture lies in the clip's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    /// From an offset in the drawn picture to an offset in the clip's, px.
+    pub linear: Matrix2<f64>,
+    /// Where the drawn picture's first pixel lies in the clip's, px.
+    pub origin: Vector2<f64>,
+    /// The clip's depths over the drawn picture's: it was magnified by as much, and looks nearer.
+    pub zoom: f64,
+}
+
+impl Place {
+    /// Where a point of the drawn picture is in the clip's, px.
+    pub fn in_clip(&self, point: [f64; 2]) -> [f64; 2] {
+        (self.linear * Vector2::from(point) + self.origin).into()
+    }
+}
+
+/// What a forecast must meet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Target {
+    /// A 2D label, px of the clip's picture.
+    Label([f64; 2]),
+    /// The network's own 2D position in this picture of the batch, detached.
+    Predicted {
+        /// Index in the batch.
+        picture: usize,
+        /// Its place.
+        place: Place,
+    },
+}
+
+/// Three neighbouring frames that a forecast starts from, and what it must meet.
+#[derive(Debug, Clone)]
+pub struct Window {
+    /// Index in the batch of the first of the three pictures; the others follow.
+    pub first: usize,
+    /// Their places.
+    pub places: [Place; 3],
+    /// Their times, s; the middle one's is 0.
+    pub times: [f64; 3],
+    /// The camera of the clip's pictures.
+    pub camera: Camera,
+    /// The clip's physics.
+    pub forecaster: Arc<Forecaster>,
+    /// Times, s, and targets.
+    pub ahead: Vec<(f64, Target)>,
+}

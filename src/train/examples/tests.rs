@@ -1,0 +1,128 @@
+//! What clips teach.
+
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use super::{Example, Examples, Fits, Pictures, Prepared, Sampler, prepare, teach};
+use crate::clips::{Clip, Clips};
+use crate::testing::{formula, scratch};
+use crate::train::recipe::FitConfig;
+use crate::train::testing::{on, synthetic};
+use crate::train::{TrainConfig, TrainSettings};
+
+#[test]
+fn physics_teaches_depths_from_2d_labels_alone() {
+    let folder = synthetic("taught", 2, 0, |_| {});
+    for clip in Clips::read(&folder).unwrap().clips {
+        let mut blind = clip.clone();
+        blind.frames.iter_mut().for_each(|frame| frame.world = None);
+        let taught = teach(&blind, &FitConfig::default());
+        assert_eq!(taught.left_out, None);
+        assert!(taught.frames.iter().flatten().count() > 80);
+        for (frame, taught) in clip.frames.iter().zip(&taught.frames) {
+            let Some(taught) = taught else { continue };
+            let truth = clip.camera.camera_from_world(&Point3::from(frame.world.unwrap())).z;
+            assert!((taught.depth - truth).abs() < 0.05, "{} {truth}", taught.depth);
+        }
+    }
+}
+
+#[test]
+fn of_noisy_labels_the_fit_makes_better_2d_targets() {
+    let folder = synthetic("noisy", 1, 0, |_| {});
+    let clip = Clips::read(&folder).unwrap().clips.remove(0);
+    let mut noisy = clip.clone();
+    let noise = formula("noise", 2 * clip.frames.len());
+    let spread = (noise.iter().map(|value| value * value).sum::<f64>() / noise.len() as f64).sqrt();
+    for (frame, by) in noisy.frames.iter_mut().zip(noise.chunks_exact(2)) {
+        frame.image = frame.image.map(|[x, y]| [x + by[0] / spread, y + by[1] / spread]);
+    }
+    let taught = teach(&noisy, &FitConfig::default());
+    let error = |images: Vec<Option<[f64; 2]>>| {
+        let pairs = images.into_iter().zip(&clip.frames).filter_map(|(image, frame)| Some((image?, frame.image?)));
+        let squares: Vec<f64> = pairs.map(|(a, b)| (a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let labels = error(noisy.frames.iter().map(|frame| frame.image).collect());
+    let targets = error(taught.frames.iter().map(|frame| frame.map(|frame| frame.image)).collect());
+    assert!(targets < 0.5 * labels, "{targets} {labels}");
+}
+
+/// What a run learns, and how many clips were fitted for it.
+fn prepared(config: &TrainConfig, file: &Path) -> (Vec<Example>, Option<Fits>, usize) {
+    let mut fitted = 0;
+    let Prepared { examples, fits, .. } =
+        prepare(&config.recipe, &config.paths.train, file, &mut |done, _| fitted = done).unwrap();
+    (examples.frames, fits, fitted)
+}
+
+#[test]
+fn clips_are_fitted_again_when_anything_that_matters_has_changed() {
+    let folder = |name: &str, change: fn(&mut Clip)| {
+        synthetic(name, 1, 0, |clip| {
+            clip.frames.truncate(45);
+            change(clip);
+        })
+    };
+    let same = folder("fits-same", |_| {});
+    let labels = folder("fits-labels", |clip| {
+        clip.frames.iter_mut().for_each(|frame| frame.image = frame.image.map(|[x, y]| [x + 0.2, y]));
+    });
+    let scene = folder("fits-scene", |clip| clip.scene.as_mut().unwrap().gravity[2] *= 1.01);
+    let config = |clips: &Path, extra: &str| TrainSettings::read(&on("fits", clips, "physics-fit", extra)).unwrap();
+    let config = |clips: &Path, extra: &str| config(clips, extra).config().unwrap();
+    let file = scratch("fits-kept").join("fits.jsonl");
+    let (first, fits, fitted) = prepared(&config(&same, ""), &file);
+    assert!(fitted == 1 && !file.exists(), "only a run that starts keeps them");
+    fits.unwrap().save(&file).unwrap();
+    // What does not matter to the fit does not cost another.
+    let (again, _, fitted) = prepared(&config(&same, "seed = 8"), &file);
+    assert_eq!((again, fitted), (first.clone(), 0));
+    let none = file.with_file_name("none");
+    for (clips, extra) in [
+        (&labels, ""),
+        (&scene, ""),
+        (&same, "contact = { model = \"spring\", stiffness = 900.0 }"),
+        (&same, "label_noise_px = 0.3"),
+        (&same, "fit = { noise_px = 0.4 }"),
+    ] {
+        let config = config(clips, extra);
+        let (found, fits, fitted) = prepared(&config, &file);
+        assert_eq!((&found, fitted), (&prepared(&config, &none).0, 1), "{extra}");
+        assert!(found != first, "{extra}");
+        // and then kept in the place of the old ones
+        let renewed = file.with_file_name("renewed");
+        fits.unwrap().save(&renewed).unwrap();
+        assert_eq!(prepared(&config, &renewed).2, 0, "{extra}");
+    }
+}
+
+#[test]
+fn fits_of_before_they_said_what_they_were_of_are_made_again() {
+    let clips = synthetic("fits-old", 1, 0, |clip| clip.frames.truncate(45));
+    let config = TrainSettings::read(&on("fits-old-run", &clips, "physics-fit", "")).unwrap().config().unwrap();
+    let file = scratch("fits-old-kept").join("fits.jsonl");
+    let (first, fits, _) = prepared(&config, &file);
+    fits.unwrap().save(&file).unwrap();
+    let text = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(&file, text.split_once('\n').unwrap().1).unwrap();
+    assert_eq!(prepared(&config, &file).2, 1);
+    assert_eq!(prepared(&config, &file).0, first);
+}
+
+#[test]
+fn a_clip_without_a_scene_is_not_forecast_by_anothers() {
+    let folder = synthetic("no-scene", 2, 0, |clip| clip.frames.truncate(45));
+    let path = on("no-scene-run", &folder, "future-2d-gt", "");
+    let recipe = TrainSettings::read(&path).unwrap().config().unwrap().recipe;
+    let mut clips = Clips::read(&folder).unwrap();
+    clips.clips[0].scene = None;
+    let frames = (0..2).flat_map(|clip| {
+        let frames = clips.clips[clip].frames.iter().enumerate();
+        frames.filter_map(move |(frame, it)| Some(Example { clip, frame, image: it.image?, depth: None }))
+    });
+    let examples = Examples::new(&recipe, clips.clone(), frames.collect()).unwrap();
+    let error = Sampler::new(&recipe, examples, Pictures::new(clips.clone(), 0)).err().unwrap().to_string();
+    assert!(error.contains(&clips.clips[0].id) && error.contains("scene"), "{error}");
+}

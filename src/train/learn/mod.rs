@@ -1,0 +1,27 @@
+//! Learning: losses, the step, what it changes (`trainer`), which the loop with its files (`run`) and the one in memory
+//! (`fine_tune`) share; scores, and the model made (`publish`).
+
+#[cfg(not(target_arch = "wasm32"))]
+mod checkpoint;
+mod ema;
+mod fine_tune;
+mod future;
+#[cfg(not(target_arch = "wasm32"))]
+mod log;
+mod loss;
+#[cfg(not(target_arch = "wasm32"))]
+mod memory;
+mod publish;
+#[cfg(not(target_arch = "wasm32"))]
+mod run;
+mod score;
+mod step;
+mod trainer;
+
+#[cfg(test)]
+mod tests;
+
+pub use self::fine_tune::{FineTuneOptions, FineTuner};
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::run::{TrainEvent, TrainProgress, Validation, resume_run, start_run};
+pub use self::step::{StepOptions, step};

@@ -1,0 +1,111 @@
+//! The model that a training makes: which weights, and what their card says. Runs and fine-tunings share it.
+
+use super::super::examples::Examples;
+#[cfg(not(target_arch = "wasm32"))]
+use super::super::recipe::{Recipe, Supervision};
+use super::score::Score;
+use crate::error::Result;
+#[cfg(not(target_arch = "wasm32"))]
+use crate::model::PenConfig;
+use crate::model::{self, Card, Pen, sha256_hex};
+
+/// The averaged weights that scored best so far.
+#[derive(Debug, Clone)]
+pub struct Best {
+    /// Their forecast error, px; less is better. Absent where there is none to be had: then the last count as best.
+    pub score: Option<f64>,
+    /// Confidence that nearly all visible balls exceed.
+    pub least_confidence: f64,
+    /// The network.
+    pub average: Pen,
+}
+
+impl Best {
+    /// Puts the weights `average` in the place of `best` unless that is better: whether it did.
+    pub fn keep(best: &mut Option<Self>, scored: &Score, average: Pen) -> bool {
+        let score = scored.forecast_px.filter(|score| score.is_finite());
+        let beaten = best.as_ref().is_none_or(|best| match (score, best.score) {
+            (Some(new), Some(old)) => new < old,
+            (new, old) => new.is_some() || old.is_none(),
+        });
+        if beaten {
+            *best = Some(Self { score, least_confidence: scored.least_confidence, average });
+        }
+        beaten
+    }
+
+    /// Confidence below which a picture is taken to be without the ball.
+    fn confidence_threshold(&self) -> f64 {
+        self.least_confidence / 2.0
+    }
+}
+
+/// The model made, in half precision: the `best` weights (where none could be scored: the `last`), and `card` with what is
+/// known of them.
+///
+/// # Errors
+/// [`Error::WeightsFile`](crate::Error::WeightsFile) where the weights cannot be written;
+/// [`Error::Device`](crate::Error::Device) where they cannot be read.
+pub async fn publish(card: Card, best: Option<&Best>, last: Pen) -> Result<(Card, Vec<u8>)> {
+    let pen = best.map_or(last, |best| best.average.clone());
+    let weights = model::halved(&model::save(&model::on_cpu(&pen).await?)?)?;
+    let card = Card {
+        weights: format!("{}.safetensors", card.name),
+        sha256: sha256_hex(&weights),
+        confidence_threshold: best.map(Best::confidence_threshold).or(card.confidence_threshold),
+        metrics: serde_json::Value::Null,
+        ..card
+    };
+    Ok((card, weights))
+}
+
+/// The card of a run's model, but for its weights; `data` names the training data where the recipe does not.
+#[cfg(not(target_arch = "wasm32"))]
+pub fn card_of_run(recipe: &Recipe, data: String, examples: &Examples, architecture: &PenConfig) -> Card {
+    let [nearest, _, farthest] = examples.depths();
+    let data = recipe.data_name.clone().unwrap_or(data);
+    let taught = match recipe.supervision {
+        Supervision::PhysicsFit => "2D labels and physics, fitted clip by clip".into(),
+        Supervision::Future2dPredict => "2D labels and physics, through forecasts (the paper's 2D-predict)".into(),
+        Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
+        Supervision::Labels3d => "3D labels (the paper's baseline, not its method)".into(),
+        Supervision::Mixed => format!(
+            "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
+            100.0 * recipe.labelled_share
+        ),
+    };
+    let supervision = format!("Trained with {taught}: {} steps, seed {}.", recipe.steps(), recipe.seed);
+    Card {
+        name: recipe.name.clone(),
+        weights: String::new(),
+        sha256: String::new(),
+        architecture: architecture.clone(),
+        input: recipe.input,
+        normalisation: recipe.normalisation,
+        depth_range: [nearest, farthest],
+        confidence_threshold: None,
+        training_data: format!("{data}: {} frames", examples.frames.len()),
+        description: format!("{} {supervision}", recipe.description).trim().to_string(),
+        metrics: serde_json::Value::Null,
+        licence: recipe.licence.clone(),
+    }
+}
+
+/// The card of a model that went on from the one of `card` for `steps` steps, on `examples` if any; but for its weights.
+pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, steps: usize) -> Card {
+    let mut depth_range = card.depth_range;
+    let mut training_data = card.training_data.clone();
+    if let Some(examples) = examples {
+        let [nearest, _, farthest] = examples.depths();
+        depth_range = [depth_range[0].min(nearest), depth_range[1].max(farthest)];
+        let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
+        training_data += &format!("; then {frames} frames of {clips} clips given by the user");
+    }
+    Card {
+        name: format!("{}-tuned", card.name.trim_end_matches("-tuned")),
+        depth_range,
+        training_data,
+        description: format!("{} Fine-tuned with 2D labels and physics: {steps} steps.", card.description),
+        ..card.clone()
+    }
+}

@@ -1,0 +1,256 @@
+//! The training loop: steps, scores, log, checkpoints, and the model at the end.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Instant;
+
+use burn::tensor::Device;
+use serde::Serialize;
+
+use super::super::examples::{Fits, LeftOut, Loader, Pictures, Prepared, Sampler, prepare};
+use super::super::recipe::{Recipe, RunPaths, TrainConfig};
+use super::log::{LOG, log_until, table};
+use super::memory::check_memory;
+use super::publish::{Best, card_of_run, publish};
+use super::score::{Score, score};
+use super::step::StepReport;
+use super::trainer::{State, Trainer};
+use crate::clips::Clips;
+use crate::error::{Error, Result};
+use crate::files::write_whole;
+use crate::localise::Localiser;
+use crate::model::{self, Card, Pen};
+
+/// What the loop tells its caller after each step.
+#[derive(Debug, Clone, Serialize)]
+pub struct TrainProgress {
+    /// Steps done.
+    pub step: usize,
+    /// Steps of the run.
+    pub steps: usize,
+    /// Total loss of the step.
+    pub loss: f64,
+    /// Heatmap loss.
+    pub heatmap: f64,
+    /// Depth loss, unweighted.
+    pub depth: f64,
+    /// Future loss, unweighted, px; zero where forecasts do not teach.
+    pub future: f64,
+    /// Global gradient norm before clipping.
+    pub gradient_norm: f64,
+    /// Learning rate.
+    pub learning_rate: f64,
+    /// Wall time of the step, s.
+    pub seconds: f64,
+    /// Part of it that was spent waiting for pictures, s.
+    pub waited: f64,
+    /// Score on the validation clips, after some steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub validation: Option<Validation>,
+}
+
+/// Score of the averaged weights on validation clips.
+#[derive(Debug, Clone, Serialize)]
+#[serde(untagged)]
+pub enum Validation {
+    /// It was scored.
+    Score(Score),
+    /// A frame could not be scored. Training goes on: early networks do that.
+    Failed {
+        /// Why, in words.
+        failed: String,
+    },
+}
+
+/// What a run tells its caller.
+#[derive(Debug, Clone)]
+pub enum TrainEvent<'a> {
+    /// Clips are fitted by physics.
+    Fitting {
+        /// Clips done.
+        done: usize,
+        /// Clips in all.
+        all: usize,
+    },
+    /// What there is to learn is known.
+    Prepared {
+        /// Clips that are trained on.
+        clips: usize,
+        /// Frames with targets.
+        frames: usize,
+        /// Clips that physics cannot explain.
+        left_out: &'a [LeftOut],
+    },
+    /// A step was made.
+    Step(&'a TrainProgress),
+}
+
+/// A run in progress.
+struct Run<'a> {
+    recipe: &'a Recipe,
+    paths: &'a RunPaths,
+    /// To be kept, where physics teaches.
+    fits: Option<Fits>,
+    sampler: Arc<Sampler>,
+    validation: Pictures,
+    device: Device,
+    trainer: Trainer,
+    /// Of the model that is made, but for its weights.
+    card: Card,
+    best: Option<Best>,
+    log: String,
+}
+
+/// Starts the run of `config` in its `out` folder: the path of the card of the model made.
+///
+/// # Errors
+/// [`Error::Data`] for an `out` folder that already holds a run; else as [`resume_run`].
+pub fn start_run(config: TrainConfig, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+    let TrainConfig { mut recipe, paths } = config;
+    recipe.check()?;
+    if paths.run_file().exists() {
+        let reason = "already holds a run; go on with `train --resume`, or choose another `out`".into();
+        return Err(Error::Data { what: paths.out.display().to_string(), reason });
+    }
+    let paths = paths.absolute()?;
+    if let Some(path) = &paths.start_from {
+        let card = Card::from_file(path)?;
+        recipe.architecture = Some(card.architecture);
+        (recipe.input, recipe.normalisation) = (card.input, card.normalisation);
+    }
+    let config = TrainConfig { recipe, paths };
+    let text = config.to_toml()?;
+    // A run that cannot start leaves nothing that would have to be resumed.
+    let run = Run::new(&config, device, observe)?;
+    write_whole(&config.paths.run_file(), text.as_bytes())?;
+    run.finish(observe)
+}
+
+/// Goes on with the run in folder `out` from its last checkpoint (from the start where there is
+/// none): the path of the card of the model made.
+///
+/// # Errors
+/// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
+/// [`Error::Diverged`] for a loss that is not finite.
+pub fn resume_run(out: &Path, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+    Run::new(&TrainConfig::saved_in(out)?, device, observe)?.finish(observe)
+}
+
+impl<'a> Run<'a> {
+    fn new(config: &'a TrainConfig, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<Self> {
+        let TrainConfig { recipe, paths } = config;
+        let device = device.clone().autodiff();
+        let validation = Pictures::new(Clips::read(&paths.validation)?, 0);
+        let mut fitting = |done, all| observe(TrainEvent::Fitting { done, all });
+        let Prepared { examples, left_out, fits } = prepare(recipe, &paths.train, &paths.fits(), &mut fitting)?;
+        let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
+        observe(TrainEvent::Prepared { clips, frames, left_out: &left_out });
+        let pictures = Pictures::new(examples.clips.clone(), recipe.cache_mb << 20);
+        let sampler = Arc::new(Sampler::new(recipe, examples, pictures)?);
+        let [_, mean_depth, _] = sampler.examples().depths();
+        let architecture = recipe.architecture(recipe.prior_depth.unwrap_or(mean_depth));
+        let card = card_of_run(recipe, paths.data_name(), sampler.examples(), &architecture);
+        device.seed(recipe.seed);
+        let blank = Pen::new(&architecture, &device)?;
+        check_memory(recipe, &blank, &sampler)?;
+        let state = match State::load_last(&paths.checkpoints(), &blank, recipe)? {
+            Some(state) => state,
+            None => State::first(recipe, with_start(blank, paths)?),
+        };
+        let best = Best::load(&paths.checkpoints(), &state.average)?;
+        let log = log_until(&paths.log(), state.step)?;
+        let trainer = Trainer::new(recipe, state, &device);
+        Ok(Self { recipe, paths, fits, sampler, validation, device, trainer, card, best, log })
+    }
+
+    /// All steps that are left, then the model.
+    fn finish(mut self, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+        if let Some(fits) = &self.fits {
+            fits.save(&self.paths.fits())?;
+        }
+        let loader = Loader::start(self.sampler.clone(), self.recipe, self.trainer.step())?;
+        while let Some(progress) = self.next(&loader)? {
+            let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;
+            writeln!(self.log, "{line}").map_err(Error::format(LOG))?;
+            if progress.step.is_multiple_of(self.recipe.checkpoint_every) || progress.step == progress.steps {
+                self.checkpoint()?;
+            }
+            observe(TrainEvent::Step(&progress));
+        }
+        self.publish()
+    }
+
+    /// One step; None after the last.
+    fn next(&mut self, loader: &Loader) -> Result<Option<TrainProgress>> {
+        let steps = self.recipe.steps();
+        if self.trainer.step() >= steps {
+            return Ok(None);
+        }
+        let began = Instant::now();
+        let batch = loader.next()?;
+        let waited = began.elapsed().as_secs_f64();
+        let Some((report, learning_rate)) = pollster::block_on(self.trainer.advance(batch))? else { return Ok(None) };
+        let StepReport { loss, heatmap, depth, future, gradient_norm } = report;
+        let step = self.trainer.step();
+        let scores = step.is_multiple_of(self.recipe.validate_every) || step == steps;
+        Ok(Some(TrainProgress {
+            step,
+            steps,
+            loss,
+            heatmap,
+            depth,
+            future,
+            gradient_norm,
+            learning_rate,
+            seconds: began.elapsed().as_secs_f64(),
+            waited,
+            validation: if scores { Some(self.validate()?) } else { None },
+        }))
+    }
+
+    /// Scores the averaged weights, and keeps them if none were better.
+    fn validate(&mut self) -> Result<Validation> {
+        let device = self.device.clone().without_autodiff();
+        let average = self.trainer.average();
+        let localiser = Localiser::from_pen(average.clone(), self.card.clone(), &device);
+        let frames = Some(self.recipe.validate_frames);
+        let scored = match pollster::block_on(score(&localiser, &self.validation, frames)) {
+            Ok(scored) => scored,
+            Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
+        };
+        if Best::keep(&mut self.best, &scored, average)
+            && let Some(best) = &self.best
+        {
+            best.save(&self.paths.checkpoints(), self.trainer.step())?;
+        }
+        Ok(Validation::Score(scored))
+    }
+
+    /// Log first: a line too many is dropped on resume, a missing one could not be made up.
+    fn checkpoint(&mut self) -> Result<()> {
+        write_whole(&self.paths.log(), self.log.as_bytes())?;
+        write_whole(&self.paths.log_table(), &table(&self.log)?)?;
+        self.trainer.state().save(&self.paths.checkpoints())
+    }
+
+    /// Writes the averaged weights that scored best (where none could be scored: the last) and their card.
+    fn publish(self) -> Result<PathBuf> {
+        let (card, weights) = pollster::block_on(publish(self.card, self.best.as_ref(), self.trainer.average()))?;
+        write_whole(&self.paths.out.join(&card.weights), &weights)?;
+        let path = self.paths.out.join(format!("{}.json", card.name));
+        card.write(&path)?;
+        Ok(path)
+    }
+}
+
+/// The fresh network with the weights that the run starts from: a model's, or a backbone's.
+fn with_start(pen: Pen, paths: &RunPaths) -> Result<Pen> {
+    if let Some(path) = &paths.start_from {
+        let (card, weights) = Card::with_weights(path)?;
+        card.check_weights(&weights)?;
+        return model::load_into(pen, weights);
+    }
+    let Some(path) = &paths.backbone_weights else { return Ok(pen) };
+    model::load_backbone_timm(pen, std::fs::read(path).map_err(Error::io(path))?)
+}

@@ -1,0 +1,7 @@
+//! Learning: steps, runs, fine-tuning.
+
+mod fine_tune;
+mod run;
+mod score;
+mod step;
+mod watch;

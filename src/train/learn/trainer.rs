@@ -1,0 +1,134 @@
+//! What a step of a training changes: the network, its average, the optimiser, the watch over the loss.
+
+use burn::module::Module;
+use burn::optim::{AdamWConfig, ModuleOptimizer};
+use burn::tensor::Device;
+
+use super::super::examples::Batch;
+use super::super::recipe::Recipe;
+use super::ema::Ema;
+use super::step::{StepOptions, StepReport, step};
+use crate::error::{Error, Result};
+use crate::model::Pen;
+
+/// Steps over which the loss is averaged to see whether it explodes.
+const WATCHED: f64 = 50.0;
+/// How many times its lowest average the loss may rise to.
+const EXPLODED: f64 = 10.0;
+
+/// All that a training needs to go on, besides its recipe.
+pub struct State {
+    /// Steps done.
+    pub step: usize,
+    /// The network.
+    pub model: Pen,
+    /// Its moving average.
+    pub average: Pen,
+    /// The optimiser's moments.
+    pub optimiser: ModuleOptimizer,
+    /// Before the first step there is none.
+    pub watch: Option<Watch>,
+}
+
+/// What the loss on the maps was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Watch {
+    /// Its running mean.
+    pub mean: f64,
+    /// The lowest of that in this phase; infinite in the first steps.
+    pub lowest: f64,
+}
+
+impl State {
+    /// The start from `model`.
+    pub fn first(recipe: &Recipe, model: Pen) -> Self {
+        Self { step: 0, average: model.valid(), model, optimiser: Self::blank_optimiser(recipe), watch: None }
+    }
+
+    /// The optimiser of a training at its start.
+    pub fn blank_optimiser(recipe: &Recipe) -> ModuleOptimizer {
+        AdamWConfig::new().with_weight_decay(recipe.weight_decay as f32).init()
+    }
+}
+
+/// A training in progress.
+pub struct Trainer {
+    recipe: Recipe,
+    device: Device,
+    step: usize,
+    model: Pen,
+    optimiser: ModuleOptimizer,
+    ema: Ema,
+    watch: Option<Watch>,
+}
+
+impl Trainer {
+    /// Goes on from `state`; `device` is an autodiff device.
+    pub fn new(recipe: &Recipe, state: State, device: &Device) -> Self {
+        let State { step, model, average, optimiser, watch } = state;
+        let ema = Ema::new(average, recipe.ema_decay, step);
+        let model = if recipe.fixed_norms { model.with_fixed_norms() } else { model };
+        Self { recipe: recipe.clone(), device: device.clone(), step, model, optimiser, ema, watch }
+    }
+
+    /// What it would go on from.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn state(&self) -> State {
+        let Self { step, watch, .. } = *self;
+        State { step, model: self.model.clone(), average: self.average(), optimiser: self.optimiser.clone(), watch }
+    }
+
+    /// Steps done.
+    pub fn step(&self) -> usize {
+        self.step
+    }
+
+    /// Where it computes; an autodiff device.
+    pub fn device(&self) -> &Device {
+        &self.device
+    }
+
+    /// A copy of the averaged weights, which stays as it is. (A clone's norms would go on moving with the average.)
+    pub fn average(&self) -> Pen {
+        self.ema.model().valid()
+    }
+
+    /// The next step, on `batch`: what was found, and its learning rate. None after the last.
+    ///
+    /// # Errors
+    /// [`Error::Diverged`]; as [`step`].
+    pub async fn advance(&mut self, batch: Batch) -> Result<Option<(StepReport, f64)>> {
+        let Some((phase, index)) = self.recipe.phase(self.step) else { return Ok(None) };
+        let ramp = (self.step as f64 / self.recipe.future.ramp.max(1) as f64).min(1.0);
+        let options = StepOptions {
+            heatmap_loss: self.recipe.heatmap_loss(),
+            depth_weight: self.recipe.depth_weight,
+            depth_transition: self.recipe.depth_transition,
+            future_weight: self.recipe.future.weight * ramp,
+            robust_px: Some(self.recipe.future.robust_px).filter(|scale| scale.is_finite()),
+            clip_norm: self.recipe.clip_norm,
+            learning_rate: phase.learning_rate(index),
+        };
+        let (model, report) = step(self.model.clone(), &mut self.optimiser, batch, &options, &self.device).await?;
+        self.step += 1;
+        if !report.loss.is_finite() || self.explodes(report.heatmap + options.depth_weight * report.depth, index) {
+            return Err(Error::Diverged { step: self.step, loss: report.loss });
+        }
+        self.ema.update(&model);
+        self.model = model;
+        Ok(Some((report, options.learning_rate)))
+    }
+
+    /// Whether the loss on the maps, averaged over some steps, has risen far above what it was in this phase; `index`
+    /// counts the phase's steps. (The future loss rises by its ramp.)
+    fn explodes(&mut self, loss: f64, index: usize) -> bool {
+        let Watch { mean, lowest } = match self.watch {
+            Some(Watch { mean, lowest }) if index > 0 => Watch { mean: mean + (loss - mean) / WATCHED, lowest },
+            _ => Watch { mean: loss, lowest: f64::INFINITY },
+        };
+        // the first steps' mean is not one yet
+        let lowest = if index as f64 > WATCHED { lowest.min(mean) } else { lowest };
+        self.watch = Some(Watch { mean, lowest });
+        mean > EXPLODED * lowest
+    }
+}

@@ -1,0 +1,194 @@
+//! The parts of a recipe.
+
+use serde::{Deserialize, Serialize};
+
+/// What teaches depth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Supervision {
+    /// 2D labels and physics: each clip's track is fitted by the scene's physics, all frames at once, and the
+    /// network learns the fitted depths.
+    #[serde(rename = "physics-fit")]
+    PhysicsFit,
+    /// The paper's method: the forecast from three neighbouring frames must meet the network's own later 2D
+    /// positions (detached).
+    #[serde(rename = "future-2d-predict")]
+    Future2dPredict,
+    /// The paper's variant: the forecast must meet the later 2D labels.
+    #[serde(rename = "future-2d-gt")]
+    Future2dGt,
+    /// 3D labels (`world` of each frame): the paper's baseline, not its method.
+    #[serde(rename = "3d-gt")]
+    Labels3d,
+    /// 3D labels on [`Recipe::labelled_share`](super::Recipe::labelled_share) of the clips, `physics-fit` on the others.
+    #[serde(rename = "mixed")]
+    Mixed,
+}
+
+impl Supervision {
+    /// Whether it learns through forecasts.
+    pub fn is_future(self) -> bool {
+        matches!(self, Self::Future2dPredict | Self::Future2dGt)
+    }
+}
+
+/// How physics is fitted to a clip's 2D labels, and which fits teach.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FitConfig {
+    /// Standard deviation of the 2D labels, px; found from each track where absent.
+    pub noise_px: Option<f64>,
+    /// Standard deviation of a fitted depth at which a frame counts half, m.
+    pub half_weight_sigma: f64,
+    /// Largest standard deviation of a fitted depth that teaches at all, m.
+    pub largest_sigma: f64,
+    /// Largest share of outliers among the labels of a clip that teaches at all.
+    pub largest_outlier_share: f64,
+    /// Solve the equations of motion numerically even where there is a closed form, to compare.
+    pub numeric: bool,
+}
+
+impl Default for FitConfig {
+    /// Half weight at 5 cm, where a fit is no better than the network is to be; none beyond 30 cm.
+    fn default() -> Self {
+        Self { noise_px: None, half_weight_sigma: 0.05, largest_sigma: 0.3, largest_outlier_share: 0.2, numeric: false }
+    }
+}
+
+/// How forecasts teach.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FutureConfig {
+    /// Frames ahead at which forecast and track are compared (the paper's Δn).
+    pub ahead: Vec<usize>,
+    /// Weight of the future loss (px) against the heatmap loss, after the ramp.
+    pub weight: f64,
+    /// Steps over which the weight rises from zero: early depths forecast nothing sensible.
+    pub ramp: usize,
+    /// Error beyond which the loss grows only logarithmically, px; infinite for the paper's plain L1.
+    pub robust_px: f64,
+    /// Solve the equations of motion numerically even where there is a closed form, to compare.
+    pub numeric: bool,
+}
+
+impl Default for FutureConfig {
+    /// The paper's Δn for its synthetic data; robust, because one start inside a wall forecasts hundreds of px.
+    fn default() -> Self {
+        Self { ahead: vec![4, 8, 15], weight: 0.05, ramp: 500, robust_px: 10.0, numeric: false }
+    }
+}
+
+/// Random changes of training pictures.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Augmentation {
+    /// Half range of contrast and brightness changes, as shares of the channels' deviation.
+    pub brightness: f32,
+    /// Half range of each channel's own contrast and brightness changes, likewise.
+    pub colour: f32,
+    /// Half range of the noise of every pixel, likewise.
+    pub noise: f32,
+    /// Largest share that a pixel takes from its neighbours in each direction.
+    pub blur: f32,
+    /// Largest shift, px of the network's input; the camera's matrix moves along.
+    pub shift: u32,
+    /// Largest turn in the picture's plane, degrees: a rolled camera sees the same depths.
+    pub roll_degrees: f64,
+    /// Largest magnification less one, up or down: a longer lens shows a ball that is as large as a nearer one, and is
+    /// taught as that.
+    pub zoom: f64,
+    /// Probability of a horizontal mirroring; physics and camera are mirrored along.
+    pub flip: f64,
+}
+
+impl Default for Augmentation {
+    /// Light only. A fixed camera's picture does not shift, and of its background the network learns depth.
+    fn default() -> Self {
+        Self {
+            brightness: 0.05,
+            colour: 0.0,
+            noise: 0.05,
+            blur: 0.0,
+            shift: 0,
+            roll_degrees: 0.0,
+            zoom: 0.0,
+            flip: 0.0,
+        }
+    }
+}
+
+/// How the heatmap is compared with the 2D label.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+pub enum HeatmapLoss {
+    /// Cross-entropy of the decoded distribution against a Gaussian of `sigma` input px.
+    CrossEntropy {
+        /// Standard deviation, input px.
+        sigma: f64,
+    },
+    /// Mean squared error of the raw heatmap against `amplitude`·Gaussian (as published: 100, 2 px).
+    Mse {
+        /// Peak of the target.
+        amplitude: f64,
+        /// Standard deviation, input px.
+        sigma: f64,
+    },
+}
+
+impl HeatmapLoss {
+    /// Standard deviation of the target, input px.
+    pub fn sigma(&self) -> f64 {
+        match *self {
+            Self::CrossEntropy { sigma } | Self::Mse { sigma, .. } => sigma,
+        }
+    }
+}
+
+/// Network by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Network {
+    /// [`PenConfig::compact`](crate::model::PenConfig::compact).
+    #[serde(rename = "compact")]
+    Compact,
+    /// [`PenConfig::paper`](crate::model::PenConfig::paper), with ResNet34.
+    #[serde(rename = "paper")]
+    Paper,
+    /// [`PenConfig::convnext_nano`](crate::model::PenConfig::convnext_nano).
+    #[serde(rename = "convnext-nano")]
+    ConvNextNano,
+    /// [`PenConfig::convnext_nano`](crate::model::PenConfig::convnext_nano), the second version.
+    #[serde(rename = "convnextv2-nano")]
+    ConvNextV2Nano,
+}
+
+/// Steps with the same crop and learning-rate schedule.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Phase {
+    /// Optimiser steps.
+    pub steps: usize,
+    /// Pictures a step.
+    pub batch: usize,
+    /// Side of the square crops around the ball, px; whole pictures where absent.
+    #[serde(default)]
+    pub crop: Option<u32>,
+    /// Learning rate after the warm-up.
+    pub learning_rate: f64,
+    /// Learning rate at the phase's end (half a cosine in between).
+    #[serde(default)]
+    pub final_learning_rate: f64,
+    /// Steps over which the learning rate rises from zero.
+    #[serde(default)]
+    pub warm_up: usize,
+}
+
+impl Phase {
+    /// Learning rate of the phase's step `step`: linear warm-up, then half a cosine.
+    pub fn learning_rate(&self, step: usize) -> f64 {
+        if step < self.warm_up {
+            return self.learning_rate * (step + 1) as f64 / self.warm_up as f64;
+        }
+        let progress = (step - self.warm_up) as f64 / (self.steps - self.warm_up).max(1) as f64;
+        let share = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
+        self.final_learning_rate + (self.learning_rate - self.final_learning_rate) * share
+    }
+}

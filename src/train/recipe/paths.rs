@@ -1,0 +1,115 @@
+//! A run: its recipe, and where it lives.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::{Recipe, TrainSettings};
+use crate::error::{Error, Result};
+
+/// A training run: what is learned, and the files it is learned from and kept in. `run.toml` holds the fields of both.
+#[derive(Debug, Clone)]
+pub struct TrainConfig {
+    /// What is learned, and how.
+    pub recipe: Recipe,
+    /// Where the run lives.
+    pub paths: RunPaths,
+}
+
+/// The files of a run: those it reads, and the folder it fills.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunPaths {
+    /// Clips folder to train on.
+    pub train: PathBuf,
+    /// Clips folder that is scored while training, never trained on.
+    pub validation: PathBuf,
+    /// Folder of the run: checkpoints, log and the model made.
+    pub out: PathBuf,
+    /// The card of a model whose weights the network starts from; architecture and input are then that model's.
+    pub start_from: Option<PathBuf>,
+    /// A file with timm weights (ImageNet, say) for the backbone to start from.
+    pub backbone_weights: Option<PathBuf>,
+}
+
+impl TrainConfig {
+    /// The run in folder `out`, as it was started; the folder may have moved since.
+    ///
+    /// # Errors
+    /// [`Error::Data`] where there is no run; as [`TrainSettings::read`] and [`TrainSettings::config`].
+    pub fn saved_in(out: &Path) -> Result<Self> {
+        let file = run_file(out);
+        if !file.exists() {
+            let reason = format!("holds no run (no {RUN_FILE}); start one with `train --config`");
+            return Err(Error::Data { what: out.display().to_string(), reason });
+        }
+        let mut config = TrainSettings::read(&file)?.config()?;
+        config.paths.out = out.to_path_buf();
+        Ok(config)
+    }
+
+    /// The text of `run.toml`.
+    pub(in crate::train) fn to_toml(&self) -> Result<String> {
+        let failed = || Error::format(RUN_FILE);
+        // The paths are plain values, which in TOML come before all tables.
+        Ok(toml::to_string(&self.paths).map_err(failed())? + &toml::to_string(&self.recipe).map_err(failed())?)
+    }
+}
+
+const RUN_FILE: &str = "run.toml";
+
+fn run_file(out: &Path) -> PathBuf {
+    out.join(RUN_FILE)
+}
+
+impl RunPaths {
+    /// The names of the fields.
+    pub(super) const FIELDS: [&str; 5] = ["train", "validation", "out", "start_from", "backbone_weights"];
+
+    /// The run's configuration.
+    pub fn run_file(&self) -> PathBuf {
+        run_file(&self.out)
+    }
+
+    /// A line of JSON a step.
+    pub fn log(&self) -> PathBuf {
+        self.out.join("log.jsonl")
+    }
+
+    /// The same as a table.
+    pub fn log_table(&self) -> PathBuf {
+        self.out.join("log.csv")
+    }
+
+    /// Folder of the checkpoints and the best weights.
+    pub fn checkpoints(&self) -> PathBuf {
+        self.out.join("checkpoints")
+    }
+
+    /// What physics says of the training clips.
+    pub fn fits(&self) -> PathBuf {
+        self.out.join("fits.jsonl")
+    }
+
+    /// The training clips' folder by its own name.
+    pub(in crate::train) fn data_name(&self) -> String {
+        self.train.file_name().unwrap_or_default().to_string_lossy().into_owned()
+    }
+
+    /// The same from any folder; makes the run's folder.
+    ///
+    /// # Errors
+    /// [`Error::Io`] with the path that is not there.
+    pub(in crate::train) fn absolute(self) -> Result<Self> {
+        let absolute = |path: PathBuf| std::fs::canonicalize(&path).map_err(Error::io(&path));
+        let [train, validation] = [absolute(self.train)?, absolute(self.validation)?];
+        std::fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
+        Ok(Self {
+            train,
+            validation,
+            out: absolute(self.out)?,
+            start_from: self.start_from.map(absolute).transpose()?,
+            backbone_weights: self.backbone_weights.map(absolute).transpose()?,
+        })
+    }
+}
