@@ -31,16 +31,16 @@ pub use burn::tensor::Device;
 pub use self::camera::{Calibration, Camera, Court, Distortion, Points, Unknowns, calibrate};
 pub use self::clips::{Clip, Clips, Frame};
 pub use self::error::{Error, Result};
-pub use self::evaluate::{Bins, Confidence, Metrics, Sample, Seconds, Statistic, score};
+pub use self::evaluate::{Bins, Metrics, Sample, Statistic, score};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::files::{NewFolder, write_whole};
 pub use self::image::Picture;
 pub use self::localise::{Localisation, Localiser, Maps, Saliency};
 pub use self::model::Card;
-pub use self::physics::{Case, Contact, Cuboid, Forecast, Forecaster, Integrator, Options, Scene, State};
+pub use self::physics::{Case, Contact, Forecast, Forecaster, Integrator, Options, Scene, State};
 pub use self::synth::{Engine, Set, Shot, Split, Studio};
 pub use self::track::{
-    Fit, FitOptions, FittedFrame, LabelOptions, Observation, Parameter, Proposal, Track, TrackPoint, propose_labels,
+    Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, TrackPoint, propose_labels,
 };
 pub use self::train::{FineTuneOptions, FineTuner, Recipe};
 #[cfg(not(target_arch = "wasm32"))]

@@ -10,7 +10,7 @@ use crate::progress::Progress;
 use crate::report::{self, Log, Report};
 use anyhow::{Result, bail};
 use clap::Args;
-use gravisight::{Bins, Card, Clips, Metrics, Seconds, Statistic, score};
+use gravisight::{Bins, Card, Clips, Metrics, Statistic, score};
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
 #[derive(Args)]
@@ -113,7 +113,7 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
     for (name, statistic) in metrics.per_environment.iter().chain(&metrics.per_camera) {
         row(&format!("DtG {name}"), statistic, 100.0, "cm")?;
     }
-    let Seconds { network, with_decoding } = &metrics.seconds_per_picture;
+    let (network, with_decoding) = (&metrics.seconds_per_picture.network, &metrics.seconds_per_picture.with_decoding);
     row("network", network, 1000.0, "ms")?;
     row("with decoding", with_decoding, 1000.0, "ms")?;
     Ok(())

@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::Value;
 
 use super::print_line;
-use gravisight::{Camera, Fit, FitOptions, FittedFrame, Forecaster, Parameter, Scene, Track, write_whole};
+use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track, write_whole};
 
 /// 1-σ of a position that counts as sure, m.
 const SURE: f64 = 0.1;
@@ -132,7 +132,7 @@ fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
     let seen = fit.frames.iter().filter(|frame| frame.residual_px.is_some()).count();
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
     let sure = fit.frames.iter().filter(|frame| frame.sigma() < SURE).count();
-    let mut sigmas: Vec<f64> = fit.frames.iter().map(FittedFrame::sigma).collect();
+    let mut sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();
     sigmas.sort_by(f64::total_cmp);
     print_line(format_args!("{} frames, seen in {seen}, {outliers} outliers", frames.len()))?;
     print_line(format_args!("labels: noise {:.2} px, residuals {:.2} px rms", fit.noise_px, fit.rms_px))?;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::paper::{Place, Score};
 use super::plots::{ACCENT, Axis, FOUND, Mark, OTHER, chart};
 use super::{Report, cm, html};
-use gravisight::{Confidence, Metrics, Result, Sample, Seconds, Statistic};
+use gravisight::{Metrics, Result, Sample, Statistic};
 
 /// Bars of the histogram.
 const BARS: usize = 40;
@@ -24,7 +24,7 @@ pub fn tiles(metrics: &Metrics) -> Vec<[String; 3]> {
     };
     let mut visible = tile("… ball in view", &metrics.dtg_visible, 100.0, 1, "cm");
     visible[2] = format!("{} of {} pictures", metrics.dtg_visible.n, metrics.dtg.n);
-    let Seconds { network, with_decoding } = &metrics.seconds_per_picture;
+    let (network, with_decoding) = (&metrics.seconds_per_picture.network, &metrics.seconds_per_picture.with_decoding);
     let [network, with_decoding] = [network, with_decoding].map(|seconds| words(seconds.median, 1e3, 1));
     vec![
         tile("Distance to truth", &metrics.dtg, 100.0, 1, "cm"),
@@ -142,12 +142,10 @@ fn grouped<'a>(samples: &[&'a Sample], prefix: &str) -> BTreeMap<String, Vec<&'a
 
 /// What the confidence is worth.
 pub fn confidence(metrics: &Metrics) -> Result<String> {
-    let groups = &metrics.calibration;
-    let points = |of: fn(&Confidence) -> f64| -> Vec<(f64, f64)> {
-        groups.iter().map(|group| (group.confidence.mean.unwrap_or_default(), of(group))).collect()
-    };
-    let near = points(|group| group.near);
-    let dtg = points(|group| group.dtg.mean.unwrap_or_default() * 100.0);
+    let groups = || metrics.calibration.iter().map(|group| (group.confidence.mean.unwrap_or_default(), group));
+    let near: Vec<(f64, f64)> = groups().map(|(confidence, group)| (confidence, group.near)).collect();
+    let dtg: Vec<(f64, f64)> =
+        groups().map(|(confidence, group)| (confidence, group.dtg.mean.unwrap_or_default() * 100.0)).collect();
     // Both axes alike, so that the diagonal is one.
     let least = near.iter().flat_map(|&(a, b)| [a, b]).fold(1.0, f64::min);
     let ends = (least - 0.05 * (1.0 - least) - 0.005).max(0.0)..1.0 + 0.02 * (1.0 - least) + 0.002;

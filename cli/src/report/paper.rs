@@ -1,6 +1,6 @@
 //! The paper's own numbers, for data that is the paper's.
 
-use gravisight::{Clip, Cuboid, Shot};
+use gravisight::{Clip, Shot};
 
 /// Largest difference between two descriptions of the same box, m (and rad).
 const SAME_BOX: f64 = 1e-3;
@@ -64,8 +64,9 @@ impl Place {
         let known = Shot { environment: Some(environment), camera }.scene().ok()?.boxes;
         let boxes = &clip.scene.as_ref()?.boxes;
         let same = |index: usize| {
-            let numbers = |it: &Cuboid| [&it.position[..], &it.half_size, &[it.yaw]].concat();
-            let pairs = numbers(&boxes[index]).into_iter().zip(numbers(&known[index]));
+            let [ours, theirs] =
+                [&boxes[index], &known[index]].map(|it| [&it.position[..], &it.half_size, &[it.yaw]].concat());
+            let pairs = ours.into_iter().zip(theirs);
             pairs.into_iter().all(|(a, b)| (a - b).abs() < SAME_BOX)
         };
         let all = boxes.len() == known.len() && (0..known.len()).all(same);
