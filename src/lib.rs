@@ -25,6 +25,7 @@ pub mod evaluate;
 pub mod files;
 pub mod image;
 pub mod kernels;
+mod least_squares;
 pub mod localise;
 pub mod model;
 pub mod physics;

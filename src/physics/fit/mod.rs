@@ -11,6 +11,7 @@ mod parameters;
 mod problem;
 mod search;
 mod seed;
+mod tridiagonal;
 
 use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
