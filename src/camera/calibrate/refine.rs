@@ -5,6 +5,7 @@ use std::convert::Infallible;
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 
 use super::start::{Pose, nearest_rotation};
+use crate::camera::fold::Range;
 use crate::camera::{Camera, Distortion};
 use crate::error::{self, Error};
 use crate::least_squares::{Damping, LeastSquares, minimised};
@@ -89,9 +90,11 @@ impl Guess {
         moved
     }
 
-    /// A point's error (found less clicked, px) and its derivative by the parameters; [`None`] behind the camera.
+    /// A point's error (found less clicked, px) and its derivative by the parameters; [`None`] behind the camera or
+    /// outside the lens's range.
     fn error(
         &self,
+        range: &Range,
         unknowns: &Unknowns,
         world: &Point3<f64>,
         image: &Point2<f64>,
@@ -103,6 +106,9 @@ impl Guess {
         }
         let z = in_camera.z;
         let ideal = Vector2::new(in_camera.x / z, in_camera.y / z);
+        if !range.holds(&ideal) {
+            return None;
+        }
         let d_ideal = Matrix2x3::new(1.0 / z, 0.0, -ideal.x / z, 0.0, 1.0 / z, -ideal.y / z);
         let (distorted, d_distorted) = self.distortion.distort(ideal);
         let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
@@ -130,17 +136,18 @@ impl Guess {
         Some((found - image.coords, derivatives))
     }
 
-    /// Errors and derivatives of all points; [`None`] where one is behind the camera.
+    /// Errors and derivatives of all points; [`None`] where one has no image.
     fn errors(
         &self,
         unknowns: &Unknowns,
         world: &[Point3<f64>],
         image: &[Point2<f64>],
     ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let range = Range::of(&self.distortion);
         let mut errors = DVector::zeros(2 * world.len());
         let mut jacobian = DMatrix::zeros(2 * world.len(), unknowns.count());
         for (index, (world, image)) in world.iter().zip(image).enumerate() {
-            let (error, derivatives) = self.error(unknowns, world, image)?;
+            let (error, derivatives) = self.error(&range, unknowns, world, image)?;
             errors.fixed_rows_mut::<2>(2 * index).copy_from(&error);
             for (column, derivative) in derivatives.iter().enumerate() {
                 jacobian.fixed_view_mut::<2, 1>(2 * index, column).copy_from(derivative);
