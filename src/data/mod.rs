@@ -5,6 +5,7 @@ mod clips;
 pub mod import;
 mod label;
 pub mod synth;
+mod table;
 mod track;
 
 pub use self::clips::{Clip, Clips, Frame};

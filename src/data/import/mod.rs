@@ -11,7 +11,6 @@ mod npz;
 mod pictures;
 mod rd;
 mod sd;
-mod table;
 mod tracknet;
 mod video;
 

@@ -6,10 +6,10 @@ use nalgebra::{Matrix3, Point2, Vector3};
 
 use super::draft::{Draft, Job, Shot, fps_of};
 use super::pictures::{files_below, id_of, one_a_row, read_text, tail};
-use super::table::Table;
 use super::{Format, ImportOptions};
 use crate::camera::{Camera, Distortion};
 use crate::data::synth;
+use crate::data::table::Table;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::physics::Scene;
@@ -85,7 +85,7 @@ fn shots(table: &Table, pictures: Vec<PathBuf>, height: f64) -> Result<Vec<Shot>
     let position = table.columns(["ball x", "ball y", "ball z"])?;
     let image = table.columns(["ball imgx", "ball imgy"])?;
     let [time, visible] = table.columns(["t", "ball visible"])?;
-    let shot = |(row, picture): (&super::table::Row, PathBuf)| {
+    let shot = |(row, picture): (&crate::data::table::Row, PathBuf)| {
         let seen = row.flag(visible)?;
         // Rows are counted from the bottom.
         let label = || row.numbers(image).map(|[x, from_bottom]| Point2::new(x, height - from_bottom));
