@@ -99,6 +99,17 @@ pub enum Error {
         /// Newton iterations spent.
         iterations: usize,
     },
+    /// A point lies beyond the radius at which the lens model folds over, and has no image.
+    #[error(
+        "a point at normalised image point ({x:.4}, {y:.4}) has no image: it lies outside the lens model's range, \
+         beyond the radius at which the distortion folds the picture over"
+    )]
+    OutsideLens {
+        /// Ideal normalised x.
+        x: f64,
+        /// Ideal normalised y.
+        y: f64,
+    },
     /// Labelled points do not fix a camera.
     #[error("calibration: {reason}")]
     Calibration {
@@ -206,7 +217,7 @@ impl Error {
             Self::CameraSingular { .. } => "camera-singular",
             Self::CameraMismatch { .. } => "camera-mismatch",
             Self::BehindCamera { .. } => "behind-camera",
-            Self::Distortion { .. } => "distortion",
+            Self::Distortion { .. } | Self::OutsideLens { .. } => "distortion",
             Self::Calibration { .. } => "calibration",
             Self::ImageDecode { .. } => "image-decode",
             Self::ImageSize { .. } => "image-size",

@@ -11,10 +11,12 @@ mod evaluate;
 mod files;
 pub mod image;
 pub mod kernels;
+mod least_squares;
 mod localise;
 pub mod model;
 mod physics;
 mod synth;
+mod table;
 mod track;
 pub mod train;
 #[cfg(target_arch = "wasm32")]
@@ -32,8 +34,6 @@ pub use self::camera::{Calibration, Camera, Court, Distortion, Points, Unknowns,
 pub use self::clips::{Clip, Clips, Frame};
 pub use self::error::{Error, Result};
 pub use self::evaluate::{Bins, Metrics, Sample, Statistic, score};
-#[cfg(not(target_arch = "wasm32"))]
-pub use self::files::{NewFolder, write_whole};
 pub use self::image::Picture;
 pub use self::localise::{Localisation, Localiser, Maps, Saliency};
 pub use self::model::Card;
@@ -45,3 +45,11 @@ pub use self::track::{
 pub use self::train::{FineTuneOptions, FineTuner, Recipe};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainProgress, TrainSettings, Validation, resume_run, start_run};
+
+/// What the workspace's other packages share with this one; no promise to anybody else.
+#[doc(hidden)]
+#[cfg(not(target_arch = "wasm32"))]
+pub mod internal {
+    pub use crate::files::{NewFolder, write_whole};
+    pub use crate::table::{Row, Table};
+}

@@ -6,14 +6,15 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error` is open to all.
-const ARROWS: [(&str, &[&str]); 13] = [
+const ARROWS: [(&str, &[&str]); 14] = [
     ("error", &[]),
     ("files", &[]),
-    ("camera", &[]),
+    ("least_squares", &[]),
+    ("camera", &["least_squares"]),
     ("image", &[]),
     ("kernels", &[]),
     ("model", &["image", "files", "kernels"]),
-    ("physics", &["camera"]),
+    ("physics", &["camera", "least_squares"]),
     ("data", &["camera", "files", "image", "physics"]),
     ("localise", &["camera", "image", "model"]),
     ("draw", &["localise"]),
@@ -25,7 +26,7 @@ const ARROWS: [(&str, &[&str]); 13] = [
 const WASM: (&str, &[&str]) =
     ("wasm", &["camera", "data", "evaluate", "image", "localise", "model", "physics", "train"]);
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 7] = ["error", "files", "camera", "image", "kernels", "physics", "data"];
+const WITHOUT_BURN: [&str; 8] = ["error", "files", "least_squares", "camera", "image", "kernels", "physics", "data"];
 
 fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());

@@ -199,6 +199,26 @@ fn a_wrong_click_is_named_and_left_out() {
 }
 
 #[test]
+fn a_click_that_the_known_lens_cannot_have_seen_is_left_out_by_name() {
+    // The lens folds at a distorted radius of 0.574: 517 px from the picture's middle.
+    let lens = Distortion { k1: -0.45, ..Distortion::default() };
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], lens);
+    let mut points = clicked(&camera, &BOX, true, 0.0, 1);
+    points.distortion = lens;
+    points.image[5] = Point2::new(5.0, 5.0);
+    let found = calibrate(&points, &ONLY_POSE).unwrap();
+    assert_eq!(found.outliers, [5]);
+    assert!(apart(&found.camera, &camera).0 < 1e-6);
+    // Where too few are left, the answer says which one is missing.
+    let mut few = clicked(&camera, &BOX[..4], true, 0.0, 1);
+    few.distortion = lens;
+    few.names = ["left", "right", "far right", "far left"].map(String::from).to_vec();
+    few.image[2] = Point2::new(5.0, 5.0);
+    let error = calibrate(&few, &ONLY_POSE).unwrap_err().to_string();
+    assert!(error.contains("too few points (3)") && error.contains("`far right`"), "{error}");
+}
+
+#[test]
 fn the_stated_uncertainty_is_the_one_found() {
     let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], Distortion::default());
     let (image, depth) = (Point2::new(700.0, 300.0), 6.0);

@@ -169,6 +169,47 @@ fn a_pixel_beyond_the_lens_fold_is_not_found_on_a_later_branch() {
     }
 }
 
+fn with_lens(lens: Distortion) -> Camera {
+    let intrinsic = Matrix3::new(100.0, 0.0, 50.0, 0.0, 100.0, 50.0, 0.0, 0.0, 1.0);
+    Camera::new([100, 100], intrinsic, lens, Matrix3::identity(), Vector3::zeros()).unwrap()
+}
+
+#[test]
+fn a_point_beyond_the_lens_fold_has_no_image_though_the_model_would_put_it_into_the_picture() {
+    // r·(1 − 0.26·r² + 0.89·r⁴ − 3.4·r⁶) grows up to r = 0.62 only, and is 0 again at r = 0.87.
+    let camera = with_lens(Distortion { k1: -0.26, k2: 0.89, p1: 0.004, p2: -0.002, k3: -3.4 });
+    for (radius, is_seen) in [(0.0, true), (0.5, true), (0.6, true), (0.64, false), (0.87, false), (40.0, false)] {
+        for turn in 0..12 {
+            let (sin, cos) = (f64::from(turn) * 0.52).sin_cos();
+            let image = camera.image_from_camera(&Point3::new(3.0 * radius * cos, 3.0 * radius * sin, 3.0));
+            match is_seen {
+                true => assert!(image.is_ok(), "{radius}: {image:?}"),
+                false => assert_eq!(image.unwrap_err().code(), "distortion", "{radius}"),
+            }
+        }
+    }
+    // A lens that nowhere folds sees everything in front of it.
+    let wide = with_lens(Distortion { k1: -0.2, k2: 0.05, ..Distortion::default() });
+    assert!(wide.image_from_camera(&Point3::new(20.0, 3.0, 1.0)).is_ok());
+}
+
+proptest! {
+    #[test]
+    fn what_has_an_image_is_found_again_from_it(
+        k1 in -1.0..0.5_f64, k2 in -1.0..1.0_f64, k3 in -4.0..4.0_f64, p1 in -0.05..0.05_f64, p2 in -0.05..0.05_f64,
+        x in -2.0..2.0_f64, y in -2.0..2.0_f64,
+    ) {
+        let camera = with_lens(Distortion { k1, k2, p1, p2, k3 });
+        let point = Point3::new(x, y, 1.0);
+        // At the fold itself two points meet in one image.
+        prop_assume!(camera.image_from_camera(&Point3::new(1.02 * x, 1.02 * y, 1.0)).is_ok());
+        let image = camera.image_from_camera(&point).unwrap();
+        if let Ok(back) = camera.camera_from_image(&image, 1.0) {
+            prop_assert!((back - point).norm() < 1e-6, "{point} has the image of {back}");
+        }
+    }
+}
+
 #[test]
 fn a_camera_of_another_size_is_scaled_if_the_aspect_ratio_agrees_and_refused_otherwise() {
     let camera = parse(&good()).unwrap();

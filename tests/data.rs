@@ -93,10 +93,62 @@ fn a_track_is_read_as_it_was_written() {
     let text = "Frame,Visibility,X,Y\n3,1,1.5,2.25\n4,0,,\n7,1,-0.5,1e2\n";
     let track = Track::from_csv(text, "track").unwrap();
     assert_eq!(Track::from_csv(&track.to_csv().unwrap(), "again").unwrap(), track);
-    let (frames, observations) = track.observations(10.0).unwrap();
+    assert_eq!(track.to_csv().unwrap(), "Frame,Visibility,X,Y\n3,1,1.5,2.25\n4,0,,\n7,1,-0.5,100.0\n");
+    let (frames, observations) = track.observations(Some(10.0)).unwrap();
     assert_eq!(frames, [3, 4, 5, 6, 7]);
     let seen: Vec<bool> = observations.iter().map(|observation| observation.image.is_some()).collect();
     assert_eq!(seen, [true, false, false, false, true]);
     assert!((observations[0].time - 0.3).abs() < 1e-12 && observations[0].image.unwrap().y == 2.25);
-    assert!(track.observations(0.0).is_err());
+    assert!(track.observations(Some(0.0)).is_err());
+    assert!(track.observations(None).unwrap_err().to_string().contains("Time"));
+}
+
+#[test]
+fn a_track_with_times_needs_no_frame_rate_and_has_none() {
+    let text = "Frame,Visibility,X,Y,Time,Radius,RadiusSigma,Sigma\n\
+                0,1,1,1,2.0,4.5,0.5,0.3\n1,1,2,2,2.033,4.5,,\n4,1,3,3,2.133,,,\n";
+    let track = Track::from_csv(text, "track").unwrap();
+    assert_eq!(Track::from_csv(&track.to_csv().unwrap(), "again").unwrap(), track);
+    let first = track.points[0];
+    assert_eq!([first.radius, first.radius_sigma, first.sigma], [Some(4.5), Some(0.5), Some(0.3)]);
+    // Frames that are left out lie evenly between; a frame rate beside the times is not asked.
+    for fps in [None, Some(30.0)] {
+        let (_, observations) = track.observations(fps).unwrap();
+        for (found, expected) in observations.iter().zip([2.0, 2.033, 2.0 + 0.2 / 3.0, 2.1, 2.133]) {
+            assert!((found.time - expected).abs() < 0.001, "{} {expected}", found.time);
+        }
+    }
+}
+
+#[test]
+fn tracks_of_other_programs_are_read() {
+    let plain = Track::from_csv("Frame,Visibility,X,Y\n0,1,1.5,2.5\n2,0,0,0\n", "plain").unwrap();
+    for text in [
+        "\u{feff}Frame;Visibility;X;Y\r\n0;1;1,5;2,5\r\n\r\n2;0;0;0\r\n",
+        "\"frame\",\"visibility\",\"x\",\"y\",\"note\"\n0,1,\"1.5\",2.5,\"left, low\"\n2,0,0,0,\n",
+        "Frame\tVisibility\tX\tY\n0.0\ttrue\t1.5\t2.5\n2.0\tfalse\t0\t0\n",
+    ] {
+        assert_eq!(Track::from_csv(text, "other").unwrap(), plain, "{text}");
+    }
+}
+
+#[test]
+fn what_is_wrong_in_a_track_is_named_by_line_and_column() {
+    let head = "Frame,Visibility,X,Y,Time,Sigma\n0,1,1,1,0.0,1\n\n";
+    for (line, named) in [
+        ("one,1,1,1,0.1,1", "`Frame`"),
+        ("0,1,1,1,0.1,1", "`Frame` must ascend"),
+        ("1,1,x,1,0.1,1", "`X`"),
+        ("1,1,1,,0.1,1", "`Y` is missing"),
+        ("1,1,1,1,nan,1", "`Time`"),
+        ("1,1,1,1,0.0,1", "`Time` must ascend"),
+        ("1,1,1,1,0.1,-1", "`Sigma`"),
+        ("1,maybe,1,1,0.1,1", "`Visibility`"),
+    ] {
+        let error = Track::from_csv(&format!("{head}{line}\n"), "track.csv").unwrap_err();
+        assert!(matches!(error, Error::Value { .. }), "{error:?}");
+        let error = error.to_string();
+        assert!(error.contains("track.csv:4") && error.contains(named), "{line}: {error}");
+    }
+    assert!(Track::from_csv("Frame,X,Y\n", "track.csv").unwrap_err().to_string().contains("Visibility"));
 }

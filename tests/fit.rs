@@ -195,6 +195,29 @@ fn wrong_labels_are_recognised_and_left_out() {
 }
 
 #[test]
+fn a_label_that_the_lens_does_not_reach_costs_itself_alone_and_is_named() {
+    let mut track = tracks().remove(0);
+    // Folds at a distorted radius of 0.574; the picture's corners are at 0.583.
+    track.camera["distortion"] = serde_json::json!({"k1": -0.45});
+    let camera = Camera::from_json(&track.camera.to_string(), "camera").unwrap();
+    for (image, world) in track.image.iter_mut().zip(&track.world) {
+        *image = camera.image_from_world(&(*world).into()).unwrap().into();
+    }
+    let mut observations = observed(&track, 0.3, 0.0);
+    observations[20].image = Some(Point2::new(0.0, 0.0));
+    let found = fit(&track, &observations, &FitOptions::default()).unwrap();
+    let refused: Vec<usize> = (0..found.frames.len()).filter(|&k| found.frames[k].refused.is_some()).collect();
+    assert_eq!(refused, [20]);
+    assert!(found.frames[20].outlier && found.frames[20].residual_px.is_none());
+    assert!(found.as_json()["frames"][20]["refused"].as_str().unwrap().contains("lens"));
+    assert!(found.explained && median(&errors(&found, &track.world)) < 0.02);
+    // Of too few others, the answer says why there are no more.
+    observations.iter_mut().for_each(|o| o.image = o.image.filter(|_| o.time < 0.15 || o.time == 20.0 / track.fps));
+    let error = fit(&track, &observations, &FitOptions::default()).unwrap_err().to_string();
+    assert!(error.contains("seen in 3 frames") && error.contains("lens"), "{error}");
+}
+
+#[test]
 fn tracks_that_cannot_be_fitted_are_refused_in_words() {
     let track = &tracks()[0];
     let message =

@@ -51,6 +51,7 @@ pub fn track_of_labels(labels: &[Option<Proposal>]) -> Track {
         visibility: label.is_some().into(),
         x: label.map(|label| label.image[0]),
         y: label.map(|label| label.image[1]),
+        ..TrackPoint::default()
     };
     Track { points: labels.iter().enumerate().map(point).collect() }
 }

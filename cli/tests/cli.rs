@@ -301,7 +301,7 @@ fn fit_refuses_in_one_line() {
         ("x,y\n1,2\n", "must be Frame,Visibility,X,Y"),
         ("Frame,Visibility,X,Y\n0,1,1,1\n", "seen in 1 frames"),
         ("Frame,Visibility,X,Y\n0,1,1,1\n0,1,2,2\n", "must ascend"),
-        ("Frame,Visibility,X,Y\n0,1,nan,1\n", "must be numbers"),
+        ("Frame,Visibility,X,Y\n0,1,nan,1\n", "track.csv:2: `X` must be a finite number"),
         ("Frame,Visibility,X,Y\n0,1,one,1\n", "track.csv"),
         ("Frame,Visibility,X,Y\n0,1,1,1\n9999999999,1,1,1\n", "split the track"),
     ] {

@@ -181,6 +181,8 @@ fn tables_may_have_semicolons_marks_and_carriage_returns() {
         // a header of one kind, rows of the other, decimal commas, empty lines, a separator at the end
         format!("{header}\n\n{}", rows.replace(',', ";").replace('.', ",").replace('\n', ";\n\n")),
         format!("\"{}\"\n{rows}", header.replace(", ", "\",\"")),
+        // a cell with the separator in it
+        format!("\"by, and when\",{header}\n\"A, 3 May\",{}", rows.trim_end().replace('\n', "\n\"B, 4 May\",")),
     ];
     let read = |out: &str| {
         imported(set, &from, &from.join(out)).unwrap();

@@ -3,14 +3,13 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::fold::Range;
 use crate::error::{Error, Result};
 
 /// Newton iterations before the inverse gives up; a lens within its range needs three to six.
 const MAX_ITERATIONS: usize = 50;
 /// Halvings of a Newton step that does not lower the residual.
 const MAX_HALVINGS: i32 = 20;
-/// Points looked at between the centre and a solution, for a fold of the lens in between.
-const FOLD_SAMPLES: i32 = 32;
 /// Residual at which the inverse is taken as found, normalised units (1e-12 is 1e-9 px at f = 1000 px).
 const TOLERANCE: f64 = 1e-13;
 /// Residual still accepted when Newton's steps no longer improve (rounding), normalised units.
@@ -66,6 +65,11 @@ impl Distortion {
     /// # Errors
     /// [`Error::Distortion`] where the model has no inverse on the branch that contains the centre.
     pub fn undistort(&self, distorted: Vector2<f64>) -> Result<Vector2<f64>> {
+        self.undistort_within(&Range::of(self), distorted)
+    }
+
+    /// [`Self::undistort`] with the lens's own `range`.
+    pub(super) fn undistort_within(&self, range: &Range, distorted: Vector2<f64>) -> Result<Vector2<f64>> {
         if self.is_none() {
             return Ok(distorted);
         }
@@ -82,18 +86,9 @@ impl Distortion {
             (at, jacobian) = self.distort(ideal);
         }
         let residual = (at - distorted).norm();
-        if residual <= ACCEPTED && self.is_unfolded_until(ideal) {
+        if residual <= ACCEPTED && range.holds(&ideal) {
             return Ok(ideal);
         }
         Err(Error::Distortion { x: distorted.x, y: distorted.y, residual, iterations: MAX_ITERATIONS })
-    }
-
-    /// Whether the lens maps the way from the centre to `ideal` without folding over: once would
-    /// show in the Jacobian's determinant, twice in its trace.
-    fn is_unfolded_until(&self, ideal: Vector2<f64>) -> bool {
-        (1..=FOLD_SAMPLES).all(|sample| {
-            let (_, jacobian) = self.distort(ideal * (f64::from(sample) / f64::from(FOLD_SAMPLES)));
-            jacobian.determinant() > 0.0 && jacobian.trace() > 0.0
-        })
     }
 }

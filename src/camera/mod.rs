@@ -7,12 +7,14 @@ mod calibrate;
 mod court;
 mod distortion;
 mod file;
+mod fold;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 
 pub use self::calibrate::{Calibration, Points, Unknowns, calibrate};
 pub use self::court::Court;
 pub use self::distortion::Distortion;
+use self::fold::Range;
 use crate::error::{Error, Result};
 
 /// Smallest |determinant| of a matrix that is still inverted.
@@ -29,6 +31,7 @@ pub struct Camera {
     height: u32,
     intrinsic: Matrix3<f64>,
     distortion: Distortion,
+    range: Range,
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
     intrinsic_inverse: Matrix3<f64>,
@@ -65,6 +68,7 @@ impl Camera {
             intrinsic_inverse: invert("intrinsic", &intrinsic)?,
             rotation_inverse: invert("camera_from_world", &rotation)?,
             intrinsic,
+            range: Range::of(&distortion),
             distortion,
             rotation,
             translation,
@@ -104,7 +108,8 @@ impl Camera {
     /// Image of a camera point, px, with the lens distortion applied.
     ///
     /// # Errors
-    /// [`Error::BehindCamera`] for a depth that is not positive.
+    /// [`Error::BehindCamera`] for a depth that is not positive, [`Error::OutsideLens`] for a point beyond the radius
+    /// at which the lens model folds over.
     pub fn image_from_camera(&self, in_camera: &Point3<f64>) -> Result<Point2<f64>> {
         Ok(self.image_from_camera_with_jacobian(in_camera)?.0)
     }
@@ -119,6 +124,9 @@ impl Camera {
             return Err(Error::BehindCamera { depth: z });
         }
         let ideal = Vector2::new(in_camera.x / z, in_camera.y / z);
+        if !self.range.holds(&ideal) {
+            return Err(Error::OutsideLens { x: ideal.x, y: ideal.y });
+        }
         let d_ideal = Matrix2x3::new(1.0 / z, 0.0, -ideal.x / z, 0.0, 1.0 / z, -ideal.y / z);
         let (distorted, d_distorted) = self.distortion.distort(ideal);
         let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
@@ -153,7 +161,7 @@ impl Camera {
             return Err(Error::BehindCamera { depth });
         }
         let distorted = self.intrinsic_inverse * image.coords.push(1.0);
-        let ideal = self.distortion.undistort(distorted.xy())?;
+        let ideal = self.distortion.undistort_within(&self.range, distorted.xy())?;
         Ok(Point3::from(ideal.push(1.0) * depth))
     }
 

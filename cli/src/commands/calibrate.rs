@@ -7,7 +7,8 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::print_line;
-use gravisight::{Calibration, Court, Points, Unknowns, calibrate, write_whole};
+use gravisight::internal::write_whole;
+use gravisight::{Calibration, Court, Points, Unknowns, calibrate};
 
 /// Find a camera from labelled points.
 #[derive(Args)]

@@ -7,7 +7,8 @@ use clap::{Args, ValueEnum};
 use serde_json::Value;
 
 use super::print_line;
-use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track, write_whole};
+use gravisight::internal::write_whole;
+use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
 
 /// 1-σ of a position that counts as sure, m.
 const SURE: f64 = 0.1;
@@ -15,7 +16,7 @@ const SURE: f64 = 0.1;
 /// Find the 3D trajectory whose projection best explains a 2D track.
 #[derive(Args)]
 pub struct Arguments {
-    /// The 2D track (CSV with Frame,Visibility,X,Y).
+    /// The 2D track (CSV with Frame,Visibility,X,Y and, if you like, Time in seconds).
     #[arg(long, value_name = "TRACK.CSV")]
     track: PathBuf,
     /// The camera that saw it (camera.json).
@@ -24,9 +25,9 @@ pub struct Arguments {
     /// The place and its ball (scene.json).
     #[arg(long, value_name = "SCENE.JSON")]
     scene: PathBuf,
-    /// Frames a second.
+    /// Frames a second; not needed, and not used, where the track has a column Time.
     #[arg(long, value_name = "F")]
-    fps: f64,
+    fps: Option<f64>,
     /// Standard deviation of the labels, px [default: found from the track].
     #[arg(long, value_name = "S")]
     noise_px: Option<f64>,
@@ -52,7 +53,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     ensure!(arguments.noise_px.is_none_or(|noise| noise.is_finite() && noise > 0.0), "--noise-px must be positive");
     let camera = Camera::from_file(&arguments.camera)?;
     let forecaster = Forecaster::new(&Scene::from_file(&arguments.scene)?)?;
-    let (frames, observations) = Track::from_file(&arguments.track)?.observations(arguments.fps)?;
+    let name = || arguments.track.display().to_string();
+    let (frames, observations) = Track::from_file(&arguments.track)?.observations(arguments.fps).with_context(name)?;
     let mut estimate: Vec<Parameter> = Vec::new();
     for unknown in &arguments.estimate {
         let parameter = match unknown {
@@ -66,7 +68,6 @@ pub fn run(arguments: Arguments) -> Result<()> {
         estimate.push(parameter);
     }
     let options = FitOptions { noise_px: arguments.noise_px, estimate, ..FitOptions::default() };
-    let name = || arguments.track.display().to_string();
     let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?;
     if let Some(out) = &arguments.out {
         write_whole(out, fit.to_csv(&frames)?.as_bytes())?;
@@ -100,7 +101,8 @@ fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
         for (number, frame) in frames.iter().zip(&fit.frames) {
             let r = frame.state.position;
             let residual = match (frame.residual_px, frame.outlier) {
-                (None, _) => "not seen".into(),
+                (None, false) => "not seen".into(),
+                (None, true) => "outlier".into(),
                 (Some(residual), false) => format!("{:.2}", residual.norm()),
                 (Some(residual), true) => format!("{:.2} outlier", residual.norm()),
             };
@@ -129,7 +131,12 @@ fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
         let [x, y, z] = fit.spin;
         print_line(format_args!("spin at the first frame {x:.1} {y:.1} {z:.1} rad/s"))?;
     }
-    let seen = fit.frames.iter().filter(|frame| frame.residual_px.is_some()).count();
+    for (number, frame) in frames.iter().zip(&fit.frames) {
+        if let Some(reason) = &frame.refused {
+            print_line(format_args!("frame {number}: label left out: {reason}"))?;
+        }
+    }
+    let seen = fit.frames.iter().filter(|frame| frame.residual_px.is_some() || frame.refused.is_some()).count();
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
     let sure = fit.frames.iter().filter(|frame| frame.sigma() < SURE).count();
     let mut sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();

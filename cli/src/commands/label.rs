@@ -9,9 +9,8 @@ use crate::export::{cvat_xml, labels_csv, track_of_labels};
 use crate::import::video_frames;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use gravisight::{
-    Camera, Clip, Clips, Frame, LabelOptions, NewFolder, Picture, Proposal, Scene, propose_labels, write_whole,
-};
+use gravisight::internal::{NewFolder, write_whole};
+use gravisight::{Camera, Clip, Clips, Frame, LabelOptions, Picture, Proposal, Scene, propose_labels};
 use serde_json::json;
 
 use super::print_line;

@@ -8,7 +8,8 @@ use clap::Args;
 use super::print_line;
 use crate::device::DeviceChoice;
 use crate::{draw, model};
-use gravisight::{Camera, Localisation, Picture, write_whole};
+use gravisight::internal::write_whole;
+use gravisight::{Camera, Localisation, Picture};
 
 /// Find the ball's 3D position in pictures.
 #[derive(Args)]

@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use crate::draw;
 use anyhow::{Context, Result};
 use clap::Args;
-use gravisight::{Camera, Localisation, Saliency, write_whole};
+use gravisight::internal::write_whole;
+use gravisight::{Camera, Localisation, Saliency};
 use serde_json::json;
 
 use super::localise::{check_png, open_picture};

@@ -13,7 +13,8 @@ use serde_json::{Value, json};
 
 use super::print_line;
 use crate::progress::Progress;
-use gravisight::{Clip, Clips, NewFolder, Set, Shot, Split, Studio, write_whole};
+use gravisight::internal::{NewFolder, write_whole};
+use gravisight::{Clip, Clips, Set, Shot, Split, Studio};
 
 /// What made a folder, so that it is gone on with in the same way.
 const SETTINGS: &str = "synth.json";

@@ -11,7 +11,6 @@ mod npz;
 mod pictures;
 mod rd;
 mod sd;
-mod table;
 mod tracknet;
 mod video;
 
@@ -22,7 +21,8 @@ use rayon::prelude::*;
 
 use self::draft::{Draft, Job};
 pub use self::video::video_frames;
-use gravisight::{Camera, Clip, Clips, Error, NewFolder, Result, Scene};
+use gravisight::internal::NewFolder;
+use gravisight::{Camera, Clip, Clips, Error, Result, Scene};
 
 /// Clips read before the next report of progress.
 const BATCH: usize = 16;

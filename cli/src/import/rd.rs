@@ -8,8 +8,11 @@ use super::ImportOptions;
 use super::draft::{Draft, Job, Shot, fps_of};
 use super::npz;
 use super::pictures::{by_number, files_below, id_of, last_number, one_a_row, tail};
-use super::table::{Row, Table};
-use gravisight::{Camera, Distortion, Error, Picture, Result, Scene};
+use gravisight::Picture;
+use gravisight::Scene;
+use gravisight::internal::{Row, Table};
+use gravisight::{Camera, Distortion};
+use gravisight::{Error, Result};
 
 /// 2D labels, px of the resized pictures.
 pub(super) const LABELS: &str = "labels.csv";

@@ -6,9 +6,12 @@ use nalgebra::{Matrix3, Point2, Vector3};
 
 use super::draft::{Draft, Job, Shot, fps_of};
 use super::pictures::{files_below, id_of, one_a_row, read_text, tail};
-use super::table::Table;
 use super::{Format, ImportOptions};
-use gravisight::{Camera, Distortion, Error, Picture, Result, Scene};
+use gravisight::Picture;
+use gravisight::Scene;
+use gravisight::internal::Table;
+use gravisight::{Camera, Distortion};
+use gravisight::{Error, Result};
 
 /// Largest mean distance of the labels from the projected positions, in widths of the picture: the published ones are
 /// off by up to 3 px of 224, which is a quarter of it.
@@ -81,7 +84,7 @@ fn shots(table: &Table, pictures: Vec<PathBuf>, height: f64) -> Result<Vec<Shot>
     let position = table.columns(["ball x", "ball y", "ball z"])?;
     let image = table.columns(["ball imgx", "ball imgy"])?;
     let [time, visible] = table.columns(["t", "ball visible"])?;
-    let shot = |(row, picture): (&super::table::Row, PathBuf)| {
+    let shot = |(row, picture): (&gravisight::internal::Row, PathBuf)| {
         let seen = row.flag(visible)?;
         // Rows are counted from the bottom.
         let label = || row.numbers(image).map(|[x, from_bottom]| Point2::new(x, height - from_bottom));

@@ -3,14 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use nalgebra::Point2;
-
 use super::ImportOptions;
 use super::draft::Job;
 use super::pictures::{files_below, has_extension, id_of};
-use super::table::Table;
 use super::video::{Labelled, Media, draft};
 use gravisight::{Error, Result};
+use gravisight::{Track, TrackPoint};
 
 /// A job for every track.
 pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
@@ -38,21 +36,9 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
 }
 
 fn labels(path: &Path) -> Result<BTreeMap<u64, Labelled>> {
-    let table = Table::from_file(path)?;
-    let [frame, visibility, x, y] = table.columns(["Frame", "Visibility", "X", "Y"])?;
-    let mut labels = BTreeMap::new();
-    let mut before = None;
-    for row in &table.rows {
-        let number = row.count(frame)?;
-        if let Some(before) = before.filter(|before| *before >= number) {
-            return Err(Error::value(&row.what, "Frame", format!("must ascend: {number} follows {before}")));
-        }
-        before = Some(number);
-        let image = match row.flag(visibility)? {
-            true => Some(Point2::from(row.numbers([x, y])?)),
-            false => None,
-        };
-        labels.insert(number, Labelled { what: row.what.clone(), image });
-    }
-    Ok(labels)
+    let label = |point: &TrackPoint| {
+        let what = format!("{}: frame {}", path.display(), point.frame);
+        (point.frame, Labelled { what, image: point.image() })
+    };
+    Ok(Track::from_file(path)?.points.iter().map(label).collect())
 }

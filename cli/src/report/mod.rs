@@ -8,7 +8,8 @@ mod pictures;
 mod plots;
 mod trajectory;
 
-use gravisight::{Bins, Clips, Error, Localiser, Metrics, Result, Sample, write_whole};
+use gravisight::internal::write_whole;
+use gravisight::{Bins, Clips, Error, Localiser, Metrics, Result, Sample};
 use std::path::Path;
 
 pub use log::Log;

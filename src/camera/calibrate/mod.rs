@@ -99,13 +99,15 @@ impl Calibration {
 /// Without [`Points::intrinsic`] the focal length is estimated, with the principal point in the picture's middle.
 ///
 /// # Errors
-/// [`Error::Calibration`] with what to add, where the points do not fix a camera.
+/// [`Error::Calibration`] with what to add, where the points do not fix a camera; clicks that the given lens cannot have
+/// seen are among [`Calibration::outliers`], or named there.
 pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
     let mut unknowns = *unknowns;
     unknowns.focal |= points.intrinsic.is_none();
     let problem = Problem { points, unknowns };
-    problem.check()?;
-    let all: Vec<usize> = (0..points.image.len()).collect();
+    let outside = problem.outside_the_lens();
+    let all: Vec<usize> = (0..points.image.len()).filter(|index| !outside.contains(index)).collect();
+    problem.check(&all).map_err(|error| problem.without(&outside, error))?;
     let mut outliers = Vec::new();
     let mut found = problem.solve(&all);
     while outliers.len() < all.len().div_ceil(PER_OUTLIER) {
@@ -114,8 +116,9 @@ pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
         outliers.extend(wrong);
         found = Ok(better);
     }
+    outliers.extend(&outside);
     outliers.sort_unstable();
-    problem.result(found?, outliers)
+    problem.result(found.map_err(|error| problem.without(&outside, error))?, outliers)
 }
 
 /// A refined camera and how its start was found.
@@ -131,8 +134,33 @@ fn refuse(reason: impl Into<String>) -> Error {
 }
 
 impl Problem<'_> {
-    fn check(&self) -> Result<()> {
-        let count = self.points.image.len();
+    /// Clicks that a lens which is known cannot have seen, by index.
+    fn outside_the_lens(&self) -> Vec<usize> {
+        let is_known = self.unknowns == Unknowns::default();
+        let Some(inverse) = self.points.intrinsic.filter(|_| is_known).and_then(|known| known.try_inverse()) else {
+            return Vec::new();
+        };
+        let seen = |click: &Point2<f64>| self.points.distortion.undistort((inverse * click.coords.push(1.0)).xy());
+        let clicks = self.points.image.iter().enumerate();
+        clicks.filter(|(_, click)| seen(click).is_err()).map(|(index, _)| index).collect()
+    }
+
+    /// An error about the other points that names those left out.
+    fn without(&self, outside: &[usize], error: Error) -> Error {
+        let Error::Calibration { reason } = &error else { return error };
+        if outside.is_empty() {
+            return error;
+        }
+        let name = |index: &usize| match self.points.names.get(*index) {
+            Some(name) => format!("`{name}`"),
+            None => format!("point {index}"),
+        };
+        let names = outside.iter().map(name).collect::<Vec<_>>().join(", ");
+        refuse(format!("{reason} (left out, since no point has its image there through the lens given: {names})"))
+    }
+
+    fn check(&self, of: &[usize]) -> Result<()> {
+        let count = of.len();
         let parameters = self.unknowns.count();
         if count < 4 || 2 * count < parameters {
             let least = parameters.div_ceil(2).max(4);
@@ -140,8 +168,9 @@ impl Problem<'_> {
                 "too few points ({count}) for {parameters} unknowns; label at least {least} in one plane, or 6 in space"
             )));
         }
-        let plane = Plane::through(&self.points.world)
-            .ok_or_else(|| refuse("the world points are too far apart to compute with"))?;
+        let world: Vec<Point3<f64>> = of.iter().map(|&index| self.points.world[index]).collect();
+        let plane =
+            Plane::through(&world).ok_or_else(|| refuse("the world points are too far apart to compute with"))?;
         let [length, width, height] = plane.extents;
         if width <= LINE * length {
             return Err(refuse(

@@ -1,18 +1,20 @@
 //! The least-squares camera: Levenberg–Marquardt over the sum of squared reprojection errors, and its covariance.
 
+use std::convert::Infallible;
+
 use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 
 use super::start::{Pose, nearest_rotation};
+use crate::camera::fold::Range;
 use crate::camera::{Camera, Distortion};
-use crate::error::{Error, Result};
+use crate::error::{self, Error};
+use crate::least_squares::{Damping, LeastSquares, minimised};
 
-/// Most steps of one refinement.
-const MAX_STEPS: usize = 200;
+/// How the damping goes: to the last digit, since the derivatives of what depends on the camera are taken there.
+const DAMPING: Damping =
+    Damping { first: 1e-3, relax: 0.1, least: 1e-15, stiffen: 10.0, most: 1e12, steps: 200, converged: 0.0 };
 /// A step that changes no parameter by more than this (radians, metres, shares of the focal length) is the last.
 const SMALLEST_STEP: f64 = 1e-14;
-/// Damping at the start, as a share of the normal matrix's diagonal; it grows to the limit where no step helps.
-const DAMPING: f64 = 1e-3;
-const DAMPING_LIMIT: f64 = 1e12;
 /// Smallest eigenvalue of the normal matrix (scaled to a unit diagonal) with which parameters are told apart.
 const MIN_EIGENVALUE: f64 = 1e-12;
 
@@ -32,7 +34,7 @@ impl Unknowns {
     ///
     /// # Errors
     /// [`Error::Value`] for a name that there is not.
-    pub fn named(names: &[String]) -> Result<Self> {
+    pub fn named(names: &[String]) -> error::Result<Self> {
         let mut unknowns = Self::default();
         for name in names {
             match name.as_str() {
@@ -88,9 +90,11 @@ impl Guess {
         moved
     }
 
-    /// A point's error (found less clicked, px) and its derivative by the parameters; [`None`] behind the camera.
+    /// A point's error (found less clicked, px) and its derivative by the parameters; [`None`] behind the camera or
+    /// outside the lens's range.
     fn error(
         &self,
+        range: &Range,
         unknowns: &Unknowns,
         world: &Point3<f64>,
         image: &Point2<f64>,
@@ -102,6 +106,9 @@ impl Guess {
         }
         let z = in_camera.z;
         let ideal = Vector2::new(in_camera.x / z, in_camera.y / z);
+        if !range.holds(&ideal) {
+            return None;
+        }
         let d_ideal = Matrix2x3::new(1.0 / z, 0.0, -ideal.x / z, 0.0, 1.0 / z, -ideal.y / z);
         let (distorted, d_distorted) = self.distortion.distort(ideal);
         let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
@@ -129,17 +136,18 @@ impl Guess {
         Some((found - image.coords, derivatives))
     }
 
-    /// Errors and derivatives of all points; [`None`] where one is behind the camera.
+    /// Errors and derivatives of all points; [`None`] where one has no image.
     fn errors(
         &self,
         unknowns: &Unknowns,
         world: &[Point3<f64>],
         image: &[Point2<f64>],
     ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+        let range = Range::of(&self.distortion);
         let mut errors = DVector::zeros(2 * world.len());
         let mut jacobian = DMatrix::zeros(2 * world.len(), unknowns.count());
         for (index, (world, image)) in world.iter().zip(image).enumerate() {
-            let (error, derivatives) = self.error(unknowns, world, image)?;
+            let (error, derivatives) = self.error(&range, unknowns, world, image)?;
             errors.fixed_rows_mut::<2>(2 * index).copy_from(&error);
             for (column, derivative) in derivatives.iter().enumerate() {
                 jacobian.fixed_view_mut::<2, 1>(2 * index, column).copy_from(derivative);
@@ -149,7 +157,7 @@ impl Guess {
     }
 
     /// The camera, for pictures of a size.
-    pub(super) fn camera(&self, size: [u32; 2]) -> crate::error::Result<Camera> {
+    pub(super) fn camera(&self, size: [u32; 2]) -> error::Result<Camera> {
         Camera::new(size, self.intrinsic, self.distortion, self.pose.rotation, self.pose.translation)
     }
 
@@ -175,46 +183,68 @@ pub(super) struct Refined {
     pub covariance: Option<DMatrix<f64>>,
 }
 
-/// The nearest minimum; [`None`] where a point is behind the camera at the start.
+/// A guess with its errors.
+struct Reprojection<'a> {
+    guess: Guess,
+    errors: DVector<f64>,
+    jacobian: DMatrix<f64>,
+    unknowns: &'a Unknowns,
+    world: &'a [Point3<f64>],
+    image: &'a [Point2<f64>],
+}
+
+impl<'a> Reprojection<'a> {
+    fn of(guess: Guess, unknowns: &'a Unknowns, world: &'a [Point3<f64>], image: &'a [Point2<f64>]) -> Option<Self> {
+        let (errors, jacobian) = guess.errors(unknowns, world, image)?;
+        Some(Self { guess, errors, jacobian, unknowns, world, image })
+    }
+}
+
+impl LeastSquares for Reprojection<'_> {
+    /// Matrix and gradient.
+    type Normal = (DMatrix<f64>, DVector<f64>);
+    type Step = DVector<f64>;
+    type Error = Infallible;
+
+    fn cost(&self) -> f64 {
+        self.errors.norm_squared()
+    }
+
+    fn linearised(&mut self) -> Result<Option<Self::Normal>, Infallible> {
+        Ok(Some((self.jacobian.transpose() * &self.jacobian, self.jacobian.transpose() * &self.errors)))
+    }
+
+    fn step(&self, (normal, gradient): &Self::Normal, damping: f64) -> Option<DVector<f64>> {
+        let mut damped = normal.clone();
+        for index in 0..self.unknowns.count() {
+            damped[(index, index)] += damping * normal[(index, index)].max(f64::MIN_POSITIVE);
+        }
+        Some(damped.cholesky()?.solve(&-gradient))
+    }
+
+    fn moved(&self, _: &Self::Normal, step: &DVector<f64>) -> Result<Option<Self>, Infallible> {
+        Ok(Self::of(self.guess.moved(self.unknowns, step.as_slice()), self.unknowns, self.world, self.image))
+    }
+
+    fn is_last(step: &DVector<f64>) -> bool {
+        step.amax() < SMALLEST_STEP
+    }
+}
+
+/// The nearest minimum; [`None`] where a point has no image at the start.
 pub(super) fn refine(
     start: Guess,
     unknowns: &Unknowns,
     world: &[Point3<f64>],
     image: &[Point2<f64>],
 ) -> Option<Refined> {
-    let mut guess = start;
-    let (mut errors, mut jacobian) = guess.errors(unknowns, world, image)?;
-    let mut damping = DAMPING;
-    for _ in 0..MAX_STEPS {
-        let gradient = jacobian.transpose() * &errors;
-        let normal = jacobian.transpose() * &jacobian;
-        let mut damped = normal.clone();
-        for index in 0..unknowns.count() {
-            damped[(index, index)] += damping * normal[(index, index)].max(f64::MIN_POSITIVE);
-        }
-        let step = damped.cholesky().map(|cholesky| cholesky.solve(&-&gradient));
-        let next = step.as_ref().and_then(|step| {
-            let next = guess.moved(unknowns, step.as_slice());
-            let (errors, jacobian) = next.errors(unknowns, world, image)?;
-            Some((next, errors, jacobian))
-        });
-        let size = step.map_or(f64::INFINITY, |step| step.amax());
-        match next {
-            Some((next, new_errors, new_jacobian)) if new_errors.norm_squared() < errors.norm_squared() => {
-                (guess, errors, jacobian) = (next, new_errors, new_jacobian);
-                damping = (damping / 10.0).max(1e-15);
-            }
-            _ => damping *= 10.0,
-        }
-        if size < SMALLEST_STEP || damping > DAMPING_LIMIT {
-            break;
-        }
-    }
+    let Ok(found) = minimised(Reprojection::of(start, unknowns, world, image)?, &DAMPING);
+    let mut guess = found.guess;
     // Rounding of many small turns.
     if let Some((rotation, _)) = nearest_rotation(&guess.pose.rotation) {
         guess.pose.rotation = rotation;
     }
-    Some(Refined { guess, cost: errors.norm_squared(), covariance: covariance(&jacobian) })
+    Some(Refined { guess, cost: found.errors.norm_squared(), covariance: covariance(&found.jacobian) })
 }
 
 /// The inverse of the normal matrix, if it has one.

@@ -5,15 +5,17 @@
 //! sensitive to it that no solver finds it; neighbouring states are only a frame apart, and small
 //! errors of the laws (a contact that is not quite the model's) stay where they arise.
 
-use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector2};
+use std::convert::Infallible;
+
+use nalgebra::{SMatrix, SVector, Vector2};
 
 use super::problem::{Problem, Transition};
+use super::tridiagonal::Normal;
+use crate::least_squares::{Damping, LeastSquares, minimised};
 use crate::physics::{Column, part};
 
 /// Longest change of a position in one iteration, m.
 const LONGEST_STEP: f64 = 1.5;
-/// Relative decrease of the cost below which an iteration is the last.
-const CONVERGED: f64 = 1e-4;
 /// Cost of a state whose observation cannot be projected, in squared standard deviations.
 const UNSEEN: f64 = 1e8;
 /// Where the loss of a contact's defect turns, in standard deviations: most contacts are the model's to
@@ -23,8 +25,9 @@ const CONTACT_SCALE: f64 = 4.0;
 const LOOSE: f64 = 1e-6;
 /// Intervals of a flight that is worth moving.
 const SHORTEST_FLIGHT: usize = 4;
-/// Largest damping before a search is given up.
-const MAX_DAMPING: f64 = 1e8;
+/// How the damping of a chain's steps goes; `steps` is the caller's.
+pub(super) const DAMPING: Damping =
+    Damping { first: 1e-3, relax: 0.2, least: 1e-12, stiffen: 6.0, most: 1e8, steps: 0, converged: 1e-4 };
 
 /// What a large residual costs.
 #[derive(Debug, Clone, Copy)]
@@ -77,18 +80,42 @@ pub(super) struct Trust<const D: usize> {
     pub contact: bool,
 }
 
-/// The normal equations' blocks.
-pub(super) struct Normal<const D: usize> {
-    pub diagonal: Vec<SMatrix<f64, D, D>>,
-    /// Block (k, k + 1).
-    upper: Vec<SMatrix<f64, D, D>>,
-    pub gradient: Vec<SVector<f64, D>>,
+/// A range of a chain on its way to the least cost. Which intervals hold contacts, and so how far each is trusted, is
+/// fixed while the cost is compared.
+struct Refinement<'a, const D: usize> {
+    chain: Chain<D>,
+    transitions: Vec<Transition<D>>,
+    cost: f64,
+    trusts: &'a [Trust<D>],
+    problem: &'a Problem<'a>,
+    range: (usize, usize),
+    loss: Loss,
 }
 
-/// A chain's states with how they move on, and what it all costs.
-struct Evaluation<const D: usize> {
-    cost: f64,
-    transitions: Vec<Transition<D>>,
+impl<const D: usize> LeastSquares for Refinement<'_, D> {
+    type Normal = Normal<D>;
+    type Step = Vec<SVector<f64, D>>;
+    type Error = Infallible;
+
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    fn linearised(&mut self) -> Result<Option<Normal<D>>, Infallible> {
+        Ok(Some(self.chain.normal(self.problem, self.range, &self.transitions, self.trusts, self.loss)))
+    }
+
+    fn step(&self, normal: &Normal<D>, damping: f64) -> Option<Self::Step> {
+        normal.solve(damping)
+    }
+
+    fn moved(&self, _: &Normal<D>, step: &Self::Step) -> Result<Option<Self>, Infallible> {
+        let chain = self.chain.moved(self.range, step);
+        Ok(chain.transitions(self.problem, self.range).map(|transitions| {
+            let cost = chain.cost(self.problem, self.range, &transitions, self.trusts, self.loss);
+            Self { chain, transitions, cost, ..*self }
+        }))
+    }
 }
 
 impl<const D: usize> Chain<D> {
@@ -118,36 +145,13 @@ impl<const D: usize> Chain<D> {
     /// Refines the states of `range` (frames; the others stay) and returns the cost.
     pub fn refine(&mut self, problem: &Problem, range: (usize, usize), loss: Loss, iterations: usize) -> f64 {
         let range = (range.0.max(self.first), range.1.min(self.last()));
-        let mut damping = 1e-3;
-        let Some(first) = self.transitions(problem, range) else { return f64::INFINITY };
-        // Which intervals hold contacts, and so how far each is trusted, is fixed while the cost is compared.
-        let trusts = self.trusts(problem, range, &first);
-        let mut now = Evaluation { cost: self.cost(problem, range, &first, &trusts, loss), transitions: first };
-        for _ in 0..iterations {
-            let normal = self.normal(problem, range, &now.transitions, &trusts, loss);
-            let before = now.cost;
-            loop {
-                let trial = normal.solve(damping).and_then(|step| {
-                    let moved = self.moved(range, &step);
-                    let transitions = moved.transitions(problem, range)?;
-                    let cost = moved.cost(problem, range, &transitions, &trusts, loss);
-                    (cost < now.cost).then_some((moved, Evaluation { cost, transitions }))
-                });
-                if let Some((moved, evaluation)) = trial {
-                    (*self, now) = (moved, evaluation);
-                    damping = (damping * 0.2).max(1e-12);
-                    break;
-                }
-                damping *= 6.0;
-                if damping > MAX_DAMPING {
-                    return now.cost;
-                }
-            }
-            if before - now.cost < CONVERGED * now.cost {
-                break;
-            }
-        }
-        now.cost
+        let Some(transitions) = self.transitions(problem, range) else { return f64::INFINITY };
+        let trusts = self.trusts(problem, range, &transitions);
+        let cost = self.cost(problem, range, &transitions, &trusts, loss);
+        let start = Refinement { chain: self.clone(), transitions, cost, trusts: &trusts, problem, range, loss };
+        let Ok(found) = minimised(start, &Damping { steps: iterations, ..DAMPING });
+        *self = found.chain;
+        found.cost
     }
 
     /// Cost with the chain's own contacts.
@@ -338,58 +342,5 @@ impl<const D: usize> Chain<D> {
             }
         }
         out
-    }
-}
-
-impl<const D: usize> Normal<D> {
-    /// Cholesky factors of the pivots of block elimination.
-    pub fn pivots(&self, damping: f64) -> Option<Vec<Cholesky<f64, Const<D>>>> {
-        let mut pivots: Vec<Cholesky<f64, Const<D>>> = Vec::with_capacity(self.diagonal.len());
-        for (index, diagonal) in self.diagonal.iter().enumerate() {
-            let mut pivot = *diagonal;
-            for i in 0..D {
-                pivot[(i, i)] += damping * diagonal[(i, i)];
-            }
-            if let (Some(before), Some(upper)) = (pivots.last(), index.checked_sub(1).map(|i| &self.upper[i])) {
-                pivot -= upper.transpose() * before.solve(upper);
-                pivot = (pivot + pivot.transpose()) * 0.5;
-            }
-            pivots.push(pivot.cholesky()?);
-        }
-        Some(pivots)
-    }
-
-    /// The damped step.
-    fn solve(&self, damping: f64) -> Option<Vec<SVector<f64, D>>> {
-        let pivots = self.pivots(damping)?;
-        let step = self.substituted(&pivots, self.gradient.iter().map(|gradient| -gradient).collect());
-        step.iter().all(|step| step.iter().all(|value| value.is_finite())).then_some(step)
-    }
-
-    /// The solution for a right side.
-    pub fn substituted(&self, pivots: &[Cholesky<f64, Const<D>>], mut x: Vec<SVector<f64, D>>) -> Vec<SVector<f64, D>> {
-        for index in 1..x.len() {
-            let before = self.upper[index - 1].transpose() * pivots[index - 1].solve(&x[index - 1]);
-            x[index] -= before;
-        }
-        for index in (0..x.len()).rev() {
-            if index + 1 < x.len() {
-                let after = self.upper[index] * x[index + 1];
-                x[index] -= after;
-            }
-            x[index] = pivots[index].solve(&x[index]);
-        }
-        x
-    }
-
-    /// Diagonal blocks of the inverse.
-    fn covariances(&self) -> Option<Vec<SMatrix<f64, D, D>>> {
-        let pivots = self.pivots(1e-12)?;
-        let mut out: Vec<SMatrix<f64, D, D>> = pivots.iter().map(Cholesky::inverse).collect();
-        for index in (0..out.len().saturating_sub(1)).rev() {
-            let gain = pivots[index].solve(&self.upper[index]);
-            out[index] = out[index] + gain * out[index + 1] * gain.transpose();
-        }
-        Some(out)
     }
 }

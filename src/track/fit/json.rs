@@ -21,10 +21,14 @@ impl Fit {
         let frame = |frame: &FittedFrame| {
             let covariance: Vec<Vec<f64>> =
                 frame.covariance.row_iter().map(|row| row.iter().copied().collect()).collect();
-            json!({"t": frame.time, "world": <[f64; 3]>::from(frame.state.position.coords),
+            let mut fields = json!({"t": frame.time, "world": <[f64; 3]>::from(frame.state.position.coords),
                 "velocity": <[f64; 3]>::from(frame.state.velocity), "speed": frame.state.velocity.norm(),
                 "sigma": frame.sigma(), "covariance": covariance,
-                "residual_px": frame.residual_px.map(<[f64; 2]>::from), "outlier": frame.outlier})
+                "residual_px": frame.residual_px.map(<[f64; 2]>::from), "outlier": frame.outlier});
+            if let Some(reason) = &frame.refused {
+                fields["refused"] = json!(reason);
+            }
+            fields
         };
         let impacts = self.impacts.iter().map(|impact| {
             json!({"t": impact.time, "surface": impact.surface.to_string(),

@@ -11,6 +11,7 @@ mod parameters;
 mod problem;
 mod search;
 mod seed;
+mod tridiagonal;
 
 use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
@@ -75,6 +76,9 @@ pub struct FittedFrame {
     pub residual_px: Option<Vector2<f64>>,
     /// Whether the label does not belong to the trajectory.
     pub outlier: bool,
+    /// Why the label told nothing, in words, where the camera's lens model does not reach it: an outlier without
+    /// residual.
+    pub refused: Option<String>,
 }
 
 impl FittedFrame {
@@ -110,16 +114,24 @@ impl Forecaster {
     ///
     /// # Errors
     /// [`Error::Fit`] for times that do not ascend, fewer than four observations, or a track that no
-    /// trajectory in front of the camera explains; the camera's errors for a label outside its lens model.
+    /// trajectory in front of the camera explains. A label outside the camera's lens model costs itself alone
+    /// ([`FittedFrame::refused`]).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
+        let (usable, refused) = within_lens(camera, observations);
+        check_seen(&usable, &refused)?;
         // The spin matters where air or friction turns it into forces.
         let ball = &self.scene().ball;
         let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
-        match ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin) {
-            true => self.fit_chain::<9>(camera, observations, options),
-            false => self.fit_chain::<6>(camera, observations, options),
+        let mut fit = match ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin) {
+            true => self.fit_chain::<9>(camera, &usable, options)?,
+            false => self.fit_chain::<6>(camera, &usable, options)?,
+        };
+        for (frame, refused) in fit.frames.iter_mut().zip(refused) {
+            frame.outlier |= refused.is_some();
+            frame.refused = refused;
         }
+        Ok(fit)
     }
 
     fn fit_chain<const D: usize>(
@@ -159,14 +171,35 @@ fn check(observations: &[Observation]) -> Result<()> {
         let times = [observations[index - 1].time, observations[index].time];
         return refuse(format!("times must ascend, but {} s is followed by {} s", times[0], times[1]));
     }
-    let seen = observations.iter().filter(|observation| observation.image.is_some()).count();
     let finite = |o: &Observation| o.time.is_finite() && o.image.is_none_or(|p| p.x.is_finite() && p.y.is_finite());
-    if !observations.iter().all(finite) {
-        return refuse("the track holds NaN or infinity".into());
+    match observations.iter().all(finite) {
+        true => Ok(()),
+        false => refuse("the track holds NaN or infinity".into()),
     }
+}
+
+/// The observations without the labels that the camera's lens model does not reach, and why they are left out.
+fn within_lens(camera: &Camera, observations: &[Observation]) -> (Vec<Observation>, Vec<Option<String>>) {
+    let usable = |observation: &Observation| {
+        let refused = observation.image.and_then(|image| camera.camera_from_image(&image, 1.0).err());
+        let image = observation.image.filter(|_| refused.is_none());
+        (Observation { image, ..*observation }, refused.map(|error| error.to_string()))
+    };
+    observations.iter().map(usable).unzip()
+}
+
+fn check_seen(usable: &[Observation], refused: &[Option<String>]) -> Result<()> {
+    let seen = usable.iter().filter(|observation| observation.image.is_some()).count();
+    let outside = match refused.iter().flatten().count() {
+        0 => String::new(),
+        count => format!(" ({count} labels that the camera's lens model does not reach left out)"),
+    };
     match seen {
         FEWEST.. => Ok(()),
-        _ => refuse(format!("the ball is seen in {seen} frames; at least {FEWEST} are needed")),
+        _ => {
+            let reason = format!("the ball is seen in {seen} frames{outside}; at least {FEWEST} are needed");
+            Err(Error::Fit { reason })
+        }
     }
 }
 
@@ -205,6 +238,7 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
                 covariance,
                 residual_px,
                 outlier,
+                refused: None,
             })
         })
         .collect::<Option<Vec<FittedFrame>>>()?;

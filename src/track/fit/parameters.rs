@@ -3,21 +3,18 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, SVector};
 
-use super::chain::Chain;
+use super::chain::{self, Chain, Trust};
 use super::labels::residual_noise;
 use super::problem::{Problem, Slack};
 use super::search::FINAL;
+use super::tridiagonal::Normal;
 use super::unexplained;
 use crate::error::{Error, Result};
-use crate::physics::Forecaster;
-use crate::physics::{Contact, Scene};
+use crate::least_squares::{Damping, LeastSquares, minimised};
+use crate::physics::{Contact, Forecaster, Scene};
 
-/// Iterations, at most.
-const ITERATIONS: usize = 40;
-/// Relative decrease of the cost below which an iteration is the last.
-const CONVERGED: f64 = 1e-6;
-/// Largest damping before the search ends.
-const MAX_DAMPING: f64 = 1e8;
+/// How the damping goes: as for a trajectory alone, but on to where the parameters stand still.
+const DAMPING: Damping = Damping { steps: 40, converged: 1e-6, ..chain::DAMPING };
 /// Trajectories that the search starts from.
 const CHAINS: usize = 4;
 /// Uncertainty of a drag that is to be estimated, as an acceleration, m/s².
@@ -158,50 +155,71 @@ pub(super) struct Estimated<const D: usize> {
 fn estimated<const D: usize>(
     problem: &Problem,
     base: &Forecaster,
-    mut chain: Chain<D>,
+    chain: Chain<D>,
     parameters: &[Parameter],
 ) -> Result<Estimated<D>> {
-    let mut values = parameters.iter().map(|parameter| parameter.get(base.scene())).collect::<Result<Vec<_>>>()?;
-    let mut forecaster = with_values(base, parameters, &values)?;
-    let mut sigmas = vec![f64::INFINITY; values.len()];
-    let mut spread = vec![Matrix3::zeros(); problem.len()];
-    let mut damping = 1e-3;
-    'iterations: for _ in 0..ITERATIONS {
-        let here = problem.with(&forecaster);
-        let Some(system) = Bordered::new(&here, &chain, parameters, &values)? else { break };
-        if let Some(found) = system.uncertainty() {
-            (sigmas, spread) = found;
-        }
-        let before = system.cost;
-        loop {
-            if let Some((steps, by)) = system.step(damping) {
-                let moved = chain.moved((0, problem.len() - 1), &steps);
-                let tried: Vec<f64> = (0..values.len())
-                    .map(|index| {
-                        let (_, low, high) = parameters[index].range();
-                        (values[index] + by[index]).clamp(low, high)
-                    })
-                    .collect();
-                let there = with_values(base, parameters, &tried)?;
-                let cost = system.cost_of(&problem.with(&there), &moved);
-                if cost < before {
-                    (chain, values, forecaster) = (moved, tried, there);
-                    damping = (damping * 0.2).max(1e-12);
-                    if before - cost < CONVERGED * cost {
-                        break 'iterations;
-                    }
-                    break;
-                }
-            }
-            damping *= 6.0;
-            if damping > MAX_DAMPING {
-                break 'iterations;
-            }
-        }
-    }
+    let values = parameters.iter().map(|parameter| parameter.get(base.scene())).collect::<Result<Vec<_>>>()?;
+    let forecaster = with_values(base, parameters, &values)?;
+    let (sigmas, spread) = (vec![f64::INFINITY; values.len()], vec![Matrix3::zeros(); problem.len()]);
+    let start =
+        Estimation { problem, base, parameters, chain, values, forecaster, cost: f64::INFINITY, sigmas, spread };
+    let Estimation { chain, values, forecaster, sigmas, spread, .. } = minimised(start, &DAMPING)?;
     let estimate = |index: usize| Estimate { parameter: parameters[index], value: values[index], sigma: sigmas[index] };
     let cost = chain.total_cost(&problem.with(&forecaster), FINAL);
     Ok(Estimated { cost, forecaster, chain, estimates: (0..values.len()).map(estimate).collect(), spread })
+}
+
+/// Trajectory and parameters on their way to the least cost.
+struct Estimation<'a, const D: usize> {
+    problem: &'a Problem<'a>,
+    base: &'a Forecaster,
+    parameters: &'a [Parameter],
+    chain: Chain<D>,
+    values: Vec<f64>,
+    /// `base` with the values.
+    forecaster: Forecaster,
+    /// With the intervals trusted as at the last linearisation.
+    cost: f64,
+    /// As of the last linearisation that had them.
+    sigmas: Vec<f64>,
+    spread: Vec<Matrix3<f64>>,
+}
+
+impl<const D: usize> LeastSquares for Estimation<'_, D> {
+    type Normal = Bordered<D>;
+    type Step = (Steps<D>, DVector<f64>);
+    type Error = Error;
+
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    fn linearised(&mut self) -> Result<Option<Bordered<D>>> {
+        let here = self.problem.with(&self.forecaster);
+        let Some(system) = Bordered::new(&here, &self.chain, self.parameters, &self.values)? else { return Ok(None) };
+        if let Some(found) = system.uncertainty() {
+            (self.sigmas, self.spread) = found;
+        }
+        self.cost = system.cost;
+        Ok(Some(system))
+    }
+
+    fn step(&self, system: &Bordered<D>, damping: f64) -> Option<Self::Step> {
+        system.step(damping)
+    }
+
+    fn moved(&self, system: &Bordered<D>, (steps, by): &Self::Step) -> Result<Option<Self>> {
+        let chain = self.chain.moved((0, self.problem.len() - 1), steps);
+        let value = |((parameter, value), by): ((&Parameter, &f64), &f64)| {
+            let (_, low, high) = parameter.range();
+            (value + by).clamp(low, high)
+        };
+        let values: Vec<f64> = self.parameters.iter().zip(&self.values).zip(by.iter()).map(value).collect();
+        let forecaster = with_values(self.base, self.parameters, &values)?;
+        let cost = system.cost_of(&self.problem.with(&forecaster), &chain);
+        let (sigmas, spread) = (self.sigmas.clone(), self.spread.clone());
+        Ok(Some(Self { chain, values, forecaster, cost, sigmas, spread, ..*self }))
+    }
 }
 
 /// One vector a state.
@@ -210,8 +228,8 @@ type Steps<const D: usize> = Vec<SVector<f64, D>>;
 /// The normal equations of states and parameters.
 struct Bordered<const D: usize> {
     cost: f64,
-    states: super::chain::Normal<D>,
-    trusts: Vec<super::chain::Trust<D>>,
+    states: Normal<D>,
+    trusts: Vec<Trust<D>>,
     /// One column a parameter: blocks (state, parameter).
     border: Vec<Steps<D>>,
     corner: DMatrix<f64>,

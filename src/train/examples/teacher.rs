@@ -27,6 +27,9 @@ pub struct TaughtClip {
     pub id: String,
     /// One a frame of the clip; none where the ball is not between its first and last label, or too uncertain.
     pub frames: Vec<Option<TaughtFrame>>,
+    /// Labels that the camera's lens model does not reach: they teach nothing.
+    #[serde(skip_serializing_if = "is_zero", default)]
+    pub refused: usize,
     /// Why the clip teaches nothing, in words.
     #[serde(skip_serializing_if = "Option::is_none", default)]
     pub left_out: Option<String>,
@@ -35,12 +38,19 @@ pub struct TaughtClip {
 /// Fits the scene's physics to the labels of `clip`'s visible frames. What cannot be fitted teaches nothing, and
 /// says why.
 pub fn teach(clip: &Clip, config: &FitConfig) -> TaughtClip {
-    let taught = fit(clip, config).and_then(|fit| taught_frames(clip, &fit, config));
-    let (frames, left_out) = match taught {
-        Ok(frames) => (frames, None),
-        Err(error) => (vec![None; clip.frames.len()], Some(error.to_string())),
+    let taught = fit(clip, config).and_then(|fit| {
+        let refused = fit.frames.iter().filter(|frame| frame.refused.is_some()).count();
+        Ok((taught_frames(clip, &fit, config)?, refused))
+    });
+    let ((frames, refused), left_out) = match taught {
+        Ok(taught) => (taught, None),
+        Err(error) => ((vec![None; clip.frames.len()], 0), Some(error.to_string())),
     };
-    TaughtClip { id: clip.id.clone(), frames, left_out }
+    TaughtClip { id: clip.id.clone(), frames, refused, left_out }
+}
+
+fn is_zero(count: &usize) -> bool {
+    *count == 0
 }
 
 /// The clip's trajectory.
@@ -53,8 +63,10 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
     if !fit.explained {
         return refuse(format!("no trajectory explains its labels ({:.2} px rms at best)", fit.rms_px));
     }
-    let labelled = observations.iter().filter(|observation| observation.image.is_some()).count();
-    let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
+    // A label that the lens does not reach teaches nothing, but says nothing against the clip either.
+    let refused = fit.frames.iter().filter(|frame| frame.refused.is_some()).count();
+    let labelled = observations.iter().filter(|observation| observation.image.is_some()).count() - refused;
+    let outliers = fit.frames.iter().filter(|frame| frame.outlier).count() - refused;
     if outliers as f64 > config.largest_outlier_share * labelled as f64 {
         return refuse(format!("{outliers} of its {labelled} labels do not belong to its trajectory"));
     }
@@ -86,11 +98,11 @@ fn taught_frames(clip: &Clip, fit: &Fit, config: &FitConfig) -> Result<Vec<Optio
     let first = clip.frames.iter().position(labelled).unwrap_or(0);
     let last = clip.frames.iter().rposition(labelled).unwrap_or(0);
     let frames = clip.frames.iter().zip(&fit.frames).enumerate().map(|(index, (frame, fitted))| {
-        let taught = taught_frame(clip, frame, fitted, fit.noise_px)?;
+        let taught = taught_frame(clip, frame, fitted, fit.noise_px).filter(|_| fitted.refused.is_none())?;
         let sure = taught.sigma <= config.largest_sigma && (first..=last).contains(&index);
-        Ok(Some(taught).filter(|taught| sure && taught.depth > 0.0 && in_picture(clip, taught.image)))
+        Some(taught).filter(|taught| sure && taught.depth > 0.0 && in_picture(clip, taught.image))
     });
-    let frames: Vec<Option<TaughtFrame>> = frames.collect::<Result<_>>()?;
+    let frames: Vec<Option<TaughtFrame>> = frames.collect();
     if frames.iter().flatten().next().is_some() {
         return Ok(frames);
     }
@@ -99,9 +111,10 @@ fn taught_frames(clip: &Clip, fit: &Fit, config: &FitConfig) -> Result<Vec<Optio
     Err(Error::Fit { reason })
 }
 
-fn taught_frame(clip: &Clip, frame: &Frame, fitted: &FittedFrame, noise_px: f64) -> Result<TaughtFrame> {
+/// What the trajectory says of a frame; none where the ball has no image.
+fn taught_frame(clip: &Clip, frame: &Frame, fitted: &FittedFrame, noise_px: f64) -> Option<TaughtFrame> {
     let position = fitted.state.position;
-    let (projected, jacobian) = clip.camera.image_from_world_with_jacobian(&position)?;
+    let (projected, jacobian) = clip.camera.image_from_world_with_jacobian(&position).ok()?;
     let covariance = jacobian * fitted.covariance * jacobian.transpose();
     let fitted_variance = covariance.trace().max(0.0) / 2.0;
     // The label itself is one of the fit's observations; of the two the surer one counts more.
@@ -112,7 +125,7 @@ fn taught_frame(clip: &Clip, frame: &Frame, fitted: &FittedFrame, noise_px: f64)
     });
     let along = view_axis(clip, &position);
     let variance = (along.transpose() * fitted.covariance * along).x;
-    Ok(TaughtFrame {
+    Some(TaughtFrame {
         image: image.into(),
         depth: clip.camera.camera_from_world(&position).z,
         sigma: variance.max(0.0).sqrt(),

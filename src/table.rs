@@ -1,13 +1,10 @@
-//! Tables of numbers in text: CSV of `,` and `;`, with or without byte order mark and carriage returns.
+//! Tables of numbers in text: CSV of `,`, `;` or tabs, with or without quotes, byte order mark and carriage returns.
 
-use std::path::Path;
-
-use super::pictures::read_text;
-use gravisight::{Error, Result};
+use crate::error::{Error, Result};
 
 /// A table with a line of names above it.
 #[derive(Debug)]
-pub(super) struct Table {
+pub struct Table {
     what: String,
     columns: Vec<String>,
     /// The rows.
@@ -16,7 +13,7 @@ pub(super) struct Table {
 
 /// A row.
 #[derive(Debug)]
-pub(super) struct Row {
+pub struct Row {
     /// File and line.
     pub what: String,
     cells: Vec<String>,
@@ -24,24 +21,46 @@ pub(super) struct Row {
 
 /// A column that is there.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Column<'a> {
+pub struct Column<'a> {
     index: usize,
     name: &'a str,
 }
 
+impl<'a> Column<'a> {
+    /// As it was asked for.
+    pub fn name(&self) -> &'a str {
+        self.name
+    }
+}
+
 impl Table {
-    pub fn from_file(path: &Path) -> Result<Self> {
-        Self::from_text(&read_text(path)?, &path.display().to_string())
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Format`] for a file that is no text, else as [`Self::from_text`].
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn from_file(path: &std::path::Path) -> Result<Self> {
+        let what = path.display().to_string();
+        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        Self::from_text(&String::from_utf8(bytes).map_err(Error::format(&what))?, &what)
     }
 
+    /// Reads the text of a file; `what` names it in errors. The first line may be separated otherwise than the others.
+    ///
+    /// # Errors
+    /// [`Error::Format`] for an empty text.
     pub fn from_text(text: &str, what: &str) -> Result<Self> {
-        let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-        let Some((_, header)) = lines.next() else {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let blank = text.len() - text.trim_start().len();
+        let begin = text[..blank].rfind('\n').map_or(0, |at| at + 1);
+        let end = text[blank..].find('\n').map_or(text.len(), |at| blank + at + 1);
+        let lines = |text: &str| text.matches('\n').count();
+        let header = records(&text[begin..end], what, 1 + lines(&text[..begin]))?;
+        let Some(header) = header.first() else {
             return Err(Error::Format { what: what.into(), message: "is empty".into() });
         };
-        let columns = cells(header).iter().map(|name| plain(name)).collect();
-        let row = |(index, line)| Row { what: format!("{what}:{}", index + 1), cells: cells(line) };
-        Ok(Self { what: what.into(), columns, rows: lines.map(row).collect() })
+        let columns = header.cells.iter().map(|name| plain(name)).collect();
+        Ok(Self { what: what.into(), columns, rows: records(&text[end..], what, 1 + lines(&text[..end]))? })
     }
 
     /// The column of that name (case, spaces and underscores are all the same).
@@ -52,6 +71,11 @@ impl Table {
             Error::Format { what: format!("{}:1", self.what), message }
         })?;
         Ok(Column { index, name })
+    }
+
+    /// The column of that name, if it is there.
+    pub fn column_if_any<'a>(&self, name: &'a str) -> Option<Column<'a>> {
+        self.column(name).ok()
     }
 
     pub fn columns<'a, const N: usize>(&self, names: [&'a str; N]) -> Result<[Column<'a>; N]> {
@@ -114,12 +138,45 @@ impl Row {
     }
 }
 
-/// The cells of a line. Where it has a `;`, that separates, and a `,` in a number is its point.
-fn cells(line: &str) -> Vec<String> {
-    let bare = |cell: &str| cell.trim().trim_matches('"').trim().to_string();
-    match line.contains(';') {
-        true => line.split(';').map(|cell| bare(cell).replace(',', ".")).collect(),
-        false => line.split([',', '\t']).map(bare).collect(),
+/// The rows of a text that begins at line `first` of the file; blank ones are left out. Where `;` separates, a `,` in a
+/// number is its point.
+fn records(text: &str, what: &str, first: usize) -> Result<Vec<Row>> {
+    let separator = separator(text.trim_start().lines().next().unwrap_or_default());
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .trim(csv::Trim::All)
+        .delimiter(separator)
+        .from_reader(text.as_bytes());
+    let mut rows = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(Error::format(what))?;
+        if record.iter().all(str::is_empty) && record.len() < 2 {
+            continue;
+        }
+        let cell = |cell: &str| if separator == b';' { cell.replace(',', ".") } else { cell.to_string() };
+        let line = first + record.position().map_or(0, |start| lines_before(text, start));
+        rows.push(Row { what: format!("{what}:{line}"), cells: record.iter().map(cell).collect() });
+    }
+    Ok(rows)
+}
+
+/// Lines before a record's first: the reader counts blank lines before it as its own.
+fn lines_before(text: &str, start: &csv::Position) -> usize {
+    let rest = text.get(start.byte() as usize..).unwrap_or_default();
+    let blank = &rest[..rest.len() - rest.trim_start_matches(['\r', '\n']).len()];
+    start.line() as usize - 1 + blank.matches('\n').count()
+}
+
+/// What separates the cells of a line, quoted text aside.
+fn separator(line: &str) -> u8 {
+    let has = |separator: char| line.split('"').step_by(2).any(|bare| bare.contains(separator));
+    if has(';') {
+        b';'
+    } else if has(',') || !has('\t') {
+        b','
+    } else {
+        b'\t'
     }
 }
 

@@ -1,0 +1,260 @@
+//! 2D tracks: CSV with the columns `Frame,Visibility,X,Y`, the common format of 2D ball trackers, and optionally
+//! `Time`, `Radius`, `RadiusSigma`, `Sigma`.
+
+use nalgebra::Point2;
+use serde::Serialize;
+
+use super::{Fit, FittedFrame, Observation};
+use crate::error::{Error, Result};
+use crate::table::{Column, Row, Table};
+
+/// The columns that a file must have, and those that it may have.
+const COLUMNS: [&str; 4] = ["Frame", "Visibility", "X", "Y"];
+const TIME: &str = "Time";
+const SIZES: [&str; 3] = ["Radius", "RadiusSigma", "Sigma"];
+/// Longest run of frames that a file may leave out: they are filled in as frames without the ball.
+const LONGEST_GAP: u64 = 1000;
+
+/// One line of a 2D track.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct TrackPoint {
+    /// Number of the frame.
+    pub frame: u64,
+    /// 0 where the ball is not seen; `x` and `y` mean nothing then.
+    pub visibility: u8,
+    /// px.
+    pub x: Option<f64>,
+    /// px.
+    pub y: Option<f64>,
+    /// When the frame was taken, s; all points of a track have one, or none.
+    pub time: Option<f64>,
+    /// Radius of the ball's picture, px.
+    pub radius: Option<f64>,
+    /// Standard deviation of the radius, px.
+    pub radius_sigma: Option<f64>,
+    /// Standard deviation of `x` and `y`, px.
+    pub sigma: Option<f64>,
+}
+
+/// A 2D track, by ascending frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Track {
+    /// Its lines.
+    pub points: Vec<TrackPoint>,
+}
+
+/// One line of a fitted trajectory.
+#[derive(Serialize)]
+struct TrajectoryLine {
+    #[serde(rename = "Frame")]
+    frame: u64,
+    t: f64,
+    x: f64,
+    y: f64,
+    z: f64,
+    vx: f64,
+    vy: f64,
+    vz: f64,
+    sigma: f64,
+    residual_x_px: Option<f64>,
+    residual_y_px: Option<f64>,
+    outlier: bool,
+}
+
+impl TrackPoint {
+    /// Where the ball is seen, px.
+    pub fn image(&self) -> Option<Point2<f64>> {
+        let image = Point2::new(self.x?, self.y?);
+        (self.visibility > 0 && image.x.is_finite() && image.y.is_finite()).then_some(image)
+    }
+}
+
+impl Track {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Format`] for a file that is no text, else as [`Self::from_csv`].
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn from_file(path: &std::path::Path) -> Result<Self> {
+        Self::from_table(&Table::from_file(path)?)
+    }
+
+    /// Reads the text of a file; `what` names it in errors.
+    ///
+    /// # Errors
+    /// [`Error::Format`] where a column is missing, [`Error::Value`] for a number that cannot be (line and column are
+    /// named), and for frames or times that do not ascend.
+    pub fn from_csv(text: &str, what: &str) -> Result<Self> {
+        Self::from_table(&Table::from_text(text, what)?)
+    }
+
+    fn from_table(table: &Table) -> Result<Self> {
+        let columns = Columns::of(table)?;
+        let mut points: Vec<TrackPoint> = Vec::with_capacity(table.rows.len());
+        for row in &table.rows {
+            let point = columns.point(row)?;
+            if let Some(before) = points.last() {
+                let refuse = |column, reason| Err(Error::value(&row.what, column, format!("must ascend: {reason}")));
+                if point.frame <= before.frame {
+                    return refuse(COLUMNS[0], format!("{} follows {}", point.frame, before.frame));
+                }
+                if let (Some(time), Some(earlier)) = (point.time, before.time)
+                    && time <= earlier
+                {
+                    return refuse(TIME, format!("{time} s follows {earlier} s"));
+                }
+            }
+            points.push(point);
+        }
+        Ok(Self { points })
+    }
+
+    /// The text of a file; optional columns are there if a point has a number in them.
+    ///
+    /// # Errors
+    /// [`Error::Format`] where a number cannot be written.
+    pub fn to_csv(&self) -> Result<String> {
+        let optional = |point: &TrackPoint| [point.time, point.radius, point.radius_sigma, point.sigma];
+        let names = [TIME].into_iter().chain(SIZES).enumerate();
+        let told: Vec<(usize, &str)> =
+            names.filter(|(index, _)| self.points.iter().any(|point| optional(point)[*index].is_some())).collect();
+        let header: Vec<&str> = COLUMNS.into_iter().chain(told.iter().map(|(_, name)| *name)).collect();
+        let line = |point: &TrackPoint| {
+            let more: Vec<Option<f64>> = told.iter().map(|(index, _)| optional(point)[*index]).collect();
+            (point.frame, point.visibility, point.x, point.y, more)
+        };
+        text_of(Some(&header), self.points.iter().map(line))
+    }
+
+    /// One observation a frame, those left out among them (not seen), and the frames' numbers. They are at their own
+    /// times, those left out evenly between; without times, at `frame / fps` s.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for an `fps` that is not positive, or missing where it is needed; for frames left out by the
+    /// thousand.
+    pub fn observations(&self, fps: Option<f64>) -> Result<(Vec<u64>, Vec<Observation>)> {
+        if let Some(fps) = fps.filter(|fps| !(fps.is_finite() && *fps > 0.0)) {
+            return Err(Error::value("track", "fps", format!("must be positive, not {fps}")));
+        }
+        let time = |point: &TrackPoint| {
+            let missing = || Error::value("track", "fps", "is missing, and the track has no column `Time`");
+            point.time.or_else(|| Some(point.frame as f64 / fps?)).ok_or_else(missing)
+        };
+        let (mut frames, mut observations): (Vec<u64>, Vec<Observation>) = (vec![], vec![]);
+        for point in &self.points {
+            let now = time(point)?;
+            if let (Some(&frame), Some(&Observation { time: before, .. })) = (frames.last(), observations.last()) {
+                if point.frame - frame > LONGEST_GAP {
+                    let reason =
+                        format!("leaves out more than {LONGEST_GAP} frames after {frame}; split the track there");
+                    return Err(Error::value("track", COLUMNS[0], reason));
+                }
+                for between in frame + 1..point.frame {
+                    let share = (between - frame) as f64 / (point.frame - frame) as f64;
+                    let time = match point.time {
+                        Some(_) => before + (now - before) * share,
+                        None => between as f64 / fps.unwrap_or(1.0),
+                    };
+                    frames.push(between);
+                    observations.push(Observation { time, image: None });
+                }
+            }
+            frames.push(point.frame);
+            observations.push(Observation { time: now, image: point.image() });
+        }
+        Ok((frames, observations))
+    }
+}
+
+/// Where a table has what.
+struct Columns<'a> {
+    frame: Column<'a>,
+    visibility: Column<'a>,
+    place: [Column<'a>; 2],
+    time: Option<Column<'a>>,
+    sizes: [Option<Column<'a>>; 3],
+}
+
+impl Columns<'_> {
+    fn of(table: &Table) -> Result<Self> {
+        let [frame, visibility, x, y] = table.columns(COLUMNS).map_err(|error| match error {
+            Error::Format { what, message } => {
+                let message = format!("no 2D track, whose first line must be {}: {message}", COLUMNS.join(","));
+                Error::Format { what, message }
+            }
+            other => other,
+        })?;
+        let (time, sizes) = (table.column_if_any(TIME), SIZES.map(|name| table.column_if_any(name)));
+        Ok(Self { frame, visibility, place: [x, y], time, sizes })
+    }
+
+    fn point(&self, row: &Row) -> Result<TrackPoint> {
+        let visibility = match row.flag(self.visibility)? {
+            true => row.count(self.visibility).map_or(1, |level| level.min(255) as u8),
+            false => 0,
+        };
+        let [x, y] = match visibility {
+            // They mean nothing then, whatever stands there.
+            0 => self.place.map(|column| row.number_if_any(column).unwrap_or_default()),
+            _ => row.numbers(self.place)?.map(Some),
+        };
+        let size = |column: Option<Column<'_>>| match column.map(|column| row.number_if_any(column)).transpose()? {
+            Some(Some(size)) if size < 0.0 => {
+                let reason = format!("must not be negative, as {size} is");
+                Err(Error::value(&row.what, column.map_or("", |column| column.name()), reason))
+            }
+            size => Ok(size.flatten()),
+        };
+        let [radius, radius_sigma, sigma] = self.sizes;
+        Ok(TrackPoint {
+            frame: row.count(self.frame)?,
+            visibility,
+            x,
+            y,
+            time: self.time.map(|column| row.number(column)).transpose()?,
+            radius: size(radius)?,
+            radius_sigma: size(radius_sigma)?,
+            sigma: size(sigma)?,
+        })
+    }
+}
+
+impl Fit {
+    /// As CSV: the frames' numbers, time (s), position (m), velocity (m/s), 1-σ of the position (m), residual (px), whether
+    /// the label is an outlier.
+    ///
+    /// # Errors
+    /// [`Error::Format`] where a number cannot be written.
+    pub fn to_csv(&self, frames: &[u64]) -> Result<String> {
+        let line = |(frame, fitted): (&u64, &FittedFrame)| {
+            let (r, v) = (fitted.state.position, fitted.state.velocity);
+            TrajectoryLine {
+                frame: *frame,
+                t: fitted.time,
+                x: r.x,
+                y: r.y,
+                z: r.z,
+                vx: v.x,
+                vy: v.y,
+                vz: v.z,
+                sigma: fitted.sigma(),
+                residual_x_px: fitted.residual_px.map(|residual| residual.x),
+                residual_y_px: fitted.residual_px.map(|residual| residual.y),
+                outlier: fitted.outlier,
+            }
+        };
+        text_of(None, frames.iter().zip(&self.frames).map(line))
+    }
+}
+
+/// Lines under `header`, or under the names of their fields.
+fn text_of<T: Serialize>(header: Option<&[&str]>, lines: impl IntoIterator<Item = T>) -> Result<String> {
+    let refuse = |error: csv::Error| Error::Format { what: "CSV".into(), message: error.to_string() };
+    let mut writer = csv::WriterBuilder::new().has_headers(header.is_none()).from_writer(vec![]);
+    header.map(|header| writer.write_record(header)).transpose().map_err(refuse)?;
+    for line in lines {
+        writer.serialize(line).map_err(refuse)?;
+    }
+    let bytes = writer.into_inner().map_err(|error| refuse(error.into_error().into()))?;
+    String::from_utf8(bytes).map_err(Error::format("CSV"))
+}
