@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Point3, SMatrix, Vector3};
+use nalgebra::{Matrix6, Point3, SMatrix, Vector3};
 
+use super::arc;
 use super::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
 use super::engine::Engine;
-use super::field::{Field, Linear, Partials, Potential};
+use super::field::{Field, Partials, Potential};
 use super::forecast::{Forecast, Impact, Options, State, Status};
 use super::guard::moved_out;
 use super::impact::Rigid;
@@ -22,11 +23,20 @@ const SOFT_WALL_WIDTHS: f64 = 8.0;
 
 /// How a state moves on; the Jacobian is that of its first `D` components.
 #[derive(Debug, Clone)]
-pub(super) struct Transition<const D: usize> {
+pub(crate) struct Transition<const D: usize> {
     pub end: Column,
     pub jacobian: SMatrix<f64, D, D>,
     /// Whether anything is touched on the way.
     pub contact: bool,
+}
+
+/// Motion by the accelerations that are linear in the position: of a ball that starts at rest in the origin, and its
+/// Jacobian by the start's position and velocity, with which it is that of any start.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LinearMotion {
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    pub jacobian: Matrix6<f64>,
 }
 
 /// The laws of motion in a scene: the paper's physics-aware forecaster.
@@ -147,7 +157,7 @@ impl Forecaster {
 
     /// Position, velocity and spin `dt` s later (negative: earlier), with the Jacobian of the first `D`
     /// components (6 or 9); `None` where the forecast stops before.
-    pub(super) fn transition<const D: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
+    pub(crate) fn transition<const D: usize>(&self, start: &Column, dt: f64) -> Option<Transition<D>> {
         match D {
             6 => self.transition_of::<D, WITH_JACOBIAN>(start, dt),
             _ => self.transition_of::<D, WITH_SPIN_JACOBIAN>(start, dt),
@@ -188,13 +198,17 @@ impl Forecaster {
         self.obstacles.iter().any(|obstacle| obstacle.distance(position) < reach)
     }
 
-    /// Accelerations that have a closed form; contacts, drag, spin and the user's potential left out.
-    pub(super) fn linear_part(&self) -> Linear {
-        self.forwards.linear_part()
+    /// The motion of `time` s by the accelerations that have a closed form; contacts, drag, spin and the user's
+    /// potential left out.
+    pub(crate) fn linear_motion(&self, time: f64) -> LinearMotion {
+        let arc = arc::Arc { linear: self.forwards.linear_part(), spin_decay: 0.0, press: None };
+        let still = Columns::<WITH_JACOBIAN>::start(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        let moved = arc.at(&still, time);
+        LinearMotion { position: moved.position(), velocity: moved.velocity(), jacobian: moved.jacobian() }
     }
 
-    /// The accelerations that [`Self::linear_part`] leaves out, contacts excepted, m/s².
-    pub(super) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
+    /// The accelerations that [`Self::linear_motion`] leaves out, contacts excepted, m/s².
+    pub(crate) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
         let spin = self.scene.ball.spin.into();
         self.forwards.nonlinear_acceleration(r, v, &spin)
     }

@@ -22,10 +22,12 @@ mod rest;
 mod scene;
 
 pub use self::cases::Case;
+pub(crate) use self::columns::{Column, column, part};
 pub use self::field::Potential;
 pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Observation, Parameter};
 pub use self::forecast::{Forecast, Impact, Options, State, Status};
 pub use self::forecaster::Forecaster;
+pub(crate) use self::forecaster::Transition;
 pub use self::guard::Moved;
 pub use self::integrate::Integrator;
 pub use self::obstacle::Surface;
