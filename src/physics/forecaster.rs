@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Point3, SMatrix, Vector3};
+use nalgebra::{Matrix6, Point3, SMatrix, Vector3};
 
+use super::arc;
 use super::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
 use super::engine::Engine;
-use super::field::{Field, Linear, Partials, Potential};
+use super::field::{Field, Partials, Potential};
 use super::forecast::{Forecast, Impact, Options, State, Status};
 use super::guard::moved_out;
 use super::impact::Rigid;
@@ -27,6 +28,15 @@ pub(crate) struct Transition<const D: usize> {
     pub jacobian: SMatrix<f64, D, D>,
     /// Whether anything is touched on the way.
     pub contact: bool,
+}
+
+/// Motion by the accelerations that are linear in the position: of a ball that starts at rest in the origin, and its
+/// Jacobian by the start's position and velocity, with which it is that of any start.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct LinearMotion {
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    pub jacobian: Matrix6<f64>,
 }
 
 /// The laws of motion in a scene: the paper's physics-aware forecaster.
@@ -188,12 +198,16 @@ impl Forecaster {
         self.obstacles.iter().any(|obstacle| obstacle.distance(position) < reach)
     }
 
-    /// Accelerations that have a closed form; contacts, drag, spin and the user's potential left out.
-    pub(crate) fn linear_part(&self) -> Linear {
-        self.forwards.linear_part()
+    /// The motion of `time` s by the accelerations that have a closed form; contacts, drag, spin and the user's
+    /// potential left out.
+    pub(crate) fn linear_motion(&self, time: f64) -> LinearMotion {
+        let arc = arc::Arc { linear: self.forwards.linear_part(), spin_decay: 0.0, press: None };
+        let still = Columns::<WITH_JACOBIAN>::start(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
+        let moved = arc.at(&still, time);
+        LinearMotion { position: moved.position(), velocity: moved.velocity(), jacobian: moved.jacobian() }
     }
 
-    /// The accelerations that [`Self::linear_part`] leaves out, contacts excepted, m/s².
+    /// The accelerations that [`Self::linear_motion`] leaves out, contacts excepted, m/s².
     pub(crate) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
         let spin = self.scene.ball.spin.into();
         self.forwards.nonlinear_acceleration(r, v, &spin)

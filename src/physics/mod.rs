@@ -23,15 +23,12 @@ mod scene;
 mod tests;
 
 pub use self::cases::Case;
+pub(crate) use self::columns::{Column, column, part};
 pub use self::field::Potential;
 pub use self::forecast::{Forecast, Impact, Options, State, Status};
 pub use self::forecaster::Forecaster;
+pub(crate) use self::forecaster::Transition;
 pub use self::guard::Moved;
 pub use self::integrate::Integrator;
 pub use self::obstacle::Surface;
 pub use self::scene::{Ball, Contact, Cuboid, Floor, Scene, Spring, Wall};
-
-// What the fit shoots with: forecasts of one frame, column by column.
-pub(crate) use self::arc::Arc;
-pub(crate) use self::columns::{Column, Columns, WITH_JACOBIAN, column, part};
-pub(crate) use self::forecaster::Transition;

@@ -9,10 +9,10 @@ use std::convert::Infallible;
 
 use nalgebra::{SMatrix, SVector, Vector2};
 
-use super::problem::{Problem, Transition};
+use super::problem::Problem;
 use super::tridiagonal::Normal;
 use crate::least_squares::{Damping, LeastSquares, minimised};
-use crate::physics::{Column, part};
+use crate::physics::{Column, Transition, part};
 
 /// Longest change of a position in one iteration, m.
 const LONGEST_STEP: f64 = 1.5;
@@ -39,10 +39,9 @@ pub(super) enum Loss {
 }
 
 impl Loss {
-    /// The same kind of loss for the defect of an interval; one without contact costs its square.
-    fn of_defect(self, square: f64, contact: bool) -> (f64, f64) {
+    /// The same kind of loss for the defect of an interval with a contact; one without costs its square.
+    fn of_contact(self, square: f64) -> (f64, f64) {
         match self {
-            _ if !contact => (square, 1.0),
             Self::Huber(_) => Self::Huber(CONTACT_SCALE).of(square),
             Self::Cauchy(_) => Self::Cauchy(CONTACT_SCALE).of(square),
         }
@@ -78,6 +77,25 @@ pub(super) struct Trust<const D: usize> {
     /// 1/variance of position, velocity and spin.
     pub precision: SVector<f64, D>,
     pub contact: bool,
+}
+
+/// A move of a chain.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Shift {
+    /// Whose position is moved.
+    pub frame: usize,
+    /// Standard deviations of it.
+    pub by: f64,
+    pub contacts: Contacts,
+}
+
+/// What contacts do when a chain is moved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Contacts {
+    /// Flights on both sides move together.
+    Held,
+    /// A flight moves by what it knows on its own.
+    Loose,
 }
 
 /// A range of a chain on its way to the least cost. Which intervals hold contacts, and so how far each is trusted, is
@@ -170,14 +188,13 @@ impl<const D: usize> Chain<D> {
         self.normal(problem, range, &transitions, &trusts, loss).covariances()
     }
 
-    /// The chain moved by `by` standard deviations along the least certain direction of the position at
-    /// `frame`, its other states following. With `loose` contacts, the flight around `frame` moves by
-    /// what it knows on its own.
-    pub fn shifted(&self, problem: &Problem, frame: usize, by: f64, loose: bool, loss: Loss) -> Option<Self> {
+    /// The chain with one position moved along its least certain direction, its other states following.
+    pub fn shifted(&self, problem: &Problem, shift: &Shift, loss: Loss) -> Option<Self> {
+        let &Shift { frame, by, contacts } = shift;
         let range = (self.first, self.last());
         let transitions = self.transitions(problem, range)?;
         let mut trusts = self.trusts(problem, range, &transitions);
-        for trust in trusts.iter_mut().filter(|trust| loose && trust.contact) {
+        for trust in trusts.iter_mut().filter(|trust| contacts == Contacts::Loose && trust.contact) {
             trust.precision *= LOOSE;
         }
         let mut normal = self.normal(problem, range, &transitions, &trusts, loss);
@@ -264,7 +281,8 @@ impl<const D: usize> Chain<D> {
         loss: Loss,
     ) -> (f64, f64, SVector<f64, D>) {
         let off = SVector::<f64, D>::from_fn(|i, _| self.states[index + 1][i] - transition.end[i]);
-        let (cost, weight) = loss.of_defect(trust.precision.component_mul(&off).dot(&off), trust.contact);
+        let square = trust.precision.component_mul(&off).dot(&off);
+        let (cost, weight) = if trust.contact { loss.of_contact(square) } else { (square, 1.0) };
         (cost, weight, off)
     }
 

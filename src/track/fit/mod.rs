@@ -22,10 +22,7 @@ use self::problem::Problem;
 use self::search::{EXPLAINED, FINAL, best_of, searched};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::Contact;
-use crate::physics::Forecaster;
-use crate::physics::part;
-use crate::physics::{Impact, State};
+use crate::physics::{Contact, Forecaster, Impact, State, part};
 
 /// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
 const FEWEST: usize = 4;
@@ -144,13 +141,13 @@ impl Forecaster {
         let trusted = trusted(observations);
         let noise = options.noise_px.unwrap_or_else(|| noise_of(&trusted)).max(SMALLEST_NOISE);
         let mut problem = Problem::new(self, camera, observations, &trusted, noise, spin_sigma)?;
-        let numbers: Vec<Parameter> = options.estimate.iter().copied().filter(|&p| p != Parameter::Spin).collect();
+        let numbers = parameters::numbers(options);
         problem.slack = parameters::slack(&numbers);
         let chains = searched::<D>(&mut problem, options)?;
         if numbers.is_empty() {
             return finished(&problem, &chains, vec![]).ok_or_else(unexplained);
         }
-        let found = parameters::searched(&mut problem, &chains, &numbers, options.noise_px.is_none())?;
+        let found = parameters::searched(&mut problem, &chains, options)?;
         let problem = problem.with(&found.forecaster);
         let mut fit = finished(&problem, &[found.chain], found.estimates).ok_or_else(unexplained)?;
         for (frame, spread) in fit.frames.iter_mut().zip(found.spread) {

@@ -8,7 +8,7 @@ use super::labels::residual_noise;
 use super::problem::{Problem, Slack};
 use super::search::FINAL;
 use super::tridiagonal::Normal;
-use super::unexplained;
+use super::{FitOptions, unexplained};
 use crate::error::{Error, Result};
 use crate::least_squares::{Damping, LeastSquares, minimised};
 use crate::physics::{Contact, Forecaster, Scene};
@@ -81,6 +81,11 @@ impl Parameter {
     }
 }
 
+/// What is to be estimated of the scene: all but the spin, which is part of the trajectory.
+pub(super) fn numbers(options: &FitOptions) -> Vec<Parameter> {
+    options.estimate.iter().copied().filter(|&parameter| parameter != Parameter::Spin).collect()
+}
+
 /// How little the laws are to be trusted until these parameters are known.
 pub(super) fn slack(parameters: &[Parameter]) -> Slack {
     let unknown = |parameter, size| if parameters.contains(&parameter) { size } else { 0.0 };
@@ -90,13 +95,13 @@ pub(super) fn slack(parameters: &[Parameter]) -> Slack {
     }
 }
 
-/// The best trajectory and parameters, from the best of the chains; finds the labels' noise if `noise`.
+/// The best trajectory and the numbers of the scene that `options` ask for, from the best of the chains; finds the labels' noise where it is not given.
 pub(super) fn searched<const D: usize>(
     problem: &mut Problem,
     chains: &[Chain<D>],
-    parameters: &[Parameter],
-    noise: bool,
+    options: &FitOptions,
 ) -> Result<Estimated<D>> {
+    let parameters = &numbers(options);
     let mut whole: Vec<_> = chains.iter().filter(|chain| chain.states.len() == problem.len()).collect();
     whole.sort_by(|a, b| a.total_cost(problem, FINAL).total_cmp(&b.total_cost(problem, FINAL)));
     let mut found: Option<Estimated<D>> = None;
@@ -114,7 +119,7 @@ pub(super) fn searched<const D: usize>(
     }
     let found = found.ok_or_else(unexplained)?;
     problem.slack = Slack::default();
-    if noise {
+    if options.noise_px.is_none() {
         problem.sigma = residual_noise(problem, &found.chain);
     }
     estimated(problem, &found.forecaster, found.chain, parameters)

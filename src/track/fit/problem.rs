@@ -7,8 +7,7 @@ use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, SVector, Vector2, Vector3};
 use super::Observation;
 use crate::camera::Camera;
 use crate::error::Result;
-use crate::physics::Column;
-use crate::physics::Forecaster;
+use crate::physics::{Column, Forecaster, Transition};
 
 /// Uncertainty of the laws of motion in flight: share of gravity (or of 1 m/s², where there is less).
 const FLIGHT_ERROR: f64 = 0.002;
@@ -21,8 +20,6 @@ const CONTACT_VELOCITY_SHARE: f64 = 2e-3;
 const CONTACT_SPIN_SHARE: f64 = 0.05;
 /// Uncertainty of the spin from frame to frame, rad/s.
 const SPIN_ERROR: f64 = 0.01;
-
-pub(super) use crate::physics::Transition;
 
 /// How much less the laws are trusted while their numbers are unknown.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -1,6 +1,6 @@
 //! The search for the right trajectory: growth from several starts, and the joining of what they found.
 
-use super::chain::{Chain, Loss};
+use super::chain::{Chain, Contacts, Loss, Shift};
 use super::labels::residual_noise;
 use super::problem::{Problem, Slack};
 use super::{FitOptions, seed, unexplained};
@@ -88,7 +88,9 @@ fn polished<const D: usize>(problem: &Problem, mut best: Chain<D>) -> Chain<D> {
             break;
         }
         for by in POLISH {
-            let Some(mut chain) = best.shifted(problem, frame, by, true, FINAL) else { continue };
+            let Some(mut chain) = best.shifted(problem, &Shift { frame, by, contacts: Contacts::Loose }, FINAL) else {
+                continue;
+            };
             chain.refine(problem, (0, last), GROWING, 8);
             chain.refine(problem, (0, last), FINAL, 8);
             let found = chain.total_cost(problem, FINAL);
@@ -123,7 +125,8 @@ fn grown<const D: usize>(problem: &Problem, mut chain: Chain<D>, growth: usize, 
         let worst = ends.map(|end| misfit(problem, &next, end));
         if worst[0].max(worst[1]) > BAD_END {
             let frame = if worst[0] > worst[1] { chain.last() } else { chain.first };
-            let shifted = SHIFTS.iter().filter_map(|&by| chain.shifted(problem, frame, by, false, GROWING));
+            let shift = |by: f64| Shift { frame, by, contacts: Contacts::Held };
+            let shifted = SHIFTS.iter().filter_map(|&by| chain.shifted(problem, &shift(by), GROWING));
             let others: Vec<Chain<D>> = shifted.filter_map(|chain| extended(problem, &chain, growth, 5)).collect();
             let cost = |chain: &Chain<D>| chain.total_cost(problem, GROWING);
             if let Some(best) = others.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))

@@ -3,8 +3,7 @@
 use nalgebra::{Matrix6, Point2, Vector3, Vector6};
 
 use super::problem::Problem;
-use crate::physics::Arc;
-use crate::physics::{Columns, WITH_JACOBIAN, column, part};
+use crate::physics::{column, part};
 
 /// Lengths of the windows, in observations seen.
 const LENGTHS: [usize; 5] = [8, 12, 18, 26, 36];
@@ -71,9 +70,7 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
     let (first, last) = (*seen.first()?, *seen.last()?);
     let start_time = problem.observations[first].time;
     let times: Vec<f64> = (first..=last).map(|frame| problem.observations[frame].time - start_time).collect();
-    let arc = Arc { linear: problem.forecaster.linear_part(), spin_decay: 0.0, press: None };
-    let unit = Columns::<WITH_JACOBIAN>::start(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
-    let moved: Vec<_> = times.iter().map(|&time| arc.at(&unit, time)).collect();
+    let moved: Vec<_> = times.iter().map(|&time| problem.forecaster.linear_motion(time)).collect();
     let rays: Vec<(usize, Point2<f64>)> =
         seen.iter().filter_map(|&frame| Some((frame - first, problem.rays[frame]?))).collect();
     if rays.len() < 4 {
@@ -86,16 +83,16 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
     let mut squares = f64::INFINITY;
     let state = |solution: &Vector6<f64>, extra: &(Vector3<f64>, Vector3<f64>), index: usize| {
         let m = &moved[index];
-        let v = m.jacobian() * solution;
+        let v = m.jacobian * solution;
         let (dr, dv) = extra;
-        (m.position() + v.fixed_rows::<3>(0) + dr, m.velocity() + v.fixed_rows::<3>(3) + dv)
+        (m.position + v.fixed_rows::<3>(0) + dr, m.velocity + v.fixed_rows::<3>(3) + dv)
     };
     for round in 0..ROUNDS {
         normal = Matrix6::identity() * REGULAR;
         let mut right = Vector6::zeros();
         for ((index, ray), weight) in rays.iter().zip(&weights) {
-            let jacobian = moved[*index].jacobian();
-            let known = moved[*index].position() + extra[*index].0;
+            let jacobian = moved[*index].jacobian;
+            let known = moved[*index].position + extra[*index].0;
             let camera = problem.camera_coordinates(&state(&solution, &extra[*index], *index).0);
             for axis in 0..2 {
                 // (row_axis − ray·row_depth)·camera_from_world(r) = 0 with the label's ray is linear, but noise
@@ -140,7 +137,7 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
     }
     let middle = times.len() / 2;
     let along = problem.depth_direction();
-    let jacobian = moved[middle].jacobian().fixed_view::<3, 6>(0, 0).transpose() * along;
+    let jacobian = moved[middle].jacobian.fixed_view::<3, 6>(0, 0).transpose() * along;
     let depth_variance = jacobian.dot(&normal.cholesky()?.solve(&jacobian));
     let depth = problem.camera_coordinates(&part(&states[middle], 0)).z;
     let misfit = (squares / (2.0 * rays.len() as f64 - 6.0).max(1.0)).sqrt();
