@@ -4,29 +4,19 @@
 //! paper's physics-aware forecaster (PAF): from a state to the states at other times and their
 //! Jacobians by the start, contacts included.
 
-mod arc;
-mod carried;
 mod cases;
-mod columns;
-mod engine;
-mod field;
+mod contact;
 mod fit;
-mod forecast;
-mod forecaster;
-mod guard;
-mod impact;
-mod integrate;
+mod force;
+pub(crate) mod forecast;
 mod obstacle;
-mod pressed;
-mod rest;
 mod scene;
+mod state;
 
 pub use self::cases::Case;
-pub use self::field::Potential;
 pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Observation, Parameter};
-pub use self::forecast::{Forecast, Impact, Options, State, Status};
-pub use self::forecaster::Forecaster;
-pub use self::guard::Moved;
-pub use self::integrate::Integrator;
+pub use self::force::Potential;
+pub use self::forecast::{Forecast, Forecaster, Impact, Integrator, Moved, Options, Status};
 pub use self::obstacle::Surface;
 pub use self::scene::{Ball, Contact, Cuboid, Floor, Scene, Spring, Wall};
+pub use self::state::State;

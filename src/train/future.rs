@@ -12,7 +12,7 @@ use super::step::read;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::model::Decoded;
-use crate::physics::{Forecaster, State};
+use crate::physics::Forecaster;
 
 /// Where a drawn picture lies in the clip's.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -55,6 +55,8 @@ pub struct Window {
     pub places: [Place; 3],
     /// Their times, s; the middle one's is 0.
     pub times: [f64; 3],
+    /// From the clip's first frame to the middle one, s.
+    pub since_start: f64,
     /// The camera of the clip's pictures.
     pub camera: Camera,
     /// The clip's physics.
@@ -134,7 +136,7 @@ fn window_loss(
         before / (after * (before + after)),
     ];
     let velocity: Vector3<f64> = points.iter().zip(shares).map(|(point, share)| point * share).sum();
-    let start = State { position: points[1].into(), velocity };
+    let start = window.forecaster.scene().in_flight(points[1].into(), velocity, window.since_start);
     let times: Vec<f64> = window.ahead.iter().map(|(time, _)| *time).collect();
     let forecast = window.forecaster.forecast_with_jacobians(&start, &times);
     if !forecast.status.is_exact() || forecast.states.len() != times.len() {

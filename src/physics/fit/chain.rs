@@ -8,7 +8,7 @@
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector2};
 
 use super::problem::{Problem, Transition};
-use crate::physics::columns::Column;
+use crate::physics::forecast::columns::Column;
 
 /// Longest change of a position in one iteration, m.
 const LONGEST_STEP: f64 = 1.5;
@@ -269,7 +269,7 @@ impl<const D: usize> Chain<D> {
         if range.0 != self.first || D < 9 {
             return None;
         }
-        let off = crate::physics::columns::part(&self.states[0], 2) - problem.spin_at(self.first);
+        let off = crate::physics::forecast::columns::part(&self.states[0], 2) - problem.spin_at(self.first);
         Some((off.norm_squared() / problem.spin_sigma.powi(2), off))
     }
 

@@ -19,10 +19,10 @@ use self::labels::{SMALLEST_NOISE, noise_of, trusted};
 pub use self::parameters::{Estimate, Parameter};
 use self::problem::Problem;
 use self::search::{EXPLAINED, FINAL, best_of, searched};
-use super::columns::part;
-use super::forecast::{Impact, State};
-use super::forecaster::Forecaster;
+use super::forecast::columns::part;
+use super::forecast::{Forecaster, Impact};
 use super::scene::Contact;
+use super::state::State;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 
@@ -66,7 +66,7 @@ impl Default for FitOptions {
 pub struct FittedFrame {
     /// s.
     pub time: f64,
-    /// Position and velocity in the world.
+    /// Position, velocity and spin in the world.
     pub state: State,
     /// Covariance of the position, m²: the labels' noise and the laws' own uncertainty, and the
     /// spread of other trajectories that explain the track nearly as well.
@@ -201,7 +201,7 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
             squares.extend(residual_px.filter(|_| !outlier).map(|residual| residual.norm_squared() / 2.0));
             Some(FittedFrame {
                 time: problem.observations[frame].time,
-                state: State { position: Point3::from(part(state, 0)), velocity: part(state, 1) },
+                state: State { position: Point3::from(part(state, 0)), velocity: part(state, 1), spin: part(state, 2) },
                 covariance,
                 residual_px,
                 outlier,

@@ -9,7 +9,7 @@ use super::problem::{Problem, Slack};
 use super::search::FINAL;
 use super::unexplained;
 use crate::error::{Error, Result};
-use crate::physics::forecaster::Forecaster;
+use crate::physics::forecast::Forecaster;
 use crate::physics::scene::{Contact, Scene};
 
 /// Iterations, at most.

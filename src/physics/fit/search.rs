@@ -5,7 +5,7 @@ use super::labels::residual_noise;
 use super::problem::{Problem, Slack};
 use super::{FitOptions, seed, unexplained};
 use crate::error::Result;
-use crate::physics::columns::Column;
+use crate::physics::forecast::columns::Column;
 
 /// Loss while growing and at the end, in standard deviations.
 pub(super) const GROWING: Loss = Loss::Huber(3.0);

@@ -3,8 +3,9 @@
 use nalgebra::{Matrix6, Point2, Vector3, Vector6};
 
 use super::problem::Problem;
-use crate::physics::arc::Arc;
-use crate::physics::columns::{Columns, WITH_JACOBIAN, column, part};
+use crate::physics::State;
+use crate::physics::forecast::arc::Arc;
+use crate::physics::forecast::columns::{Columns, WITH_JACOBIAN, column, part};
 
 /// Lengths of the windows, in observations seen.
 const LENGTHS: [usize; 5] = [8, 12, 18, 26, 36];
@@ -71,7 +72,7 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
     let (first, last) = (*seen.first()?, *seen.last()?);
     let start_time = problem.observations[first].time;
     let times: Vec<f64> = (first..=last).map(|frame| problem.observations[frame].time - start_time).collect();
-    let arc = Arc { linear: problem.forecaster.linear_part(), spin_decay: 0.0, press: None };
+    let arc = Arc { linear: problem.forecaster.linear_part(&problem.spin_at(first)), spin_decay: 0.0, press: None };
     let unit = Columns::<WITH_JACOBIAN>::start(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
     let moved: Vec<_> = times.iter().map(|&time| arc.at(&unit, time)).collect();
     let rays: Vec<(usize, Point2<f64>)> =
@@ -126,7 +127,10 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
             *weight = robust * (problem.focal / (problem.sigma * camera.z)).powi(2);
         }
         if round + 1 < ROUNDS {
-            extra = problem.nonlinear_motion(&times, |index| state(&solution, &extra[index], index));
+            extra = problem.nonlinear_motion(&times, |index| {
+                let (r, v) = state(&solution, &extra[index], index);
+                State { position: r.into(), velocity: v, spin: problem.spin_at(first + index) }
+            });
         }
     }
     let states: Vec<_> = (0..times.len())
