@@ -29,6 +29,7 @@ fn starts() -> (Scene, Vec<State>) {
         [7, 31, 55].map(|frame| State {
             position: Point3::from(vector(&track["world"][frame])),
             velocity: vector(&track["velocity"][frame]),
+            spin: Vector3::zeros(),
         })
     });
     (Scene::from_json(&first.to_string(), "scene").unwrap(), states.take(STARTS).collect())

@@ -40,7 +40,7 @@ fn the_ball_is_where_an_independent_script_has_it() {
         serde_json::from_slice::<Value>(&common::golden("mujoco_paths.json")).and_then(serde_json::from_value).unwrap();
     let mut worst: f64 = 0.0;
     for track in &golden.tracks {
-        let start = State { position: track.position.into(), velocity: track.velocity.into() };
+        let start = State { position: track.position.into(), velocity: track.velocity.into(), spin: Vector3::zeros() };
         let times: Vec<f64> = (0..track.world.len()).map(|index| index as f64 * golden.seconds).collect();
         let path = Mujoco::new(&studio(track.environment, 1)).unwrap().path(&start, &times).unwrap();
         for (ours, theirs) in path.iter().zip(&track.world) {
@@ -75,7 +75,8 @@ fn the_pictures_are_those_of_an_independent_script() {
 #[test]
 fn the_ball_on_the_spring_follows_the_law() {
     let studio = studio(None, 1);
-    let start = State { position: Point3::new(1.2, -0.7, 1.4), velocity: Vector3::new(1.0, 2.0, -0.5) };
+    let (position, velocity) = (Point3::new(1.2, -0.7, 1.4), Vector3::new(1.0, 2.0, -0.5));
+    let start = State { position, velocity, spin: Vector3::zeros() };
     let times: Vec<f64> = (0..120).map(|frame| f64::from(frame) / 15.0).collect();
     let path = studio.mujoco().unwrap().path(&start, &times).unwrap();
     let law = studio.builtin().path(&start, &times).unwrap();

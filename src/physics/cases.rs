@@ -4,8 +4,8 @@
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 
-use super::forecast::State;
 use super::scene::{Contact, Cuboid, Floor, Scene, Spring, Wall};
+use super::state::State;
 use crate::error::{Error, Result};
 
 /// Radius of the ball, m: it is a point to the paper's potentials, but a scene has one.
@@ -114,7 +114,7 @@ impl Case {
             scene.spring = Some(Spring { stiffness: spring.k, anchor: [0.0; 3] });
         }
         scene.check(&format!("{what}: case `{}`", case.name))?;
-        let start = State { position: Point3::from(case.r0), velocity: Vector3::from(case.v0) };
+        let start = scene.start(Point3::from(case.r0), Vector3::from(case.v0));
         Ok(Self { name: case.name, scene, start, times: case.times })
     }
 }

@@ -4,31 +4,21 @@
 //! paper's physics-aware forecaster (PAF): from a state to the states at other times and their
 //! Jacobians by the start, contacts included.
 
-mod arc;
-mod carried;
 mod cases;
-mod columns;
-mod engine;
-mod field;
+mod contact;
+mod force;
 mod forecast;
-mod forecaster;
-mod guard;
-mod impact;
-mod integrate;
 mod obstacle;
-mod pressed;
-mod rest;
 mod scene;
+mod state;
 #[cfg(test)]
 mod tests;
 
 pub use self::cases::Case;
-pub(crate) use self::columns::{Column, column, part};
-pub use self::field::Potential;
-pub use self::forecast::{Forecast, Impact, Options, State, Status};
-pub use self::forecaster::Forecaster;
-pub(crate) use self::forecaster::Transition;
-pub use self::guard::Moved;
-pub use self::integrate::Integrator;
+pub use self::force::Potential;
+pub(crate) use self::forecast::Transition;
+pub(crate) use self::forecast::columns::{Column, column, part};
+pub use self::forecast::{Forecast, Forecaster, Impact, Integrator, Moved, Options, Status};
 pub use self::obstacle::Surface;
 pub use self::scene::{Ball, Contact, Cuboid, Floor, Scene, Spring, Wall};
+pub use self::state::State;

@@ -1,7 +1,9 @@
 //! `scene.json` (FORMATS.md): what the physics needs to know of a place and its ball.
 
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::state::State;
 use crate::error::{Error, Result};
 
 /// Largest number a scene can hold (SI units): beyond it, products overflow.
@@ -50,7 +52,7 @@ pub struct Ball {
     /// Density of the air ρ, kg/m³.
     #[serde(default = "air_density")]
     pub air_density: f64,
-    /// Angular velocity ω at time 0, world axes, rad/s.
+    /// Angular velocity ω of a start of which nothing else is said, world axes, rad/s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub spin: [f64; 3],
     /// Rate at which the spin decays in flight, 1/s; 0: constant.
@@ -194,6 +196,18 @@ impl Scene {
             inertia_factor: solid_ball(),
         };
         Self { gravity, ball, contact: Contact::default(), floor: None, walls: vec![], boxes: vec![], spring: None }
+    }
+
+    /// A start (m, m/s) with the scene's spin.
+    pub fn start(&self, position: Point3<f64>, velocity: Vector3<f64>) -> State {
+        State { position, velocity, spin: self.ball.spin.into() }
+    }
+
+    /// A state (m, m/s) in the middle of a flight, `time` s after the start: with what the air has left of the scene's
+    /// spin.
+    pub fn in_flight(&self, position: Point3<f64>, velocity: Vector3<f64>, time: f64) -> State {
+        let start = self.start(position, velocity);
+        State { spin: start.spin * (-self.ball.spin_decay * time).exp(), ..start }
     }
 
     /// Reads the text of a `scene.json`; `what` names it in errors.

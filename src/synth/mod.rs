@@ -267,7 +267,7 @@ impl Studio {
         let speed = inwards * between(start.speed_inwards);
         let velocity = Vector3::new(speed.x, speed.y, between(start.speed_up));
         let jitter = Vector3::from_fn(|_, _| between([-start.jitter, start.jitter]));
-        State { position: Point3::from(position), velocity: velocity + jitter }
+        self.scene.start(Point3::from(position), velocity + jitter)
     }
 
     /// A start of the ball on the spring: across its line to the anchor, nearly in a circle; [`None`] if it comes too
@@ -287,6 +287,6 @@ impl Studio {
             (position * cosine + velocity * (sine / frequency)).norm()
         });
         let far_enough = nearest.fold(f64::INFINITY, f64::min) >= start.least_distance;
-        far_enough.then(|| State { position: Point3::from(position), velocity })
+        far_enough.then(|| self.scene.start(Point3::from(position), velocity))
     }
 }

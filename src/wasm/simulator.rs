@@ -2,7 +2,7 @@
 
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
-use super::tools::state_of;
+use super::tools::start_of;
 use super::{js_error, object_of};
 use crate::error::{Error, Result};
 use crate::synth::{Engine as _, Shot, Split, Studio};
@@ -34,7 +34,7 @@ impl JsSimulator {
     /// Centres of a ball (x, y, z of each, m) at `times` (s, rising), thrown with the state `start` (position in m,
     /// velocity in m/s).
     pub fn path(&self, start: Vec<f64>, times: Vec<f64>) -> std::result::Result<Vec<f64>, JsValue> {
-        let path = state_of(&start).and_then(|start| {
+        let path = start_of(self.0.scene(), &start).and_then(|start| {
             let path = self.0.builtin().path(&start, &times);
             path.ok_or_else(|| Error::value("state", "start", "cannot be followed: is it inside a box or the floor?"))
         });

@@ -59,7 +59,7 @@ fn fit(frames: &str, camera: &str, scene: &str, noise_px: Option<f64>, estimate:
 pub fn forecast(scene: &str, start: Vec<f64>, times: Vec<f64>) -> std::result::Result<JsValue, JsValue> {
     let run = || {
         let forecaster = Forecaster::new(&Scene::from_json(scene, "scene")?)?;
-        let forecast = forecaster.forecast(&state_of(&start)?, &times);
+        let forecast = forecaster.forecast(&start_of(forecaster.scene(), &start)?, &times);
         let states: Vec<[f64; 6]> = forecast.states.iter().map(flat).collect();
         let impacts: Vec<serde_json::Value> = forecast
             .impacts
@@ -74,11 +74,11 @@ pub fn forecast(scene: &str, start: Vec<f64>, times: Vec<f64>) -> std::result::R
     run().map_err(js_error)
 }
 
-/// The state of six numbers.
-pub(super) fn state_of(numbers: &[f64]) -> Result<State> {
+/// The start of six numbers, with the scene's spin.
+pub(super) fn start_of(scene: &Scene, numbers: &[f64]) -> Result<State> {
     match *numbers {
         [x, y, z, vx, vy, vz] if numbers.iter().all(|number| number.is_finite()) => {
-            Ok(State { position: [x, y, z].into(), velocity: [vx, vy, vz].into() })
+            Ok(scene.start([x, y, z].into(), [vx, vy, vz].into()))
         }
         _ => Err(Error::value("state", "start", "must be six finite numbers: x, y, z (m) and the velocity (m/s)")),
     }

@@ -8,7 +8,7 @@ use nalgebra::{Matrix6, Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::print_line;
-use gravisight::{Case, Forecast, Forecaster, Integrator, Options, Scene, State};
+use gravisight::{Case, Forecast, Forecaster, Integrator, Options, Scene};
 
 /// Forecast where a ball will be: positions, velocities, and their derivatives by the start.
 #[derive(Args)]
@@ -78,8 +78,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let (Numbers(state), Numbers(times)) =
         arguments.state.zip(arguments.times).context("--state and --times are missing")?;
     let &[x, y, z, vx, vy, vz] = state.as_slice() else { bail!("--state takes six numbers") };
-    let start = State { position: Point3::new(x, y, z), velocity: Vector3::new(vx, vy, vz) };
     let forecaster = Forecaster::new(&Scene::from_file(path)?)?.with_options(options)?;
+    let start = forecaster.scene().start(Point3::new(x, y, z), Vector3::new(vx, vy, vz));
     let forecast = match arguments.jacobian {
         true => forecaster.forecast_with_jacobians(&start, &times),
         false => forecaster.forecast(&start, &times),

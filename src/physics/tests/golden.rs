@@ -21,7 +21,7 @@ fn vector(value: &Value) -> Vector3<f64> {
 }
 
 fn state(r: Vector3<f64>, v: Vector3<f64>) -> State {
-    State { position: Point3::from(r), velocity: v }
+    State { position: Point3::from(r), velocity: v, spin: Vector3::zeros() }
 }
 
 fn bare(contact: Contact, gravity: f64) -> Scene {
@@ -155,6 +155,7 @@ fn jacobians_agree(contact: BoxedStrategy<Contact>, contacts: usize, h: f64) {
         let options =
             Options { integrator: Integrator::DormandPrince { rtol: 1e-11, atol: 1e-12 }, ..Options::default() };
         let forecaster = Forecaster::new(&scene).unwrap().with_options(options).unwrap();
+        let start = scene.start(start.position, start.velocity);
         let forecast = forecaster.forecast_with_jacobians(&start, &[time]);
         if forecast.status != Status::Ok {
             continue; // a start inside an obstacle is tested on its own

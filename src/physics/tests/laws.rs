@@ -143,7 +143,8 @@ fn a_dropped_ball_rebounds_with_its_restitution_and_grips_with_its_friction() {
     let after = |v: [f64; 3], spin: [f64; 3]| {
         let mut ball = ball.clone();
         ball.ball.spin = spin;
-        let forecast = forecaster(&ball, tight()).forecast(&state([0.0, 0.0, 0.1], v), &[0.0, 1e-9]);
+        let start = ball.start(Point3::new(0.0, 0.0, 0.1), v.into());
+        let forecast = forecaster(&ball, tight()).forecast(&start, &[0.0, 1e-9]);
         forecast.states[1].velocity
     };
     // slides: Δv = µ(1 + e)·v_n
@@ -298,6 +299,56 @@ fn times_come_in_any_order_and_a_batch_is_its_parts() {
         for (index, &time) in [0.5, -0.3, 1.2, 0.0].iter().enumerate() {
             let alone = forecaster.forecast(start, &[time]).states[0];
             assert!((alone.position - forecast.states[index].position).norm() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_forecast_goes_on_from_its_own_states_with_the_spin_that_is_left() {
+    let mut curve = scene(Contact::Bounce { restitution: 0.8, friction: 0.3 }, 9.81, 0.03);
+    (curve.ball.mass, curve.ball.lift_coefficient, curve.ball.spin_decay) = (0.003, 0.6, 1.0);
+    curve.ball.spin = [20.0, 150.0, 80.0];
+    let forecaster = forecaster(&curve, tight());
+    let start = curve.start(Point3::new(0.0, 0.0, 0.6), Vector3::new(3.0, 0.5, 0.0));
+    let whole = forecaster.forecast(&start, &[0.2, 0.9]);
+    assert!(!whole.impacts.is_empty() && whole.states[0].spin != start.spin);
+    let rest = forecaster.forecast(&whole.states[0], &[0.7]);
+    assert!((rest.states[0].position - whole.states[1].position).norm() < 1e-7, "{rest:?} {whole:?}");
+    assert!((rest.states[0].spin - whole.states[1].spin).norm() < 1e-4);
+}
+
+#[test]
+fn a_spin_that_decays_fast_is_solved_as_well_as_the_path() {
+    let mut curve = scene(ELASTIC, 0.0, 0.1);
+    (curve.floor, curve.ball.lift_coefficient, curve.ball.spin_decay) = (None, 1e-6, 40.0);
+    curve.ball.spin = [0.0, 0.0, 100.0];
+    let start = curve.start(Point3::origin(), Vector3::new(1.0, 0.0, 0.0));
+    let spin = forecaster(&curve, Options::default()).forecast(&start, &[0.2]).states[0].spin.z;
+    let expected = 100.0 * (-8.0_f64).exp();
+    assert!((spin - expected).abs() < 1e-2, "{spin} {expected}");
+}
+
+#[test]
+fn strong_forces_and_thin_boxes_let_no_ball_through() {
+    let mut room = scene(ELASTIC, 9.81, 0.01);
+    room.floor = None;
+    room.boxes = vec![Cuboid { position: [1.0, 0.0, 0.0], half_size: [1e-4, 50.0, 50.0], yaw: 0.0 }];
+    (room.ball.mass, room.ball.drag_coefficient, room.ball.lift_coefficient) = (0.002, 3.0, 4.0);
+    room.spring = Some(Spring { stiffness: 0.5, anchor: [3.0, 0.0, 0.0] });
+    for contact in [ELASTIC, Contact::Spring { stiffness: 1e8 }] {
+        room.contact = contact;
+        for rtol in [1e-6, 1.0] {
+            let integrator = Integrator::DormandPrince { rtol, atol: rtol };
+            let forecaster = forecaster(&room, Options { integrator, ..Options::default() });
+            for case in 0..60 {
+                room.ball.spin = [0.0, 0.0, f64::from(case - 30) * 10.0];
+                let start = room.start(
+                    Point3::new(-0.1 * f64::from(case % 7), 0.3, 0.0),
+                    Vector3::new(5.0 * f64::from(case), 8.0, -3.0),
+                );
+                let forecast = forecaster.forecast(&start, &[0.1, 0.2, 0.3]);
+                assert!(forecast.states.iter().all(|state| state.position.x < 1.0), "{rtol} {case} {forecast:?}");
+            }
         }
     }
 }

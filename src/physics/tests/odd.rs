@@ -207,7 +207,8 @@ fn any_scene() -> impl Strategy<Value = Scene> {
 fn whole_or_said(forecast: &Forecast, count: usize) -> Result<(), TestCaseError> {
     prop_assert_eq!(forecast.states.len(), forecast.jacobians.len());
     prop_assert!(forecast.states.len() == count || !forecast.status.is_whole(), "{:?}", forecast.status);
-    let finite = |state: &State| state.position.iter().chain(state.velocity.iter()).all(|value| value.is_finite());
+    let finite =
+        |state: &State| state.position.iter().chain(&state.velocity).chain(&state.spin).all(|value| value.is_finite());
     prop_assert!(
         forecast.states.iter().all(finite) && forecast.jacobians.iter().all(|j| j.iter().all(|v| v.is_finite()))
     );
@@ -221,7 +222,7 @@ proptest! {
     fn nothing_panics_or_runs_for_ever(scene in any_scene(), r in numbers(), v in numbers(), times in prop::collection::vec(-2.0..2.0_f64, 1..5)) {
         let Ok(forecaster) = Forecaster::new(&scene) else { return Ok(()) };
         let forecaster = forecaster.with_options(Options { step_limit: 2000, ..Options::default() }).unwrap();
-        let forecast = forecaster.forecast_with_jacobians(&state(r, v), &times);
+        let forecast = forecaster.forecast_with_jacobians(&scene.start(r.into(), v.into()), &times);
         prop_assert!(forecast.steps <= 2 * 2001);
         whole_or_said(&forecast, times.len())?;
     }

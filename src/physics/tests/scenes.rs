@@ -1,7 +1,7 @@
 //! Scenes, states and forecasters that tests of the physics share.
 
 use crate::physics::{Contact, Forecaster, Integrator, Options, Scene, State};
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 pub fn scene(contact: Contact, gravity: f64, radius: f64) -> Scene {
     let text =
@@ -10,7 +10,7 @@ pub fn scene(contact: Contact, gravity: f64, radius: f64) -> Scene {
 }
 
 pub fn state(r: [f64; 3], v: [f64; 3]) -> State {
-    State { position: Point3::from(r), velocity: v.into() }
+    State { position: Point3::from(r), velocity: v.into(), spin: Vector3::zeros() }
 }
 
 pub fn tight() -> Options {

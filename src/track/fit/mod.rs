@@ -64,7 +64,7 @@ impl Default for FitOptions {
 pub struct FittedFrame {
     /// s.
     pub time: f64,
-    /// Position and velocity in the world.
+    /// Position, velocity and spin in the world.
     pub state: State,
     /// Covariance of the position, m²: the labels' noise and the laws' own uncertainty, and the
     /// spread of other trajectories that explain the track nearly as well.
@@ -231,7 +231,7 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
             squares.extend(residual_px.filter(|_| !outlier).map(|residual| residual.norm_squared() / 2.0));
             Some(FittedFrame {
                 time: problem.observations[frame].time,
-                state: State { position: Point3::from(part(state, 0)), velocity: part(state, 1) },
+                state: State { position: Point3::from(part(state, 0)), velocity: part(state, 1), spin: part(state, 2) },
                 covariance,
                 residual_px,
                 outlier,

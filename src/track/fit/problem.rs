@@ -7,7 +7,7 @@ use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, SVector, Vector2, Vector3};
 use super::Observation;
 use crate::camera::Camera;
 use crate::error::Result;
-use crate::physics::{Column, Forecaster, Transition};
+use crate::physics::{Column, Forecaster, State, Transition};
 
 /// Uncertainty of the laws of motion in flight: share of gravity (or of 1 m/s², where there is less).
 const FLIGHT_ERROR: f64 = 0.002;
@@ -157,15 +157,8 @@ impl<'a> Problem<'a> {
     }
 
     /// Double and single integral of the accelerations that no closed form knows, along a path at `times`.
-    pub fn nonlinear_motion(
-        &self,
-        times: &[f64],
-        path: impl Fn(usize) -> (Vector3<f64>, Vector3<f64>),
-    ) -> Vec<(Vector3<f64>, Vector3<f64>)> {
-        let rest = |index: usize| {
-            let (r, v) = path(index);
-            self.forecaster.nonlinear_acceleration(&r, &v)
-        };
+    pub fn nonlinear_motion(&self, times: &[f64], path: impl Fn(usize) -> State) -> Vec<(Vector3<f64>, Vector3<f64>)> {
+        let rest = |index: usize| self.forecaster.nonlinear_acceleration(&path(index));
         let mut out = Vec::with_capacity(times.len());
         let (mut r, mut v, mut a) = (Vector3::zeros(), Vector3::zeros(), rest(0));
         out.push((r, v));

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix6, Point2, Vector3, Vector6};
 
 use super::problem::Problem;
-use crate::physics::{column, part};
+use crate::physics::{State, column, part};
 
 /// Lengths of the windows, in observations seen.
 const LENGTHS: [usize; 5] = [8, 12, 18, 26, 36];
@@ -70,7 +70,8 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
     let (first, last) = (*seen.first()?, *seen.last()?);
     let start_time = problem.observations[first].time;
     let times: Vec<f64> = (first..=last).map(|frame| problem.observations[frame].time - start_time).collect();
-    let moved: Vec<_> = times.iter().map(|&time| problem.forecaster.linear_motion(time)).collect();
+    let spin = problem.spin_at(first);
+    let moved: Vec<_> = times.iter().map(|&time| problem.forecaster.linear_motion(&spin, time)).collect();
     let rays: Vec<(usize, Point2<f64>)> =
         seen.iter().filter_map(|&frame| Some((frame - first, problem.rays[frame]?))).collect();
     if rays.len() < 4 {
@@ -123,7 +124,10 @@ fn seed(problem: &Problem, seen: &[usize]) -> Option<Seed> {
             *weight = robust * (problem.focal / (problem.sigma * camera.z)).powi(2);
         }
         if round + 1 < ROUNDS {
-            extra = problem.nonlinear_motion(&times, |index| state(&solution, &extra[index], index));
+            extra = problem.nonlinear_motion(&times, |index| {
+                let (r, v) = state(&solution, &extra[index], index);
+                State { position: r.into(), velocity: v, spin: problem.spin_at(first + index) }
+            });
         }
     }
     let states: Vec<_> = (0..times.len())

@@ -72,6 +72,8 @@ pub struct Window {
     pub places: [Place; 3],
     /// Their times, s; the middle one's is 0.
     pub times: [f64; 3],
+    /// From the clip's first frame to the middle one, s.
+    pub since_start: f64,
     /// The camera of the clip's pictures.
     pub camera: Camera,
     /// The clip's physics.

@@ -136,6 +136,7 @@ impl Sampler {
             first,
             places: [0, 1, 2].map(|number| drawn[first + number].place),
             times: [0, 1, 2].map(|number| frames[middle + number - 1].t - frames[middle].t),
+            since_start: frames[middle].t - frames[0].t,
             camera: self.pictures.clips()[clip].camera.clone(),
             forecaster: self.forecasters[clip].clone(),
             ahead: ahead.iter().map(|by| frames[middle + by].t - frames[middle].t).zip(later).collect(),

@@ -10,7 +10,6 @@ use super::super::examples::{Target, Window};
 use super::step::read;
 use crate::error::Result;
 use crate::model::Decoded;
-use crate::physics::State;
 
 /// The future loss and its gradient.
 #[derive(Debug, Clone, PartialEq)]
@@ -83,7 +82,7 @@ fn window_loss(
         before / (after * (before + after)),
     ];
     let velocity: Vector3<f64> = points.iter().zip(shares).map(|(point, share)| point * share).sum();
-    let start = State { position: points[1].into(), velocity };
+    let start = window.forecaster.scene().in_flight(points[1].into(), velocity, window.since_start);
     let times: Vec<f64> = window.ahead.iter().map(|(time, _)| *time).collect();
     let forecast = window.forecaster.forecast_with_jacobians(&start, &times);
     if !forecast.status.is_exact() || forecast.states.len() != times.len() {

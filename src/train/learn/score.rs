@@ -124,7 +124,7 @@ fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<Found>]
         if points.len() < FEWEST || found[middle].is_none() {
             continue;
         }
-        let state = fitted(forecaster, &points);
+        let state = fitted(forecaster, &points, frames[middle].t - frames[0].t);
         let later = [middle.checked_sub(AHEAD), Some(middle + AHEAD)].into_iter().flatten();
         for other in later.filter(|&other| other < frames.len()) {
             let Some(label) = frames[other].image.filter(|_| frames[other].visible) else { continue };
@@ -139,11 +139,13 @@ fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<Found>]
     errors
 }
 
-/// The state at time 0 whose trajectory passes nearest to `points` (s, m), by least squares.
-fn fitted(forecaster: &Forecaster, points: &[(f64, Point3<f64>)]) -> Option<State> {
+/// The state at time 0, `since_start` s after the clip's first frame, whose trajectory passes nearest to `points` (s, m),
+/// by least squares.
+fn fitted(forecaster: &Forecaster, points: &[(f64, Point3<f64>)], since_start: f64) -> Option<State> {
     let (first, last) = (points.first()?, points.last()?);
     let nearest = points.iter().min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
-    let mut state = State { position: nearest.1, velocity: (last.1 - first.1) / (last.0 - first.0) };
+    let velocity = (last.1 - first.1) / (last.0 - first.0);
+    let mut state = forecaster.scene().in_flight(nearest.1, velocity, since_start);
     let times: Vec<f64> = points.iter().map(|(time, _)| *time).collect();
     for _ in 0..FIT_STEPS {
         let forecast = forecaster.forecast_with_jacobians(&state, &times);

@@ -264,7 +264,7 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
     let mut windows = Vec::new();
     for (number, (position, velocity)) in starts.into_iter().enumerate() {
         let place = if number == 2 { mirrored } else { plain };
-        let state = State { position: Point3::from(position), velocity: Vector3::from(velocity) };
+        let state = forecaster.scene().start(Point3::from(position), Vector3::from(velocity));
         let times = [-1.0 / 15.0, 0.0, 1.0 / 15.0, 1.0];
         let forecast = forecaster.forecast(&state, &times);
         let first = positions.len();
@@ -283,6 +283,7 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
             first,
             places: [place; 3],
             times: [times[0], times[1], times[2]],
+            since_start: 0.0,
             camera: camera.clone(),
             forecaster: forecaster.clone(),
             ahead: vec![(1.0, target)],

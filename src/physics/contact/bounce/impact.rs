@@ -1,12 +1,10 @@
-//! The `bounce` contact model: a rigid sphere's impact, and its sensitivities (the saltation matrix).
+//! A rigid sphere's impact, and its sensitivities (the saltation matrix).
 
 use nalgebra::Vector3;
 
-use super::columns::{Columns, column, part};
-use super::obstacle::Nearest;
-
-/// Smallest closing speed that a contact time's derivative is divided by, m/s: a graze has none.
-pub(crate) const MIN_CLOSING_SPEED: f64 = 1e-6;
+use crate::physics::forecast::columns::{Columns, column, part};
+use crate::physics::forecast::run::contact_time_change;
+use crate::physics::obstacle::Nearest;
 
 /// The rigid sphere.
 #[derive(Debug, Clone, Copy)]
@@ -85,9 +83,4 @@ impl Rigid {
         }
         out
     }
-}
-
-/// δt of a contact with normal `n` for a sensitivity column (implicit function theorem).
-pub(crate) fn contact_time_change(sensitivity: &[f64; 9], n: &Vector3<f64>, closing: f64) -> f64 {
-    n.dot(&part(sensitivity, 0)) / -closing.min(-MIN_CLOSING_SPEED)
 }

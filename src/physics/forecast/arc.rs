@@ -1,21 +1,15 @@
-//! Motion with a closed form, and the search for the first contact along any path.
+//! Motion with a closed form.
 
 use nalgebra::Vector3;
 
+use super::approach::Path;
 use super::columns::{Columns, column, part};
-use super::field::Linear;
-use super::obstacle::Obstacle;
+use crate::physics::force::Linear;
 
-/// Gap below which a ball touches, m.
-pub(crate) const TOUCH: f64 = 1e-10;
-/// Normal speed below which a touching ball does not approach, m/s.
-pub(crate) const STILL: f64 = 1e-9;
 /// Largest exponent of a spin that grows backwards in time: beyond, it overflows.
 const LARGEST_EXPONENT: f64 = 700.0;
-/// Smallest advance of the contact search beside a surface that the ball just touches, s.
-const MIN_ADVANCE: f64 = 1e-7;
-/// Evaluations of a distance before the search gives up on an obstacle that is only grazed.
-const MAX_EVALUATIONS: usize = 2000;
+/// Cosine between normals below which a face's force does not act along the other.
+const PERPENDICULAR: f64 = 1e-12;
 
 /// `r̈ = pull − stiffness·r`, solved; where the ball presses on a face, with that face's force.
 #[derive(Debug, Clone, Copy)]
@@ -83,26 +77,6 @@ impl Arc {
         out
     }
 
-    /// Position and velocity after `t` s.
-    pub fn state_at(&self, start: &Columns<1>, t: f64) -> (Vector3<f64>, Vector3<f64>) {
-        let y = self.at(start, t);
-        (y.position(), y.velocity())
-    }
-
-    /// Acceleration, m/s².
-    pub fn acceleration(&self, r: &Vector3<f64>) -> Vector3<f64> {
-        let press = self
-            .press
-            .map_or(Vector3::zeros(), |press| press.stiffness * (press.level - press.normal.dot(r)) * press.normal);
-        self.linear.pull - self.linear.stiffness * r + press
-    }
-
-    /// Bound of the acceleration's size along the way, m/s².
-    pub fn acceleration_bound(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> f64 {
-        let stiffest = self.linear.stiffness + self.press.map_or(0.0, |press| press.stiffness);
-        self.acceleration(r).norm() + stiffest.sqrt() * v.norm()
-    }
-
     /// When a pressing ball leaves the face (its force back at zero, outwards), s, and how deep it gets, m.
     pub fn release(&self, start: &Columns<1>, press: &Press) -> (f64, f64) {
         let stiffness = self.linear.stiffness + press.stiffness;
@@ -122,62 +96,33 @@ impl Arc {
     }
 }
 
-/// When and with which obstacle a ball of `radius` first touches along `path` (position and velocity
-/// by time) before `duration`, s. `acceleration` is the one at its start, `bound` bounds its size all along.
-///
-/// Conservative advancement: the distance d to a convex obstacle along a straight line is convex, so
-/// along the path d(t + h) ≥ d + ḋ·h − ½·bound·h². Stepping to this bound's zero never passes a
-/// contact and converges like Newton's method.
-pub(crate) fn first_contact(
-    obstacles: &[Obstacle],
-    skip: &[usize],
-    radius: f64,
-    path: impl Fn(f64) -> (Vector3<f64>, Vector3<f64>),
-    acceleration: &Vector3<f64>,
-    bound: f64,
-    duration: f64,
-) -> Option<(f64, usize)> {
-    let (r0, v0) = path(0.0);
-    let mut first: Option<(f64, usize)> = None;
-    for (index, obstacle) in obstacles.iter().enumerate() {
-        if skip.contains(&index) {
-            continue;
-        }
-        let limit = first.map_or(duration, |(t, _)| t);
-        let reach = (v0.norm() + 0.5 * bound * limit) * limit;
-        if obstacle.distance(&r0) - radius > reach {
-            continue;
-        }
-        let mut t = 0.0;
-        for _ in 0..MAX_EVALUATIONS {
-            let (r, v) = if t == 0.0 { (r0, v0) } else { path(t) };
-            let near = obstacle.nearest(&r);
-            let (gap, rate) = (near.distance - radius, near.normal.dot(&v));
-            if gap <= TOUCH {
-                let still = rate.abs() <= STILL;
-                let pressed = near.normal.dot(acceleration) + (near.curvature * v).dot(&v) < 0.0;
-                if t == 0.0 && still && !pressed {
-                    break; // slides along
-                }
-                if rate < -STILL || (t == 0.0 && still) {
-                    // the last bit of the way
-                    let rest = if rate < -STILL { (gap / -rate).max(0.0) } else { 0.0 };
-                    first = Some(((t + rest).min(limit), index));
-                    break;
-                }
-            }
-            let discriminant = (rate * rate + 2.0 * bound * gap.max(0.0)).sqrt();
-            // of the two forms of the root, the one without cancellation
-            let advance = match rate < 0.0 {
-                true => 2.0 * gap.max(0.0) / (discriminant - rate),
-                false if bound > 0.0 => (rate + discriminant) / bound,
-                false => f64::INFINITY,
-            };
-            t += if gap <= TOUCH { advance.max(MIN_ADVANCE) } else { advance };
-            if t.is_nan() || t >= limit {
-                break;
-            }
-        }
+/// An arc from a state on.
+pub(crate) struct Course<'a> {
+    pub arc: &'a Arc,
+    pub start: Columns<1>,
+}
+
+impl Path for Course<'_> {
+    fn at(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let y = self.arc.at(&self.start, t);
+        (y.position(), y.velocity())
     }
-    first
+
+    fn acceleration(&self) -> Vector3<f64> {
+        let (Arc { linear, press, .. }, r) = (self.arc, self.start.position());
+        let pressed = |press: &Press| press.stiffness * (press.level - press.normal.dot(&r)) * press.normal;
+        linear.pull - linear.stiffness * r + press.as_ref().map_or(Vector3::zeros(), pressed)
+    }
+
+    /// Each of the motion's directions swings with its own stiffness ω², and |ẍ| ≤ |ẍ₀| + ω·|ẋ₀|.
+    fn bound(&self) -> f64 {
+        let stiffest = self.arc.linear.stiffness + self.arc.press.map_or(0.0, |press| press.stiffness);
+        self.acceleration().norm() + stiffest.sqrt() * self.start.velocity().norm()
+    }
+
+    /// What swings and starts at rest stays on the side to which it is pulled: outside the tangent plane.
+    fn slides_along(&self, normal: &Vector3<f64>) -> bool {
+        let unpressed = self.arc.press.is_none_or(|press| press.normal.dot(normal).abs() < PERPENDICULAR);
+        unpressed && normal.dot(&self.acceleration()) >= 0.0
+    }
 }

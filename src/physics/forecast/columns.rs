@@ -2,6 +2,8 @@
 
 use nalgebra::{Matrix6, Vector3};
 
+use crate::physics::state::State;
+
 /// Position, velocity, spin: m, m/s, rad/s.
 pub(crate) type Column = [f64; 9];
 
@@ -65,6 +67,25 @@ impl<const M: usize> Columns<M> {
     #[inline(always)]
     pub fn spin(&self) -> Vector3<f64> {
         part(&self.0[0], 2)
+    }
+
+    /// The state without its sensitivities.
+    #[inline(always)]
+    pub fn head(&self) -> Columns<1> {
+        Columns([self.0[0]])
+    }
+
+    /// The state alone.
+    pub fn state(&self) -> State {
+        State { position: self.position().into(), velocity: self.velocity(), spin: self.spin() }
+    }
+
+    /// (r, −v, −ω), in every column: the state as time runs the other way.
+    pub fn mirrored(mut self) -> Self {
+        for value in self.0.iter_mut().flat_map(|column| &mut column[3..]) {
+            *value = -*value;
+        }
+        self
     }
 
     /// d(position, velocity)/d(start); zero without sensitivities.

@@ -1,25 +1,32 @@
 //! The forecaster (PAF): where a ball will be, and how that depends on its start.
 
+pub(crate) mod approach;
+pub(crate) mod arc;
+pub(crate) mod columns;
+pub(crate) mod guard;
+pub(crate) mod integrate;
+mod outcome;
+pub(crate) mod run;
+
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, Point3, SMatrix, Vector3};
+use nalgebra::{Matrix6, SMatrix, Vector3};
 
-use super::arc;
-use super::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
-use super::engine::Engine;
-use super::field::{Field, Partials, Potential};
-use super::forecast::{Forecast, Impact, Options, State, Status};
-use super::guard::moved_out;
-use super::impact::Rigid;
-use super::integrate::Integrator;
+use self::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
+pub use self::guard::Moved;
+use self::guard::moved_out;
+pub use self::integrate::Integrator;
+pub use self::outcome::{Forecast, Impact, Options, Status};
+use self::run::Run;
+use super::contact::Contacts;
+use super::force::{Forces, Potential};
 use super::obstacle::Obstacle;
-use super::scene::{Contact, Scene};
+use super::scene::Scene;
+use super::state::State;
 use crate::error::{Error, Result};
 
 /// Largest speed of a start, m/s: beyond, its squares overflow.
 const FASTEST: f64 = 1e9;
-/// Widths (1/β) of a soft wall within which the ball is in contact with it.
-const SOFT_WALL_WIDTHS: f64 = 8.0;
 
 /// How a state moves on; the Jacobian is that of its first `D` components.
 #[derive(Debug, Clone)]
@@ -42,13 +49,13 @@ pub(crate) struct LinearMotion {
 /// The laws of motion in a scene: the paper's physics-aware forecaster.
 ///
 /// ```
-/// use gravisight::physics::{Forecaster, Scene, State};
+/// use gravisight::physics::{Forecaster, Scene};
 /// use nalgebra::{Point3, Vector3};
 ///
 /// let scene = Scene::from_json(
 ///     r#"{"gravity": [0, 0, -9.81], "ball": {"radius": 0.03}, "floor": {"height": 0},
 ///         "contact": {"model": "bounce", "restitution": 0.75}}"#, "scene")?;
-/// let start = State { position: Point3::new(0.0, 0.0, 1.0), velocity: Vector3::new(1.0, 0.0, 0.0) };
+/// let start = scene.start(Point3::new(0.0, 0.0, 1.0), Vector3::new(1.0, 0.0, 0.0));
 /// let forecast = Forecaster::new(&scene)?.forecast_with_jacobians(&start, &[0.1, 0.6]);
 /// assert!(forecast.status.is_whole());
 /// assert_eq!(forecast.impacts.len(), 1);
@@ -59,8 +66,16 @@ pub struct Forecaster {
     scene: Scene,
     options: Options,
     obstacles: Vec<Obstacle>,
-    forwards: Field,
-    backwards: Field,
+    potential: Option<Arc<dyn Potential>>,
+    forwards: Laws,
+    backwards: Laws,
+}
+
+/// What moves the ball, in one direction of time.
+#[derive(Debug, Clone)]
+struct Laws {
+    forces: Forces,
+    contacts: Contacts,
 }
 
 impl Forecaster {
@@ -70,10 +85,14 @@ impl Forecaster {
     /// As [`Scene::check`].
     pub fn new(scene: &Scene) -> Result<Self> {
         scene.check("scene")?;
-        let obstacles = Obstacle::of(scene);
-        let forwards = Field::new(scene, &obstacles, None);
-        let backwards = forwards.reversed();
-        Ok(Self { scene: scene.clone(), options: Options::default(), obstacles, forwards, backwards })
+        Ok(Self::of(scene, Options::default(), None))
+    }
+
+    fn of(scene: &Scene, options: Options, potential: Option<Arc<dyn Potential>>) -> Self {
+        let (forces, contacts) = (Forces::of(scene, potential.as_ref()), Contacts::of(scene));
+        let backwards = Laws { forces: forces.reversed(), contacts: contacts.clone().reversed() };
+        let forwards = Laws { forces, contacts };
+        Self { scene: scene.clone(), options, obstacles: Obstacle::of(scene), potential, forwards, backwards }
     }
 
     /// The same with other options.
@@ -99,10 +118,8 @@ impl Forecaster {
     }
 
     /// The same with a potential of the user's own on top of the scene's forces.
-    pub fn with_potential(mut self, potential: Arc<dyn Potential>) -> Self {
-        self.forwards = Field::new(&self.scene, &self.obstacles, Some(potential));
-        self.backwards = self.forwards.reversed();
-        self
+    pub fn with_potential(self, potential: Arc<dyn Potential>) -> Self {
+        Self::of(&self.scene, self.options, Some(potential))
     }
 
     /// The same laws in another scene, options and the user's potential kept.
@@ -110,11 +127,8 @@ impl Forecaster {
     /// # Errors
     /// As [`Scene::check`].
     pub fn in_scene(&self, scene: &Scene) -> Result<Self> {
-        let other = Self { options: self.options, ..Self::new(scene)? };
-        Ok(match self.forwards.potential() {
-            Some(potential) => other.with_potential(potential.clone()),
-            None => other,
-        })
+        scene.check("scene")?;
+        Ok(Self::of(scene, self.options, self.potential.clone()))
     }
 
     /// The scene.
@@ -124,14 +138,15 @@ impl Forecaster {
 
     /// Kinetic and potential energy per unit mass, J/kg, without the spin's.
     pub fn energy(&self, state: &State) -> f64 {
-        0.5 * state.velocity.norm_squared() + self.forwards.potential_energy(&state.position.coords)
+        let (r, laws) = (&state.position.coords, &self.forwards);
+        let potential = laws.forces.potential_energy(r) + laws.contacts.potential_energy(&self.obstacles, r);
+        0.5 * state.velocity.norm_squared() + potential
     }
 
-    /// Acceleration of a ball in this state with the scene's spin, m/s².
+    /// Acceleration of a ball in this state, m/s².
     pub fn acceleration(&self, state: &State) -> Vector3<f64> {
-        let spin = self.scene.ball.spin.into();
-        let mut partials = Partials::zero();
-        self.forwards.acceleration::<false>(&state.position.coords, &state.velocity, &spin, &mut partials)
+        let (r, laws) = (&state.position.coords, &self.forwards);
+        laws.forces.acceleration(r, &state.velocity, &state.spin) + laws.contacts.acceleration(&self.obstacles, r)
     }
 
     /// States at `times`, s after the start (negative: before it), in any order.
@@ -170,20 +185,16 @@ impl Forecaster {
         }
         let parts = [0, 1, 2].map(|index| part(start, index));
         let columns = Columns::<M>::start(parts[0], parts[1], parts[2]);
-        let (columns, _) = moved_out(&self.scene, &self.obstacles, &columns);
+        let (columns, _) = moved_out(&self.forwards.contacts, &self.obstacles, &columns);
         let times = [dt.abs()];
-        let backwards = dt < 0.0;
-        let columns = if backwards { mirrored(&columns) } else { columns };
-        let mut engine = self.engine(columns, &times, backwards);
-        let status = engine.run();
+        let (run, status) = self.run(columns, &times, dt < 0.0);
         if !status.is_whole() {
             return None;
         }
-        let contact = !engine.impacts.is_empty();
-        let end = engine.out.first().map(|y| if backwards { mirrored(y) } else { *y })?;
+        let end = run.out.first()?;
         let touches = |column: &Column| self.touches(&part(column, 0));
         Some(Transition {
-            contact: contact || touches(start) || touches(&end.0[0]),
+            contact: !run.impacts.is_empty() || touches(start) || touches(&end.0[0]),
             end: end.0[0],
             jacobian: SMatrix::from_fn(|row, column| end.0[column + 1][row]),
         })
@@ -191,26 +202,22 @@ impl Forecaster {
 
     /// Whether a ball here is in contact with anything.
     fn touches(&self, position: &Vector3<f64>) -> bool {
-        let reach = match self.scene.contact {
-            Contact::Penalty { beta, beta_box, .. } => SOFT_WALL_WIDTHS / beta.min(beta_box),
-            _ => self.scene.ball.radius + 1e-9,
-        };
+        let reach = self.forwards.contacts.reach();
         self.obstacles.iter().any(|obstacle| obstacle.distance(position) < reach)
     }
 
-    /// The motion of `time` s by the accelerations that have a closed form; contacts, drag, spin and the user's
-    /// potential left out.
-    pub(crate) fn linear_motion(&self, time: f64) -> LinearMotion {
-        let arc = arc::Arc { linear: self.forwards.linear_part(), spin_decay: 0.0, press: None };
+    /// The motion of `time` s by the accelerations that have a closed form for a ball of this spin; contacts and all else
+    /// left out.
+    pub(crate) fn linear_motion(&self, spin: &Vector3<f64>, time: f64) -> LinearMotion {
+        let arc = arc::Arc { linear: self.forwards.forces.linear_part(spin), spin_decay: 0.0, press: None };
         let still = Columns::<WITH_JACOBIAN>::start(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
         let moved = arc.at(&still, time);
         LinearMotion { position: moved.position(), velocity: moved.velocity(), jacobian: moved.jacobian() }
     }
 
     /// The accelerations that [`Self::linear_motion`] leaves out, contacts excepted, m/s².
-    pub(crate) fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>) -> Vector3<f64> {
-        let spin = self.scene.ball.spin.into();
-        self.forwards.nonlinear_acceleration(r, v, &spin)
+    pub(crate) fn nonlinear_acceleration(&self, state: &State) -> Vector3<f64> {
+        self.forwards.forces.nonlinear_acceleration(&state.position.coords, &state.velocity, &state.spin)
     }
 
     /// Runs forwards and backwards as `times` ask, and puts the states into their order.
@@ -224,12 +231,12 @@ impl Forecaster {
             moved: None,
             steps: 0,
         };
-        let finite = start.position.iter().chain(start.velocity.iter()).chain(times).all(|value| value.is_finite());
+        let finite = start.is_finite() && times.iter().all(|time| time.is_finite());
         if !finite || start.velocity.norm() > FASTEST {
             return empty;
         }
-        let columns = Columns::<M>::start(start.position.coords, start.velocity, self.scene.ball.spin.into());
-        let (columns, moved) = moved_out(&self.scene, &self.obstacles, &columns);
+        let columns = Columns::<M>::start(start.position.coords, start.velocity, start.spin);
+        let (columns, moved) = moved_out(&self.forwards.contacts, &self.obstacles, &columns);
         let mut order: Vec<usize> = (0..times.len()).collect();
         order.sort_by(|&a, &b| times[a].total_cmp(&times[b]));
         let split = order.partition_point(|&index| times[index] < 0.0);
@@ -254,48 +261,30 @@ impl Forecaster {
         forecast
     }
 
-    fn engine<'a, const M: usize>(&'a self, start: Columns<M>, times: &'a [f64], backwards: bool) -> Engine<'a, M> {
-        let ball = &self.scene.ball;
-        let (restitution, friction) = match self.scene.contact {
-            Contact::Bounce { restitution, friction } => (restitution, friction),
-            _ => (1.0, 0.0),
-        };
-        let restitution = if backwards { 1.0 / restitution } else { restitution };
-        Engine {
-            field: if backwards { &self.backwards } else { &self.forwards },
-            obstacles: &self.obstacles,
-            contact: &self.scene.contact,
-            rigid: Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor },
-            options: &self.options,
-            backwards,
-            times,
-            y: start,
-            t: 0.0,
-            h: self.options.max_step,
-            slope: None,
-            steps: 0,
-            out: Vec::with_capacity(times.len()),
-            impacts: vec![],
-            irreversible: None,
+    /// A run from `start` to `times` (ascending, not negative; before the start if `backwards`), and how it ended.
+    fn run<'a, const M: usize>(&'a self, start: Columns<M>, times: &'a [f64], backwards: bool) -> (Run<'a, M>, Status) {
+        let laws = if backwards { &self.backwards } else { &self.forwards };
+        let start = if backwards { start.mirrored() } else { start };
+        let mut run = Run::new(&laws.forces, &self.obstacles, &self.options, start, times);
+        let status = laws.contacts.drive(&mut run);
+        if backwards {
+            run.out.iter_mut().for_each(|y| *y = y.mirrored());
         }
+        (run, status)
     }
 
     fn one_way<const M: usize>(&self, start: &Columns<M>, times: &[f64], backwards: bool) -> Forecast {
-        let start = if backwards { mirrored(start) } else { *start };
-        let mut engine = self.engine(start, times, backwards);
-        let status = engine.run();
+        let (run, status) = self.run(*start, times, backwards);
         let sign = if backwards { -1.0 } else { 1.0 };
-        let out: Vec<Columns<M>> = engine.out.iter().map(|y| if backwards { mirrored(y) } else { *y }).collect();
-        let impacts = engine.impacts.iter().map(|impact| Impact {
+        let impacts = run.impacts.iter().map(|impact| Impact {
             time: sign * impact.time,
             time_gradient: impact.time_gradient.map(|by| sign * by),
             ..*impact
         });
-        let state = |y: &Columns<M>| State { position: Point3::from(y.position()), velocity: y.velocity() };
         Forecast {
             times: vec![],
-            states: out.iter().map(state).collect(),
-            jacobians: if M == 1 { vec![] } else { out.iter().map(Columns::jacobian).collect() },
+            states: run.out.iter().map(Columns::state).collect(),
+            jacobians: if M == 1 { vec![] } else { run.out.iter().map(Columns::jacobian).collect() },
             impacts: impacts.collect(),
             status: match status {
                 Status::Irreversible { time } => Status::Irreversible { time: sign * time },
@@ -305,20 +294,9 @@ impl Forecaster {
                 whole => whole,
             },
             moved: None,
-            steps: engine.steps,
+            steps: run.steps,
         }
     }
-}
-
-/// (r, −v, −ω), in every column: the state as time runs the other way.
-fn mirrored<const M: usize>(y: &Columns<M>) -> Columns<M> {
-    let mut out = *y;
-    for values in &mut out.0 {
-        for value in &mut values[3..] {
-            *value = -*value;
-        }
-    }
-    out
 }
 
 /// Puts states (and Jacobians) into the order of the times asked for; after an early stop, in ascending order of place.

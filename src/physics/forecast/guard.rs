@@ -3,10 +3,7 @@
 //! A soft wall launches whatever starts deep inside it (the paper's: from rest 5 cm below the floor
 //! to 4.8 m in half a second), and predictions early in training are such starts. Rule: a start that
 //! no ordinary contact explains is moved out, along the shortest way that leads out of everything,
-//! to where the ball rests against the obstacle; its velocity stays. Ordinary are:
-//! - `spring`: a ball squashed by up to half its radius; moved to touching;
-//! - `penalty`: as deep as a ball of 5 m/s gets; moved to where wall and gravity balance;
-//! - `bounce`: not at all; moved to touching.
+//! to where the ball rests against the obstacle; its velocity stays. What is ordinary, the contact model says.
 //!
 //! The Jacobian is the move's own derivative: it passes what happens along the wall, and loses what
 //! happens across it. Only near an edge, where the way out turns without bound, it is held to twice the
@@ -15,15 +12,9 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::columns::{Columns, part};
-use super::obstacle::{Obstacle, Shape, Surface, into_box, out_of_box};
-use super::scene::{Contact, Scene};
+use crate::physics::contact::Contacts;
+use crate::physics::obstacle::{Obstacle, Shape, Surface, into_box, out_of_box};
 
-/// Speed whose depth in the paper's soft wall is still ordinary, m/s.
-const PENALTY_SPEED: f64 = 5.0;
-/// Share of the radius by which a ball may be squashed.
-const SQUASHED: f64 = 0.5;
-/// Depth that rounding explains, m.
-const ROUNDING: f64 = 1e-9;
 /// Moves before a ball that is shut in stays where it is.
 const MAX_MOVES: usize = 8;
 
@@ -41,25 +32,10 @@ pub struct Moved {
 }
 
 /// How deep is ordinary, and where deeper starts are put; distances from an obstacle's surface, m.
-struct Rule {
-    lowest: f64,
-    target: f64,
-    touching: f64,
-}
-
-fn rule(scene: &Scene, obstacle: &Obstacle) -> Rule {
-    let radius = scene.ball.radius;
-    match scene.contact {
-        Contact::Bounce { .. } => Rule { lowest: radius - ROUNDING, target: radius, touching: radius },
-        Contact::Spring { .. } => Rule { lowest: radius * (1.0 - SQUASHED), target: radius, touching: radius },
-        Contact::Penalty { c, beta, beta_box } => {
-            let sharpness = if matches!(obstacle.shape, Shape::Plane { .. }) { beta } else { beta_box };
-            let gravity = Vector3::from(scene.gravity).norm();
-            let ratio = (c / gravity.max(c * 1e-3)).max(1.0);
-            let lowest = -PENALTY_SPEED * PENALTY_SPEED / (2.0 * c.max(f64::MIN_POSITIVE));
-            Rule { lowest, target: ratio.ln() / sharpness, touching: 0.0 }
-        }
-    }
+pub(crate) struct Depth {
+    pub lowest: f64,
+    pub target: f64,
+    pub touching: f64,
 }
 
 /// The ways out of an obstacle for a ball at `r`: direction, shift along it, and the shift's derivative.
@@ -90,21 +66,21 @@ fn ways_out(obstacle: &Obstacle, r: &Vector3<f64>, target: f64) -> Vec<(Vector3<
 
 /// Moves a start out of the obstacles, as the module's rule says.
 pub(crate) fn moved_out<const M: usize>(
-    scene: &Scene,
+    contacts: &Contacts,
     obstacles: &[Obstacle],
     start: &Columns<M>,
 ) -> (Columns<M>, Option<Moved>) {
     let inside = |r: &Vector3<f64>| {
-        let depths = obstacles.iter().map(|obstacle| (obstacle, rule(scene, obstacle), obstacle.distance(r)));
-        let too_deep = depths.filter(|(_, rule, distance)| *distance < rule.lowest);
+        let depths = obstacles.iter().map(|obstacle| (obstacle, contacts.depth(obstacle), obstacle.distance(r)));
+        let too_deep = depths.filter(|(_, depth, distance)| *distance < depth.lowest);
         too_deep.max_by(|(_, a, x), (_, b, y)| (a.lowest - x).total_cmp(&(b.lowest - y)))
     };
     let mut y = *start;
     let mut moved: Option<Moved> = None;
     for _ in 0..MAX_MOVES {
         let r = y.position();
-        let Some((obstacle, rule, distance)) = inside(&r) else { break };
-        let ways = ways_out(obstacle, &r, rule.target);
+        let Some((obstacle, depth, distance)) = inside(&r) else { break };
+        let ways = ways_out(obstacle, &r, depth.target);
         let clear = ways.iter().find(|(shift, _)| inside(&(r + shift)).is_none());
         let Some((shift, change)) = clear.or(ways.first()) else { break };
         for (index, values) in y.0.iter_mut().enumerate() {
@@ -113,7 +89,7 @@ pub(crate) fn moved_out<const M: usize>(
             values[1] += by.y;
             values[2] += by.z;
         }
-        let depth = rule.touching - distance;
+        let depth = depth.touching - distance;
         let first = moved.unwrap_or(Moved { surface: obstacle.surface, depth, by: Vector3::zeros(), clear: false });
         moved = Some(Moved { by: first.by + shift, ..first });
     }

@@ -2,10 +2,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::columns::{Columns, column, part};
-use super::field::{Field, Flow, Partials};
 use super::impact::Rigid;
-use super::obstacle::{Nearest, Obstacle};
+use crate::physics::force::{Forces, Partials};
+use crate::physics::forecast::columns::{Columns, column, part};
+use crate::physics::forecast::integrate::Flow;
+use crate::physics::obstacle::{Nearest, Obstacle};
 
 /// Slip below which a carried sphere rolls, m/s.
 pub(crate) const ROLLING_SLIP: f64 = 1e-7;
@@ -21,7 +22,7 @@ pub(crate) struct Support {
 
 /// The constrained motion.
 pub(crate) struct Carried<'a> {
-    pub field: &'a Field,
+    pub forces: &'a Forces,
     pub obstacles: &'a [Obstacle],
     pub support: &'a Support,
     pub rigid: Rigid,
@@ -74,7 +75,7 @@ impl Carried<'_> {
         let (r, v, w) = (part(y, 0), part(y, 1), part(y, 2));
         match self.nearest(&r).as_slice() {
             [near] if self.rubs(near) => {
-                let a = self.field.acceleration::<false>(&r, &v, &w, &mut Partials::zero());
+                let a = self.forces.acceleration(&r, &v, &w);
                 let reaction = normal_reaction(near, &a, &v);
                 let held = a + reaction * near.normal;
                 self.grip(&near.normal, &held, &w).norm() - self.rigid.friction * reaction.max(0.0)
@@ -85,7 +86,7 @@ impl Carried<'_> {
 
     /// The friction, m/s², that keeps a rolling sphere from slipping under the acceleration `held`.
     fn grip(&self, n: &Vector3<f64>, held: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
-        -(held + self.field.spin_decay() * self.rigid.radius * w.cross(n)) / self.rigid.mobility()
+        -(held + self.forces.spin_decay() * self.rigid.radius * w.cross(n)) / self.rigid.mobility()
     }
 
     /// Puts the state exactly on its supports and the sensitivities into their tangent space.
@@ -121,7 +122,7 @@ impl Carried<'_> {
         let bend = v.dot(&(curvature * v));
         let reaction = -(n.dot(&a) + bend);
         let held = a + reaction * n;
-        let decay = self.field.spin_decay();
+        let decay = self.forces.spin_decay();
         let slip = rigid.slip(n, &v, &w);
         let speed = slip.norm().max(ROLLING_SLIP * 1e-3);
         let rubs = self.rubs(near);
@@ -173,9 +174,9 @@ impl Flow for Carried<'_> {
     }
 
     fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
-        let mut partials = Partials::zero();
         let (r, v, w) = (y.position(), y.velocity(), y.spin());
-        let a = self.field.acceleration::<true>(&r, &v, &w, &mut partials);
+        let mut partials = Partials::default();
+        let a = self.forces.with_partials(&r, &v, &w, &mut partials);
         let near = self.nearest(&r);
         if let [near] = near.as_slice() {
             return self.on_surface(near, y, a, &partials);
@@ -184,6 +185,6 @@ impl Flow for Carried<'_> {
         partials.position = free * partials.position;
         partials.velocity = free * partials.velocity;
         partials.spin = free * partials.spin;
-        self.field.slope(y, free * a, &partials)
+        self.forces.slope_of(y, free * a, &partials, self.forces.depends)
     }
 }

@@ -1,11 +1,12 @@
 //! What a forecast is asked for and what it answers.
 
-use nalgebra::{Matrix6, Point3, Vector3};
+use nalgebra::{Matrix6, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::guard::Moved;
 use super::integrate::Integrator;
-use super::obstacle::Surface;
+use crate::physics::obstacle::Surface;
+use crate::physics::state::State;
 
 /// Longest step, s: one frame at the paper's 15 frames a second. Times asked for are steps' ends, too.
 const MAX_STEP: f64 = 1.0 / 15.0;
@@ -13,15 +14,6 @@ const MAX_STEP: f64 = 1.0 / 15.0;
 const REGION: f64 = 1e4;
 /// Steps after which a trajectory is given up.
 const STEP_LIMIT: usize = 100_000;
-
-/// A ball at one instant, in the world frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct State {
-    /// Its centre, m.
-    pub position: Point3<f64>,
-    /// m/s.
-    pub velocity: Vector3<f64>,
-}
 
 /// How a forecast is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+use super::approach::Path;
 use super::columns::{Column, Columns, part};
-use super::field::Flow;
 
 /// How the equations of motion are solved where no closed form is used.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -14,7 +14,7 @@ pub enum Integrator {
     DormandPrince {
         /// Tolerance relative to the state.
         rtol: f64,
-        /// Absolute tolerance, m and m/s.
+        /// Absolute tolerance, m and m/s; the spin's is a hundred times these, rad/s.
         atol: f64,
     },
     /// The classical fourth-order method with steps of at most `step` s.
@@ -36,12 +36,23 @@ impl Default for Integrator {
     }
 }
 
+/// Something that says how a state moves on.
+pub(crate) trait Flow {
+    /// Time derivative of the state and of its sensitivities (the variational equations).
+    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M>;
+    /// Whether the spin changes, or acts.
+    fn spins(&self) -> bool;
+}
+
 /// One step, and the path in between.
 #[derive(Debug, Clone)]
 pub(crate) struct Step<const M: usize> {
     pub h: f64,
     pub start: Column,
     pub end: Columns<M>,
+    /// From the start's position to the end's, m: their difference without the rounding that far from the origin makes
+    /// a slow ball seem to move.
+    moved: Vector3<f64>,
     /// Slopes of the state at both ends.
     first: Column,
     pub last: Columns<M>,
@@ -117,25 +128,50 @@ impl<const M: usize> Step<M> {
         })
     }
 
-    /// Position and velocity `t` s after the step's start.
-    pub fn state_at(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
-        let y = self.at(t / self.h);
-        (part(&y, 0), part(&y, 1))
+    /// The position's polynomial in θ: start + θ·(difference + (1−θ)·(bend + θ·(twist + (1−θ)·curve))).
+    fn polynomial(&self) -> [Vector3<f64>; 4] {
+        let bend = self.h * part(&self.first, 0) - self.moved;
+        let twist = self.moved - self.h * part(&self.last.0[0], 0) - bend;
+        [self.moved, bend, twist, part(&self.curve, 0)]
+    }
+}
+
+/// The step's own polynomial, not the solution that it approximates.
+impl<const M: usize> Path for Step<M> {
+    fn at(&self, t: f64) -> (Vector3<f64>, Vector3<f64>) {
+        let theta = t / self.h;
+        let [difference, bend, twist, curve] = self.polynomial();
+        let slopes =
+            [1.0 - 2.0 * theta, theta * (2.0 - 3.0 * theta), 2.0 * theta * (1.0 - theta) * (1.0 - 2.0 * theta)];
+        let slope = difference + slopes[0] * bend + slopes[1] * twist + slopes[2] * curve;
+        (part(&self.at(theta), 0), slope / self.h)
     }
 
-    /// Bound of the acceleration's size along the step, m/s².
-    pub fn acceleration_bound(&self) -> f64 {
-        let size = |slope: &Column| part(slope, 1).norm();
-        let ends = size(&self.first).max(size(&self.last.0[0]));
-        let mean: Vector3<f64> = (part(&self.end.0[0], 1) - part(&self.start, 1)) / self.h;
-        // Smooth forces change little within a step whose error is controlled.
-        1.5 * ends.max(mean.norm())
+    fn acceleration(&self) -> Vector3<f64> {
+        part(&self.first, 1)
+    }
+
+    /// The acceleration, a quadratic in θ, lies within the convex hull of its Bernstein coefficients.
+    fn bound(&self) -> f64 {
+        let [_, bend, twist, curve] = self.polynomial();
+        let first = 2.0 * (twist + curve - bend);
+        let middle = -2.0 * bend - twist - 4.0 * curve;
+        let last = 2.0 * (curve - bend) - 4.0 * twist;
+        first.norm().max(middle.norm()).max(last.norm()) / (self.h * self.h)
+    }
+
+    /// What it turns to within the step is touched, and pressed on, at the start of the next.
+    fn slides_along(&self, _: &Vector3<f64>) -> bool {
+        true
     }
 }
 
 /// Errors of the sensitivities count by this much less than the state's. They must count: where a
 /// ball rolls from a box's face over its edge the state stays smooth, and its derivatives jump.
 const SENSITIVITY_SLACK: f64 = 10.0;
+
+/// What an error of the spin counts beside one of the velocity, m: it is felt at the ball's surface, centimetres off.
+const SURFACE: f64 = 0.01;
 
 /// Dormand–Prince's coefficients.
 mod tableau {
@@ -191,22 +227,30 @@ impl Method for DormandPrince {
         let last = flow.derivative(&end);
         let slopes = [k1, k3, k4, k5, k6, &last];
         let e = tableau::E.map(|factor| factor * h);
-        let errors = Columns([[0.0; 9]; M]).plus::<6, 6>(std::array::from_fn(|i| (e[i], slopes[i])));
+        let errors = Columns([[0.0; 9]; M]).plus::<R, 6>(std::array::from_fn(|i| (e[i], slopes[i])));
         let mut error = 0.0_f64;
         for (index, ((off, before), after)) in errors.0.iter().zip(&y.0).zip(&end.0).enumerate() {
             let mut squares = 0.0;
-            for i in 0..6 {
-                let scaled = off[i] / (self.atol + self.rtol * before[i].abs().max(after[i].abs()));
+            for i in 0..R {
+                let weight = if i < 6 { 1.0 } else { SURFACE };
+                let scaled = weight * off[i] / (self.atol + self.rtol * before[i].abs().max(after[i].abs()));
                 squares += scaled * scaled;
             }
             let slack = if index == 0 { 1.0 } else { SENSITIVITY_SLACK };
+            // the mean over position and velocity; the spin's errors come on top
             error = error.max((squares / 6.0).sqrt() / slack);
         }
         let curve = std::array::from_fn(|i| {
             h * tableau::D.iter().zip(slopes).map(|(weight, slope)| weight * slope.0[0][i]).sum::<f64>()
         });
-        Step { h, start: y.0[0], end, first: k1.0[0], last, curve, error }
+        let moved = sum_of([(a[5][0], k1), (a[5][2], k3), (a[5][3], k4), (a[5][4], k5), (a[5][5], k6)]);
+        Step { h, start: y.0[0], end, moved, first: k1.0[0], last, curve, error }
     }
+}
+
+/// Σ factor·slope of the position.
+fn sum_of<const M: usize, const K: usize>(terms: [(f64, &Columns<M>); K]) -> Vector3<f64> {
+    terms.iter().map(|(factor, slope)| *factor * part(&slope.0[0], 0)).sum()
 }
 
 struct RungeKutta4;
@@ -223,9 +267,10 @@ impl Method for RungeKutta4 {
         let k2 = flow.derivative(&y.plus::<R, _>([(h / 2.0, k1)]));
         let k3 = flow.derivative(&y.plus::<R, _>([(h / 2.0, &k2)]));
         let k4 = flow.derivative(&y.plus::<R, _>([(h, &k3)]));
-        let end = y.plus::<R, _>([(h / 6.0, k1), (h / 3.0, &k2), (h / 3.0, &k3), (h / 6.0, &k4)]);
+        let terms = [(h / 6.0, k1), (h / 3.0, &k2), (h / 3.0, &k3), (h / 6.0, &k4)];
+        let (end, moved) = (y.plus::<R, _>(terms), sum_of(terms));
         let last = flow.derivative(&end);
-        Step { h, start: y.0[0], end, first: k1.0[0], last, curve: [0.0; 9], error: 0.0 }
+        Step { h, start: y.0[0], end, moved, first: k1.0[0], last, curve: [0.0; 9], error: 0.0 }
     }
 }
 
@@ -252,6 +297,7 @@ impl Method for VelocityVerlet {
             column[..3].copy_from_slice(&ahead[..3]);
         }
         let last = flow.derivative(&end);
-        Step { h, start: y.0[0], end, first: k1.0[0], last, curve: [0.0; 9], error: 0.0 }
+        let moved = h * part(&k1.0[0], 0) + 0.5 * h * h * part(&k1.0[0], 1);
+        Step { h, start: y.0[0], end, moved, first: k1.0[0], last, curve: [0.0; 9], error: 0.0 }
     }
 }

@@ -1,0 +1,83 @@
+//! The air: drag, and the Magnus force on a ball that spins.
+
+use std::f64::consts::PI;
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::{Depends, Force, Linear, Partials};
+use crate::physics::scene::{Ball, Scene};
+
+/// Drag `−c·|v|·v` with c = ½ρAC_d/m, 1/m.
+#[derive(Debug)]
+pub(super) struct Drag(f64);
+
+/// Magnus force `c·ω×v` with c = ½ρARC_l/m.
+#[derive(Debug)]
+pub(super) struct Lift(f64);
+
+/// ½ρA/m, 1/m.
+fn pressure(ball: &Ball) -> f64 {
+    0.5 * ball.air_density * PI * ball.radius.powi(2) / ball.mass
+}
+
+impl Drag {
+    pub fn of(scene: &Scene) -> Option<Arc<dyn Force>> {
+        let drag = pressure(&scene.ball) * scene.ball.drag_coefficient;
+        (drag != 0.0).then(|| Arc::new(Self(drag)) as _)
+    }
+}
+
+impl Lift {
+    pub fn of(scene: &Scene) -> Option<Arc<dyn Force>> {
+        let lift = pressure(&scene.ball) * scene.ball.radius * scene.ball.lift_coefficient;
+        (lift != 0.0).then(|| Arc::new(Self(lift)) as _)
+    }
+}
+
+impl Force for Drag {
+    fn acceleration(
+        &self,
+        _: &Vector3<f64>,
+        v: &Vector3<f64>,
+        _: &Vector3<f64>,
+        partials: Option<&mut Partials>,
+    ) -> Vector3<f64> {
+        let speed = v.norm();
+        if let Some(partials) = partials
+            && speed > 0.0
+        {
+            partials.velocity -= self.0 * (Matrix3::identity() * speed + v * v.transpose() / speed);
+        }
+        -self.0 * speed * v
+    }
+
+    fn depends(&self) -> Depends {
+        Depends { velocity: true, ..Depends::default() }
+    }
+}
+
+impl Force for Lift {
+    fn acceleration(
+        &self,
+        _: &Vector3<f64>,
+        v: &Vector3<f64>,
+        w: &Vector3<f64>,
+        partials: Option<&mut Partials>,
+    ) -> Vector3<f64> {
+        if let Some(partials) = partials {
+            partials.velocity += self.0 * w.cross_matrix();
+            partials.spin -= self.0 * v.cross_matrix();
+        }
+        self.0 * w.cross(v)
+    }
+
+    fn depends(&self) -> Depends {
+        Depends { velocity: true, spin: true, ..Depends::default() }
+    }
+
+    /// None acts on a ball that does not spin.
+    fn linear(&self, spin: &Vector3<f64>) -> Option<Linear> {
+        (*spin == Vector3::zeros()).then_some(Linear::ZERO)
+    }
+}
