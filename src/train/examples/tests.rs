@@ -83,7 +83,7 @@ fn clips_are_fitted_again_when_anything_that_matters_has_changed() {
     for (clips, extra) in [
         (&labels, ""),
         (&scene, ""),
-        (&same, "contact = { model = \"spring\", stiffness = 900.0 }"),
+        (&same, "contact = { model = \"spring\", stiffness = 990.0 }"),
         (&same, "label_noise_px = 0.3"),
         (&same, "fit = { noise_px = 0.4 }"),
     ] {

@@ -255,7 +255,7 @@ fn fits_are_left_behind_by_runs_that_start_alone_and_resumed_with_what_they_are_
     let clips = Clips::read(&folder).unwrap();
     let index = std::fs::read_to_string(folder.join("clips.jsonl")).unwrap();
     let mut corrected = clips.clone();
-    corrected.clips[0].frames.iter_mut().for_each(|frame| frame.image = frame.image.map(|[x, y]| [x + 3.0, y]));
+    corrected.clips[0].frames.iter_mut().for_each(|frame| frame.image = frame.image.map(|[x, y]| [x + 0.5, y]));
     corrected.write_index().unwrap();
     assert_ne!(std::fs::read_to_string(folder.join("clips.jsonl")).unwrap(), index);
     let weights = |card: PathBuf| std::fs::read(card.with_extension("safetensors")).unwrap();
