@@ -12,9 +12,10 @@ use std::time::{Duration, Instant};
 
 use burn::optim::AdamConfig;
 use burn::tensor::Device;
+use gravisight::Size;
 use gravisight::image::Normalisation;
 use gravisight::kernels::{ConvShape, Convolution, Extent, Map, MapMut, SLACK, Vectors};
-use gravisight::model::{self, BackboneConfig, Card, HeadConfig, InputSize, Pen, PenConfig, PenOutput, sha256_hex};
+use gravisight::model::{self, BackboneConfig, Card, HeadConfig, Pen, PenConfig, PenOutput, sha256_hex};
 use gravisight::train::loss::{HeatmapLoss, Labels};
 use gravisight::train::step::{Batch, StepOptions, step};
 use serde_json::{Value, json};
@@ -207,7 +208,7 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
         weights: format!("{name}.safetensors"),
         sha256: sha256_hex(&weights),
         architecture: job.config.clone(),
-        input: InputSize { width: SIDE as u32, height: SIDE as u32 },
+        input: Size::square(SIDE as u32),
         normalisation: Normalisation::default(),
         depth_range: [1.0, 20.0],
         confidence_threshold: None,
@@ -274,7 +275,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
             time
         })
     } else {
-        let runner = pen.runner([job.side; 2], &device);
+        let runner = pen.runner(Size::square(job.side as u32), &device);
         let read = |output: PenOutput| -> Vec<f32> {
             [output.heatmap, output.depth]
                 .into_iter()

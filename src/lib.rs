@@ -30,6 +30,7 @@ pub mod model;
 pub mod physics;
 #[cfg(feature = "cli")]
 pub mod report;
+mod size;
 #[cfg(feature = "train")]
 pub mod train;
 #[cfg(target_arch = "wasm32")]
@@ -46,4 +47,5 @@ mod check_kernels;
 pub use camera::Camera;
 pub use error::{Error, Result};
 pub use image::Picture;
-pub use localise::{Localisation, Localiser};
+pub use localise::{Localisation, LocaliseOptions, Localiser};
+pub use size::Size;

@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 use common::{root, scratch};
 use gravisight::data::{Clips, DOUBTFUL, LabelOptions, Proposal, Track, cvat_xml, labels_csv, propose_labels};
 use gravisight::error::Error;
-use gravisight::{Camera, Picture, Result};
+use gravisight::{Camera, Picture, Result, Size};
 use proptest::prelude::*;
 use serde_json::{Value, json};
 
@@ -46,7 +46,7 @@ fn picture(colour: impl Fn(f64, f64) -> Colour) -> Picture {
         rgba.extend(sum.map(|sum| (sum / (FINE * FINE) as f64).round() as u8));
         rgba.push(255);
     }
-    Picture::from_rgba(&rgba, [SIDE as u32; 2]).unwrap()
+    Picture::from_rgba(&rgba, Size::square(SIDE as u32)).unwrap()
 }
 
 /// Whether a place is in a disc.
@@ -206,7 +206,7 @@ fn no_frames_have_no_labels_and_a_single_one_only_doubtful_ones() {
 
 #[test]
 fn a_picture_of_another_size_than_the_cameras_and_radii_that_cannot_be_are_refused() {
-    let small = Picture::from_rgba(&[0; 64 * 64 * 4], [64, 64]).unwrap();
+    let small = Picture::from_rgba(&[0; 64 * 64 * 4], Size::square(64)).unwrap();
     let error = propose(&[small], &long_lens(500.0)).unwrap_err();
     assert!(matches!(error, Error::Data { .. }) && error.to_string().contains("[64, 64]"), "{error}");
     for radii in [[0.0, 5.0], [8.0, 4.0], [4.0, f64::NAN], [4.0, 1e9]] {
@@ -245,7 +245,7 @@ proptest! {
         let camera = Camera::from_json(&file.to_string(), "camera").unwrap();
         let drawn = |frame: usize| {
             let byte = |index: usize| bytes[(index / repeat + frame * 31) % bytes.len()];
-            Picture::from_rgba(&(0..4 * side * side).map(byte).collect::<Vec<_>>(), [side as u32; 2]).unwrap()
+            Picture::from_rgba(&(0..4 * side * side).map(byte).collect::<Vec<_>>(), Size::square(side as u32)).unwrap()
         };
         let pictures: Vec<Picture> = (0..frames).map(drawn).collect();
         let labels = propose(&pictures, &camera).unwrap();
@@ -279,7 +279,8 @@ fn tables_say_where_the_ball_is_and_where_it_is_not() {
     let label = Proposal { image: [1.5, 2.25], radius_px: 6.0, confidence: 0.5, doubtful: true };
     let table = labels_csv(&[Some(label), None], &["a.png".into(), "b.png".into()]).unwrap();
     assert_eq!(table, "frame,file,x,y,radius,confidence,doubtful\n0,a.png,1.5,2.25,6.0,0.5,true\n1,b.png,,,,,\n");
-    let xml = cvat_xml([("a&\"b\".png", [64, 48], Some(label)), ("c.png", [64, 48], None)].into_iter());
+    let xml =
+        cvat_xml([("a&\"b\".png", Size::new(64, 48), Some(label)), ("c.png", Size::new(64, 48), None)].into_iter());
     assert!(xml.contains("name=\"a&amp;&quot;b&quot;.png\" width=\"64\" height=\"48\""), "{xml}");
     // CVAT's origin is the first pixel's corner
     assert!(xml.contains("points=\"2.00,2.75\"") && xml.matches("<points").count() == 1, "{xml}");

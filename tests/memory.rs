@@ -34,7 +34,7 @@ fn a_thousand_pictures_take_no_more_memory_than_the_first_ones() {
     let device = Device::flex();
     device.seed(1);
     let config = PenConfig::compact(7.0);
-    let runner = Pen::new(&config, &device).unwrap().runner([64, 96], &device);
+    let runner = Pen::new(&config, &device).unwrap().runner(gravisight::Size::new(96, 64), &device);
     let run = |picture: usize| {
         let values = (0..64 * 96 * 3).map(|index| ((index + picture) % 251) as f32 / 251.0).collect();
         let depth = decode(runner.run(values), &config).depth.into_data().iter::<f32>().next().unwrap();

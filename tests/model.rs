@@ -4,6 +4,7 @@ mod common;
 
 use burn::tensor::{Device, Tensor, TensorData};
 use common::{formula, formula_tensor, golden, safetensors_of, vector};
+use gravisight::Size;
 use gravisight::error::Error;
 use gravisight::model::{
     self, BackboneConfig, Card, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, halved, load,
@@ -47,7 +48,7 @@ fn formula_weights(config: &PenConfig, device: &Device) -> Vec<u8> {
 /// CPU's plan, the second time in buffers already used.
 fn assert_golden(pen: &Pen, file: &str, beta: f64, device: &Device) {
     let pictures: Vec<f32> = picture(device).into_data().iter::<f32>().collect();
-    let runner = pen.clone().runner([HEIGHT, WIDTH], device);
+    let runner = pen.clone().runner(Size::new(WIDTH as u32, HEIGHT as u32), device);
     runner.run(pictures.iter().rev().copied().collect());
     for output in [pen.forward(picture(device)), runner.run(pictures)] {
         let read = |tensor: Tensor<3>| tensor.into_data().try_to_vec::<f32>().unwrap();
@@ -151,7 +152,8 @@ fn saved_weights_load_back_to_the_same_network() {
 fn one_runner_serves_many_threads_and_batches_alike() {
     use rayon::iter::{IntoParallelIterator, ParallelIterator};
     let device = Device::flex();
-    let runner = load(&small(), formula_weights(&small(), &device), &device).unwrap().runner([32, 64], &device);
+    let runner =
+        load(&small(), formula_weights(&small(), &device), &device).unwrap().runner(Size::new(64, 32), &device);
     let values =
         |index: usize| -> Vec<f32> { formula(&format!("{index}"), 32 * 64 * 3).iter().map(|&x| x as f32).collect() };
     let depth = |values: Vec<f32>| runner.run(values).depth.into_data().try_to_vec::<f32>().unwrap();

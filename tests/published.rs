@@ -9,7 +9,7 @@ use common::root;
 use gravisight::camera::Camera;
 use gravisight::data::synth::{Engine as _, Set, Shot, Split, Studio};
 use gravisight::image::Picture;
-use gravisight::localise::Localiser;
+use gravisight::localise::{LocaliseOptions, Localiser};
 use gravisight::model::Card;
 use image::RgbImage;
 use nalgebra::Point3;
@@ -43,7 +43,7 @@ fn localiser(name: &str) -> Localiser {
 
 fn confidence(localiser: &Localiser, picture: &RgbImage, camera: &Camera) -> (f64, Point3<f64>) {
     let picture = Picture::from_rgb(picture.clone());
-    let found = pollster::block_on(localiser.localise(&picture, camera, false)).unwrap();
+    let found = pollster::block_on(localiser.localise(&picture, camera, LocaliseOptions::default())).unwrap();
     (found.confidence, found.world.into())
 }
 

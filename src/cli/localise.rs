@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gravisight::files::write_whole;
-use gravisight::{Camera, Localisation, Picture, draw};
+use gravisight::{Camera, Localisation, LocaliseOptions, Picture, draw};
 
 use super::device::DeviceChoice;
 use super::{model, print_line};
@@ -44,8 +44,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     for path in &arguments.images {
         let name = || path.display().to_string();
         let picture = open_picture(path)?;
-        let found = pollster::block_on(localiser.localise(&picture, &camera, arguments.overlay.is_some()))
-            .with_context(name)?;
+        let options = LocaliseOptions { maps: arguments.overlay.is_some() };
+        let found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
         if let (Some(out), Some(maps)) = (&arguments.overlay, &found.maps) {
             let mut drawn = draw::with_heatmap(picture.rgb(), maps);
             draw::mark(&mut drawn, found.image);

@@ -15,7 +15,7 @@ mod plan;
 mod tensors;
 mod weights;
 
-pub use self::card::{Card, InputSize, check_input, sha256_hex};
+pub use self::card::{Card, check_input, sha256_hex};
 pub use self::config::{BackboneConfig, DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
 pub use self::decode::{CONFIDENCE_RADIUS, Decoded, confidence, decode};
 #[cfg(feature = "train")]

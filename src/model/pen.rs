@@ -13,6 +13,7 @@ use super::head::Head;
 use super::layers::Layers;
 use super::plan::Plan;
 use super::tensors::{Tensors, is_cpu};
+use crate::size::Size;
 
 /// Softplus of the published depth head: beta, and where it turns linear.
 const SOFTPLUS_BETA: f64 = 2.0;
@@ -89,18 +90,17 @@ impl Pen {
         self.output(heatmap, depth)
     }
 
-    /// A runner for pictures of `height`×`width`: on the CPU with everything worked out beforehand,
-    /// elsewhere as [`Self::forward`].
-    pub fn runner(self, [height, width]: [usize; 2], device: &Device) -> PenRunner {
-        let plan =
-            is_cpu(device).then(|| Plan::new([height, width], |layers, picture| self.maps(layers, picture).into()));
-        PenRunner { pen: self, size: [height, width], device: device.clone(), plan }
+    /// A runner for pictures of `size`: on the CPU with everything worked out beforehand, elsewhere as
+    /// [`Self::forward`].
+    pub fn runner(self, size: Size, device: &Device) -> PenRunner {
+        let plan = is_cpu(device).then(|| Plan::new(size, |layers, picture| self.maps(layers, picture).into()));
+        PenRunner { pen: self, size, device: device.clone(), plan }
     }
 
-    /// Memory that a training step on `batch` pictures of `height`×`width` takes, about, in bytes: values of maps,
+    /// Memory that a training step on `batch` pictures of `size` takes, about, in bytes: values of maps,
     /// with their gradients and what the backward pass keeps.
     #[cfg(feature = "train")]
-    pub fn training_bytes(&self, batch: usize, size: [usize; 2]) -> usize {
+    pub fn training_bytes(&self, batch: usize, size: Size) -> usize {
         let values = Plan::map_values(size, |layers, picture| self.maps(layers, picture).into());
         batch * values * size_of::<f32>() * COPIES_IN_TRAINING
     }
@@ -128,7 +128,7 @@ impl Pen {
 #[derive(Debug)]
 pub struct PenRunner {
     pen: Pen,
-    size: [usize; 2],
+    size: Size,
     device: Device,
     plan: Option<Plan>,
 }
@@ -145,7 +145,7 @@ impl PenRunner {
     /// # Panics
     /// Where `pictures` are not whole pictures.
     pub fn run(&self, pictures: Vec<f32>) -> PenOutput {
-        let [height, width] = self.size;
+        let [height, width] = [self.size.height, self.size.width].map(|side| side as usize);
         let Some(plan) = &self.plan else {
             let shape = [pictures.len() / (3 * height * width), height, width, 3];
             return self.pen.forward(Tensor::from_data(TensorData::new(pictures, shape), &self.device));

@@ -8,6 +8,7 @@ use crate::draw;
 use crate::error::{Error, Result};
 use crate::evaluate::Sample;
 use crate::image::Picture;
+use crate::localise::LocaliseOptions;
 
 /// Clips whose worst picture is shown, and pictures whose saliency is.
 const WORST: usize = 6;
@@ -39,7 +40,7 @@ pub fn worst(report: &Report<'_>) -> Result<String> {
 fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
     let picture = picture(report, sample)?;
     let camera = &report.clips.clips[sample.place[0]].camera;
-    let found = pollster::block_on(report.localiser.localise(&picture, camera, true))?;
+    let found = pollster::block_on(report.localiser.localise(&picture, camera, LocaliseOptions { maps: true }))?;
     let Some(maps) = found.maps else { return Ok(String::new()) };
     let (depth_map, [nearest, farthest]) = draw::with_depth(picture.rgb(), &maps);
     let heatmap = draw::with_heatmap(picture.rgb(), &maps);

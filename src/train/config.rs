@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use super::loss::HeatmapLoss;
 use crate::image::Normalisation;
-use crate::model::{InputSize, PenConfig};
+use crate::model::PenConfig;
 use crate::physics::Contact;
+use crate::size::Size;
 
 /// A training run. `run.toml` is this structure; so are the presets, and `train --set FIELD=VALUE` sets any field.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -99,7 +100,7 @@ pub struct TrainConfig {
     #[serde(default = "default_validate_frames")]
     pub validate_frames: usize,
     /// Size of the network's input.
-    pub input: InputSize,
+    pub input: Size,
     /// Normalisation of the network's input.
     #[serde(default)]
     pub normalisation: Normalisation,

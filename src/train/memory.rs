@@ -4,17 +4,17 @@ use super::batch::Sampler;
 use super::config::{Phase, TrainConfig};
 use crate::error::{Error, Result};
 use crate::model::Pen;
+use crate::size::Size;
 
 /// Refuses steps that do not fit the memory that is free now, where the system says how much that is.
 pub(super) fn check_memory(config: &TrainConfig, pen: &Pen, sampler: &Sampler) -> Result<()> {
     let Some(free) = free_memory() else { return Ok(()) };
-    let [width, height] = [config.input.width, config.input.height];
     let of_phase = |phase: &Phase| {
-        let size = phase.crop.map_or([height, width], |side| [side, side]).map(|side| side as usize);
+        let size = phase.crop.map_or(config.input, Size::square);
         pen.training_bytes(phase.batch, size)
     };
     let step = config.phases.iter().map(of_phase).max().unwrap_or(0);
-    let pictures = (sampler.examples().frames.len() * 3 * (width * height) as usize).min(config.cache_mb << 20);
+    let pictures = (sampler.examples().frames.len() * 3 * config.input.pixels()).min(config.cache_mb << 20);
     if step + pictures <= free {
         return Ok(());
     }

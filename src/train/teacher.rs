@@ -122,7 +122,7 @@ fn view_axis(clip: &Clip, position: &Point3<f64>) -> Vector3<f64> {
 }
 
 fn in_picture(clip: &Clip, image: [f64; 2]) -> bool {
-    let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
+    let size = clip.camera.size().xy();
     image.iter().zip(size).all(|(&at, side)| (-0.5..side - 0.5).contains(&at))
 }
 
@@ -140,7 +140,7 @@ impl Reading {
 
     fn of(self, clip: &Clip) -> Clip {
         let mut clip = clip.clone();
-        let height = f64::from(clip.camera.height());
+        let height = f64::from(clip.camera.size().height);
         for frame in &mut clip.frames {
             match self {
                 Self::Swapped => frame.image = frame.image.map(|[x, y]| [y, x]),

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::Proposal;
 use crate::data::track::{Track, TrackPoint, csv_of};
 use crate::error::Result;
+use crate::size::Size;
 
 /// CVAT's coordinates begin at the first pixel's corner, ours at its centre, px.
 const CVAT_CORNER: f64 = 0.5;
@@ -53,9 +54,9 @@ pub fn track_of_labels(labels: &[Option<Proposal>]) -> Track {
 }
 
 /// "CVAT for images 1.1": each picture (its name, width and height, label) with a point `ball` on the ball's centre.
-pub fn cvat_xml<'a>(pictures: impl Iterator<Item = (&'a str, [u32; 2], Option<Proposal>)>) -> String {
+pub fn cvat_xml<'a>(pictures: impl Iterator<Item = (&'a str, Size, Option<Proposal>)>) -> String {
     let mut xml = String::from("<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<annotations>\n  <version>1.1</version>\n");
-    for (number, (name, [width, height], label)) in pictures.enumerate() {
+    for (number, (name, Size { width, height }, label)) in pictures.enumerate() {
         let name = escaped(name);
         let _ = write!(xml, "  <image id=\"{number}\" name=\"{name}\" width=\"{width}\" height=\"{height}\">");
         if let Some(Proposal { image: [x, y], .. }) = label {
