@@ -12,6 +12,7 @@
 //! The method is that of "Towards Learning Monocular 3D Object Localization From 2D Labels Using
 //! the Physical Laws of Motion"; "paper eq. (n)" in the documentation speaks of it.
 #![warn(missing_docs, clippy::unwrap_used)]
+#![cfg_attr(test, allow(clippy::unwrap_used))]
 #![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
@@ -31,18 +32,12 @@ pub mod physics;
 #[cfg(feature = "cli")]
 pub mod report;
 mod size;
+#[cfg(test)]
+mod testing;
 #[cfg(feature = "train")]
 pub mod train;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
-
-// The browser's tests of the kernels, in a build of their own.
-#[cfg(all(target_arch = "wasm32", feature = "check-kernels"))]
-extern crate self as gravisight;
-#[cfg(all(target_arch = "wasm32", feature = "check-kernels"))]
-#[allow(missing_docs, clippy::unwrap_used)]
-#[path = "../tests/web/kernels.rs"]
-mod check_kernels;
 
 pub use camera::Camera;
 pub use error::{Error, Result};

@@ -39,11 +39,13 @@ fn files(folder: &Path, ending: &str) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Room name -> its source text, comments left out.
+/// Room name -> its source text, tests and comments left out.
 fn rooms() -> BTreeMap<String, String> {
     let src = common::root().join("src");
     let mut rooms: BTreeMap<String, String> = BTreeMap::new();
-    for path in files(&src, "rs") {
+    let tests =
+        |path: &Path| path.iter().any(|part| ["tests", "tests.rs", "testing.rs"].iter().any(|name| part == *name));
+    for path in files(&src, "rs").into_iter().filter(|path| !tests(path)) {
         let relative = path.strip_prefix(&src).unwrap();
         let room = relative.iter().next().unwrap().to_string_lossy().trim_end_matches(".rs").to_string();
         let text = std::fs::read_to_string(&path).unwrap();

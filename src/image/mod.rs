@@ -1,6 +1,8 @@
 //! Pictures: decoding, letterboxing to the network's input size, normalisation.
 
 mod decode;
+#[cfg(test)]
+mod tests;
 
 use image::imageops::FilterType;
 use image::{ImageBuffer, Rgb, RgbImage};

@@ -4,6 +4,8 @@
 
 #[cfg(feature = "train")]
 mod saliency;
+#[cfg(all(test, feature = "train"))]
+mod tests;
 
 use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;

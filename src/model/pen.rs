@@ -8,7 +8,7 @@ use burn::tensor::activation::softplus_with_threshold;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::backbone::Backbone;
-use super::config::{DepthActivation, DepthConfig, HeadConfig, PenConfig};
+use super::config::{DepthActivation, DepthConfig, PenConfig};
 use super::head::Head;
 use super::layers::Layers;
 use super::plan::Plan;
@@ -50,7 +50,7 @@ impl Pen {
     /// As [`PenConfig::check`].
     pub fn new(config: &PenConfig, device: &Device) -> crate::error::Result<Self> {
         config.check()?;
-        let features = Backbone::channels(&config.backbone);
+        let features = config.backbone.outline().features;
         // A zero last layer starts the exponential depth at the prior.
         let depth_last = match config.depth.activation {
             DepthActivation::Exp => Initializer::Zeros,
@@ -114,9 +114,9 @@ impl Pen {
     /// The output from what the heads say, `[batch, h, w, 1]` each.
     fn output(&self, heatmap: Tensor<4>, depth: Tensor<4>) -> PenOutput {
         let mut maps = [heatmap, activate(depth, &self.config.depth)];
-        if let HeadConfig::Paper { .. } = self.config.head {
-            // They work at the finest feature's stride; their maps are brought to the input's size.
-            let factor = Backbone::finest_stride(&self.config.backbone);
+        // Heads work at the finest feature's stride.
+        let factor = self.config.backbone.finest_stride() / self.config.output_stride();
+        if factor > 1 {
             maps = maps.map(|map| Tensors.upsample(&map, factor, None));
         }
         let [heatmap, depth] = maps.map(|map| map.squeeze_dim(3));

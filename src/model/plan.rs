@@ -9,8 +9,7 @@ use std::sync::{Mutex, PoisonError};
 use burn::nn::LayerNorm;
 use burn::tensor::{ElementConversion as _, Tensor};
 
-use super::convnext::ResponseNorm;
-use super::layers::{Layers, RESPONSE_NORM_EPSILON, Slope, Unit};
+use super::layers::{Layers, RESPONSE_NORM_EPSILON, ResponseNorm, Slope, Unit};
 use super::tensors::{fold, shape};
 use crate::kernels::{
     Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, gelu, layer_norm, max_pool, response_norm,

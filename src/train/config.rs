@@ -257,7 +257,7 @@ pub enum Network {
     /// [`PenConfig::convnext_nano`].
     #[serde(rename = "convnext-nano")]
     ConvNextNano,
-    /// [`PenConfig::convnext_nano`], the second version.
+    /// [`PenConfig::convnextv2_nano`].
     #[serde(rename = "convnextv2-nano")]
     ConvNextV2Nano,
 }
@@ -340,8 +340,8 @@ impl TrainConfig {
             (Some(architecture), _) => architecture.clone(),
             (None, Network::Compact) => PenConfig::compact(prior_depth),
             (None, Network::Paper) => PenConfig::paper(),
-            (None, Network::ConvNextNano) => PenConfig::convnext_nano(false),
-            (None, Network::ConvNextV2Nano) => PenConfig::convnext_nano(true),
+            (None, Network::ConvNextNano) => PenConfig::convnext_nano(),
+            (None, Network::ConvNextV2Nano) => PenConfig::convnextv2_nano(),
         }
     }
 

@@ -2,10 +2,11 @@
 
 use std::io::Cursor;
 
-use gravisight::error::Error;
-use gravisight::image::Normalisation;
-use gravisight::{Picture, Size};
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, Rgb, RgbImage, Rgba, RgbaImage};
+
+use super::{Normalisation, Picture};
+use crate::error::Error;
+use crate::size::Size;
 
 /// A 40×20 picture with a gradient.
 fn gradient() -> RgbImage {

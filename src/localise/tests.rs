@@ -1,12 +1,13 @@
 //! ∂depth/∂pixel against the depth of pictures that were really changed.
 
-mod common;
-
 use burn::tensor::Device;
-use common::{golden, root, tiny_card};
-use gravisight::localise::Saliency;
-use gravisight::{Camera, LocaliseOptions, Localiser, Picture, Size};
 use image::{RgbImage, imageops};
+
+use super::{LocaliseOptions, Localiser, Saliency};
+use crate::camera::Camera;
+use crate::image::Picture;
+use crate::size::Size;
+use crate::testing::{golden, root, tiny_card};
 
 /// Brightness added and taken away, of 255: the least that there is, since units that switch on or off bend the depth.
 const STEP: u8 = 1;
