@@ -1,10 +1,14 @@
 //! Inference uses its buffers again: `cargo test --release --test memory`.
 
+mod common;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use burn::tensor::Device;
-use gravisight::model::{Pen, PenConfig, decode};
+use common::root;
+use gravisight::model::Card;
+use gravisight::{Camera, LocaliseOptions, Localiser, Picture, Size};
 
 /// The system's allocator, counting.
 struct Counting;
@@ -31,14 +35,17 @@ static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_thousand_pictures_take_no_more_memory_than_the_first_ones() {
-    let device = Device::flex();
-    device.seed(1);
-    let config = PenConfig::compact(7.0);
-    let runner = Pen::new(&config, &device).unwrap().runner(gravisight::Size::new(96, 64), &device);
+    let (mut card, weights) = Card::with_weights(&root().join("models/sd-l.json")).unwrap();
+    card.input = Size::new(96, 64);
+    let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
+    let camera = r#"{"width": 96, "height": 64, "intrinsic": [[77, 0, 47.5], [0, 77, 31.5], [0, 0, 1]],
+        "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 8], [0, 0, 0, 1]]}"#;
+    let camera = Camera::from_json(camera, "test").unwrap();
     let run = |picture: usize| {
-        let values = (0..64 * 96 * 3).map(|index| ((index + picture) % 251) as f32 / 251.0).collect();
-        let depth = decode(runner.run(values), &config).depth.into_data().iter::<f32>().next().unwrap();
-        assert!(depth.is_finite());
+        let rgba: Vec<u8> = (0..64 * 96 * 4).map(|index| ((index + picture) % 251) as u8).collect();
+        let picture = Picture::from_rgba(&rgba, Size::new(96, 64)).unwrap();
+        let found = pollster::block_on(localiser.localise(&picture, &camera, LocaliseOptions::default())).unwrap();
+        assert!(found.depth.is_finite());
     };
     // Threads take their work buffers at different times.
     (0..200).for_each(run);

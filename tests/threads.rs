@@ -4,7 +4,12 @@ use std::hint::black_box;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-use gravisight::kernels::{for_each, with_threads_awake};
+use parallel::{for_each, with_threads_awake};
+
+// By itself, in a process of its own: other tests would take its threads.
+#[allow(dead_code)]
+#[path = "../src/kernels/parallel.rs"]
+mod parallel;
 
 /// More threads than cores, so that each is stopped at any place.
 const POOLS: usize = 4;
