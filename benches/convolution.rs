@@ -11,10 +11,10 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use burn::optim::AdamConfig;
-use gravisight::Device;
+use burn::tensor::{Device, Tensor, TensorData};
+use gravisight::Size;
 use gravisight::image::Normalisation;
-use gravisight::kernels::{ConvShape, Convolution, Extent, Map, MapMut, SLACK, Vectors};
-use gravisight::model::{self, BackboneConfig, Card, HeadConfig, InputSize, Pen, PenConfig, PenOutput, sha256_hex};
+use gravisight::model::{self, BackboneConfig, Card, HeadConfig, Pen, PenConfig, PenOutput, sha256_hex};
 use gravisight::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
 use serde_json::{Value, json};
 
@@ -168,16 +168,14 @@ fn seconds(run: &mut dyn FnMut()) -> f64 {
     begin.elapsed().as_secs_f64()
 }
 
-/// The best rate of a 1×1 convolution that fits the cache, GFLOP/s: a product of matrices, 1,024 × 256 × 256.
+/// The best rate of a product of matrices that fits the cache, GFLOP/s: 1,024 × 256 × 256, by flex.
 fn gemm_peak(threads: usize) -> f64 {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     pool.install(|| {
-        let shape = ConvShape { channels: [256, 256], kernel: 1, stride: 1, padding: 0, depthwise: false };
-        let extent = Extent::new([1, 32, 32, 256]);
-        let (x, weights) = (noise(extent.len() + SLACK), noise(256 * 256));
-        let conv = Convolution::new(Vectors::best(), shape, &weights, None, &extent);
-        let mut out = vec![0.0; extent.len()];
-        let mut run = || conv.run(Map::new(extent, &x), None, 1.0, MapMut::new(extent, black_box(&mut out)));
+        let matrix =
+            |rows: usize| Tensor::<2>::from_data(TensorData::new(noise(rows * 256), [rows, 256]), &Device::flex());
+        let (x, weights) = (matrix(1024), matrix(256));
+        let mut run = || drop(black_box(x.clone().matmul(weights.clone())));
         let best = (0..300).map(|_| seconds(&mut run)).fold(f64::INFINITY, f64::min);
         2.0 * 1024.0 * 256.0 * 256.0 / best / 1e9
     })
@@ -206,7 +204,7 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
         weights: format!("{name}.safetensors"),
         sha256: sha256_hex(&weights),
         architecture: job.config.clone(),
-        input: InputSize { width: SIDE as u32, height: SIDE as u32 },
+        input: Size::square(SIDE as u32),
         normalisation: Normalisation::default(),
         depth_range: [1.0, 20.0],
         confidence_threshold: None,
@@ -273,7 +271,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
             time
         })
     } else {
-        let runner = pen.runner([job.side; 2], &device);
+        let runner = pen.runner(Size::square(job.side as u32), &device);
         let read = |output: PenOutput| -> Vec<f32> {
             [output.heatmap, output.depth]
                 .into_iter()

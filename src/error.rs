@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::size::Size;
+
 /// Result with the crate's [`Error`].
 pub type Result<T> = std::result::Result<T, Error>;
 
@@ -68,15 +70,14 @@ pub enum Error {
     },
     /// The camera speaks of a picture of another shape than the one given.
     #[error(
-        "camera.json is for a {cw}×{ch} picture, this one is {pw}×{ph}: the aspect ratios differ, \
-         so it cannot be scaled; give the camera of this picture (or crop the camera with the picture)",
-        cw = camera[0], ch = camera[1], pw = picture[0], ph = picture[1]
+        "camera.json is for a {camera} picture, this one is {picture}: the aspect ratios differ, \
+         so it cannot be scaled; give the camera of this picture (or crop the camera with the picture)"
     )]
     CameraMismatch {
-        /// Width and height in `camera.json`, px.
-        camera: [u32; 2],
-        /// Width and height of the picture, px.
-        picture: [u32; 2],
+        /// The pictures' size in `camera.json`.
+        camera: Size,
+        /// The size of the picture.
+        picture: Size,
     },
     /// A point at or behind the camera has no image.
     #[error("a point at camera depth {depth} m is not in front of the camera and has no image")]

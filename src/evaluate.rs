@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
-use crate::localise::Localiser;
+use crate::localise::{LocaliseOptions, Localiser};
 
 /// Groups of equally many pictures in the confidence calibration.
 const CONFIDENCE_GROUPS: usize = 10;
@@ -278,9 +278,8 @@ async fn sample(localiser: &Localiser, clips: &Clips, labelled: &Labelled, clock
     let began = clock();
     let picture = clips.picture(clip, frame)?;
     let decoded = clock();
-    let found = localiser.localise(&picture, &clip.camera, false).await.map_err(|error| Error::Data {
-        what: format!("clip `{}`, frame {}", clip.id, frame.file.display()),
-        reason: error.to_string(),
+    let found = localiser.localise(&picture, &clip.camera, LocaliseOptions::default()).await.map_err(|error| {
+        Error::Data { what: format!("clip `{}`, frame {}", clip.id, frame.file.display()), reason: error.to_string() }
     })?;
     let localised = clock();
     let true_camera = clip.camera.camera_from_world(&world);

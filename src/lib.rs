@@ -1,5 +1,6 @@
 //! A ball's 3D position from a single picture of one calibrated camera.
 #![warn(missing_docs, clippy::unwrap_used)]
+#![cfg_attr(test, allow(clippy::unwrap_used))]
 #![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
@@ -15,6 +16,7 @@ mod least_squares;
 mod localise;
 pub mod model;
 mod physics;
+mod size;
 mod synth;
 mod table;
 mod track;
@@ -35,9 +37,10 @@ pub use self::clips::{Clip, Clips, Frame};
 pub use self::error::{Error, Result};
 pub use self::evaluate::{Bins, Metrics, Sample, Statistic, score};
 pub use self::image::Picture;
-pub use self::localise::{Localisation, Localiser, Maps, Saliency};
+pub use self::localise::{Localisation, LocaliseOptions, Localiser, Maps, Saliency};
 pub use self::model::Card;
 pub use self::physics::{Case, Contact, Forecast, Forecaster, Integrator, Options, Scene, State};
+pub use self::size::Size;
 pub use self::synth::{Engine, Set, Shot, Split, Studio};
 pub use self::track::{
     Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, TrackPoint, propose_labels,

@@ -1,7 +1,7 @@
 //! Cameras from labelled points: `cargo test --release --test calibrate -- --nocapture` prints how far off they are.
 
 use gravisight::Camera;
-use gravisight::{Court, Distortion, Points, Unknowns, calibrate};
+use gravisight::{Court, Distortion, Points, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::Value;
@@ -26,11 +26,11 @@ impl Noise {
 }
 
 /// A camera that stands at `at` and looks at `to`.
-fn looking(at: [f64; 3], to: [f64; 3], focal: f64, size: [u32; 2], distortion: Distortion) -> Camera {
+fn looking(at: [f64; 3], to: [f64; 3], focal: f64, size: Size, distortion: Distortion) -> Camera {
     let forward = (Vector3::from(to) - Vector3::from(at)).normalize();
     let right = forward.cross(&Vector3::z()).normalize();
     let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-    let middle = size.map(|side| (f64::from(side) - 1.0) / 2.0);
+    let middle = size.xy().map(|side| (side - 1.0) / 2.0);
     let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);
     Camera::new(size, intrinsic, distortion, rotation, -rotation * Vector3::from(at)).unwrap()
 }
@@ -44,7 +44,7 @@ fn clicked(camera: &Camera, world: &[[f64; 3]], known: bool, noise: f64, seed: u
         Point2::new(image.x + noise * random.normal(), image.y + noise * random.normal())
     };
     Points {
-        size: [camera.width(), camera.height()],
+        size: camera.size(),
         intrinsic: known.then(|| *camera.intrinsic()),
         distortion: Distortion::default(),
         names: Vec::new(),
@@ -93,7 +93,7 @@ fn the_optimum_is_the_references() {
     for (index, case) in golden["calibration"].as_array().unwrap().iter().enumerate() {
         let matrix = |rows: &[Vec<f64>]| Matrix3::from_fn(|i, j| rows[i][j]);
         let points = Points {
-            size: [384, 224],
+            size: Size::new(384, 224),
             intrinsic: Some(matrix(&read(&case["M_int"]))),
             distortion: Distortion::default(),
             names: Vec::new(),
@@ -103,7 +103,7 @@ fn the_optimum_is_the_references() {
         let optimum = read(&case["M_ext_opt"]);
         let translation = Vector3::from_fn(|i, _| optimum[i][3]);
         let expected = Camera::new(
-            [384, 224],
+            Size::new(384, 224),
             *points.intrinsic.as_ref().unwrap(),
             Distortion::default(),
             matrix(&optimum),
@@ -126,7 +126,7 @@ fn the_optimum_is_the_references() {
 fn exact_clicks_give_the_camera_with_focal_length_and_lens() {
     let lens = Distortion { k1: -0.21, k2: 0.05, ..Distortion::default() };
     for (lens, distortion) in [(Distortion::default(), 0), (lens, 2)] {
-        let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], lens);
+        let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, Size::new(1280, 720), lens);
         let mut world = BOX.to_vec();
         world.extend([[1.0, 1.0, 0.7], [0.3, 2.2, 1.1], [1.7, 0.4, 0.2], [0.9, 2.9, 0.4]]);
         let unknowns = Unknowns { focal: true, distortion, ..ONLY_POSE };
@@ -141,7 +141,7 @@ fn exact_clicks_give_the_camera_with_focal_length_and_lens() {
 
 #[test]
 fn four_points_of_a_plane_are_enough() {
-    let camera = looking([3.0, -8.0, 4.0], [0.0, 0.0, 0.0], 700.0, [960, 540], Distortion::default());
+    let camera = looking([3.0, -8.0, 4.0], [0.0, 0.0, 0.0], 700.0, Size::new(960, 540), Distortion::default());
     let corners = [[-4.5, -9.0 + 7.0, 0.0], [4.5, -2.0, 0.0], [4.5, 9.0, 0.0], [-4.5, 9.0, 0.0]];
     for known in [true, false] {
         let found = calibrate(&clicked(&camera, &corners, known, 0.0, 1), &ONLY_POSE).unwrap();
@@ -160,7 +160,7 @@ fn every_court_calibrates_from_clicks_of_half_a_pixel() {
             [0.6 * reach, -1.9 * reach, 0.9 * reach],
             [0.0, 0.0, 0.0],
             1400.0,
-            [1920, 1080],
+            Size::new(1920, 1080),
             Distortion::default(),
         );
         let world: Vec<[f64; 3]> = court.points.values().copied().collect();
@@ -179,7 +179,7 @@ fn every_court_calibrates_from_clicks_of_half_a_pixel() {
 
 #[test]
 fn a_wrong_click_is_named_and_left_out() {
-    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], Distortion::default());
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, Size::new(1280, 720), Distortion::default());
     let mut world = BOX.to_vec();
     world.extend([[1.0, 1.0, 0.7], [0.3, 2.2, 1.1]]);
     for wrong in 0..world.len() {
@@ -202,7 +202,7 @@ fn a_wrong_click_is_named_and_left_out() {
 fn a_click_that_the_known_lens_cannot_have_seen_is_left_out_by_name() {
     // The lens folds at a distorted radius of 0.574: 517 px from the picture's middle.
     let lens = Distortion { k1: -0.45, ..Distortion::default() };
-    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], lens);
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, Size::new(1280, 720), lens);
     let mut points = clicked(&camera, &BOX, true, 0.0, 1);
     points.distortion = lens;
     points.image[5] = Point2::new(5.0, 5.0);
@@ -220,7 +220,7 @@ fn a_click_that_the_known_lens_cannot_have_seen_is_left_out_by_name() {
 
 #[test]
 fn the_stated_uncertainty_is_the_one_found() {
-    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], Distortion::default());
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, Size::new(1280, 720), Distortion::default());
     let (image, depth) = (Point2::new(700.0, 300.0), 6.0);
     let ball = camera.world_from_image(&image, depth).unwrap();
     for known in [true, false] {
@@ -243,7 +243,7 @@ fn the_stated_uncertainty_is_the_one_found() {
 
 #[test]
 fn points_that_fix_no_camera_are_refused_with_what_to_add() {
-    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, [1280, 720], Distortion::default());
+    let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, Size::new(1280, 720), Distortion::default());
     let refused = |world: &[[f64; 3]], known: bool| {
         calibrate(&clicked(&camera, world, known, 0.0, 1), &ONLY_POSE).unwrap_err().to_string()
     };
@@ -253,7 +253,7 @@ fn points_that_fix_no_camera_are_refused_with_what_to_add() {
     let space = [BOX[0], BOX[2], BOX[5], BOX[7]];
     assert!(refused(&space, true).contains("at least 6"), "{}", refused(&space, true));
     // A plane that faces the camera does not tell the focal length from the distance.
-    let facing = looking([0.0, -10.0, 0.0], [0.0, 0.0, 0.0], 900.0, [1280, 720], Distortion::default());
+    let facing = looking([0.0, -10.0, 0.0], [0.0, 0.0, 0.0], 900.0, Size::new(1280, 720), Distortion::default());
     let wall: Vec<[f64; 3]> = (0..9).map(|i| [f64::from(i % 3), 0.0, f64::from(i / 3)]).collect();
     let error = calibrate(&clicked(&facing, &wall, false, 0.0, 1), &ONLY_POSE).unwrap_err();
     assert!(error.to_string().contains("off the plane"), "{error}");
@@ -296,7 +296,7 @@ proptest! {
     ) {
         let (world, image): (Vec<_>, Vec<_>) = points.into_iter().map(|(w, i)| (Point3::from(w), Point2::from(i))).unzip();
         let intrinsic = known.then(|| Matrix3::new(800.0, 0.0, 320.0, 0.0, 800.0, 240.0, 0.0, 0.0, 1.0));
-        let points = Points { size: [640, 480], intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image };
+        let points = Points { size: Size::new(640, 480), intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image };
         if let Ok(found) = calibrate(&points, &Unknowns { focal, principal_point, distortion }) {
             prop_assert!(found.rms_px.is_finite() && found.sigma_centre.iter().all(|sigma| sigma.is_finite()));
         }

@@ -4,7 +4,7 @@ mod common;
 
 use common::golden;
 use gravisight::Error;
-use gravisight::{Camera, Distortion};
+use gravisight::{Camera, Distortion, Size};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};
@@ -72,7 +72,7 @@ fn any_camera() -> impl Strategy<Value = Camera> {
         let intrinsic = Matrix3::new(f, skew, 320.0, 0.0, 1.1 * f, 240.0, 0.0, 0.0, 1.0);
         let rotation = Rotation3::from_scaled_axis(Vector3::new(a, b, c)).into_inner();
         let distortion = Distortion { k1, k2, p1, p2, k3 };
-        Camera::new([640, 480], intrinsic, distortion, rotation, Vector3::new(x, y, z)).unwrap()
+        Camera::new(Size::new(640, 480), intrinsic, distortion, rotation, Vector3::new(x, y, z)).unwrap()
     })
 }
 
@@ -117,11 +117,11 @@ proptest! {
     ) {
         let in_world = camera.world_from_camera(&Point3::new(x * 3.0, y * 3.0, 3.0));
         let image = camera.image_from_world(&in_world).unwrap();
-        let resized = camera.resized([width, height]).unwrap().image_from_world(&in_world).unwrap();
+        let resized = camera.resized(Size { width, height }).unwrap().image_from_world(&in_world).unwrap();
         // Pixel-centre rule: the picture spans [-1/2, size - 1/2].
         prop_assert!(((image.x + 0.5) / 640.0 - (resized.x + 0.5) / f64::from(width)).abs() < 1e-9);
         prop_assert!(((image.y + 0.5) / 480.0 - (resized.y + 0.5) / f64::from(height)).abs() < 1e-9);
-        let cropped = camera.cropped([10.0, 20.0], [100, 100]).unwrap().image_from_world(&in_world).unwrap();
+        let cropped = camera.cropped([10.0, 20.0], Size::square(100)).unwrap().image_from_world(&in_world).unwrap();
         prop_assert!((cropped - Point2::new(image.x - 10.0, image.y - 20.0)).norm() < 1e-9);
     }
 
@@ -129,7 +129,7 @@ proptest! {
     fn camera_json_survives_writing_and_reading(camera in any_camera()) {
         let text = serde_json::to_string(&camera).unwrap();
         let back = Camera::from_json(&text, "camera.json").unwrap();
-        prop_assert_eq!([back.width(), back.height()], [640, 480]);
+        prop_assert_eq!(back.size(), Size::new(640, 480));
         prop_assert!((back.intrinsic() - camera.intrinsic()).amax() < 1e-9);
         let point = Point3::new(1.0, 2.0, 3.0);
         prop_assert!((back.camera_from_world(&point) - camera.camera_from_world(&point)).norm() < 1e-12);
@@ -153,7 +153,7 @@ fn a_pixel_outside_the_lens_model_is_refused() {
     let lens = Distortion { k1: -1.0, ..Distortion::default() };
     let identity = Matrix3::identity();
     let intrinsic = Matrix3::new(100.0, 0.0, 50.0, 0.0, 100.0, 50.0, 0.0, 0.0, 1.0);
-    let camera = Camera::new([100, 100], intrinsic, lens, identity, Vector3::zeros()).unwrap();
+    let camera = Camera::new(Size::square(100), intrinsic, lens, identity, Vector3::zeros()).unwrap();
     let error = camera.camera_from_image(&Point2::new(130.0, 50.0), 1.0).unwrap_err();
     assert!(matches!(error, Error::Distortion { .. }), "{error}");
 }
@@ -171,7 +171,7 @@ fn a_pixel_beyond_the_lens_fold_is_not_found_on_a_later_branch() {
 
 fn with_lens(lens: Distortion) -> Camera {
     let intrinsic = Matrix3::new(100.0, 0.0, 50.0, 0.0, 100.0, 50.0, 0.0, 0.0, 1.0);
-    Camera::new([100, 100], intrinsic, lens, Matrix3::identity(), Vector3::zeros()).unwrap()
+    Camera::new(Size::square(100), intrinsic, lens, Matrix3::identity(), Vector3::zeros()).unwrap()
 }
 
 #[test]
@@ -213,11 +213,13 @@ proptest! {
 #[test]
 fn a_camera_of_another_size_is_scaled_if_the_aspect_ratio_agrees_and_refused_otherwise() {
     let camera = parse(&good()).unwrap();
-    let scaled = camera.for_picture([448, 448]).unwrap();
+    let scaled = camera.for_picture(Size::square(448)).unwrap();
     assert!((scaled.intrinsic()[(0, 0)] - 2.0 * 270.39).abs() < 1e-9);
     assert!((scaled.intrinsic()[(0, 2)] - 223.5).abs() < 1e-9);
-    let error = camera.for_picture([640, 480]).unwrap_err();
-    assert!(matches!(error, Error::CameraMismatch { camera: [224, 224], picture: [640, 480] }), "{error}");
+    let error = camera.for_picture(Size::new(640, 480)).unwrap_err();
+    let Error::CameraMismatch { camera, picture } = &error else { panic!("{error}") };
+    assert_eq!((*camera, *picture), (Size::square(224), Size::new(640, 480)));
+    assert!(error.to_string().contains("224×224") && error.to_string().contains("640×480"), "{error}");
 }
 
 #[test]
@@ -246,7 +248,7 @@ fn bad_cameras_are_refused_with_the_field() {
     let huge = good().to_string().replace("270.39", "1e999");
     assert!(Camera::from_json(&huge, "camera.json").unwrap_err().to_string().contains("range"));
     let infinite = Matrix3::new(f64::INFINITY, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0);
-    let error = Camera::new([9, 9], infinite, Distortion::default(), Matrix3::identity(), Vector3::zeros());
+    let error = Camera::new(Size::square(9), infinite, Distortion::default(), Matrix3::identity(), Vector3::zeros());
     assert!(error.unwrap_err().to_string().contains("NaN, infinity"));
 }
 

@@ -30,7 +30,7 @@ fn labels_of_the_samples_are_where_their_camera_sees_the_ball() {
         let image = clip.camera.image_from_world(&frame.world.unwrap().into()).unwrap();
         let label = frame.image.unwrap();
         assert!((image.x - label[0]).hypot(image.y - label[1]) < 1e-9);
-        assert_eq!(clips.picture(clip, frame).unwrap().size(), [224, 224]);
+        assert_eq!(clips.picture(clip, frame).unwrap().size(), gravisight::Size::square(224));
     }
 }
 

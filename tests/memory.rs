@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use common::{golden, root, tiny_card};
 use gravisight::Clips;
 use gravisight::Device;
-use gravisight::{Localiser, Picture};
+use gravisight::{LocaliseOptions, Localiser, Picture, Size};
 
 /// The system's allocator, counting.
 struct Counting;
@@ -36,11 +36,11 @@ static ALLOCATOR: Counting = Counting;
 #[test]
 fn a_thousand_pictures_take_no_more_memory_than_the_first_ones() {
     let localiser = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
-    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.resized([64, 64]).unwrap();
+    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.resized(Size::square(64)).unwrap();
     let run = |number: usize| {
         let values: Vec<u8> = (0..64 * 64 * 4).map(|index| ((index + number) % 251) as u8).collect();
-        let picture = Picture::from_rgba(&values, [64, 64]).unwrap();
-        let found = pollster::block_on(localiser.localise(&picture, &camera, false)).unwrap();
+        let picture = Picture::from_rgba(&values, Size::square(64)).unwrap();
+        let found = pollster::block_on(localiser.localise(&picture, &camera, LocaliseOptions::default())).unwrap();
         assert!(found.depth.is_finite());
     };
     // Threads take their work buffers at different times.

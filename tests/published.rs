@@ -10,7 +10,7 @@ use gravisight::Card;
 use gravisight::Device;
 use gravisight::Localiser;
 use gravisight::Picture;
-use gravisight::{Engine as _, Set, Shot, Split, Studio};
+use gravisight::{Engine as _, LocaliseOptions, Set, Shot, Split, Studio};
 use image::RgbImage;
 use nalgebra::Point3;
 use serde_json::Value;
@@ -45,7 +45,7 @@ fn localiser(name: &str) -> Localiser {
 
 fn confidence(localiser: &Localiser, picture: &RgbImage, camera: &Camera) -> (f64, Point3<f64>) {
     let picture = Picture::from_rgb(picture.clone());
-    let found = pollster::block_on(localiser.localise(&picture, camera, false)).unwrap();
+    let found = pollster::block_on(localiser.localise(&picture, camera, LocaliseOptions::default())).unwrap();
     (found.confidence, found.world.into())
 }
 

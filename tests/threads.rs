@@ -9,7 +9,7 @@ use std::time::Duration;
 use common::{golden, root, tiny_card};
 use gravisight::Clips;
 use gravisight::Device;
-use gravisight::{Localiser, Picture};
+use gravisight::{LocaliseOptions, Localiser, Picture, Size};
 
 /// More threads than cores, so that each is stopped at any place.
 const POOLS: usize = 4;
@@ -20,8 +20,8 @@ const ROUNDS: usize = 20_000;
 #[test]
 fn threads_kept_awake_never_wait_for_each_other() {
     let localiser = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
-    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.resized([64, 64]).unwrap();
-    let picture = Picture::from_rgba(&[100; 64 * 64 * 4], [64, 64]).unwrap();
+    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.resized(Size::square(64)).unwrap();
+    let picture = Picture::from_rgba(&[100; 64 * 64 * 4], Size::square(64)).unwrap();
     let shared = Arc::new((localiser, camera, picture));
     let (done, all) = channel();
     for _ in 0..POOLS {
@@ -30,7 +30,8 @@ fn threads_kept_awake_never_wait_for_each_other() {
             let (localiser, camera, picture) = &*shared;
             let pool = rayon::ThreadPoolBuilder::new().num_threads(THREADS).build().unwrap();
             for _ in 0..ROUNDS {
-                let found = pool.install(|| pollster::block_on(localiser.localise(picture, camera, false)));
+                let found = pool
+                    .install(|| pollster::block_on(localiser.localise(picture, camera, LocaliseOptions::default())));
                 assert!(found.unwrap().depth.is_finite());
             }
             done.send(()).unwrap();

@@ -6,7 +6,7 @@ mod common;
 use std::sync::LazyLock;
 
 use common::{golden, root, tiny_card};
-use gravisight::{Camera, Card, Clip, Clips, Device, FineTuneOptions, FineTuner, Localiser, Picture};
+use gravisight::{Camera, Card, Clip, Clips, Device, FineTuneOptions, FineTuner, LocaliseOptions, Localiser, Picture};
 use pollster::block_on;
 use serde_json::Value;
 
@@ -32,7 +32,8 @@ fn the_samples_are_found_where_the_cpu_finds_them() {
         let file = sample["file"].as_str().unwrap();
         let picture = Picture::open(&folder.join(file)).unwrap();
         let camera = Camera::from_json(&sample["camera"].to_string(), file).unwrap();
-        let [here, there] = [&gpu, &cpu].map(|found| block_on(found.localise(&picture, &camera, false)).unwrap().world);
+        let [here, there] = [&gpu, &cpu]
+            .map(|found| block_on(found.localise(&picture, &camera, LocaliseOptions::default())).unwrap().world);
         let apart = (0..3).map(|axis| (here[axis] - there[axis]).powi(2)).sum::<f64>().sqrt();
         println!("{file}: {apart:.1e} m apart");
         assert!(apart < POSITION, "{file}: {here:?}, on the CPU {there:?}");

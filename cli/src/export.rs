@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use gravisight::{Error, Proposal, Result, Track, TrackPoint};
+use gravisight::{Error, Proposal, Result, Size, Track, TrackPoint};
 use serde::Serialize;
 
 /// CVAT's coordinates begin at the first pixel's corner, ours at its centre, px.
@@ -57,9 +57,9 @@ pub fn track_of_labels(labels: &[Option<Proposal>]) -> Track {
 }
 
 /// "CVAT for images 1.1": each picture (its name, width and height, label) with a point `ball` on the ball's centre.
-pub fn cvat_xml<'a>(pictures: impl Iterator<Item = (&'a str, [u32; 2], Option<Proposal>)>) -> String {
+pub fn cvat_xml<'a>(pictures: impl Iterator<Item = (&'a str, Size, Option<Proposal>)>) -> String {
     let mut xml = String::from("<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<annotations>\n  <version>1.1</version>\n");
-    for (number, (name, [width, height], label)) in pictures.enumerate() {
+    for (number, (name, Size { width, height }, label)) in pictures.enumerate() {
         let name = escaped(name);
         let _ = write!(xml, "  <image id=\"{number}\" name=\"{name}\" width=\"{width}\" height=\"{height}\">");
         if let Some(Proposal { image: [x, y], .. }) = label {
@@ -89,7 +89,8 @@ mod tests {
         let label = Proposal { image: [1.5, 2.25], radius_px: 6.0, confidence: 0.5, doubtful: true };
         let table = labels_csv(&[Some(label), None], &["a.png".into(), "b.png".into()]).unwrap();
         assert_eq!(table, "frame,file,x,y,radius,confidence,doubtful\n0,a.png,1.5,2.25,6.0,0.5,true\n1,b.png,,,,,\n");
-        let xml = cvat_xml([("a&\"b\".png", [64, 48], Some(label)), ("c.png", [64, 48], None)].into_iter());
+        let xml =
+            cvat_xml([("a&\"b\".png", Size::new(64, 48), Some(label)), ("c.png", Size::new(64, 48), None)].into_iter());
         assert!(xml.contains("name=\"a&amp;&quot;b&quot;.png\" width=\"64\" height=\"48\""), "{xml}");
         // CVAT's origin is the first pixel's corner
         assert!(xml.contains("points=\"2.00,2.75\"") && xml.matches("<points").count() == 1, "{xml}");

@@ -77,7 +77,7 @@ fn assert_is(clip: &Clip, folder: &Path, expected: &Value) {
     let id = &clip.id;
     assert!((clip.fps - expected["fps"].as_f64().unwrap()).abs() < 1e-5, "{id}: {} a second", clip.fps);
     let camera = Camera::from_json(&expected["camera"].to_string(), "expected").unwrap();
-    assert_eq!([clip.camera.width(), clip.camera.height()], [camera.width(), camera.height()]);
+    assert_eq!(clip.camera.size(), camera.size());
     for point in [[0.0, 0.0, 0.0], [0.3, -0.2, 0.5], [-0.4, 0.1, 0.2]].map(Into::into) {
         let [found, expected] = [&clip.camera, &camera].map(|camera| camera.image_from_world(&point).unwrap());
         assert!(distance(&found, &expected) < TOLERANCE, "{id}: {found} {expected}");

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Camera, Distortion};
 use crate::error::{Error, Result};
+use crate::size::Size;
 
 /// Largest number a camera of this world can hold (px, m): beyond it, products overflow.
 const MAX_ENTRY: f64 = 1e9;
@@ -34,7 +35,7 @@ impl TryFrom<CameraFile> for Camera {
             return Err(Error::CameraValue { what: "camera".into(), field: "camera_from_world", reason });
         }
         Camera::new(
-            [file.width, file.height],
+            Size::new(file.width, file.height),
             Matrix3::from_fn(|row, column| file.intrinsic[row][column]),
             file.distortion,
             extrinsic.fixed_view::<3, 3>(0, 0).into_owned(),
@@ -56,8 +57,8 @@ impl From<&Camera> for CameraFile {
         }
         camera_from_world[3][3] = 1.0;
         Self {
-            width: camera.width,
-            height: camera.height,
+            width: camera.size.width,
+            height: camera.size.height,
             intrinsic: std::array::from_fn(|row| std::array::from_fn(|column| camera.intrinsic[(row, column)])),
             camera_from_world,
             distortion: camera.distortion,
@@ -106,15 +107,15 @@ impl Camera {
 
 /// The checks that [`Camera::new`] documents.
 pub(super) fn check(
-    [width, height]: [u32; 2],
+    size: Size,
     intrinsic: &Matrix3<f64>,
     distortion: &Distortion,
     rotation: &Matrix3<f64>,
     translation: &Vector3<f64>,
 ) -> Result<()> {
     let refuse = |field, reason| Err(Error::CameraValue { what: "camera".into(), field, reason });
-    if width == 0 || height == 0 {
-        return refuse("width/height", format!("must be positive, not {width}×{height}"));
+    if size.width == 0 || size.height == 0 {
+        return refuse("width/height", format!("must be positive, not {size}"));
     }
     let Distortion { k1, k2, p1, p2, k3 } = *distortion;
     let sensible = |values: &[f64]| values.iter().all(|value| value.abs() <= MAX_ENTRY);

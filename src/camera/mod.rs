@@ -16,6 +16,7 @@ pub use self::court::Court;
 pub use self::distortion::Distortion;
 use self::fold::Range;
 use crate::error::{Error, Result};
+use crate::size::Size;
 
 /// Smallest |determinant| of a matrix that is still inverted.
 const MIN_DETERMINANT: f64 = 1e-9;
@@ -27,8 +28,7 @@ const ASPECT_TOLERANCE: f64 = 0.01;
 /// A pinhole camera with Brown–Conrady distortion: paper eq. (1)–(2), M_int and M_ext.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
-    width: u32,
-    height: u32,
+    size: Size,
     intrinsic: Matrix3<f64>,
     distortion: Distortion,
     range: Range,
@@ -39,7 +39,7 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// A camera for pictures of `width`×`height` px.
+    /// A camera for pictures of `size`.
     ///
     /// `intrinsic` is upper triangular with last row (0, 0, 1); `rotation` and `translation` map
     /// world to camera: `camera = rotation · world + translation`, metres.
@@ -48,13 +48,13 @@ impl Camera {
     /// [`Error::CameraValue`] for NaN, a non-positive focal length, a matrix of another form or a
     /// `rotation` that is none; [`Error::CameraSingular`] for a matrix without inverse.
     pub fn new(
-        [width, height]: [u32; 2],
+        size: Size,
         intrinsic: Matrix3<f64>,
         distortion: Distortion,
         rotation: Matrix3<f64>,
         translation: Vector3<f64>,
     ) -> Result<Self> {
-        file::check([width, height], &intrinsic, &distortion, &rotation, &translation)?;
+        file::check(size, &intrinsic, &distortion, &rotation, &translation)?;
         let invert = |field, matrix: &Matrix3<f64>| match matrix.try_inverse() {
             Some(inverse) if matrix.determinant().abs() > MIN_DETERMINANT => Ok(inverse),
             _ => {
@@ -63,8 +63,7 @@ impl Camera {
             }
         };
         Ok(Self {
-            width,
-            height,
+            size,
             intrinsic_inverse: invert("intrinsic", &intrinsic)?,
             rotation_inverse: invert("camera_from_world", &rotation)?,
             intrinsic,
@@ -75,14 +74,9 @@ impl Camera {
         })
     }
 
-    /// Width of the pictures this camera speaks of, px.
-    pub fn width(&self) -> u32 {
-        self.width
-    }
-
-    /// Height of the pictures this camera speaks of, px.
-    pub fn height(&self) -> u32 {
-        self.height
+    /// Size of the pictures this camera speaks of.
+    pub fn size(&self) -> Size {
+        self.size
     }
 
     /// M_int, px.
@@ -198,41 +192,40 @@ impl Camera {
         Ok((self.world_from_camera(&in_camera), self.rotation_inverse * d_camera))
     }
 
-    /// The camera of the same picture resized to `width`×`height` px (pixel-centre rule:
-    /// `x' = (x + ½)·s − ½`).
+    /// The camera of the same picture resized to `size` (pixel-centre rule: `x' = (x + ½)·s − ½`).
     ///
     /// # Errors
     /// [`Error::CameraValue`] for a zero size.
-    pub fn resized(&self, [width, height]: [u32; 2]) -> Result<Self> {
-        let sx = f64::from(width) / f64::from(self.width);
-        let sy = f64::from(height) / f64::from(self.height);
+    pub fn resized(&self, size: Size) -> Result<Self> {
+        let sx = f64::from(size.width) / f64::from(self.size.width);
+        let sy = f64::from(size.height) / f64::from(self.size.height);
         let resize = Matrix3::new(sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0, 0.0, 0.0, 1.0);
-        Self::new([width, height], resize * self.intrinsic, self.distortion, self.rotation, self.translation)
+        Self::new(size, resize * self.intrinsic, self.distortion, self.rotation, self.translation)
     }
 
-    /// The camera of the `width`×`height` px part of the picture whose first pixel is `(left, top)`.
+    /// The camera of the part of the picture of `size` whose first pixel is `(left, top)`.
     ///
     /// # Errors
     /// [`Error::CameraValue`] for a zero size.
-    pub fn cropped(&self, [left, top]: [f64; 2], [width, height]: [u32; 2]) -> Result<Self> {
+    pub fn cropped(&self, [left, top]: [f64; 2], size: Size) -> Result<Self> {
         let shift = Matrix3::new(1.0, 0.0, -left, 0.0, 1.0, -top, 0.0, 0.0, 1.0);
-        Self::new([width, height], shift * self.intrinsic, self.distortion, self.rotation, self.translation)
+        Self::new(size, shift * self.intrinsic, self.distortion, self.rotation, self.translation)
     }
 
-    /// The camera for a picture of `width`×`height` px: itself, or itself scaled where the aspect
+    /// The camera for a picture of size `picture`: itself, or itself scaled where the aspect
     /// ratio agrees to one percent or one pixel.
     ///
     /// # Errors
     /// [`Error::CameraMismatch`] where it does not.
-    pub fn for_picture(&self, picture: [u32; 2]) -> Result<Self> {
-        if picture == [self.width, self.height] {
+    pub fn for_picture(&self, picture: Size) -> Result<Self> {
+        if picture == self.size {
             return Ok(self.clone());
         }
-        let scale = f64::from(picture[0]) / f64::from(self.width);
-        let expected_height = f64::from(self.height) * scale;
-        let difference = (f64::from(picture[1]) - expected_height).abs();
+        let scale = f64::from(picture.width) / f64::from(self.size.width);
+        let expected_height = f64::from(self.size.height) * scale;
+        let difference = (f64::from(picture.height) - expected_height).abs();
         if difference > (ASPECT_TOLERANCE * expected_height).max(1.0) {
-            return Err(Error::CameraMismatch { camera: [self.width, self.height], picture });
+            return Err(Error::CameraMismatch { camera: self.size, picture });
         }
         self.resized(picture)
     }

@@ -126,11 +126,11 @@ impl Clip {
     /// # Errors
     /// [`Error::Data`].
     pub fn check_picture(&self, picture: &Picture, what: &str) -> Result<()> {
-        let (found, expected) = (picture.size(), [self.camera.width(), self.camera.height()]);
+        let (found, expected) = (picture.size(), self.camera.size());
         if found == expected {
             return Ok(());
         }
-        let reason = format!("is {found:?} px, the camera of clip `{}` says {expected:?}", self.id);
+        let reason = format!("is {found} px, the camera of clip `{}` says {expected}", self.id);
         Err(Error::Data { what: what.into(), reason })
     }
 

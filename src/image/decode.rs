@@ -6,6 +6,7 @@ use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Lim
 
 use super::{MAX_PIXELS, Picture, check_size};
 use crate::error::{Error, Result};
+use crate::size::Size;
 
 /// Memory a decoder may take, bytes: the largest picture with four 16-bit channels.
 const MAX_ALLOC: u64 = MAX_PIXELS * 8;
@@ -29,7 +30,7 @@ impl Picture {
         }
         let mut decoder = reader.into_decoder().map_err(refuse)?;
         let (width, height) = decoder.dimensions();
-        check_size([width, height])?;
+        check_size(Size { width, height })?;
         let mut limits = Limits::default();
         limits.max_alloc = Some(MAX_ALLOC);
         decoder.set_limits(limits).map_err(refuse)?;

@@ -1,12 +1,15 @@
 //! Pictures: decoding, letterboxing to the network's input size, normalisation.
 
 mod decode;
+#[cfg(test)]
+mod tests;
 
 use image::imageops::FilterType;
 use image::{ImageBuffer, Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::size::Size;
 
 /// Smallest side of a picture that can show a ball, px.
 pub const MIN_SIDE: u32 = 16;
@@ -44,10 +47,10 @@ impl Default for Normalisation {
 pub struct NetworkInput {
     /// Normalised values, `[height, width, 3]`, row-major; 0 (the mean colour) outside the picture.
     pub values: Vec<f32>,
-    /// Width and height of the input, px.
-    pub size: [u32; 2],
-    /// Width and height of the part that the picture fills, from the top left corner, px.
-    pub content: [u32; 2],
+    /// Size of the input.
+    pub size: Size,
+    /// Size of the part that the picture fills, from the top left corner.
+    pub content: Size,
 }
 
 impl Picture {
@@ -56,13 +59,12 @@ impl Picture {
     /// # Errors
     /// [`Error::ImageSize`] for a size outside the limits, [`Error::ImageDecode`] if `rgba` does
     /// not hold width·height·4 bytes.
-    pub fn from_rgba(rgba: &[u8], [width, height]: [u32; 2]) -> Result<Self> {
-        check_size([width, height])?;
-        let buffer = ImageBuffer::from_raw(width, height, rgba.to_vec())
-            .filter(|_| rgba.len() as u64 == u64::from(width) * u64::from(height) * 4);
-        let buffer = buffer.ok_or_else(|| Error::ImageDecode {
-            reason: format!("{} bytes are not {width}×{height} RGBA pixels", rgba.len()),
-        })?;
+    pub fn from_rgba(rgba: &[u8], size: Size) -> Result<Self> {
+        check_size(size)?;
+        let buffer = ImageBuffer::from_raw(size.width, size.height, rgba.to_vec());
+        let buffer = buffer
+            .filter(|_| rgba.len() == 4 * size.pixels())
+            .ok_or_else(|| Error::ImageDecode { reason: format!("{} bytes are not {size} RGBA pixels", rgba.len()) })?;
         Ok(Self::from_dynamic(image::DynamicImage::ImageRgba8(buffer)))
     }
 
@@ -71,9 +73,9 @@ impl Picture {
         Self { rgb, notes: Vec::new() }
     }
 
-    /// Width and height, px.
-    pub fn size(&self) -> [u32; 2] {
-        [self.rgb.width(), self.rgb.height()]
+    /// Its size.
+    pub fn size(&self) -> Size {
+        Size::new(self.rgb.width(), self.rgb.height())
     }
 
     /// What was changed to make it 8-bit RGB, in words.
@@ -88,39 +90,40 @@ impl Picture {
 
     /// The picture scaled to fit `size` (antialiased, pixel-centre rule, aspect ratio kept),
     /// padded with the mean colour on the right or below, normalised.
-    pub fn network_input(&self, size: [u32; 2], normalisation: &Normalisation) -> NetworkInput {
+    pub fn network_input(&self, size: Size, normalisation: &Normalisation) -> NetworkInput {
         let content = fit(self.size(), size);
         if content == self.size() {
             return normalised(&self.rgb, size, normalisation);
         }
-        let scaled = image::imageops::resize(&self.rgb, content[0], content[1], FilterType::Triangle);
+        let scaled = image::imageops::resize(&self.rgb, content.width, content.height, FilterType::Triangle);
         normalised(&scaled, size, normalisation)
     }
 }
 
-/// Largest size of the aspect ratio of `picture` that fits `frame`, px.
-fn fit(picture: [u32; 2], frame: [u32; 2]) -> [u32; 2] {
-    let scale = (f64::from(frame[0]) / f64::from(picture[0])).min(f64::from(frame[1]) / f64::from(picture[1]));
-    std::array::from_fn(|axis| ((f64::from(picture[axis]) * scale).round() as u32).clamp(1, frame[axis]))
+/// Largest size of the aspect ratio of `picture` that fits `frame`.
+fn fit(picture: Size, frame: Size) -> Size {
+    let [[width, height], [most_wide, most_high]] = [picture.xy(), frame.xy()];
+    let scale = (most_wide / width).min(most_high / height);
+    let scaled = |side: f64, most: u32| ((side * scale).round() as u32).clamp(1, most);
+    Size::new(scaled(width, frame.width), scaled(height, frame.height))
 }
 
-fn normalised(rgb: &ImageBuffer<Rgb<u8>, Vec<u8>>, size: [u32; 2], normalisation: &Normalisation) -> NetworkInput {
-    let [width, height] = size.map(|side| side as usize);
+fn normalised(rgb: &ImageBuffer<Rgb<u8>, Vec<u8>>, size: Size, normalisation: &Normalisation) -> NetworkInput {
     let scale: [f32; 3] = std::array::from_fn(|channel| 1.0 / (BYTE_SCALE * normalisation.std[channel]));
     let offset: [f32; 3] = std::array::from_fn(|channel| normalisation.mean[channel] / normalisation.std[channel]);
-    let mut values = vec![0.0; 3 * width * height];
-    for (row, pixels) in values.chunks_exact_mut(3 * width).zip(rgb.rows()) {
+    let mut values = vec![0.0; 3 * size.pixels()];
+    for (row, pixels) in values.chunks_exact_mut(3 * size.width as usize).zip(rgb.rows()) {
         for (value, pixel) in row.chunks_exact_mut(3).zip(pixels) {
             for channel in 0..3 {
                 value[channel] = f32::from(pixel.0[channel]) * scale[channel] - offset[channel];
             }
         }
     }
-    NetworkInput { values, size, content: [rgb.width(), rgb.height()] }
+    NetworkInput { values, size, content: Size::new(rgb.width(), rgb.height()) }
 }
 
 /// Refuses sizes outside [`MIN_SIDE`] and [`MAX_PIXELS`].
-fn check_size([width, height]: [u32; 2]) -> Result<()> {
+fn check_size(Size { width, height }: Size) -> Result<()> {
     if width.min(height) < MIN_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {
         return Err(Error::ImageSize { width, height, min_side: MIN_SIDE, max_pixels: MAX_PIXELS });
     }

@@ -295,7 +295,7 @@ pub(super) fn forward(
         start: epilogue.start,
         skip,
         slope: epilogue.slope,
-        out: out.values,
+        out: Shared::new(out.values),
         output: Steps::over(&out.extent, [0, 0], 1),
     };
     if x.extent.halo >= padding {

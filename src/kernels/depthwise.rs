@@ -3,7 +3,7 @@
 use super::conv::{ConvShape, Epilogue};
 use super::map::{Map, MapMut};
 use super::parallel::for_each;
-use super::simd::{DepthwiseGradientRow, DepthwiseRow, Vectors};
+use super::simd::{DepthwiseGradientRow, DepthwiseRow, Shared, Vectors};
 
 /// A depthwise kernel in the order that rows read it: `[vectors of channels, kernel, kernel, lanes]`.
 #[derive(Debug, Clone)]
@@ -37,8 +37,9 @@ pub(super) fn forward(
     let (lanes, taps) = (vectors.lanes(), shape.kernel * shape.kernel);
     let zeros = [0.0; super::simd::SLACK];
     let edge = x.extent.halo.checked_sub(padding).unwrap_or_else(|| panic!("{:?} has too small a halo", x.extent));
-    for_each(out.extent.batch * out.extent.height, |line| {
-        let (image, row) = (line / out.extent.height, line % out.extent.height);
+    let (extent, out) = (out.extent, Shared::new(out.values));
+    for_each(extent.batch * extent.height, |line| {
+        let (image, row) = (line / extent.height, line % extent.height);
         let corner = image * x.extent.image() + (row + edge) * x.extent.pitch() + edge * x.extent.channels;
         for (index, weights) in weights.0.chunks_exact(taps * lanes).enumerate() {
             let channel = index * lanes;
@@ -49,13 +50,13 @@ pub(super) fn forward(
                 channels: x.extent.channels,
                 kernel: shape.kernel,
                 weights,
-                width: lanes.min(out.extent.channels - channel),
+                width: lanes.min(extent.channels - channel),
                 start: epilogue.start.map_or(&zeros[..lanes], |start| &start[channel..channel + lanes]),
                 slope: epilogue.slope,
-                columns: out.extent.width,
-                out: out.values,
-                output: out.extent.at(image, row, 0) + channel,
-                output_step: out.extent.channels,
+                columns: extent.width,
+                out,
+                output: extent.at(image, row, 0) + channel,
+                output_step: extent.channels,
             });
         }
     });

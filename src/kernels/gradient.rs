@@ -1,8 +1,8 @@
 //! Gradients of direct convolutions: of the input, of the weights.
 
-use super::conv::{ConvShape, Correlation, Packed, SERIAL_WORK, Steps, split, strips};
+use super::conv::{ConvShape, Correlation, Packed, SERIAL_WORK, Steps, Strip, split, strips};
 use super::map::{Extent, Map, MapMut};
-use super::parallel::{for_each, threads};
+use super::parallel::{for_each_of, threads};
 use super::simd::{SLACK, Shared, Vectors, WeightTile};
 
 /// Values of input and gradient that stay in the second-level cache while the weights' gradient is
@@ -77,7 +77,7 @@ impl InputGradient {
                 for place in 0..dx.extent.batch * count[0] * count[1] {
                     let (line, column) = (place / count[1], place % count[1]);
                     let at = output.at([line / count[0], line % count[0], column]);
-                    dx.values.part(at, dx.extent.channels).fill(0.0);
+                    dx.values[at..at + dx.extent.channels].fill(0.0);
                 }
                 continue;
             }
@@ -94,7 +94,7 @@ impl InputGradient {
                 start: None,
                 skip: None,
                 slope: 1.0,
-                out: dx.values,
+                out: Shared::new(dx.values),
                 output,
             }
             .run();
@@ -121,54 +121,67 @@ pub(super) struct WeightSums<'a> {
     pub channels: usize,
 }
 
+/// The sums of some neighbouring values of `x`, from the `tap`th of a segment on, and a strip of output channels.
+struct SumsPart<'a> {
+    segment: usize,
+    tap: usize,
+    strip: Strip,
+    sums: &'a mut [f32],
+}
+
 impl WeightSums<'_> {
     /// Adds to `sums`, laid out as [`Packed`].
     pub(super) fn add_to(&self, sums: &mut [f32]) {
         let [images, rows, columns] = self.grid;
         let (strips, len) = strips(self.vectors, self.channels, self.segments * self.length);
-        let sums = Shared::new(&mut sums[..len]);
-        let most = self.vectors.positions(SLACK);
-        let tiles = self.length.div_ceil(most);
+        let mut parts = self.parts(&strips, &mut sums[..len]);
         // Rows whose input and gradient stay near while every tile passes over them.
         let row_values = self.input.steps[1] + self.gradient.steps[1];
         let block = (GRADIENT_BLOCK / row_values.max(1)).clamp(1, rows.max(1));
         let work = images * rows * columns * len;
-        let task = |task: usize| {
-            let (segment, tile, strip) =
-                (task / strips.len() / tiles, task / strips.len() % tiles, strips[task % strips.len()]);
-            let size = strip.size;
-            let [from, to] = split(self.length, tiles, tile);
-            let part = sums.part(strip.start + (segment * self.length + from) * size, (to - from) * size);
-            (segment, from, to - from, strip, part)
-        };
-        let pass = |index: usize, image: usize, first: usize| {
-            let (segment, from, taps, strip, part) = task(index);
+        let pass = |part: &mut SumsPart<'_>, image: usize, first: usize| {
+            let SumsPart { segment, tap, strip, .. } = *part;
             self.vectors.weight_gradient(&mut WeightTile {
                 x: self.x,
                 dy: self.dy,
                 start: [
-                    self.input.at([image, first, 0]) + segment * self.pitch + from,
+                    self.input.at([image, first, 0]) + segment * self.pitch + tap,
                     self.gradient.at([image, first, 0]) + strip.channel,
                 ],
                 rows: block.min(rows - first),
                 columns,
                 row_step: [self.input.steps[1], self.gradient.steps[1]],
                 column_step: [self.input.steps[2], self.gradient.steps[2]],
-                taps,
+                taps: part.sums.len() / strip.size,
                 size: strip.size,
-                sums: part,
+                sums: part.sums,
             });
         };
-        let tasks = self.segments * tiles * strips.len();
-        let groups = if work < SERIAL_WORK { 1 } else { threads().min(tasks) };
-        for_each(groups, |group| {
-            let [from, to] = split(tasks, groups, group);
+        let groups = if work < SERIAL_WORK { 1 } else { threads() };
+        let each = parts.len().div_ceil(groups).max(1);
+        for_each_of(parts.chunks_mut(each).collect(), |_, parts| {
             for image in 0..images {
                 for first in (0..rows).step_by(block) {
-                    (from..to).for_each(|index| pass(index, image, first));
+                    parts.iter_mut().for_each(|part| pass(part, image, first));
                 }
             }
         });
+    }
+
+    /// The sums in tiles, those of the same input beside each other.
+    fn parts<'b>(&self, strips: &[Strip], mut sums: &'b mut [f32]) -> Vec<SumsPart<'b>> {
+        let tiles = self.length.div_ceil(self.vectors.positions(SLACK));
+        let mut parts = Vec::with_capacity(self.segments * tiles * strips.len());
+        for &strip in strips {
+            for (segment, tile) in (0..self.segments).flat_map(|segment| (0..tiles).map(move |tile| (segment, tile))) {
+                let [tap, end] = split(self.length, tiles, tile);
+                let (part, rest) = sums.split_at_mut((end - tap) * strip.size);
+                sums = rest;
+                parts.push(SumsPart { segment, tap, strip, sums: part });
+            }
+        }
+        parts.sort_by_key(|part| (part.segment, part.tap));
+        parts
     }
 }
 

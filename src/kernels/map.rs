@@ -1,7 +1,6 @@
 //! Feature maps in memory: channels last, with a halo of zeros.
 
-use super::parallel::for_each;
-use super::simd::Shared;
+use super::parallel::for_each_of;
 
 /// Size and layout of a feature map: `[batch, height + 2·halo, width + 2·halo, channels]`, row-major.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,9 +38,11 @@ impl Extent {
         (self.height + 2 * self.halo) * self.pitch()
     }
 
-    /// Values in all.
+    /// Values in all; more than any buffer holds where they cannot be counted.
     pub fn len(&self) -> usize {
-        self.batch * self.image()
+        let padded = |side: usize| side.saturating_add(self.halo.saturating_mul(2));
+        let sides = [padded(self.height), padded(self.width), self.channels];
+        sides.into_iter().fold(self.batch, usize::saturating_mul)
     }
 
     /// Whether there are none.
@@ -100,9 +101,7 @@ impl<'a> Map<'a> {
         let extent = self.extent.with_halo(halo);
         let (images, rest) = to.split_at_mut(extent.len());
         rest.fill(0.0);
-        let images = Shared::new(images);
-        for_each(extent.batch, |image| {
-            let values = images.part(image * extent.image(), extent.image());
+        for_each_of(images.chunks_exact_mut(extent.image()).collect(), |image, values| {
             let edge = halo * extent.channels;
             for (row, line) in values.chunks_exact_mut(extent.pitch()).enumerate() {
                 match row.checked_sub(halo).filter(|&row| row < extent.height) {
@@ -120,11 +119,10 @@ impl<'a> Map<'a> {
     }
 }
 
-/// A map to write, by several threads of one call at once.
-// Not to be copied outside: two calls must not write to one map.
+/// A map to write.
 pub struct MapMut<'a> {
     pub(super) extent: Extent,
-    pub(super) values: Shared<'a>,
+    pub(super) values: &'a mut [f32],
 }
 
 impl<'a> MapMut<'a> {
@@ -139,11 +137,17 @@ impl<'a> MapMut<'a> {
             extent.len(),
             values.len()
         );
-        Self { extent, values: Shared::new(values) }
+        Self { extent, values }
     }
 
-    /// The values of a row without its halo, for the task that it belongs to.
-    pub(super) fn row(&self, image: usize, row: usize) -> &'a mut [f32] {
-        self.values.part(self.extent.at(image, row, 0), self.extent.width * self.extent.channels)
+    /// The values of all rows without their halo, picture by picture.
+    pub(super) fn rows(self) -> Vec<&'a mut [f32]> {
+        let Extent { batch, height, width, channels, halo } = self.extent;
+        let lines = height + 2 * halo;
+        let inner = halo * channels..(halo + width) * channels;
+        (self.values.chunks_exact_mut(self.extent.pitch()).take(batch * lines).enumerate())
+            .filter(|(line, _)| (halo..halo + height).contains(&(line % lines)))
+            .map(|(_, values)| &mut values[inner.clone()])
+            .collect()
     }
 }

@@ -10,6 +10,8 @@ mod norm;
 mod parallel;
 mod resample;
 mod simd;
+#[cfg(test)]
+mod tests;
 mod unit;
 mod winograd;
 
@@ -19,7 +21,7 @@ pub use norm::{gelu, layer_norm, response_norm};
 pub use parallel::{Buffer, for_each, threads, with_threads_awake};
 pub use resample::{max_pool, upsample, upsample_backward};
 pub use simd::{SLACK, Vectors};
-pub use unit::{Forward, NormInput, Saved, UnitGradients, UnitShape, unit_backward, unit_forward};
+pub use unit::{Forward, NormInput, Saved, UnitGradients, UnitShape, Wanted, unit_backward, unit_forward};
 
 use conv::{Epilogue, Packed};
 use depthwise::PackedDepthwise;

@@ -2,7 +2,7 @@
 
 use super::conv::Epilogue;
 use super::map::{Map, MapMut};
-use super::parallel::for_each;
+use super::parallel::for_each_of;
 use super::simd::{Vectors, vectorised};
 
 /// Mean and sum of squared deviations of each channel, over a number of pixels.
@@ -193,9 +193,9 @@ pub fn layer_norm(
     let channels = x.extent.channels;
     assert_eq!(x.extent.with_halo(0), out.extent.with_halo(0), "layer norm keeps the size");
     assert!(scale.len() == channels && shift.len() == channels, "layer norm of {channels} channels");
-    for_each(x.extent.batch * x.extent.height, |line| {
+    for_each_of(out.rows(), |line, out| {
         let (image, row) = (line / x.extent.height, line % x.extent.height);
-        layer_norm_row(vectors, x.row(image, row), scale, shift, epsilon, slope, out.row(image, row));
+        layer_norm_row(vectors, x.row(image, row), scale, shift, epsilon, slope, out);
     });
 }
 
@@ -224,9 +224,9 @@ vectorised! {
 /// x·Φ(x), Φ the normal distribution (Hendrycks & Gimpel, 2016), by the error function.
 pub fn gelu(x: Map<'_>, out: MapMut<'_>) {
     assert_eq!(x.extent.with_halo(0), out.extent.with_halo(0), "GELU keeps the size");
-    for_each(x.extent.batch * x.extent.height, |line| {
+    for_each_of(out.rows(), |line, out| {
         let (image, row) = (line / x.extent.height, line % x.extent.height);
-        for (out, &value) in out.row(image, row).iter_mut().zip(x.row(image, row)) {
+        for (out, &value) in out.iter_mut().zip(x.row(image, row)) {
             *out = 0.5 * value * (1.0 + libm::erff(value * std::f32::consts::FRAC_1_SQRT_2));
         }
     });
@@ -238,7 +238,7 @@ pub fn response_norm(x: Map<'_>, [weight, bias]: [&[f32]; 2], epsilon: f32, out:
     let channels = x.extent.channels;
     assert_eq!(x.extent.with_halo(0), out.extent.with_halo(0), "a response norm keeps the size");
     assert!(weight.len() == channels && bias.len() == channels, "response norm of {channels} channels");
-    for image in 0..x.extent.batch {
+    for (image, rows) in out.rows().chunks_exact_mut(x.extent.height).enumerate() {
         let mut squares = vec![0.0_f64; channels];
         for pixel in (0..x.extent.height).flat_map(|row| x.row(image, row).chunks_exact(channels)) {
             squares.iter_mut().zip(pixel).for_each(|(sum, &value)| *sum += f64::from(value) * f64::from(value));
@@ -246,8 +246,8 @@ pub fn response_norm(x: Map<'_>, [weight, bias]: [&[f32]; 2], epsilon: f32, out:
         let strengths: Vec<f32> = squares.iter().map(|sum| sum.sqrt() as f32).collect();
         let mean = strengths.iter().sum::<f32>() / channels as f32 + epsilon;
         let factors: Vec<f32> = strengths.iter().zip(weight).map(|(strength, w)| 1.0 + w * strength / mean).collect();
-        for_each(x.extent.height, |row| {
-            let pixels = out.row(image, row).chunks_exact_mut(channels).zip(x.row(image, row).chunks_exact(channels));
+        for_each_of(rows.iter_mut().collect(), |row, out| {
+            let pixels = out.chunks_exact_mut(channels).zip(x.row(image, row).chunks_exact(channels));
             for (out, pixel) in pixels {
                 for (((out, &value), factor), bias) in out.iter_mut().zip(pixel).zip(&factors).zip(bias) {
                     *out = value * factor + bias;
@@ -266,10 +266,10 @@ pub(super) fn weighted_sum(
     out: MapMut<'_>,
 ) {
     let bias = start.map_or(0.0, |start| start[0]);
-    for_each(x.extent.batch * x.extent.height, |line| {
+    for_each_of(out.rows(), |line, out| {
         let (image, row) = (line / x.extent.height, line % x.extent.height);
         let skip = skip.map_or(&[][..], |skip| skip.row(image, row));
-        weighted_sum_row(vectors, x.row(image, row), weights, bias, skip, slope, out.row(image, row));
+        weighted_sum_row(vectors, x.row(image, row), weights, bias, skip, slope, out);
     });
 }
 

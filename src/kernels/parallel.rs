@@ -39,6 +39,21 @@ pub fn for_each(count: usize, work: impl Fn(usize) + Sync + Send) {
     (0..count).for_each(work);
 }
 
+/// Runs `work` on each of `parts` and its number, as [`for_each`] does.
+pub fn for_each_of<T: Send>(parts: Vec<T>, work: impl Fn(usize, T) + Sync + Send) {
+    #[cfg(not(target_arch = "wasm32"))]
+    if parts.len() > 1 && threads() > 1 {
+        use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
+        let enough = parts.len() >= threads();
+        parts.into_par_iter().enumerate().with_max_len(1).for_each(|(index, part)| {
+            let _outer = Restore(INSIDE.replace(enough));
+            work(index, part);
+        });
+        return;
+    }
+    parts.into_iter().enumerate().for_each(|(index, part)| work(index, part));
+}
+
 /// Sets [`INSIDE`] back, after a panic too: rayon's threads outlive one.
 #[cfg(not(target_arch = "wasm32"))]
 struct Restore(bool);
@@ -106,6 +121,11 @@ struct Line([f32; 16]);
 pub struct Buffer(Vec<Line>);
 
 impl Buffer {
+    /// Floats in it.
+    fn len(&self) -> usize {
+        16 * self.0.len()
+    }
+
     /// At least `len` zeros.
     pub fn zeros(len: usize) -> Self {
         Self(vec![Line::default(); len.div_ceil(16)])
@@ -125,24 +145,59 @@ impl Buffer {
 /// Work buffers, one to a task at a time, smallest first; kept for the next one.
 static SCRATCH: Mutex<Vec<Buffer>> = Mutex::new(Vec::new());
 
+/// Most floats that kept buffers hold, for each thread (64 MiB): more than training the published network at its
+/// size takes. Whatever needs a larger one computes so long on it that taking it anew does not count.
+const MOST_KEPT: usize = 16 << 20;
+
 /// Lends a buffer of `len` floats of any content to `work`.
 ///
-/// There are never more buffers than tasks have run at once, and none is larger than a task needed.
+/// There are never more buffers than tasks have run at once, and none is larger than a task needed; the largest are
+/// given back to the system where all together hold more than [`MOST_KEPT`].
 pub fn with_scratch<R>(len: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
     let taken = SCRATCH.lock().ok().and_then(|mut buffers| {
         // The smallest that is large enough, else the largest.
-        let fits = buffers.iter().position(|buffer| 16 * buffer.0.len() >= len);
+        let fits = buffers.iter().position(|buffer| buffer.len() >= len);
         let index = fits.or_else(|| buffers.len().checked_sub(1))?;
         Some(buffers.remove(index))
     });
     let mut buffer = taken.unwrap_or_default();
-    if 16 * buffer.0.len() < len {
+    if buffer.len() < len {
         buffer.0.resize(len.div_ceil(16), Line::default());
     }
     let result = work(&mut buffer.values_mut()[..len]);
     if let Ok(mut buffers) = SCRATCH.lock() {
-        let place = buffers.partition_point(|other| other.0.len() < buffer.0.len());
-        buffers.insert(place, buffer);
+        #[cfg(not(target_arch = "wasm32"))]
+        let threads = rayon::current_num_threads();
+        #[cfg(target_arch = "wasm32")]
+        let threads = 1;
+        keep(&mut buffers, buffer, MOST_KEPT.saturating_mul(threads));
     }
     result
+}
+
+/// Puts a buffer back, and gives the largest away while all together hold more than `most` floats.
+fn keep(buffers: &mut Vec<Buffer>, buffer: Buffer, most: usize) {
+    let place = buffers.partition_point(|other| other.len() < buffer.len());
+    buffers.insert(place, buffer);
+    let mut kept: usize = buffers.iter().map(Buffer::len).sum();
+    while kept > most
+        && let Some(largest) = buffers.pop()
+    {
+        kept -= largest.len();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kept_buffers_hold_no_more_than_their_bound_and_the_small_ones_stay() {
+        let mut buffers = Vec::new();
+        for len in [160, 32, 320, 16, 160] {
+            keep(&mut buffers, Buffer::zeros(len), 400);
+        }
+        let lengths: Vec<usize> = buffers.iter().map(Buffer::len).collect();
+        assert_eq!(lengths, [16, 32, 160, 160]);
+    }
 }

@@ -1,7 +1,7 @@
 //! Bilinear upsampling and maximum pooling.
 
 use super::map::{Extent, Map, MapMut};
-use super::parallel::{for_each, with_scratch};
+use super::parallel::{for_each_of, with_scratch};
 use super::simd::{Vectors, vectorised};
 
 /// The two input cells that an output cell lies between, and the second one's share (pixel centres,
@@ -26,13 +26,12 @@ pub fn upsample(vectors: Vectors, x: Map<'_>, factor: usize, add: Option<Map<'_>
     assert_eq!(out.extent.with_halo(0), fine, "upsampling {:?} {factor} times", x.extent);
     assert!(add.is_none_or(|add| add.extent.with_halo(0) == fine), "adding to {fine:?}");
     let channels = x.extent.channels;
-    for_each(fine.batch * x.extent.height, |line| {
+    for_each_of(out.rows().chunks_exact_mut(factor).collect(), |line, rows| {
         let (image, coarse_row) = (line / x.extent.height, line % x.extent.height);
         with_scratch(x.extent.width * channels, |mixed| {
-            for row in coarse_row * factor..(coarse_row + 1) * factor {
+            for (row, out) in (coarse_row * factor..).zip(rows) {
                 let (low, high, share) = between(row, factor, x.extent.height);
                 let (low, high) = (x.row(image, low), x.row(image, high));
-                let out = out.row(image, row);
                 let add = add.map_or(&[][..], |add| add.row(image, row));
                 mix_rows(vectors, low, high, share, mixed);
                 stretch(vectors, mixed, factor, channels, add, out);
@@ -49,17 +48,15 @@ pub fn upsample_backward(vectors: Vectors, dy: Map<'_>, factor: usize, dx: MapMu
     let coarse = dx.extent;
     assert_eq!(dy.extent.with_halo(0), upsampled(coarse, factor), "upsampling {coarse:?} {factor} times");
     let channels = coarse.channels;
-    for_each(coarse.batch, |image| {
-        for row in 0..coarse.height {
-            dx.row(image, row).fill(0.0);
-        }
+    for_each_of(dx.rows().chunks_exact_mut(coarse.height).collect(), |image, rows| {
+        rows.iter_mut().for_each(|row| row.fill(0.0));
         with_scratch(coarse.width * channels, |gathered| {
             for row in 0..dy.extent.height {
                 let line = dy.row(image, row);
                 gather(vectors, line, factor, channels, gathered);
                 let (low, high, share) = between(row, factor, coarse.height);
-                add_share(vectors, gathered, 1.0 - share, dx.row(image, low));
-                add_share(vectors, gathered, share, dx.row(image, high));
+                add_share(vectors, gathered, 1.0 - share, rows[low]);
+                add_share(vectors, gathered, share, rows[high]);
             }
         });
     });
@@ -73,10 +70,9 @@ pub fn max_pool(vectors: Vectors, x: Map<'_>, out: MapMut<'_>) {
     let Extent { height, width, channels, .. } = x.extent;
     let expected = Extent { height: height.div_ceil(2), width: width.div_ceil(2), halo: 0, ..x.extent };
     assert_eq!(out.extent.with_halo(0), expected, "pooling {:?}", x.extent);
-    for_each(expected.batch * expected.height, |line| {
+    for_each_of(out.rows(), |line, out| {
         let (image, row) = (line / expected.height, line % expected.height);
         let rows = (2 * row).saturating_sub(1)..(2 * row + 2).min(height);
-        let out = out.row(image, row);
         out.fill(f32::NEG_INFINITY);
         for y in rows {
             pool_row(vectors, x.row(image, y), channels, out);

@@ -1,8 +1,6 @@
 //! What is trained as one: a convolution, batch norm or bias, a skip and a (leaky) ReLU, forward and
 //! backward. Together they pass over memory half as often as one by one.
 
-use std::sync::Mutex;
-
 use super::conv::{ConvShape, Epilogue, split, with_padded};
 use super::depthwise::PackedDepthwise;
 use super::gradient::{InputGradient, gradient_len, unpack};
@@ -10,8 +8,8 @@ use super::map::{Extent, Map, MapMut};
 use super::norm::{
     Moments, before_activation, norm_gradient, normalise_rows, per_channel, sum_gradient, sum_norm_gradient, widen,
 };
-use super::parallel::{for_each, threads, with_scratch};
-use super::simd::{SLACK, Shared, Vectors};
+use super::parallel::{for_each_of, threads, with_scratch};
+use super::simd::{SLACK, Vectors};
 use super::winograd::{self, Winograd};
 use super::{Convolution, depthwise};
 
@@ -87,45 +85,33 @@ pub fn unit_forward(
     assert!(whole(shift) && norm.is_none_or(|norm| whole(norm.scale)), "shift and scale of {shape:?}");
     let group = group(&extent);
     let grouped = Extent { batch: group, ..extent };
-    let groups = extent.batch.div_ceil(group);
     let members = |index: usize| (index * group, group.min(extent.batch - index * group));
     let bias = norm.is_none().then_some(shift);
     let conv = Convolution::new(vectors, shape.conv, weights, bias, &grouped);
-    let convolve = |first: usize, count: usize, skip: Option<Map<'_>>, slope: f32, out: &Shared<'_>| {
-        let output = Extent { batch: count, ..extent };
-        let out = MapMut { extent: output, values: Shared::new(out.part(first * extent.image(), output.len())) };
+    let convolve = |index: usize, skip: Option<Map<'_>>, slope: f32, out: &mut [f32]| {
+        let (first, count) = members(index);
+        let out = MapMut::new(Extent { batch: count, ..extent }, out);
+        let skip = skip.map(|skip| skip.images(first, count));
         let run = |x: Map<'_>| conv.run(x, skip, slope, out);
         let x = x.images(first, count);
         if shape.conv.depthwise { with_padded(x, conv.halo(), run) } else { run(x) }
     };
     let mut output = vec![0.0; extent.len()];
     let Some(norm) = norm else {
-        let out = Shared::new(&mut output);
-        for_each(groups, |index| {
-            let (first, count) = members(index);
-            convolve(first, count, skip.map(|skip| skip.images(first, count)), shape.slope, &out);
-        });
+        for_each_of(output.chunks_mut(grouped.len()).collect(), |index, out| convolve(index, skip, shape.slope, out));
         return (output, Saved { convolved: Vec::new(), mean: Vec::new(), variance: Vec::new() });
     };
     let mut convolved = vec![0.0; extent.len()];
     let row = extent.pitch();
-    let moments: Mutex<Vec<Option<Moments>>> = Mutex::new(vec![None; extent.batch]);
-    {
-        let out = Shared::new(&mut convolved);
-        for_each(groups, |index| {
-            let (first, count) = members(index);
-            convolve(first, count, None, 1.0, &out);
-            for image in first..first + count {
-                let values = out.part(image * extent.image(), extent.image());
-                let found = Moments::of(vectors, values, row, extent.channels);
-                if let Ok(mut moments) = moments.lock() {
-                    moments[image] = Some(found);
-                }
-            }
-        });
-    }
-    let moments = moments.into_inner().unwrap_or_default().into_iter().flatten();
-    let moments = moments.reduce(|all, image| all.merge(&image));
+    let mut moments: Vec<Option<Moments>> = vec![None; extent.batch];
+    let parts = convolved.chunks_mut(grouped.len()).zip(moments.chunks_mut(group)).collect();
+    for_each_of(parts, |index, (values, moments): (&mut [f32], &mut [Option<Moments>])| {
+        convolve(index, None, 1.0, values);
+        for (image, moments) in values.chunks_exact(extent.image()).zip(moments) {
+            *moments = Some(Moments::of(vectors, image, row, extent.channels));
+        }
+    });
+    let moments = moments.into_iter().flatten().reduce(|all, image| all.merge(&image));
     let [mean, variance] = moments.map_or_else(|| [Vec::new(), Vec::new()], Moments::mean_and_variance);
     let factors: Vec<f64> = (norm.scale.iter().zip(&variance))
         .map(|(&scale, &variance)| f64::from(scale) / f64::from(variance + norm.epsilon).sqrt())
@@ -134,12 +120,11 @@ pub fn unit_forward(
         .map(|((&shift, &mean), factor)| f64::from(shift) - f64::from(mean) * factor)
         .collect();
     let (factors, offsets) = (widen(&factors, row), widen(&offsets, row));
-    let out = Shared::new(&mut output);
-    for_each(extent.batch, |image| {
+    for_each_of(output.chunks_exact_mut(extent.image()).collect(), |image, out| {
         let at = image * extent.image();
         let values = &convolved[at..at + extent.image()];
         let skip = skip.map_or(&[][..], |skip| &skip.values[at..at + extent.image()]);
-        normalise_rows(vectors, values, &factors, &offsets, skip, shape.slope, out.part(at, extent.image()));
+        normalise_rows(vectors, values, &factors, &offsets, skip, shape.slope, out);
     });
     (output, Saved { convolved, mean, variance })
 }
@@ -249,9 +234,17 @@ pub struct Forward<'a> {
     pub z: &'a [f32],
 }
 
-/// Training's backward pass: gradients from that of the output, `dz`. `wanted` says whether the gradients of
-/// `x` and of the skip are.
-pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted: [bool; 2]) -> UnitGradients {
+/// Which gradients [`unit_backward`] works out besides those of the parameters.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted {
+    /// Of the input.
+    pub x: bool,
+    /// Of the skip.
+    pub skip: bool,
+}
+
+/// Training's backward pass: gradients from that of the output, `dz`.
+pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted: Wanted) -> UnitGradients {
     let Forward { shape, weights, norm, saved, x, z } = forward;
     let conv = &shape.conv;
     let extent = conv.output(x.extent);
@@ -263,10 +256,11 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
         saved.variance.iter().map(|&variance| f64::from(variance + norm.epsilon).sqrt()).collect()
     });
     let wide_mean = widen(&mean, row);
-    let mut skip = wanted[1].then(|| vec![0.0; extent.len()]);
-    let shared_skip = skip.as_mut().map(|skip| Shared::new(skip));
-    let totals = Mutex::new(vec![[Vec::new(), Vec::new()]; extent.batch]);
-    for_each(extent.batch, |image| {
+    let mut skip = wanted.skip.then(|| vec![0.0; extent.len()]);
+    let mut totals = vec![[Vec::new(), Vec::new()]; extent.batch];
+    let mut skips = skip.as_mut().map(|skip| skip.chunks_exact_mut(extent.image()));
+    let parts = totals.iter_mut().map(|totals| (totals, skips.as_mut().and_then(Iterator::next))).collect();
+    for_each_of(parts, |image, (totals, skip): (&mut [Vec<f64>; 2], Option<&mut [f32]>)| {
         let at = image * extent.image()..(image + 1) * extent.image();
         let (z, dz) = (&z[at.clone()], &dz[at.clone()]);
         let mut sums = [vec![0.0_f32; row], Vec::new()];
@@ -278,17 +272,14 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
         } else {
             sum_gradient(vectors, z, dz, slope, &mut sums[0]);
         }
-        if let Some(skip) = &shared_skip {
-            before_activation(vectors, z, dz, slope, skip.part(at.start, at.len()));
+        if let Some(skip) = skip {
+            before_activation(vectors, z, dz, slope, skip);
         }
-        let sums = sums.map(|sums| per_channel(&sums, channels));
-        if let Ok(mut totals) = totals.lock() {
-            totals[image] = sums;
-        }
+        *totals = sums.map(|sums| per_channel(&sums, channels));
     });
     let mut shift_gradient = vec![0.0_f64; channels];
     let mut scale_gradient = vec![0.0_f64; if norm.is_some() { channels } else { 0 }];
-    for [shift, scale] in totals.into_inner().unwrap_or_default() {
+    for [shift, scale] in totals {
         shift_gradient.iter_mut().zip(shift).for_each(|(total, part)| *total += part);
         scale_gradient.iter_mut().zip(scale).for_each(|(total, part)| *total += part);
     }
@@ -315,19 +306,26 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
     let group = group(&extent);
     let groups = extent.batch.div_ceil(group);
     let grouped_input = Extent { batch: group, ..x.extent };
-    let backward = wanted[0].then(|| Backward::new(vectors, conv, weights, &grouped_input));
+    let backward = wanted.x.then(|| Backward::new(vectors, conv, weights, &grouped_input));
     let method = WeightMethod::of(conv, &Extent { batch: group, ..extent });
     let halo = backward.as_ref().map_or(0, |backward| backward.halo(conv, x.extent));
     let mut dx = backward.as_ref().map(|_| vec![0.0; x.extent.len()]);
-    let shared_dx = dx.as_mut().map(|dx| Shared::new(dx));
     // Each task sums its own groups' weight gradients, in order, so that a run can be repeated.
     let tasks = threads().min(groups);
     let len = method.len(vectors, conv);
     let mut sums = vec![0.0; tasks * len];
-    let shared_sums = Shared::new(&mut sums);
-    for_each(tasks, |task| {
-        let sums = shared_sums.part(task * len, len);
-        let [from, to] = split(groups, tasks, task);
+    let mut rest = dx.as_deref_mut();
+    let parts = sums.chunks_exact_mut(len).enumerate().map(|(task, sums)| {
+        let groups = split(groups, tasks, task);
+        let [first, end] = groups.map(|index| (index * group).min(extent.batch) * x.extent.image());
+        let dx = rest.take().map(|all| {
+            let (dx, after) = all.split_at_mut(end - first);
+            rest = Some(after);
+            dx
+        });
+        (groups, sums, dx)
+    });
+    for_each_of(parts.collect(), |_, ([from, to], sums, mut dx)| {
         for index in from..to {
             let first = index * group;
             let count = group.min(extent.batch - first);
@@ -337,10 +335,10 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
                 let dy = Map::new(padded, scratch);
                 let x = x.images(first, count);
                 method.add(vectors, conv, x, dy, sums);
-                if let (Some(backward), Some(dx)) = (&backward, &shared_dx) {
+                if let (Some(backward), Some(dx)) = (&backward, dx.as_deref_mut()) {
                     let input = Extent { batch: count, ..x.extent };
-                    let part = dx.part(first * input.image(), input.len());
-                    backward.run(vectors, conv, dy, MapMut::new(input, part));
+                    let at = (index - from) * group * input.image();
+                    backward.run(vectors, conv, dy, MapMut::new(input, &mut dx[at..at + input.len()]));
                 }
             });
         }

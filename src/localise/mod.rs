@@ -3,6 +3,8 @@
 //! The only room that knows both model and camera.
 
 mod saliency;
+#[cfg(test)]
+mod tests;
 
 use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;
@@ -13,6 +15,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::model::{self, Card, Pen, PenConfig, PenRunner};
+use crate::size::Size;
 
 /// Largest difference between two devices' maps that rounding explains: of a probability, and of a
 /// depth as a share of the largest in the training data.
@@ -24,6 +27,13 @@ pub struct Localiser {
     config: PenConfig,
     card: Card,
     device: Device,
+}
+
+/// What [`Localiser::localise`] does besides finding the ball.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LocaliseOptions {
+    /// Return the network's maps, too ([`Localisation::maps`]).
+    pub maps: bool,
 }
 
 /// Where the ball is. Serialises as FORMATS.md's `localise` result.
@@ -76,7 +86,7 @@ impl Localiser {
     /// A localiser from a network already in memory.
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
-        let runner = pen.runner([card.input.height as usize, card.input.width as usize], device);
+        let runner = pen.runner(card.input, device);
         Self { runner, config, card, device: device.clone() }
     }
 
@@ -86,10 +96,9 @@ impl Localiser {
     }
 
     /// Radius around the position found that [`Localisation::confidence`] speaks of, px of a picture of `size`.
-    pub fn confidence_radius(&self, size: [u32; 2]) -> f64 {
-        let input = [self.card.input.width, self.card.input.height];
-        let shrinkage = |axis: usize| f64::from(size[axis]) / f64::from(input[axis]);
-        model::CONFIDENCE_RADIUS * shrinkage(0).max(shrinkage(1))
+    pub fn confidence_radius(&self, size: Size) -> f64 {
+        let ([width, height], [columns, rows]) = (size.xy(), self.card.input.xy());
+        model::CONFIDENCE_RADIUS * (width / columns).max(height / rows)
     }
 
     /// Runs the network once on an empty picture, so that the first real one pays for nothing
@@ -124,8 +133,8 @@ impl Localiser {
 
     /// A picture's worth of values with every frequency in it, `[height, width, 3]`.
     fn test_pattern(&self) -> Vec<f32> {
-        let count = 3 * self.card.input.width * self.card.input.height;
-        (0..count).map(|index| ((f64::from(index)).powf(1.5) * 0.01).sin() as f32).collect()
+        let count = 3 * self.card.input.pixels();
+        (0..count).map(|index| ((index as f64).powf(1.5) * 0.01).sin() as f32).collect()
     }
 
     /// The ball's position in `picture`, taken by `camera` (scaled to the picture where the aspect
@@ -135,23 +144,21 @@ impl Localiser {
     /// [`Error::CameraMismatch`] for a camera of another aspect ratio; [`Error::OutputNotFinite`]
     /// and [`Error::Device`] for a device that fails; [`Error::Distortion`] for a position outside
     /// the lens model's range.
-    pub async fn localise(&self, picture: &Picture, camera: &Camera, with_maps: bool) -> Result<Localisation> {
+    pub async fn localise(&self, picture: &Picture, camera: &Camera, options: LocaliseOptions) -> Result<Localisation> {
         let size = picture.size();
         let camera_of_picture = camera.for_picture(size)?;
-        let input_size = self.card.input;
-        let input = picture.network_input([input_size.width, input_size.height], &self.card.normalisation);
+        let input = picture.network_input(self.card.input, &self.card.normalisation);
         let raw = self.run(input.values).await?;
 
-        let scale = [0, 1].map(|axis| f64::from(size[axis]) / f64::from(input.content[axis]));
+        let (given, content) = (size.xy(), input.content.xy());
+        let scale = [0, 1].map(|axis| given[axis] / content[axis]);
         let image: [f64; 2] = std::array::from_fn(|axis| (raw.image[axis] + 0.5) * scale[axis] - 0.5);
         let in_camera = camera_of_picture.camera_from_image(&Point2::from(image), raw.depth)?;
         let in_world = camera_of_picture.world_from_camera(&in_camera);
         let stride = self.config.output_stride();
         let mut notes = picture.notes().to_vec();
-        if size != [camera.width(), camera.height()] {
-            let [width, height] = size;
-            let (cw, ch) = (camera.width(), camera.height());
-            notes.push(format!("camera.json is for a {cw}×{ch} picture; scaled to this one's {width}×{height}"));
+        if size != camera.size() {
+            notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));
         }
         let confidence = model::confidence(&raw.probability, raw.width, stride, raw.image);
         if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| confidence < threshold) {
@@ -164,7 +171,7 @@ impl Localiser {
             world: in_world.coords.into(),
             confidence,
             notes,
-            maps: with_maps.then(|| raw.maps(input.content, stride)),
+            maps: options.maps.then(|| raw.maps(input.content, stride)),
         })
     }
 
@@ -211,8 +218,8 @@ struct RawOutput {
 
 impl RawOutput {
     /// The cells that cover the `content` part of the input.
-    fn maps(&self, content: [u32; 2], stride: usize) -> Maps {
-        let [width, height] = content.map(|side| (side as usize).div_ceil(stride));
+    fn maps(&self, content: Size, stride: usize) -> Maps {
+        let [width, height] = [content.width, content.height].map(|side| (side as usize).div_ceil(stride));
         let part = |map: &[f32]| -> Vec<f32> {
             map.chunks_exact(self.width).take(height).flat_map(|row| &row[..width]).copied().collect()
         };

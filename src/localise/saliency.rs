@@ -30,9 +30,8 @@ impl Localiser {
     /// [`Error::OutputNotFinite`]; [`Error::Device`] where the gradients cannot be read.
     pub fn saliency(&self, picture: &Picture) -> Result<Saliency> {
         let device = Device::flex().autodiff();
-        let input_size = self.card.input;
-        let input = picture.network_input([input_size.width, input_size.height], &self.card.normalisation);
-        let [width, height] = input.size.map(|side| side as usize);
+        let input = picture.network_input(self.card.input, &self.card.normalisation);
+        let [width, height] = [input.size.width, input.size.height].map(|side| side as usize);
         let values = TensorData::new(input.values, [1, height, width, 3]);
         let pictures = Tensor::<4>::from_data(values, &device).require_grad();
         // The weights are constants here, and the norms those of inference.
@@ -45,7 +44,7 @@ impl Localiser {
         // Brightness, not the normalised value.
         let std = self.card.normalisation.std;
         let sum = |pixel: &[f32]| pixel.iter().zip(std).map(|(gradient, std)| gradient / std).sum();
-        let [columns, rows] = input.content.map(|side| side as usize);
+        let [columns, rows] = [input.content.width, input.content.height].map(|side| side as usize);
         let values: Vec<f32> = (numbers(gradient.into_data()).chunks_exact(3 * width).take(rows))
             .flat_map(|row| row.chunks_exact(3).take(columns).map(sum))
             .collect();

@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 use super::config::PenConfig;
 use crate::error::{Error, Result};
 use crate::image::Normalisation;
+use crate::size::Size;
 
 /// Largest input side a card may ask for, px.
 const MAX_INPUT_SIDE: u32 = 4096;
@@ -26,7 +27,7 @@ pub struct Card {
     /// Architecture.
     pub architecture: PenConfig,
     /// Size of the network's input.
-    pub input: InputSize,
+    pub input: Size,
     /// Normalisation of the network's input.
     pub normalisation: Normalisation,
     /// Smallest and largest depth (camera z) in the training data, m.
@@ -43,16 +44,6 @@ pub struct Card {
     pub metrics: serde_json::Value,
     /// Licence of the weights.
     pub licence: String,
-}
-
-/// Width and height of the network's input, px.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct InputSize {
-    /// px.
-    pub width: u32,
-    /// px.
-    pub height: u32,
 }
 
 impl Card {
@@ -128,12 +119,7 @@ impl Card {
 ///
 /// # Errors
 /// [`Error::Value`] with the field, in `what`.
-pub fn check_input(
-    architecture: &PenConfig,
-    input: InputSize,
-    normalisation: &Normalisation,
-    what: &str,
-) -> Result<()> {
+pub fn check_input(architecture: &PenConfig, input: Size, normalisation: &Normalisation, what: &str) -> Result<()> {
     architecture.check()?;
     let multiple = architecture.input_multiple();
     for side in [input.width, input.height] {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::backbone::{BackboneConfig, Outline};
 use crate::error::{Error, Result};
 
 /// Largest number of channels in any layer; a card asking for more is damaged or hostile.
@@ -19,36 +20,6 @@ pub struct PenConfig {
     pub heatmap: HeatmapConfig,
     /// How the depth map is made.
     pub depth: DepthConfig,
-}
-
-/// Feature extractor.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
-pub enum BackboneConfig {
-    /// ResNet34 to layer3, features of strides 2, 4, 8, 16 brought to stride 2 and concatenated.
-    ResNet34 {
-        /// Channels of stem and layer1 (64 as published); layer2 has twice, layer3 four times as many.
-        width: usize,
-    },
-    /// ConvNeXt (Liu et al., 2022) or its second version (Woo et al., 2023), with timm's `conv_mlp`: features of
-    /// strides 4, 8, 16, 32 brought to stride 4 and concatenated.
-    ConvNext {
-        /// Blocks of the four stages.
-        depths: [usize; 4],
-        /// Channels of the four stages.
-        widths: [usize; 4],
-        /// Version 2: a global response norm in each block instead of a factor on each of its channels.
-        response_norm: bool,
-    },
-    /// Small residual network with a top-down pyramid, one feature map of stride 4.
-    Compact {
-        /// Channels of the 5×5 stem.
-        stem: usize,
-        /// Channels of the four stages (strides 4, 8, 16, 32).
-        stages: [usize; 4],
-        /// Channels of the pyramid.
-        pyramid: usize,
-    },
 }
 
 /// Form of a head.
@@ -104,11 +75,16 @@ impl PenConfig {
         }
     }
 
-    /// The published network with timm's `convnext_nano` as its backbone, or (`second`) `convnextv2_nano`.
-    pub fn convnext_nano(second: bool) -> Self {
-        let backbone =
-            BackboneConfig::ConvNext { depths: [2, 2, 8, 2], widths: [80, 160, 320, 640], response_norm: second };
-        Self { backbone, ..Self::paper() }
+    /// The published network with timm's `convnext_nano` as its backbone.
+    pub fn convnext_nano() -> Self {
+        let (depths, widths) = ([2, 2, 8, 2], [80, 160, 320, 640]);
+        Self { backbone: BackboneConfig::ConvNext { depths, widths, response_norm: false }, ..Self::paper() }
+    }
+
+    /// The published network with timm's `convnextv2_nano` as its backbone.
+    pub fn convnextv2_nano() -> Self {
+        let (depths, widths) = ([2, 2, 8, 2], [80, 160, 320, 640]);
+        Self { backbone: BackboneConfig::ConvNext { depths, widths, response_norm: true }, ..Self::paper() }
     }
 
     /// The network for browsers: 0.7 M parameters, 0.2 GMAC at 224×224. `prior_depth` in m.
@@ -123,17 +99,14 @@ impl PenConfig {
 
     /// Number the input's sides must be multiples of, px.
     pub fn input_multiple(&self) -> u32 {
-        match self.backbone {
-            BackboneConfig::ResNet34 { .. } => 16,
-            BackboneConfig::ConvNext { .. } | BackboneConfig::Compact { .. } => 32,
-        }
+        self.backbone.outline().coarsest_stride as u32
     }
 
     /// Input pixels per cell of the output maps.
     pub fn output_stride(&self) -> usize {
         match self.head {
             HeadConfig::Paper { .. } => 1,
-            HeadConfig::Depthwise => 4,
+            HeadConfig::Depthwise => self.backbone.finest_stride(),
         }
     }
 
@@ -143,26 +116,17 @@ impl PenConfig {
     /// [`Error::Value`] with the field.
     pub fn check(&self) -> Result<()> {
         let refuse = |field: &str, reason: String| Err(Error::value("model", field, reason));
-        let mut channels = match self.backbone {
-            BackboneConfig::ResNet34 { width } => vec![width],
-            BackboneConfig::ConvNext { depths, widths, .. } => [depths, widths].concat(),
-            BackboneConfig::Compact { stem, stages, pyramid } => [&[stem, pyramid], &stages[..]].concat(),
-        };
-        if let HeadConfig::Paper { channels: head } = self.head {
-            channels.extend(head);
+        let Outline { features, mut sizes, .. } = self.backbone.outline();
+        if let HeadConfig::Paper { channels } = self.head {
+            sizes.extend(channels);
         }
-        if let Some(wrong) = channels.iter().find(|&&count| count == 0 || count > MAX_CHANNELS) {
+        if let Some(wrong) = sizes.iter().find(|&&count| count == 0 || count > MAX_CHANNELS) {
             return refuse("channels/depths", format!("must be 1 to {MAX_CHANNELS}, not {wrong}"));
         }
-        match (&self.backbone, &self.head) {
-            (BackboneConfig::ResNet34 { .. } | BackboneConfig::ConvNext { .. }, HeadConfig::Paper { .. })
-            | (BackboneConfig::Compact { .. }, HeadConfig::Depthwise) => {}
-            _ => {
-                return refuse(
-                    "head",
-                    "`paper` goes with `resnet34` and `convnext`, `depthwise` with `compact`".into(),
-                );
-            }
+        let several = features.len() > 1;
+        if several != matches!(self.head, HeadConfig::Paper { .. }) {
+            let count = features.len();
+            return refuse("head", format!("`paper` takes several feature maps, `depthwise` one; there are {count}"));
         }
         for (field, value) in [("heatmap.beta", self.heatmap.beta), ("depth.scale", self.depth.scale)] {
             if !(value.is_finite() && value > 0.0) {

@@ -5,7 +5,7 @@ use burn::nn::conv::Conv2d;
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig};
 use burn::tensor::Device;
 
-use super::backbone::Features;
+use super::backbone::Feature;
 use super::config::HeadConfig;
 use super::layers::{ConvNorm, Layers, Slope, Unit, conv};
 
@@ -26,19 +26,19 @@ pub(super) enum Head {
 }
 
 impl Head {
-    /// A head on `features` channels; `last` initialises its final 1×1 convolution.
-    pub(super) fn new(config: &HeadConfig, features: &[usize], last: Initializer, device: &Device) -> Self {
+    /// A head on a backbone's `features`; `last` initialises its final 1×1 convolution.
+    pub(super) fn new(config: &HeadConfig, features: &[Feature], last: Initializer, device: &Device) -> Self {
         match *config {
             HeadConfig::Paper { channels } => Self::Paper(PaperHead::new(features, channels, last, device)),
-            HeadConfig::Depthwise => Self::Depthwise(DepthwiseHead::new(features.iter().sum(), last, device)),
+            HeadConfig::Depthwise => Self::Depthwise(DepthwiseHead::new(features[0].channels, last, device)),
         }
     }
 
     /// Features -> `[batch, h, w, 1]`, the finest feature's size.
-    pub(super) fn forward<L: Layers>(&self, layers: &mut L, features: &Features<L::Map>) -> L::Map {
+    pub(super) fn forward<L: Layers>(&self, layers: &mut L, features: &[L::Map]) -> L::Map {
         match self {
             Self::Paper(head) => head.forward(layers, features),
-            Self::Depthwise(head) => head.forward(layers, &features[0].0),
+            Self::Depthwise(head) => head.forward(layers, &features[0]),
         }
     }
 }
@@ -53,16 +53,17 @@ pub(super) struct PaperHead {
     norm2: LayerNorm,
     last: Conv2d,
     #[module(skip)]
-    features: Vec<usize>,
+    features: Vec<Feature>,
 }
 
 impl PaperHead {
-    fn new(features: &[usize], [a, b, c]: [usize; 3], last: Initializer, device: &Device) -> Self {
+    fn new(features: &[Feature], [a, b, c]: [usize; 3], last: Initializer, device: &Device) -> Self {
         let xavier = |gain| Initializer::XavierUniform { gain };
         let wide = |channels| conv(channels, KERNEL, 1).with_initializer(xavier(std::f64::consts::SQRT_2)).init(device);
         let norm = |channels| LayerNormConfig::new(channels).with_epsilon(EPSILON).init(device);
+        let channels = features.iter().map(|feature| feature.channels).sum();
         Self {
-            reduce: conv([features.iter().sum(), a], 1, 1).with_initializer(xavier(1.0)).init(device),
+            reduce: conv([channels, a], 1, 1).with_initializer(xavier(1.0)).init(device),
             conv1: wide([a, b]),
             norm1: norm(b),
             conv2: wide([b, c]),
@@ -72,7 +73,7 @@ impl PaperHead {
         }
     }
 
-    fn forward<L: Layers>(&self, layers: &mut L, features: &Features<L::Map>) -> L::Map {
+    fn forward<L: Layers>(&self, layers: &mut L, features: &[L::Map]) -> L::Map {
         let x = self.reduce(layers, features);
         let x = layers.unit(&x, Unit::new(&self.conv1, None, Slope::NONE), None);
         let x = layers.layer_norm(&x, &self.norm1, EPSILON, LEAKY);
@@ -84,15 +85,16 @@ impl PaperHead {
     /// The 1×1 convolution of all features, brought to one size and laid side by side. A 1×1 convolution
     /// and bilinear upsampling may change places, so each feature is reduced at its own size: a fifth of
     /// the work, and the wide map never exists.
-    fn reduce<L: Layers>(&self, layers: &mut L, features: &Features<L::Map>) -> L::Map {
+    fn reduce<L: Layers>(&self, layers: &mut L, features: &[L::Map]) -> L::Map {
+        let finest_stride = self.features[0].stride;
         let mut first = 0;
-        let mut parts = features.iter().zip(&self.features).map(|((map, factor), &channels)| {
+        let mut parts = features.iter().zip(&self.features).map(|(map, &Feature { stride, channels })| {
             let mut unit = Unit::new(&self.reduce, None, Slope::NONE);
             unit.weight = unit.weight.narrow(1, first, channels);
             // The bias belongs to the whole sum: the finest feature brings it.
             unit.bias = unit.bias.filter(|_| first == 0);
             first += channels;
-            (map, *factor, unit)
+            (map, stride / finest_stride, unit)
         });
         let (map, _, unit) = parts.next().unwrap_or_else(|| unreachable!("a backbone has features"));
         let finest = layers.unit(map, unit, None);

@@ -3,12 +3,10 @@
 //! A network says once which layers follow each other ([`Layers`]); Burn runs them for training and on
 //! GPUs ([`super::tensors`]), the CPU's plan for inference ([`super::plan`]). Maps are channels-last.
 
-use burn::module::Module;
+use burn::module::{Module, Param};
 use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::nn::{BatchNorm, BatchNormConfig, Initializer, LayerNorm, PaddingConfig2d};
 use burn::tensor::{Device, Tensor};
-
-use super::convnext::ResponseNorm;
 
 /// Kaiming normal for ReLU, by fan-out: the initialisation ResNet was published with.
 const KAIMING: Initializer = Initializer::KaimingNormal { gain: std::f64::consts::SQRT_2, fan_out_only: true };
@@ -83,6 +81,15 @@ pub(super) trait Layers {
 
     /// Global response norm.
     fn response_norm(&mut self, x: &Self::Map, norm: &ResponseNorm) -> Self::Map;
+}
+
+/// Global response norm (Woo et al., 2023): channels compete by their strength over the whole picture.
+#[derive(Module, Debug)]
+pub(super) struct ResponseNorm {
+    /// `[channels]`.
+    pub weight: Param<Tensor<1>>,
+    /// `[channels]`.
+    pub bias: Param<Tensor<1>>,
 }
 
 /// A square convolution that keeps the size at stride 1.

@@ -5,7 +5,6 @@
 mod backbone;
 mod card;
 mod config;
-mod convnext;
 mod decode;
 mod head;
 mod layers;
@@ -13,10 +12,13 @@ mod operation;
 mod pen;
 mod plan;
 mod tensors;
+#[cfg(test)]
+mod tests;
 mod weights;
 
-pub use self::card::{Card, InputSize, check_input, sha256_hex};
-pub use self::config::{BackboneConfig, DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
+pub use self::backbone::BackboneConfig;
+pub use self::card::{Card, check_input, sha256_hex};
+pub use self::config::{DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
 pub use self::decode::{CONFIDENCE_RADIUS, Decoded, confidence, decode};
 pub(crate) use self::decode::{cell_centre, weighted_depth};
 pub use self::pen::{Pen, PenOutput, PenRunner};

@@ -5,7 +5,7 @@ use burn::backend::{Backend, ExtensionType, Flex, TensorMetadata, backend_extens
 use burn::tensor::{DType, TensorData};
 
 use crate::kernels::{Extent, Map, MapMut, NormInput, UnitShape, Vectors, unit_forward, upsample as upsample_map};
-use crate::kernels::{Forward, UnitGradients, unit_backward, upsample_backward};
+use crate::kernels::{Forward, UnitGradients, Wanted, unit_backward, upsample_backward};
 
 /// A normalised unit's output and its batch's statistics.
 pub type Normalised<B> = (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>);
@@ -192,7 +192,7 @@ mod backward {
                 x: map(&run.x),
                 z: values(&run.output),
             };
-            let wanted = [x.is_some(), has_skip && skip.is_some()];
+            let wanted = Wanted { x: x.is_some(), skip: has_skip && skip.is_some() };
             let UnitGradients { x: dx, weights: dw, shift: dshift, scale: dscale, skip: dskip } =
                 unit_backward(Vectors::best(), forward, values(&dz), wanted);
             let mut register = |id: NodeId, gradient: Vec<f32>, shape: Shape| {

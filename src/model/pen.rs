@@ -7,11 +7,12 @@ use burn::tensor::activation::softplus_with_threshold;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::backbone::Backbone;
-use super::config::{DepthActivation, DepthConfig, HeadConfig, PenConfig};
+use super::config::{DepthActivation, DepthConfig, PenConfig};
 use super::head::Head;
 use super::layers::Layers;
 use super::plan::Plan;
 use super::tensors::{Tensors, is_cpu};
+use crate::size::Size;
 
 /// Softplus of the published depth head: beta, and where it turns linear.
 const SOFTPLUS_BETA: f64 = 2.0;
@@ -47,7 +48,7 @@ impl Pen {
     /// As [`PenConfig::check`].
     pub fn new(config: &PenConfig, device: &Device) -> crate::error::Result<Self> {
         config.check()?;
-        let features = Backbone::channels(&config.backbone);
+        let features = config.backbone.outline().features;
         // A zero last layer starts the exponential depth at the prior.
         let depth_last = match config.depth.activation {
             DepthActivation::Exp => Initializer::Zeros,
@@ -86,17 +87,16 @@ impl Pen {
         self.output(heatmap, depth)
     }
 
-    /// A runner for pictures of `height`×`width`: on the CPU with everything worked out beforehand,
-    /// elsewhere as [`Self::forward`].
-    pub fn runner(self, [height, width]: [usize; 2], device: &Device) -> PenRunner {
-        let plan =
-            is_cpu(device).then(|| Plan::new([height, width], |layers, picture| self.maps(layers, picture).into()));
-        PenRunner { pen: self, size: [height, width], device: device.clone(), plan }
+    /// A runner for pictures of `size`: on the CPU with everything worked out beforehand, elsewhere as
+    /// [`Self::forward`].
+    pub fn runner(self, size: Size, device: &Device) -> PenRunner {
+        let plan = is_cpu(device).then(|| Plan::new(size, |layers, picture| self.maps(layers, picture).into()));
+        PenRunner { pen: self, size, device: device.clone(), plan }
     }
 
-    /// Memory that a training step on `batch` pictures of `height`×`width` takes, about, in bytes: values of maps,
+    /// Memory that a training step on `batch` pictures of `size` takes, about, in bytes: values of maps,
     /// with their gradients and what the backward pass keeps.
-    pub fn training_bytes(&self, batch: usize, size: [usize; 2]) -> usize {
+    pub fn training_bytes(&self, batch: usize, size: Size) -> usize {
         let values = Plan::map_values(size, |layers, picture| self.maps(layers, picture).into());
         batch * values * size_of::<f32>() * COPIES_IN_TRAINING
     }
@@ -110,9 +110,9 @@ impl Pen {
     /// The output from what the heads say, `[batch, h, w, 1]` each.
     fn output(&self, heatmap: Tensor<4>, depth: Tensor<4>) -> PenOutput {
         let mut maps = [heatmap, activate(depth, &self.config.depth)];
-        if let HeadConfig::Paper { .. } = self.config.head {
-            // They work at the finest feature's stride; their maps are brought to the input's size.
-            let factor = Backbone::finest_stride(&self.config.backbone);
+        // Heads work at the finest feature's stride.
+        let factor = self.config.backbone.finest_stride() / self.config.output_stride();
+        if factor > 1 {
             maps = maps.map(|map| Tensors.upsample(&map, factor, None));
         }
         let [heatmap, depth] = maps.map(|map| map.squeeze_dim(3));
@@ -124,7 +124,7 @@ impl Pen {
 #[derive(Debug)]
 pub struct PenRunner {
     pen: Pen,
-    size: [usize; 2],
+    size: Size,
     device: Device,
     plan: Option<Plan>,
 }
@@ -141,7 +141,7 @@ impl PenRunner {
     /// # Panics
     /// Where `pictures` are not whole pictures.
     pub fn run(&self, pictures: Vec<f32>) -> PenOutput {
-        let [height, width] = self.size;
+        let [height, width] = [self.size.height, self.size.width].map(|side| side as usize);
         let Some(plan) = &self.plan else {
             let shape = [pictures.len() / (3 * height * width), height, width, 3];
             return self.pen.forward(Tensor::from_data(TensorData::new(pictures, shape), &self.device));

@@ -9,13 +9,13 @@ use std::sync::{Mutex, PoisonError};
 use burn::nn::LayerNorm;
 use burn::tensor::{ElementConversion as _, Tensor};
 
-use super::convnext::ResponseNorm;
-use super::layers::{Layers, RESPONSE_NORM_EPSILON, Slope, Unit};
+use super::layers::{Layers, RESPONSE_NORM_EPSILON, ResponseNorm, Slope, Unit};
 use super::tensors::{fold, shape};
 use crate::kernels::{
     Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, gelu, layer_norm, max_pool, response_norm,
     threads, upsample, with_threads_awake,
 };
+use crate::size::Size;
 
 /// A network for one size of picture, ready to run.
 #[derive(Debug)]
@@ -58,22 +58,17 @@ enum Task {
 }
 
 impl Plan {
-    /// The plan of a network that takes `[1, height, width, 3]`; `network` names its layers and returns its
-    /// outputs.
-    pub(super) fn new([height, width]: [usize; 2], network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> Self {
-        let picture = Extent::new([1, height, width, 3]);
-        let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![picture], records: Vec::new() };
+    /// The plan of a network that takes a picture of `size`, `[1, height, width, 3]`; `network` names its layers and
+    /// returns its outputs.
+    pub(super) fn new(size: Size, network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> Self {
+        let mut recorder = Recorder::new(size);
         let outputs = network(&mut recorder, &PICTURE);
         recorder.finish(&outputs)
     }
 
-    /// Values of all maps of a network that takes `[1, height, width, 3]`.
-    pub(super) fn map_values(
-        [height, width]: [usize; 2],
-        network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
-    ) -> usize {
-        let picture = Extent::new([1, height, width, 3]);
-        let mut recorder = Recorder { vectors: Vectors::best(), maps: vec![picture], records: Vec::new() };
+    /// Values of all maps of such a network.
+    pub(super) fn map_values(size: Size, network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> usize {
+        let mut recorder = Recorder::new(size);
         network(&mut recorder, &PICTURE);
         recorder.maps.iter().map(Extent::len).sum()
     }
@@ -163,6 +158,11 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
+    fn new(size: Size) -> Self {
+        let picture = Extent::new([1, size.height as usize, size.width as usize, 3]);
+        Self { vectors: Vectors::best(), maps: vec![picture], records: Vec::new() }
+    }
+
     fn record(&mut self, task: Task, x: usize, other: Option<usize>, out: Extent) -> usize {
         self.maps.push(out);
         let out = self.maps.len() - 1;

@@ -9,8 +9,7 @@ use burn::tensor::activation::leaky_relu;
 use burn::tensor::ops::MaxPoolOptions;
 use burn::tensor::{Device, Tensor};
 
-use super::convnext::ResponseNorm;
-use super::layers::{Layers, RESPONSE_NORM_EPSILON, Slope, Unit};
+use super::layers::{Layers, RESPONSE_NORM_EPSILON, ResponseNorm, Slope, Unit};
 use super::operation::{Skip, UnitOps};
 use crate::kernels::{ConvShape, UnitShape};
 

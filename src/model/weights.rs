@@ -12,7 +12,7 @@ use burn::tensor::{DType, Device, Tensor, TensorData, Transaction, f16};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensorError, SafeTensors};
 
-use super::config::{BackboneConfig, PenConfig};
+use super::config::PenConfig;
 use super::pen::Pen;
 use crate::error::{Error, Result};
 
@@ -51,8 +51,8 @@ pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 /// # Errors
 /// As [`load`]; [`Error::WeightsArchitecture`] also where `pen` has a backbone that timm does not have.
 pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
-    if let BackboneConfig::Compact { .. } = pen.config().backbone {
-        let reason = "timm's weights fit the backbones `resnet34` and `convnext` only".into();
+    if !pen.config().backbone.outline().is_timms {
+        let reason = "timm has no backbone like this network's, so its weights do not fit".into();
         return Err(Error::WeightsArchitecture { reason });
     }
     let remapper = KeyRemapper::new()

@@ -250,7 +250,7 @@ impl Studio {
             return None;
         }
         let path = engine.path(&start, times)?;
-        let [width, height] = self.paper.size.map(|side| f64::from(side) - 1.0);
+        let [width, height] = self.paper.size.xy().map(|side| side - 1.0);
         let inside = |centre: &Point3<f64>| {
             let image = self.camera.image_from_world(centre);
             image.is_ok_and(|image| (0.0..=width).contains(&image.x) && (0.0..=height).contains(&image.y))

@@ -14,6 +14,7 @@ use super::{Engine, Studio};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::physics::State;
+use crate::size::Size;
 
 /// Steps of the simulation in a frame.
 const SUBSTEPS: f64 = 34.0;
@@ -29,7 +30,7 @@ static OPENING: Mutex<()> = Mutex::new(());
 
 /// MuJoCo, with the scene of one shot. It belongs to the thread that made it, as its OpenGL context does.
 pub struct Mujoco {
-    size: [u32; 2],
+    size: Size,
     data: MjData<Box<MjModel>>,
     renderer: MjRenderer,
 }
@@ -46,7 +47,7 @@ impl Mujoco {
         // The model's only camera; the picture's size is the model's, too.
         let renderer = MjRenderer::builder().camera(MjvCamera::new_fixed(0)).build(&model).map_err(failed)?;
         let data = MjData::try_new(Box::new(model)).map_err(Error::format("MuJoCo's model"))?;
-        Ok(Self { size: [studio.camera.width(), studio.camera.height()], data, renderer })
+        Ok(Self { size: studio.camera.size(), data, renderer })
     }
 
     /// Puts the ball somewhere, at rest and not turned.
@@ -77,7 +78,7 @@ impl Engine for Mujoco {
         self.data.forward();
         self.renderer.sync_data(&mut self.data).map_err(failed)?;
         self.renderer.render().map_err(failed)?;
-        let [width, height] = self.size;
+        let Size { width, height } = self.size;
         let pixels = self.renderer.rgb_flat().ok_or(RendererError::RgbDisabled).map_err(failed)?;
         RgbImage::from_raw(width, height, pixels.to_vec()).ok_or(RendererError::DimensionMismatch).map_err(failed)
     }
@@ -127,8 +128,8 @@ fn model(paper: &Paper, environment: Option<usize>, camera: &Camera) -> Result<S
 </mujoco>"#,
         down = -gravity,
         step = 1.0 / (paper.fps * SUBSTEPS),
-        width = camera.width(),
-        height = camera.height(),
+        width = camera.size().width,
+        height = camera.size().height,
         ambient = text(&[head.ambient; 3]),
         diffuse = text(&[head.diffuse; 3]),
         specular = text(&[head.specular; 3]),

@@ -96,8 +96,8 @@ impl Renderer {
             axis: Vector3::from(paper.light.direction).normalize(),
         };
         let mut renderer = Self { studio, camera: camera.clone(), eye, samples: Vec::new(), pixels: Vec::new() };
-        for row in 0..camera.height() {
-            for column in 0..camera.width() {
+        for row in 0..camera.size().height {
+            for column in 0..camera.size().width {
                 renderer.prepare(f64::from(column), f64::from(row))?;
             }
         }
@@ -221,7 +221,7 @@ impl Renderer {
     pub fn frame(&self, centre: &Point3<f64>) -> RgbImage {
         let radius = self.studio.paper.ball.radius;
         let outline = self.outline(centre);
-        let width = self.camera.width();
+        let width = self.camera.size().width;
         let mirror = Point3::new(centre.x, centre.y, -centre.z);
         // The shadow's and the mirror image's axes, from the light and from the eye.
         let from_light = (centre - self.studio.light).normalize();
@@ -233,7 +233,7 @@ impl Renderer {
             let wide = radius * along / ((at - from).norm_squared() - radius * radius).max(1e-9).sqrt();
             way.norm_squared() - along * along < (wide + pixel.reach).powi(2)
         };
-        RgbImage::from_fn(width, self.camera.height(), |x, y| {
+        RgbImage::from_fn(width, self.camera.size().height, |x, y| {
             let index = (y * width + x) as usize;
             let pixel = &self.pixels[index];
             let [left, top, right, bottom] = outline;

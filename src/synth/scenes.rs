@@ -9,6 +9,7 @@ use serde::Deserialize;
 use crate::camera::{Camera, Distortion};
 use crate::error::{Error, Result};
 use crate::physics::Scene;
+use crate::size::Size;
 
 /// All of the description.
 #[derive(Debug, Deserialize)]
@@ -16,7 +17,7 @@ use crate::physics::Scene;
 pub(super) struct Paper {
     #[serde(rename = "about")]
     _about: String,
-    pub size: [u32; 2],
+    pub size: Size,
     pub field_of_view: f64,
     pub fps: f64,
     pub ball: Ball,
@@ -152,7 +153,7 @@ impl Paper {
         let forward = Vector3::new(e.cos() * a.cos(), e.cos() * a.sin(), e.sin());
         let right = forward.cross(&Vector3::z()).normalize();
         let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-        let [width, height] = self.size.map(f64::from);
+        let [width, height] = self.size.xy();
         let focal = height / 2.0 / (self.field_of_view.to_radians() / 2.0).tan();
         let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
         let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);

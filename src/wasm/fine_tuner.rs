@@ -10,6 +10,7 @@ use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::model::Card;
+use crate::size::Size;
 use crate::train::{FineTuneOptions, FineTuner};
 
 /// A model that learns from clips given to it.
@@ -41,7 +42,7 @@ impl JsFineTuner {
     /// The next picture of the clip that [`Self::add_clip`] ends, as RGBA pixels.
     #[wasm_bindgen(js_name = addPicture)]
     pub fn add_picture(&mut self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<(), JsValue> {
-        self.held.add(Picture::from_rgba(&rgba, [width, height]))
+        self.held.add(Picture::from_rgba(&rgba, Size { width, height }))
     }
 
     /// The next picture of the clip that [`Self::add_clip`] ends, as a PNG, JPEG or WebP file.

@@ -7,6 +7,7 @@ use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
+use crate::size::Size;
 use crate::track::{LabelOptions, propose_labels};
 
 /// The frames of a clip whose labels are to be proposed.
@@ -28,7 +29,7 @@ impl JsLabeller {
     /// The next frame, as RGBA pixels.
     #[wasm_bindgen(js_name = addPicture)]
     pub fn add_picture(&mut self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<(), JsValue> {
-        self.frames.add(Picture::from_rgba(&rgba, [width, height]))
+        self.frames.add(Picture::from_rgba(&rgba, Size { width, height }))
     }
 
     /// The next frame, as a PNG, JPEG or WebP file.

@@ -10,8 +10,9 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::evaluate::distance_to_ground_truth;
 use crate::image::Picture;
-use crate::localise::{Localiser, Maps};
+use crate::localise::{LocaliseOptions, Localiser, Maps};
 use crate::model::Card;
+use crate::size::Size;
 
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
@@ -60,7 +61,7 @@ impl JsLocaliser {
         camera: String,
         options: JsValue,
     ) -> std::result::Result<JsValue, JsValue> {
-        let picture = Picture::from_rgba(&rgba, [width, height]).map_err(js_error)?;
+        let picture = Picture::from_rgba(&rgba, Size { width, height }).map_err(js_error)?;
         self.run(&picture, &camera, options).await.map_err(js_error)
     }
 
@@ -82,7 +83,7 @@ impl JsLocaliser {
     /// The same for RGBA pixels.
     #[wasm_bindgen(js_name = saliencyRgba)]
     pub fn saliency_rgba(&self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<JsValue, JsValue> {
-        self.saliency_of(&Picture::from_rgba(&rgba, [width, height]).map_err(js_error)?).map_err(js_error)
+        self.saliency_of(&Picture::from_rgba(&rgba, Size { width, height }).map_err(js_error)?).map_err(js_error)
     }
 }
 
@@ -107,7 +108,7 @@ impl JsLocaliser {
     async fn run(&self, picture: &Picture, camera: &str, options: JsValue) -> Result<JsValue> {
         let options: RawOptions = serde_wasm_bindgen::from_value(options).map_err(Error::format("options"))?;
         let camera = Camera::from_json(camera, "camera")?;
-        let found = self.localiser.localise(picture, &camera, options.maps).await?;
+        let found = self.localiser.localise(picture, &camera, LocaliseOptions { maps: options.maps }).await?;
         let object = object_of(&found)?;
         set(&object, "notes", &object_of(&found.notes)?);
         if let Some(truth) = options.truth {

@@ -217,7 +217,7 @@ fn write(folder: &NewFolder, format: Format, sources: &mut [Source], labels: &[V
         Format::Cvat => {
             let files: Vec<Vec<String>> = sources.iter().map(Source::files).collect();
             let pictures = sources.iter().zip(&files).zip(labels).flat_map(|((source, files), labels)| {
-                let size = [source.clip.camera.width(), source.clip.camera.height()];
+                let size = source.clip.camera.size();
                 files.iter().zip(labels).map(move |(file, label)| (file.as_str(), size, *label))
             });
             write_whole(&folder.path().join("annotations.xml"), cvat_xml(pictures).as_bytes())?;

@@ -9,7 +9,7 @@ use super::print_line;
 use crate::device::DeviceChoice;
 use crate::{draw, model};
 use gravisight::internal::write_whole;
-use gravisight::{Camera, Localisation, Picture};
+use gravisight::{Camera, Localisation, LocaliseOptions, Picture};
 
 /// Find the ball's 3D position in pictures.
 #[derive(Args)]
@@ -45,8 +45,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     for path in &arguments.images {
         let name = || path.display().to_string();
         let picture = open_picture(path)?;
-        let found = pollster::block_on(localiser.localise(&picture, &camera, arguments.overlay.is_some()))
-            .with_context(name)?;
+        let options = LocaliseOptions { maps: arguments.overlay.is_some() };
+        let found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
         if let (Some(out), Some(maps)) = (&arguments.overlay, &found.maps) {
             let mut drawn = draw::with_heatmap(picture.rgb(), maps);
             draw::mark(&mut drawn, found.image);

@@ -6,7 +6,7 @@ use crate::draw;
 use anyhow::{Context, Result};
 use clap::Args;
 use gravisight::internal::write_whole;
-use gravisight::{Camera, Localisation, Saliency};
+use gravisight::{Camera, Localisation, LocaliseOptions, Saliency, Size};
 use serde_json::json;
 
 use super::localise::{check_png, open_picture};
@@ -43,7 +43,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let localiser = model::open(arguments.model.as_deref(), &DeviceChoice::Cpu.open()?)?;
     let picture = open_picture(&arguments.image)?;
     let name = || arguments.image.display().to_string();
-    let found = pollster::block_on(localiser.localise(&picture, &camera, false)).with_context(name)?;
+    let found =
+        pollster::block_on(localiser.localise(&picture, &camera, LocaliseOptions::default())).with_context(name)?;
     let saliency = localiser.saliency(&picture).with_context(name)?;
     let (drawn, full) = draw::with_saliency(picture.rgb(), &saliency);
     write_whole(&arguments.out, &draw::png(&drawn)?)?;
@@ -62,8 +63,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
 }
 
 /// Share of all |∂depth/∂brightness| that is within `radius` px of the position found.
-fn share_near(saliency: &Saliency, found: &Localisation, size: [u32; 2], radius: f64) -> f64 {
-    let scale = [f64::from(size[0]) / saliency.width as f64, f64::from(size[1]) / saliency.height as f64];
+fn share_near(saliency: &Saliency, found: &Localisation, size: Size, radius: f64) -> f64 {
+    let [width, height] = size.xy();
+    let scale = [width / saliency.width as f64, height / saliency.height as f64];
     let [mut near, mut all] = [0.0; 2];
     for (index, value) in saliency.values.iter().enumerate() {
         let cell = [index % saliency.width, index / saliency.width];

@@ -10,7 +10,7 @@ use serde_json::Value;
 use super::ImportOptions;
 use super::draft::{Draft, Job, Shot, fps_of_numbers};
 use super::pictures::{id_of, last_number, natural, read_text};
-use gravisight::{Error, Result};
+use gravisight::{Error, Result, Size};
 
 /// A keypoint's flag where it is seen; 1 is one that is labelled though hidden.
 const VISIBLE: f64 = 2.0;
@@ -82,7 +82,7 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
         let parts = || group.iter().filter_map(|part| part.to_str()).filter(|part| *part != "..");
         let id = if parts().next().is_some() { id_of(parts()) } else { id_of([stem.as_str()]) };
         let read = move |_: &Path| {
-            let shots = shots(&images, &folder, &balls, [camera.width(), camera.height()], fps, &what)?;
+            let shots = shots(&images, &folder, &balls, camera.size(), fps, &what)?;
             let fps = fps_of_numbers(frame_numbers(&images), fps);
             Ok(Draft { camera: camera.clone(), scene: scene.clone(), fps, shots })
         };
@@ -116,12 +116,12 @@ fn frame_numbers(images: &[Image]) -> Vec<u64> {
     given.or_else(in_names).unwrap_or_else(|| (0..images.len() as u64).collect())
 }
 
-fn shots(images: &[Image], folder: &Path, balls: &Balls, size: [u32; 2], fps: f64, what: &str) -> Result<Vec<Shot>> {
+fn shots(images: &[Image], folder: &Path, balls: &Balls, size: Size, fps: f64, what: &str) -> Result<Vec<Shot>> {
     let numbers = frame_numbers(images);
     let first = numbers.first().copied().unwrap_or_default();
     let shot = |(image, number): (&Image, u64)| {
         let what = format!("{what}: image `{}`", image.file_name);
-        for (side, name, expected) in [(image.width, "width", size[0]), (image.height, "height", size[1])] {
+        for (side, name, expected) in [(image.width, "width", size.width), (image.height, "height", size.height)] {
             if let Some(side) = side.filter(|side| *side != f64::from(expected)) {
                 return Err(Error::value(what, name, format!("is {side} px, the camera says {expected}")));
             }

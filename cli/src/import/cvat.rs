@@ -10,7 +10,7 @@ use super::ImportOptions;
 use super::draft::{Draft, Job, Shot, fps_of_numbers};
 use super::pictures::{id_of, read_text};
 use super::video::{Labelled, Media, draft};
-use gravisight::{Error, Result};
+use gravisight::{Error, Result, Size};
 
 /// From the picture's corner, where CVAT counts from, to the middle of its first pixel, px.
 const HALF_PIXEL: f64 = 0.5;
@@ -105,8 +105,8 @@ impl Annotations<'_> {
     }
 
     /// Refuses a size of the pictures that is not the camera's.
-    fn check_size(&self, node: Node<'_, '_>, size: [u32; 2]) -> Result<()> {
-        for (name, expected) in ["width", "height"].into_iter().zip(size) {
+    fn check_size(&self, node: Node<'_, '_>, size: Size) -> Result<()> {
+        for (name, expected) in ["width", "height"].into_iter().zip([size.width, size.height]) {
             let child = node.children().find(|child| child.has_tag_name(name)).and_then(|child| child.text());
             let Some(text) = node.attribute(name).or(child) else { continue };
             if self.number(node, name, text)? != f64::from(expected) {
@@ -120,7 +120,7 @@ impl Annotations<'_> {
         let root = self.document.root_element();
         let camera = options.camera()?;
         if let Some(size) = self.document.descendants().find(|node| node.has_tag_name("original_size")) {
-            self.check_size(size, [camera.width(), camera.height()])?;
+            self.check_size(size, camera.size())?;
         }
         let mut labels: BTreeMap<u64, Labelled> = BTreeMap::new();
         for track in root.children().filter(|node| node.has_tag_name("track") && self.is_wanted(*node)) {
@@ -155,7 +155,7 @@ impl Annotations<'_> {
         let folder = options.pictures.clone().or(beside).unwrap_or_else(|| own.to_path_buf());
         let mut groups: BTreeMap<PathBuf, Vec<Image>> = BTreeMap::new();
         for node in self.document.root_element().children().filter(|node| node.has_tag_name("image")) {
-            self.check_size(node, [camera.width(), camera.height()])?;
+            self.check_size(node, camera.size())?;
             let image = self.image(node)?;
             let group = Path::new(&image.name).parent().unwrap_or(Path::new("")).to_path_buf();
             groups.entry(group).or_default().push(image);

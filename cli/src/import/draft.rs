@@ -100,10 +100,9 @@ impl Draft {
         let refuse = |reason: String| Error::Data { what: path.display().to_string(), reason };
         let extension = format_of(&bytes).ok_or_else(|| refuse("is no PNG, JPEG or WebP picture".into()))?;
         let found = Picture::decode(&bytes).map_err(|error| refuse(error.to_string()))?.size();
-        let expected = [self.camera.width(), self.camera.height()];
+        let expected = self.camera.size();
         if found != expected {
-            let [[fw, fh], [ew, eh]] = [found, expected];
-            return Err(refuse(format!("is {fw}×{fh} px, its camera speaks of {ew}×{eh}; give this picture's camera")));
+            return Err(refuse(format!("is {found} px, its camera speaks of {expected}; give this picture's camera")));
         }
         Ok((bytes, extension))
     }
@@ -118,7 +117,7 @@ impl Draft {
         if !(self.fps.is_finite() && self.fps > 0.0) {
             return Err(Error::value(&first.what, "fps", format!("must be positive, not {}", self.fps)));
         }
-        let [right, bottom] = [self.camera.width(), self.camera.height()].map(|side| f64::from(side) - 0.5);
+        let [right, bottom] = self.camera.size().xy().map(|side| side - 0.5);
         let mut before = f64::NEG_INFINITY;
         for shot in &self.shots {
             if !(shot.t.is_finite() && shot.t > before) {
@@ -128,8 +127,8 @@ impl Draft {
             let outside =
                 |image: &Point2<f64>| !((-0.5..=right).contains(&image.x) && (-0.5..=bottom).contains(&image.y));
             if let Some(image) = shot.image.filter(outside) {
-                let size = [self.camera.width(), self.camera.height()];
-                let reason = format!("({}, {}) is outside the picture of {}×{} px", image.x, image.y, size[0], size[1]);
+                let size = self.camera.size();
+                let reason = format!("({}, {}) is outside the picture of {size} px", image.x, image.y);
                 return Err(Error::value(&shot.what, "label", reason));
             }
             if shot.world.is_some_and(|world| world.iter().any(|value| !value.is_finite())) {

@@ -11,7 +11,7 @@ use super::pictures::{by_number, files_below, id_of, last_number, one_a_row, tai
 use gravisight::Picture;
 use gravisight::Scene;
 use gravisight::internal::{Row, Table};
-use gravisight::{Camera, Distortion};
+use gravisight::{Camera, Distortion, Size};
 use gravisight::{Error, Result};
 
 /// 2D labels, px of the resized pictures.
@@ -34,9 +34,9 @@ const NANOSECONDS: f64 = 1e9;
 struct Metadata {
     what: String,
     /// Width and height that the matrix speaks of, px.
-    original: [u32; 2],
+    original: Size,
     /// Width and height of the pictures, px.
-    resized: [u32; 2],
+    resized: Size,
     /// Depth at full scale, m.
     max_depth: f64,
 }
@@ -156,10 +156,10 @@ fn position(camera: &Camera, image: &Point2<f64>, depth: &Path, metadata: &Metad
     let refuse = |reason: String| Error::Data { what: depth.display().to_string(), reason };
     let picture = Picture::open(depth).map_err(|error| refuse(error.to_string()))?;
     if picture.size() != metadata.resized {
-        let ([fw, fh], [ew, eh]) = (picture.size(), metadata.resized);
-        return Err(refuse(format!("is {fw}×{fh} px, {} says {ew}×{eh}", metadata.what)));
+        let (found, expected) = (picture.size(), metadata.resized);
+        return Err(refuse(format!("is {found} px, {} says {expected}", metadata.what)));
     }
-    let [width, height] = metadata.resized.map(i64::from);
+    let [width, height] = [metadata.resized.width, metadata.resized.height].map(i64::from);
     let (column, row) = (image.x.round() as i64, image.y.round() as i64);
     let window = (-WINDOW..=WINDOW).flat_map(|dy| (-WINDOW..=WINDOW).map(move |dx| (dx, dy)));
     let values = window.filter_map(|(dx, dy)| {
@@ -196,8 +196,8 @@ impl Metadata {
         }
         Ok(Self {
             what: row.what.clone(),
-            original: [side("original_width")?, side("original_height")?],
-            resized: [side("resized_width")?, side("resized_height")?],
+            original: Size::new(side("original_width")?, side("original_height")?),
+            resized: Size::new(side("resized_width")?, side("resized_height")?),
             max_depth,
         })
     }

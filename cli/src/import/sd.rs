@@ -10,7 +10,7 @@ use super::{Format, ImportOptions};
 use gravisight::Picture;
 use gravisight::Scene;
 use gravisight::internal::Table;
-use gravisight::{Camera, Distortion};
+use gravisight::{Camera, Distortion, Size};
 use gravisight::{Error, Result};
 
 /// Largest mean distance of the labels from the projected positions, in widths of the picture: the published ones are
@@ -74,7 +74,7 @@ fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {
         .size();
     let info = folder.join(INFO);
     let camera = Matrices::from_text(&read_text(&info)?, &info.display().to_string())?.camera(size)?;
-    let shots = shots(&table, pictures, f64::from(size[1]))?;
+    let shots = shots(&table, pictures, f64::from(size.height))?;
     let draft = Draft { camera, scene, fps: fps_of(&shots)?, shots };
     draft.agrees(&info)?;
     Ok(draft)
@@ -100,7 +100,7 @@ impl Draft {
         let both = self.shots.iter().filter(|shot| shot.image.is_some()).count();
         let distances: Vec<f64> = self.reprojection_px().collect();
         let mean = distances.iter().sum::<f64>() / distances.len().max(1) as f64;
-        if distances.len() == both && mean <= MAX_DISAGREEMENT * f64::from(self.camera.width()) {
+        if distances.len() == both && mean <= MAX_DISAGREEMENT * f64::from(self.camera.size().width) {
             return Ok(());
         }
         let reason = format!(
@@ -151,7 +151,7 @@ impl Matrices {
 
     /// The rows of the extrinsic matrix are left, up, forward; ours are right, down, forward. The intrinsic matrix
     /// acts on theirs, so its focal lengths have signs of their own.
-    fn camera(&self, size: [u32; 2]) -> Result<Camera> {
+    fn camera(&self, size: Size) -> Result<Camera> {
         let turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));
         let rotation = turn * Matrix3::from_fn(|row, column| self.extrinsic[row][column]);
         let translation = turn * Vector3::from_fn(|row, _| self.extrinsic[row][3]);

@@ -5,7 +5,7 @@ use image::imageops::{self, FilterType};
 
 use super::{Report, cm, html};
 use crate::draw;
-use gravisight::{Error, Picture, Result, Sample};
+use gravisight::{Error, LocaliseOptions, Picture, Result, Sample};
 
 /// Clips whose worst picture is shown, and pictures whose saliency is.
 const WORST: usize = 6;
@@ -37,7 +37,7 @@ pub fn worst(report: &Report<'_>) -> Result<String> {
 fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
     let picture = picture(report, sample)?;
     let camera = &report.clips.clips[sample.place[0]].camera;
-    let found = pollster::block_on(report.localiser.localise(&picture, camera, true))?;
+    let found = pollster::block_on(report.localiser.localise(&picture, camera, LocaliseOptions { maps: true }))?;
     let Some(maps) = found.maps else { return Ok(String::new()) };
     let (depth_map, [nearest, farthest]) = draw::with_depth(picture.rgb(), &maps);
     let heatmap = draw::with_heatmap(picture.rgb(), &maps);

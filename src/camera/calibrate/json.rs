@@ -19,7 +19,7 @@ impl Method {
 impl Calibration {
     /// The picture's middle and the points' mean depth (m), where a position's 1-σ is told.
     pub fn middle(&self, points: &Points) -> (Point2<f64>, f64) {
-        let [width, height] = points.size.map(|side| (f64::from(side) - 1.0) / 2.0);
+        let [width, height] = points.size.xy().map(|side| (side - 1.0) / 2.0);
         let depths = points.world.iter().map(|point| self.camera.camera_from_world(point).z);
         (Point2::new(width, height), depths.sum::<f64>() / points.world.len() as f64)
     }

@@ -185,7 +185,7 @@ impl Problem<'_> {
 
     /// The intrinsics to start from; without given ones, with a focal length.
     fn intrinsic(&self, focal: Option<f64>) -> Matrix3<f64> {
-        let [width, height] = self.points.size.map(f64::from);
+        let [width, height] = self.points.size.xy();
         self.points.intrinsic.unwrap_or_else(|| {
             let focal = focal.unwrap_or(USUAL_FOCAL * width);
             Matrix3::new(focal, 0.0, (width - 1.0) / 2.0, 0.0, focal, (height - 1.0) / 2.0, 0.0, 0.0, 1.0)

@@ -8,12 +8,13 @@ use serde::Deserialize;
 use crate::camera::court::Court;
 use crate::camera::{Camera, Distortion};
 use crate::error::{Error, Result};
+use crate::size::Size;
 
 /// Known points and where they were clicked.
 #[derive(Debug, Clone)]
 pub struct Points {
-    /// Width and height of the picture, px.
-    pub size: [u32; 2],
+    /// Size of the picture.
+    pub size: Size,
     /// M_int, if it is known.
     pub intrinsic: Option<Matrix3<f64>>,
     /// The lens distortion, if it is known.
@@ -64,7 +65,7 @@ impl Points {
             return Err(Error::value(what, "names", format!("has {} names for {} points", names.len(), world.len())));
         }
         let intrinsic = file.intrinsic.map(|rows| Matrix3::from_fn(|row, column| rows[row][column]));
-        let size = [file.width, file.height];
+        let size = Size::new(file.width, file.height);
         // Refused as a camera's would be.
         let camera = intrinsic.unwrap_or_else(Matrix3::identity);
         Camera::new(size, camera, file.distortion, Matrix3::identity(), nalgebra::Vector3::zeros())

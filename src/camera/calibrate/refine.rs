@@ -157,7 +157,7 @@ impl Guess {
     }
 
     /// The camera, for pictures of a size.
-    pub(super) fn camera(&self, size: [u32; 2]) -> error::Result<Camera> {
+    pub(super) fn camera(&self, size: crate::size::Size) -> crate::error::Result<Camera> {
         Camera::new(size, self.intrinsic, self.distortion, self.pose.rotation, self.pose.translation)
     }
 

@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::memory::{Shared, read, write};
+use super::memory::{Shared, end, read, write};
 use super::{DEPTHWISE_POSITIONS, Vectors};
 
 impl Vectors {
@@ -63,6 +63,20 @@ pub struct DepthwiseRow<'a> {
     pub output_step: usize,
 }
 
+impl DepthwiseRow<'_> {
+    /// Refuses a row that the kernel must not run on.
+    fn check(&self, lanes: usize) {
+        let Self { kernel, columns, .. } = *self;
+        assert!(self.weights.len() == kernel * kernel * lanes && self.start.len() == lanes && self.width <= lanes);
+        let pixels = columns.saturating_add(kernel - 1);
+        let reads = end(self.input, &[[kernel, self.pitch], [pixels, self.channels]], lanes);
+        assert!(reads <= self.x.len(), "a tile reads outside its input");
+        let writes = end(self.output, &[[columns, self.output_step]], self.width);
+        assert!(writes <= self.out.len, "a tile writes outside its output");
+    }
+}
+
+/// `K` is the row's kernel.
 struct Depthwise<'a, const K: usize>(&'a DepthwiseRow<'a>);
 
 impl<const K: usize> WithSimd for Depthwise<'_, K> {
@@ -73,22 +87,19 @@ impl<const K: usize> WithSimd for Depthwise<'_, K> {
         const T: usize = DEPTHWISE_POSITIONS;
         let row = self.0;
         let lanes = S::F32_LANES;
-        assert!(row.weights.len() == K * K * lanes && row.start.len() == lanes && row.width <= lanes);
+        if row.columns == 0 {
+            return;
+        }
+        row.check(lanes);
         let mut done = 0;
         while done < row.columns {
             // The last tile goes over what was done once more, where the row has a tile's width.
             let at = if row.columns >= T { done.min(row.columns - T) } else { done };
             let here = (row.columns - at).min(T);
-            let input = row.input + at * row.channels;
-            let pixels = here + K - 1;
-            assert!(
-                input + (K - 1) * row.pitch + (pixels - 1) * row.channels + lanes <= row.x.len(),
-                "a tile reads outside its input"
-            );
-            // SAFETY: the furthest read was checked to leave a vector; pixels beyond `pixels` are not
-            // read; writes are checked by `pointer`.
+            // SAFETY: the row was checked (`check`) to hold a vector at each tap of each of its positions, of which these
+            // are some, and the channels of each output.
             unsafe {
-                let x = row.x.as_ptr().add(input);
+                let x = row.x.as_ptr().add(row.input + at * row.channels);
                 let weights = row.weights.as_ptr().cast::<S::f32s>();
                 let start = row.start.as_ptr().cast::<S::f32s>().read_unaligned();
                 // A narrow row's sums are in memory, a whole tile's in registers.
@@ -120,7 +131,7 @@ impl<const K: usize> WithSimd for Depthwise<'_, K> {
                 let slope = simd.splat_f32s(row.slope);
                 for (m, &sum) in results.iter().enumerate().take(here) {
                     let sum = simd.max_f32s(sum, simd.mul_f32s(sum, slope));
-                    let out = row.out.pointer(row.output + (at + m) * row.output_step, row.width);
+                    let out = row.out.start.add(row.output + (at + m) * row.output_step);
                     if row.width == lanes {
                         out.cast::<S::f32s>().write_unaligned(sum);
                     } else {
@@ -151,6 +162,18 @@ pub struct DepthwiseGradientRow<'a> {
     pub sums: &'a mut [f32],
 }
 
+impl DepthwiseGradientRow<'_> {
+    /// Refuses a row that the kernel must not run on.
+    fn check(&self, lanes: usize) {
+        assert!(self.sums.len() == self.kernel * lanes);
+        let pixels = self.columns.saturating_add(self.kernel - 1);
+        let inside = end(self.start[0], &[[pixels, self.channels]], lanes) <= self.x.len()
+            && end(self.start[1], &[[self.columns, self.channels]], lanes) <= self.dy.len();
+        assert!(inside, "a tile reads outside its input");
+    }
+}
+
+/// `K` is the row's kernel.
 struct DepthwiseWeight<'a, 'b, const K: usize>(&'a mut DepthwiseGradientRow<'b>);
 
 impl<const K: usize> WithSimd for DepthwiseWeight<'_, '_, K> {
@@ -159,17 +182,11 @@ impl<const K: usize> WithSimd for DepthwiseWeight<'_, '_, K> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let row = self.0;
-        let lanes = S::F32_LANES;
-        assert!(row.sums.len() == K * lanes);
         if row.columns == 0 {
             return;
         }
-        let last = (row.columns - 1) * row.channels + lanes;
-        assert!(
-            row.start[0] + (K - 1) * row.channels + last <= row.x.len() && row.start[1] + last <= row.dy.len(),
-            "a tile reads outside its input"
-        );
-        // SAFETY: the furthest reads were checked to leave a vector; `sums` holds `K` vectors.
+        row.check(S::F32_LANES);
+        // SAFETY: the furthest reads were checked to leave a vector; `sums` holds `K` vectors (`check`).
         unsafe {
             let out = row.sums.as_mut_ptr();
             let mut sums: [S::f32s; K] = read(simd, out);

@@ -4,7 +4,10 @@ use std::marker::PhantomData;
 
 use pulp::Simd;
 
-/// A buffer that threads write to at the same time, each to its own places.
+/// A buffer that the tiles of a layer write to, by several threads at the same time, each tile to its own places.
+///
+/// It gives out no references: it can only be named as the output of a tile. What can be cut into slices goes to threads
+/// as slices instead (`parallel::for_each_of`).
 #[derive(Clone, Copy)]
 pub struct Shared<'a> {
     pub(super) start: *mut f32,
@@ -12,8 +15,9 @@ pub struct Shared<'a> {
     lifetime: PhantomData<&'a mut [f32]>,
 }
 
-// SAFETY: a `Shared` is made from an exclusive borrow and gives out nothing by itself; who asks for a
-// part promises that no other thread has it (see `part`).
+// SAFETY: made from an exclusive borrow, so only the holders of its copies write to the buffer, through tiles, which check
+// that they stay inside. These are the layers of `kernels`: each makes one in a call, and two of its tasks never compute
+// the same output (lines × strips of channels in `conv`, lines in `depthwise`, Winograd's tiles in `winograd`).
 unsafe impl Send for Shared<'_> {}
 // SAFETY: as above.
 unsafe impl Sync for Shared<'_> {}
@@ -23,31 +27,10 @@ impl<'a> Shared<'a> {
     pub fn new(buffer: &'a mut [f32]) -> Self {
         Self { start: buffer.as_mut_ptr(), len: buffer.len(), lifetime: PhantomData }
     }
-
-    /// The `len` floats from `start`.
-    ///
-    /// The callers are this module's neighbours only (`kernels`), and each of them splits its work so
-    /// that every float belongs to one task; two parts of one place must never live at once.
-    ///
-    /// # Panics
-    /// Where the part is not inside the buffer.
-    #[allow(clippy::mut_from_ref)]
-    pub(in crate::kernels) fn part(&self, start: usize, len: usize) -> &'a mut [f32] {
-        assert!(start <= self.len && len <= self.len - start, "a part outside the buffer");
-        // SAFETY: inside the borrowed buffer (checked); exclusive by the callers' promise.
-        unsafe { std::slice::from_raw_parts_mut(self.start.add(start), len) }
-    }
-
-    /// Pointer to `len` floats from `start`.
-    pub(super) fn pointer(&self, start: usize, len: usize) -> *mut f32 {
-        assert!(start <= self.len && len <= self.len - start, "a tile writes outside its output");
-        // SAFETY: inside the buffer.
-        unsafe { self.start.add(start) }
-    }
 }
 
 /// The end of what is read or written from `start` on: the last of so many steps of so many floats, and `len`
-/// floats there.
+/// floats there. Where it cannot be counted it is beyond every buffer.
 pub(super) fn end(start: usize, steps: &[[usize; 2]], len: usize) -> usize {
     let far = steps.iter().map(|[count, step]| count.saturating_sub(1).saturating_mul(*step));
     far.fold(start.saturating_add(len), usize::saturating_add)

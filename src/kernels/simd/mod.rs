@@ -3,15 +3,17 @@
 //! A tile keeps its sums in vector registers while it walks through memory by pointer. Two things
 //! cannot be said in safe Rust at this speed: reading an input value without a bounds check for each
 //! multiplication (there are 28 multiplications of a vector for 16 such reads), and several threads
-//! writing to one buffer in turns of a few floats. Both are fenced in here: each entry checks, once a
-//! tile and before the first read, that everything it will touch lies inside its slices (the tests
-//! cross each limit), and [`Shared`] checks every range it is asked for.
+//! writing to one buffer in turns of a few floats. Both are fenced in here: each entry checks, before the first
+//! read and in arithmetic that cannot overflow, that everything it will touch lies inside its slices (the tests cross
+//! each limit).
 #![allow(unsafe_code)]
 // Loops over constants by index: they are unrolled.
 #![allow(clippy::needless_range_loop, clippy::manual_memcpy)]
 
 mod depthwise;
 mod memory;
+#[cfg(all(test, not(target_arch = "wasm32")))]
+mod tests;
 mod tile;
 mod transform;
 

@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::Vectors;
-use super::memory::{Shared, load};
+use super::memory::{Shared, end, load};
 
 impl Vectors {
     /// Transforms a patch in both directions, `[N, N]` to `[P, P]`, every channel.
@@ -55,6 +55,32 @@ pub(in crate::kernels) struct Finish<'a> {
     pub columns: usize,
 }
 
+impl Patch<'_> {
+    /// Refuses a patch that a transform of `N`×`N` values to `P`×`P` must not run on. How many rows and columns of its
+    /// results are written.
+    fn check<const N: usize, const P: usize>(&self, lanes: usize) -> [usize; 2] {
+        let padded = self.channels.div_ceil(lanes).saturating_mul(lanes);
+        let end = |start: usize, steps: [usize; 2], counts: [usize; 2], len: usize| {
+            end(start, &[[counts[0], steps[0]], [counts[1], steps[1]]], len)
+        };
+        assert!(end(self.start, self.steps, [N, N], padded) <= self.x.len(), "a patch outside its input");
+        let (counts, written) = match &self.finish {
+            Some(finish) => {
+                let counts = [finish.rows, finish.columns];
+                assert!(counts.iter().all(|count| (1..=P).contains(count)));
+                assert!(finish.start.is_none_or(|start| start.len() >= padded));
+                if let Some((values, start, steps)) = finish.skip {
+                    assert!(end(start, steps, counts, self.channels) <= values.len(), "a patch outside its skip");
+                }
+                (counts, self.channels)
+            }
+            None => ([P, P], padded),
+        };
+        assert!(end(self.output, self.output_steps, counts, written) <= self.out.len, "a patch outside its output");
+        counts
+    }
+}
+
 struct TransformPatch<'a, 'b, const N: usize, const P: usize, T> {
     transform: T,
     patch: &'a Patch<'b>,
@@ -67,32 +93,12 @@ impl<const N: usize, const P: usize, T: Transform<N, P>> WithSimd for TransformP
     fn with_simd<S: Simd>(self, simd: S) {
         let (transform, patch) = (self.transform, self.patch);
         let lanes = S::F32_LANES;
-        let padded = patch.channels.next_multiple_of(lanes);
-        let span = |start: usize, steps: [usize; 2], counts: [usize; 2]| {
-            start + (counts[0] - 1) * steps[0] + (counts[1] - 1) * steps[1]
-        };
-        assert!(span(patch.start, patch.steps, [N, N]) + padded <= patch.x.len(), "a patch outside its input");
-        let (counts, written) = match &patch.finish {
-            Some(finish) => {
-                let counts = [finish.rows, finish.columns];
-                assert!(counts.iter().all(|count| (1..=P).contains(count)));
-                assert!(finish.start.is_none_or(|start| start.len() >= padded));
-                if let Some((values, start, steps)) = finish.skip {
-                    assert!(span(start, steps, counts) + patch.channels <= values.len(), "a patch outside its skip");
-                }
-                (counts, patch.channels)
-            }
-            None => ([P, P], padded),
-        };
-        assert!(
-            span(patch.output, patch.output_steps, counts) + written <= patch.out.len,
-            "a patch outside its output"
-        );
+        let counts = patch.check::<N, P>(lanes);
         for channel in (0..patch.channels).step_by(lanes) {
             macro_rules! rows {
                 ($($row:literal)*) => {
                     $(if $row < counts[0] {
-                        // SAFETY: the furthest values read and written were checked above.
+                        // SAFETY: the furthest values read and written were checked (`check`).
                         unsafe { transform_row::<S, N, P, T, $row>(simd, transform, patch, channel, counts[1]) };
                     })*
                 };
@@ -106,7 +112,7 @@ impl<const N: usize, const P: usize, T: Transform<N, P>> WithSimd for TransformP
 /// the patch again for each is cheaper.
 ///
 /// # Safety
-/// As [`TransformPatch`] has checked; `ROW` and `columns` are at most as many as it says.
+/// As [`Patch::check`] has made sure; `ROW` and `columns` are at most as many as it says.
 #[inline(always)]
 unsafe fn transform_row<S: Simd, const N: usize, const P: usize, T: Transform<N, P>, const ROW: usize>(
     simd: S,

@@ -105,6 +105,7 @@ impl Winograd {
         let most = (weights.clamp(TASK_VALUES[0], TASK_VALUES[1]) / values).max(TASK_TILES);
         // A task or more for each thread, all the same; but not so small that they all read the weights for little.
         let threads = threads();
+        let (extent, out) = (out.extent, Shared::new(out.values));
         let tasks = match count.div_ceil(most) {
             1 if count < threads * TASK_TILES => 1,
             tasks => tasks.next_multiple_of(threads),
@@ -165,8 +166,8 @@ impl Winograd {
                     let tiles = Tiles { grid, side: self.plan.outputs, range: [from + first, from + last] };
                     let at = [first * output_step, part * output_step, output_step];
                     match self.plan.outputs {
-                        4 => finish::<4>(vectors, &tiles, products, at, epilogue, &out),
-                        _ => finish::<3>(vectors, &tiles, products, at, epilogue, &out),
+                        4 => finish::<4>(vectors, &tiles, products, at, epilogue, extent, out),
+                        _ => finish::<3>(vectors, &tiles, products, at, epilogue, extent, out),
                     }
                 });
             });
@@ -182,24 +183,25 @@ fn finish<const M: usize>(
     products: &[f32],
     layout: [usize; 3],
     Epilogue { start, skip, slope }: Epilogue<'_>,
-    out: &MapMut<'_>,
+    extent: Extent,
+    out: Shared<'_>,
 ) where
     OutputRow: Transform<POINTS, M>,
 {
     for (index, [image, row, column]) in tiles.corners().enumerate() {
         let steps = |extent: &Extent| [extent.pitch(), extent.channels];
         let skip = skip.map(|skip| (skip.values, skip.extent.at(image, row, column), steps(&skip.extent)));
-        let (rows, columns) = (M.min(out.extent.height - row), M.min(out.extent.width - column));
-        vectors.for_channels(out.extent.channels).transform::<POINTS, M, _>(
+        let (rows, columns) = (M.min(extent.height - row), M.min(extent.width - column));
+        vectors.for_channels(extent.channels).transform::<POINTS, M, _>(
             OutputRow,
             &Patch {
                 x: products,
                 start: layout[0] + index * layout[2],
                 steps: [POINTS * layout[1], layout[1]],
-                channels: out.extent.channels,
-                out: out.values,
-                output: out.extent.at(image, row, column),
-                output_steps: steps(&out.extent),
+                channels: extent.channels,
+                out,
+                output: extent.at(image, row, column),
+                output_steps: steps(&extent),
                 finish: Some(Finish { start, skip, slope, rows, columns }),
             },
         );

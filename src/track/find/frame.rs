@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::image::Picture;
+use crate::size::Size;
 
 /// Channels of a picture.
 pub(super) type Levels = [f32; 3];
@@ -39,7 +40,8 @@ pub(super) struct Background {
 
 impl Raster {
     pub fn of(picture: &Picture) -> Self {
-        let [width, height] = picture.size().map(|side| side as usize);
+        let Size { width, height } = picture.size();
+        let [width, height] = [width as usize, height as usize];
         let levels = picture.rgb().pixels().map(|pixel| pixel.0.map(f32::from)).collect();
         Self { width, height, levels }
     }
@@ -78,7 +80,8 @@ impl Background {
             return Ok(Self { still: None, contrasts: vec![LEAST_CONTRAST], width: 1 });
         }
         let first = read(0)?;
-        let [width, height] = first.size().map(|side| side as usize);
+        let Size { width, height } = first.size();
+        let [width, height] = [width as usize, height as usize];
         let most = (MOST_PIXELS / (width * height)).clamp(FEWEST_FRAMES, MOST_FRAMES).min(count);
         let chosen = (1..most).map(|index| index * (count - 1) / (most - 1));
         let mut frames = vec![first];

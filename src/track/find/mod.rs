@@ -28,6 +28,7 @@ use self::outline::{Finder, Outline};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
+use crate::size::Size;
 
 /// Confidence below which a label is doubtful: where more than one in ten such labels would be over 1 px off.
 pub const DOUBTFUL: f64 = 0.9;
@@ -91,13 +92,12 @@ pub fn propose_labels(
     read: &(dyn Fn(usize) -> Result<Picture> + Sync),
     observe: &(dyn Fn() + Sync),
 ) -> Result<Vec<Option<Proposal>>> {
-    let size = [camera.width(), camera.height()];
+    let size = camera.size();
     let radii = radii(options, size)?;
     let read = |frame: usize| -> Result<Picture> {
         let picture = read(frame)?;
         if picture.size() != size {
-            let reason =
-                format!("is {:?} px, the camera says {size:?}; give the camera of these pictures", picture.size());
+            let reason = format!("is {} px, the camera says {size}; give the camera of these pictures", picture.size());
             return Err(Error::Data { what: format!("frame {frame}"), reason });
         }
         Ok(picture)
@@ -134,8 +134,8 @@ pub fn propose_labels(
 }
 
 /// The radii to look for, px.
-fn radii(options: &LabelOptions, size: [u32; 2]) -> Result<[f64; 2]> {
-    let shorter = f64::from(size[0].min(size[1]));
+fn radii(options: &LabelOptions, size: Size) -> Result<[f64; 2]> {
+    let shorter = f64::from(size.width.min(size.height));
     let [least, most] = options.radii_px.unwrap_or([LEAST_RADIUS, (MOST_RADIUS * shorter).max(2.0 * LEAST_RADIUS)]);
     if !(least.is_finite() && most.is_finite() && least >= 1.0 && most >= least && most <= shorter) {
         let reason =

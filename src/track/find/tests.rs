@@ -3,7 +3,7 @@
 use crate::clips::Clips;
 use crate::testing::root;
 use crate::track::find::{DOUBTFUL, LabelOptions, Proposal, propose_labels};
-use crate::{Camera, Error, Picture, Result};
+use crate::{Camera, Error, Picture, Result, Size};
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -42,7 +42,7 @@ fn picture(colour: impl Fn(f64, f64) -> Colour) -> Picture {
         rgba.extend(sum.map(|sum| (sum / (FINE * FINE) as f64).round() as u8));
         rgba.push(255);
     }
-    Picture::from_rgba(&rgba, [SIDE as u32; 2]).unwrap()
+    Picture::from_rgba(&rgba, Size::square(SIDE as u32)).unwrap()
 }
 
 /// Whether a place is in a disc.
@@ -202,7 +202,7 @@ fn no_frames_have_no_labels_and_a_single_one_only_doubtful_ones() {
 
 #[test]
 fn a_picture_of_another_size_than_the_cameras_and_radii_that_cannot_be_are_refused() {
-    let small = Picture::from_rgba(&[0; 64 * 64 * 4], [64, 64]).unwrap();
+    let small = Picture::from_rgba(&[0; 64 * 64 * 4], Size::square(64)).unwrap();
     let error = propose(&[small], &long_lens(500.0)).unwrap_err();
     assert!(matches!(error, Error::Data { .. }) && error.to_string().contains("[64, 64]"), "{error}");
     for radii in [[0.0, 5.0], [8.0, 4.0], [4.0, f64::NAN], [4.0, 1e9]] {
@@ -241,7 +241,7 @@ proptest! {
         let camera = Camera::from_json(&file.to_string(), "camera").unwrap();
         let drawn = |frame: usize| {
             let byte = |index: usize| bytes[(index / repeat + frame * 31) % bytes.len()];
-            Picture::from_rgba(&(0..4 * side * side).map(byte).collect::<Vec<_>>(), [side as u32; 2]).unwrap()
+            Picture::from_rgba(&(0..4 * side * side).map(byte).collect::<Vec<_>>(), Size::square(side as u32)).unwrap()
         };
         let pictures: Vec<Picture> = (0..frames).map(drawn).collect();
         let labels = propose(&pictures, &camera).unwrap();

@@ -150,7 +150,7 @@ pub(super) fn check_physics(clips: &[Clip]) -> Result<()> {
 /// Refuses a 2D label so far outside the picture that no cell of the heatmap is near it.
 pub(super) fn check_label(clip: &Clip, frame: &Frame) -> Result<()> {
     let Some([x, y]) = frame.image.filter(|_| frame.visible) else { return Ok(()) };
-    let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
+    let size = clip.camera.size().xy();
     let near = |at: f64, side: f64| (-LABEL_MARGIN * side..side * (1.0 + LABEL_MARGIN)).contains(&at);
     if near(x, size[0]) && near(y, size[1]) {
         return Ok(());

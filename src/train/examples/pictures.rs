@@ -99,7 +99,7 @@ impl Pictures {
         let chosen: Vec<usize> =
             (0..MEDIAN_FRAMES).map(|index| seen[index * (seen.len() - 1) / (MEDIAN_FRAMES - 1)]).collect();
         let camera = &self.clips.clips[clip].camera;
-        let reach = REACH * f64::from(camera.width().max(camera.height()));
+        let reach = REACH * f64::from(camera.size().width.max(camera.size().height));
         let labels: Vec<[f64; 2]> = chosen.iter().filter_map(|&frame| frames[frame].image).collect();
         let near = |a: &[f64; 2]| labels.iter().filter(|b| (a[0] - b[0]).hypot(a[1] - b[1]) < reach).count();
         if labels.iter().map(near).max().unwrap_or(0) as f64 > MOST_COVERED * MEDIAN_FRAMES as f64 {

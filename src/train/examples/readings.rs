@@ -22,7 +22,7 @@ impl Reading {
 
     fn of(self, clip: &Clip) -> Clip {
         let mut clip = clip.clone();
-        let height = f64::from(clip.camera.height());
+        let height = f64::from(clip.camera.size().height);
         for frame in &mut clip.frames {
             match self {
                 Self::Swapped => frame.image = frame.image.map(|[x, y]| [y, x]),

@@ -149,7 +149,7 @@ impl Sampler {
             // a clip that has no empty scene gives one of its frames instead
             let centre = [0, 1].map(|_| random.random_range(0.0..1.0));
             let empty = self.pictures.with_empty(shot.clip, |picture| {
-                let size = picture.size().map(f64::from);
+                let size = picture.size().xy();
                 self.view(picture, [centre[0] * size[0], centre[1] * size[1]], phase, &mut random)
             })?;
             return match empty {
@@ -179,9 +179,10 @@ impl Sampler {
         phase: &Phase,
         random: &mut StdRng,
     ) -> (Vec<f32>, [f64; 2], Place) {
+        let input = picture.network_input(self.recipe.input, &self.recipe.normalisation);
+        let (content, given) = (input.content.xy(), picture.size().xy());
+        let scale = [0, 1].map(|axis| content[axis] / given[axis]);
         let size = [self.recipe.input.width, self.recipe.input.height];
-        let input = picture.network_input(size, &self.recipe.normalisation);
-        let scale = [0, 1].map(|axis| f64::from(input.content[axis]) / f64::from(picture.size()[axis]));
         let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
         let view = View::random(size, phase.crop, in_input, &self.recipe.augmentation, random);
         let mut values = view.cut(&input.values, size);

@@ -139,6 +139,6 @@ fn view_axis(clip: &Clip, position: &Point3<f64>) -> Vector3<f64> {
 }
 
 fn in_picture(clip: &Clip, image: [f64; 2]) -> bool {
-    let size = [clip.camera.width(), clip.camera.height()].map(f64::from);
+    let size = clip.camera.size().xy();
     image.iter().zip(size).all(|(&at, side)| (-0.5..side - 0.5).contains(&at))
 }

@@ -8,7 +8,7 @@ use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
 use crate::image::Picture;
-use crate::localise::Localiser;
+use crate::localise::{LocaliseOptions, Localiser};
 use crate::physics::{Forecaster, State};
 
 /// Frames on each side of a frame from whose positions its velocity is found.
@@ -105,7 +105,7 @@ async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) ->
         let picture = pictures.with(number, index, Picture::clone)?;
         let name = || format!("clip `{}`, frame {}", clip.id, frame.file.display());
         let failed = |error: Error| Error::Data { what: name(), reason: error.to_string() };
-        let ball = localiser.localise(&picture, &clip.camera, false).await.map_err(failed)?;
+        let ball = localiser.localise(&picture, &clip.camera, LocaliseOptions::default()).await.map_err(failed)?;
         let (position, at) = (Point3::from(ball.world), Point2::from(ball.image));
         found.push(Some(Found { position, at, confidence: ball.confidence }));
     }

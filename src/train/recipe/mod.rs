@@ -17,8 +17,9 @@ pub use self::paths::{RunPaths, TrainConfig};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::settings::TrainSettings;
 use crate::image::Normalisation;
-use crate::model::{InputSize, PenConfig};
+use crate::model::PenConfig;
 use crate::physics::Contact;
+use crate::size::Size;
 
 /// What is learned, and how: all of a training but its files. `run.toml` is this structure and the run's paths; the presets
 /// are this structure; `train --set FIELD=VALUE` sets any field.
@@ -105,7 +106,7 @@ pub struct Recipe {
     #[serde(default = "default_validate_frames")]
     pub validate_frames: usize,
     /// Size of the network's input.
-    pub input: InputSize,
+    pub input: Size,
     /// Normalisation of the network's input.
     #[serde(default)]
     pub normalisation: Normalisation,
@@ -161,7 +162,7 @@ fn default_validate_frames() -> usize {
 
 impl Recipe {
     /// With what must be said; all else at its default.
-    pub(super) fn new(name: String, supervision: Supervision, input: InputSize, phases: Vec<Phase>) -> Self {
+    pub(super) fn new(name: String, supervision: Supervision, input: Size, phases: Vec<Phase>) -> Self {
         Self {
             name,
             data_name: None,
@@ -213,8 +214,8 @@ impl Recipe {
             (Some(architecture), _) => architecture.clone(),
             (None, Network::Compact) => PenConfig::compact(prior_depth),
             (None, Network::Paper) => PenConfig::paper(),
-            (None, Network::ConvNextNano) => PenConfig::convnext_nano(false),
-            (None, Network::ConvNextV2Nano) => PenConfig::convnext_nano(true),
+            (None, Network::ConvNextNano) => PenConfig::convnext_nano(),
+            (None, Network::ConvNextV2Nano) => PenConfig::convnextv2_nano(),
         }
     }
 

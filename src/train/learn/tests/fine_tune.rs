@@ -5,7 +5,7 @@ use burn::tensor::Device;
 use crate::clips::{Clip, Clips};
 use crate::error::Error;
 use crate::image::Picture;
-use crate::localise::Localiser;
+use crate::localise::{LocaliseOptions, Localiser};
 use crate::model::Card;
 use crate::testing::{alone, golden, root, seen_by, tiny_card};
 use crate::train::{FineTuneOptions, FineTuner};
@@ -49,7 +49,9 @@ fn a_model_is_fine_tuned_in_memory_and_its_export_finds_the_same() {
     println!("{:?} -> {:?} px, {:?} -> {:?} m", before.forecast_px, after.forecast_px, before.dtg.mean, after.dtg.mean);
     assert!(after.forecast_px.unwrap() < 0.8 * before.forecast_px.unwrap(), "{before:?} {after:?}");
     assert!(after.dtg.mean.unwrap() < 0.8 * before.dtg.mean.unwrap(), "{before:?} {after:?}");
-    let find = |localiser: &Localiser| pollster::block_on(localiser.localise(&picture, &camera, false)).unwrap().world;
+    let find = |localiser: &Localiser| {
+        pollster::block_on(localiser.localise(&picture, &camera, LocaliseOptions::default())).unwrap().world
+    };
     let here = find(&tuner.localiser());
     let (card, weights) = pollster::block_on(tuner.export()).unwrap();
     assert_eq!((card.name.as_str(), card.weights.as_str()), ("sd-s-tuned", "sd-s-tuned.safetensors"));
@@ -73,7 +75,7 @@ fn a_fine_tuning_refuses_what_it_cannot_learn_from() {
     nowhere.scene = None;
     assert!(said(tuner.add_clip(nowhere, pictures.clone(), false).map(|_| ())).contains("scene"));
     let mut other = clip.clone();
-    other.camera = other.camera.resized([448, 448]).unwrap();
+    other.camera = other.camera.resized(gravisight::Size::square(448)).unwrap();
     assert!(said(tuner.add_clip(other, pictures.clone(), false).map(|_| ())).contains("px"));
     assert!(said(pollster::block_on(tuner.evaluate()).map(|_| ())).contains("held out"));
     // Labels that no physics explains: the clip is named and left out, and a run of such clips does not start.

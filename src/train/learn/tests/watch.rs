@@ -6,7 +6,8 @@ use pollster::block_on;
 use super::super::trainer::{State, Trainer};
 use super::step::{batch, tiny};
 use crate::error::Error;
-use crate::model::{InputSize, Pen};
+use crate::model::Pen;
+use crate::size::Size;
 use crate::testing::{alone, scratch};
 use crate::train::examples::Batch;
 use crate::train::recipe::{Phase, Recipe, Supervision};
@@ -36,7 +37,7 @@ fn a_training_that_explodes_after_a_stop_is_stopped_at_the_same_step() {
     device.seed(3);
     let phase =
         |steps| Phase { steps, batch: 2, crop: None, learning_rate: 1e-3, final_learning_rate: 0.0, warm_up: 0 };
-    let input = InputSize { width: 64, height: 32 };
+    let input = Size { width: 64, height: 32 };
     // Learned for `before` steps of a second phase: within its first steps there is no lowest loss yet.
     for before in [60, 5] {
         let recipe = Recipe {

@@ -2,10 +2,11 @@
 
 use std::io::Cursor;
 
-use gravisight::Error;
-use gravisight::Picture;
-use gravisight::image::Normalisation;
 use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, Rgb, RgbImage, Rgba, RgbaImage};
+
+use super::{Normalisation, Picture};
+use crate::error::Error;
+use crate::size::Size;
 
 /// A 40×20 picture with a gradient.
 fn gradient() -> RgbImage {
@@ -48,9 +49,9 @@ fn the_exif_orientation_is_applied() {
     // APP1 with one TIFF entry: orientation (0x0112) = 6, turn by 90° clockwise.
     let exif: &[u8] = b"\xff\xe1\x00\x22Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
     let turned = [&jpeg[..2], exif, &jpeg[2..]].concat();
-    assert_eq!(Picture::decode(&jpeg).unwrap().size(), [40, 20]);
+    assert_eq!(Picture::decode(&jpeg).unwrap().size(), Size::new(40, 20));
     let picture = Picture::decode(&turned).unwrap();
-    assert_eq!(picture.size(), [20, 40]);
+    assert_eq!(picture.size(), Size::new(20, 40));
     // The bright right end of the rows is now at the bottom.
     assert!(picture.rgb().get_pixel(10, 38).0[0] > 200 && picture.rgb().get_pixel(10, 1).0[0] < 40);
 }
@@ -88,7 +89,7 @@ fn pictures_too_small_or_too_large_are_refused_by_their_header() {
     }
     let error = Picture::decode(&png_header(0, 0)).unwrap_err();
     assert!(matches!(error, Error::ImageDecode { .. } | Error::ImageSize { .. }), "{error}");
-    assert!(matches!(Picture::from_rgba(&[], [0, 0]), Err(Error::ImageSize { .. })));
+    assert!(matches!(Picture::from_rgba(&[], Size::square(0)), Err(Error::ImageSize { .. })));
 }
 
 #[test]
@@ -106,15 +107,15 @@ fn truncated_foreign_and_empty_files_are_refused() {
     for bytes in [&b""[..], b"<html>", b"\0\0\0\0\0\0\0\0\0\0\0\0"] {
         assert!(matches!(Picture::decode(bytes), Err(Error::ImageDecode { .. })));
     }
-    assert!(matches!(Picture::from_rgba(&[0; 100], [16, 16]), Err(Error::ImageDecode { .. })));
+    assert!(matches!(Picture::from_rgba(&[0; 100], Size::square(16)), Err(Error::ImageDecode { .. })));
 }
 
 #[test]
 fn a_picture_of_the_input_size_is_only_normalised() {
     let picture = Picture::decode(&encoded(gradient(), ImageFormat::Png)).unwrap();
     let normalisation = Normalisation::default();
-    let input = picture.network_input([40, 20], &normalisation);
-    assert_eq!(input.content, [40, 20]);
+    let input = picture.network_input(Size::new(40, 20), &normalisation);
+    assert_eq!(input.content, Size::new(40, 20));
     for (channel, (x, y)) in [(0, (7, 3)), (1, (39, 19)), (2, (0, 0))] {
         let byte = f32::from(gradient().get_pixel(x, y).0[channel]);
         let expected = (byte / 255.0 - normalisation.mean[channel]) / normalisation.std[channel];
@@ -126,8 +127,8 @@ fn a_picture_of_the_input_size_is_only_normalised() {
 #[test]
 fn another_aspect_ratio_is_fitted_and_padded_with_the_mean_colour() {
     let picture = Picture::decode(&encoded(gradient(), ImageFormat::Png)).unwrap();
-    let input = picture.network_input([64, 64], &Normalisation::default());
-    assert_eq!(input.content, [64, 32]);
+    let input = picture.network_input(Size::square(64), &Normalisation::default());
+    assert_eq!(input.content, Size::new(64, 32));
     assert!(input.values[3 * 64 * 32..].iter().all(|&value| value == 0.0));
 }
 
@@ -137,7 +138,7 @@ fn resizing_follows_the_pixel_centre_rule() {
     let ramp = RgbImage::from_fn(32, 32, |x, _| Rgb([(8 * x) as u8, 0, 0]));
     let picture = Picture::decode(&encoded(ramp, ImageFormat::Png)).unwrap();
     let flat = Normalisation { mean: [0.0; 3], std: [1.0; 3] };
-    let input = picture.network_input([64, 64], &flat);
+    let input = picture.network_input(Size::square(64), &flat);
     for x in 4..60 {
         let expected = 8.0 * ((x as f32 + 0.5) * 0.5 - 0.5);
         let found = input.values[3 * (64 * 32 + x)] * 255.0;

@@ -1,15 +1,17 @@
 //! The network against PyTorch, its weights files, its decoding.
 
-mod common;
-
 use burn::tensor::{Device, Tensor, TensorData};
-use common::{formula, formula_tensor, golden, safetensors_of, vector};
-use gravisight::Error;
-use gravisight::model::{
-    self, BackboneConfig, Card, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, halved, load,
-    load_backbone_timm, save,
-};
 use proptest::prelude::*;
+
+use super::backbone::Backbone;
+use super::tensors::Tensors;
+use super::{
+    BackboneConfig, Card, HeadConfig, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, halved, load,
+    load_backbone_timm, save, sha256_hex,
+};
+use crate::error::Error;
+use crate::size::Size;
+use crate::testing::{formula, formula_tensor, golden, safetensors_of, tiny_card, vector};
 
 const HEIGHT: usize = 64;
 const WIDTH: usize = 96;
@@ -47,7 +49,7 @@ fn formula_weights(config: &PenConfig, device: &Device) -> Vec<u8> {
 /// CPU's plan, the second time in buffers already used.
 fn assert_golden(pen: &Pen, file: &str, beta: f64, device: &Device) {
     let pictures: Vec<f32> = picture(device).into_data().iter::<f32>().collect();
-    let runner = pen.clone().runner([HEIGHT, WIDTH], device);
+    let runner = pen.clone().runner(Size::new(WIDTH as u32, HEIGHT as u32), device);
     runner.run(pictures.iter().rev().copied().collect());
     for output in [pen.forward(picture(device)), runner.run(pictures)] {
         let read = |tensor: Tensor<3>| tensor.into_data().try_to_vec::<f32>().unwrap();
@@ -100,9 +102,23 @@ fn the_paper_network_with_timm_weights_equals_pytorch() {
 #[test]
 fn the_convnext_networks_with_timm_weights_equal_pytorch() {
     let device = Device::flex();
-    for (second, name) in [(false, "convnext_nano"), (true, "convnextv2_nano")] {
-        let pen = with_timm_backbone(&PenConfig::convnext_nano(second), &format!("timm_{name}.json"), &device);
+    let networks = [(PenConfig::convnext_nano(), "convnext_nano"), (PenConfig::convnextv2_nano(), "convnextv2_nano")];
+    for (config, name) in networks {
+        let pen = with_timm_backbone(&config, &format!("timm_{name}.json"), &device);
         assert_golden(&pen, &format!("pen_{name}.safetensors"), 2.0, &device);
+    }
+}
+
+#[test]
+fn a_backbone_has_the_strides_and_channels_that_it_tells() {
+    let device = Device::flex();
+    let narrow = |response_norm| BackboneConfig::ConvNext { depths: [1; 4], widths: [4, 6, 8, 10], response_norm };
+    for config in [small().backbone, BackboneConfig::ResNet34 { width: 4 }, narrow(false), narrow(true)] {
+        let features = Backbone::new(&config, &device).forward(&mut Tensors, &picture(&device));
+        let found: Vec<[usize; 4]> = features.iter().map(Tensor::dims).collect();
+        let told = config.outline().features;
+        let told: Vec<_> = told.iter().map(|it| [1, HEIGHT / it.stride, WIDTH / it.stride, it.channels]).collect();
+        assert_eq!(found, told, "{config:?}");
     }
 }
 
@@ -120,7 +136,7 @@ fn decoding_with_the_published_temperature_equals_pytorch() {
 fn a_timm_file_without_a_tensor_is_refused_by_its_name() {
     let device = Device::flex();
     let backbone = BackboneConfig::ResNet34 { width: 4 };
-    let head = model::HeadConfig::Paper { channels: [4, 4, 4] };
+    let head = HeadConfig::Paper { channels: [4, 4, 4] };
     let config = PenConfig { backbone, head, ..PenConfig::paper() };
     let pen = Pen::new(&config, &device).unwrap();
     let bytes = save(&pen).unwrap();
@@ -134,7 +150,7 @@ fn a_timm_file_without_a_tensor_is_refused_by_its_name() {
     assert!(error.to_string().contains("layer2.0.downsample.0.weight"), "{error}");
     let compact = Pen::new(&small(), &device).unwrap();
     let error = load_backbone_timm(compact, safetensors_of(vec![])).unwrap_err();
-    assert!(error.to_string().contains("resnet34"), "{error}");
+    assert!(matches!(&error, Error::WeightsArchitecture { .. }) && error.to_string().contains("timm"), "{error}");
 }
 
 #[test]
@@ -151,7 +167,8 @@ fn saved_weights_load_back_to_the_same_network() {
 fn one_runner_serves_many_threads_and_batches_alike() {
     use rayon::iter::{IntoParallelIterator, ParallelIterator};
     let device = Device::flex();
-    let runner = load(&small(), formula_weights(&small(), &device), &device).unwrap().runner([32, 64], &device);
+    let runner =
+        load(&small(), formula_weights(&small(), &device), &device).unwrap().runner(Size::new(64, 32), &device);
     let values =
         |index: usize| -> Vec<f32> { formula(&format!("{index}"), 32 * 64 * 3).iter().map(|&x| x as f32).collect() };
     let depth = |values: Vec<f32>| runner.run(values).depth.into_data().try_to_vec::<f32>().unwrap();
@@ -235,7 +252,7 @@ fn nan_and_infinite_weights_are_refused_with_the_tensor() {
 
 #[test]
 fn weights_that_are_not_the_cards_are_refused_with_both_sums() {
-    let card = common::tiny_card();
+    let card = tiny_card();
     let weights = golden("tiny.safetensors");
     card.check_weights(&weights).unwrap();
     let mut altered = weights.clone();
@@ -243,7 +260,7 @@ fn weights_that_are_not_the_cards_are_refused_with_both_sums() {
     let error = card.check_weights(&altered).unwrap_err();
     let Error::WeightsSha256 { expected, found } = &error else { panic!("{error}") };
     assert_eq!(expected, &card.sha256);
-    assert_eq!(found, &model::sha256_hex(&altered));
+    assert_eq!(found, &sha256_hex(&altered));
     // A download that broke off says so, not that it is another file.
     let error = card.check_weights(&weights[..weights.len() / 2]).unwrap_err();
     assert!(matches!(error, Error::WeightsFile { .. }), "{error}");
@@ -258,6 +275,8 @@ fn cards_with_unknown_fields_or_senseless_numbers_are_refused() {
         ("\"stem\": 4", "\"stem\": 0", "channels"),
         ("\"beta\": 1.0", "\"beta\": -1.0", "beta"),
         ("\"depthwise\"", "\"deepwise\"", "deepwise"),
+        ("\"depthwise\"", "\"paper\", \"channels\": [4, 4, 4]", "head"),
+        ("\"stem\"", "\"stern\"", "stern"),
     ] {
         assert!(text.contains(from), "{from}");
         let error = Card::from_json(&text.replace(from, to), "card").unwrap_err();

@@ -1,12 +1,13 @@
 //! ∂depth/∂pixel against the depth of pictures that were really changed.
 
-mod common;
-
-use common::{golden, root, tiny_card};
-use gravisight::Device;
-use gravisight::Saliency;
-use gravisight::{Camera, Localiser, Picture};
+use burn::tensor::Device;
 use image::{RgbImage, imageops};
+
+use super::{LocaliseOptions, Localiser, Saliency};
+use crate::camera::Camera;
+use crate::image::Picture;
+use crate::size::Size;
+use crate::testing::{golden, root, tiny_card};
 
 /// Brightness added and taken away, of 255: the least that there is, since units that switch on or off bend the depth.
 const STEP: u8 = 1;
@@ -29,14 +30,14 @@ fn small() -> RgbImage {
 
 fn picture(rgb: &RgbImage) -> Picture {
     let rgba: Vec<u8> = rgb.pixels().flat_map(|pixel| [pixel.0[0], pixel.0[1], pixel.0[2], 255]).collect();
-    Picture::from_rgba(&rgba, [rgb.width(), rgb.height()]).unwrap()
+    Picture::from_rgba(&rgba, Size::new(rgb.width(), rgb.height())).unwrap()
 }
 
 fn depth(localiser: &Localiser, rgb: &RgbImage) -> f64 {
     let camera = r#"{"width": 64, "height": 64, "intrinsic": [[77, 0, 31.5], [0, 77, 31.5], [0, 0, 1]],
         "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 8], [0, 0, 0, 1]]}"#;
     let camera = Camera::from_json(camera, "test").unwrap();
-    pollster::block_on(localiser.localise(&picture(rgb), &camera, false)).unwrap().depth
+    pollster::block_on(localiser.localise(&picture(rgb), &camera, LocaliseOptions::default())).unwrap().depth
 }
 
 /// Sum of the saliency over the square at (x, y).

@@ -1,18 +1,21 @@
-//! Our kernels beside Burn's own operations on flex: for the native tests and, compiled to wasm, for the
-//! browser's.
+//! The kernels beside Burn's own operations on flex, natively and in a wasm engine (`tests/kernels.rs`).
+
+#[cfg(not(target_arch = "wasm32"))]
+mod random;
 
 use burn::tensor::module::conv2d;
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Device, Tensor, TensorData};
-use gravisight::kernels::{
-    ConvShape, Extent, Forward, Map, NormInput, UnitShape, Vectors, unit_backward, unit_forward,
-};
+#[cfg(target_arch = "wasm32")]
+use wasm_bindgen_test::wasm_bindgen_test;
+
+use super::{ConvShape, Extent, Forward, Map, NormInput, UnitShape, Vectors, Wanted, unit_backward, unit_forward};
 
 /// Largest difference allowed, as a share of the largest value expected.
-pub const TOLERANCE: f32 = 1e-4;
+const TOLERANCE: f32 = 1e-4;
 
 /// Reproducible numbers in [-1, 1).
-pub fn values(seed: u64, count: usize) -> Vec<f32> {
+fn values(seed: u64, count: usize) -> Vec<f32> {
     (0..count as u64)
         .map(|index| {
             let mut z = (seed ^ 0x5bf0_3635).wrapping_add((index + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -23,17 +26,17 @@ pub fn values(seed: u64, count: usize) -> Vec<f32> {
         .collect()
 }
 
-pub fn tensor<const D: usize>(values: &[f32], shape: [usize; D], device: &Device) -> Tensor<D> {
+fn tensor<const D: usize>(values: &[f32], shape: [usize; D], device: &Device) -> Tensor<D> {
     Tensor::from_data(TensorData::new(values.to_vec(), shape), device)
 }
 
-pub fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
+fn read<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.into_data().iter::<f32>().collect()
 }
 
 /// Refuses values further apart than [`TOLERANCE`] of the largest expected, or of `least` if that is
 /// more (where sums of such terms cancel).
-pub fn close(found: &[f32], expected: &[f32], least: f32, what: &str) -> Result<(), String> {
+fn close(found: &[f32], expected: &[f32], least: f32, what: &str) -> Result<(), String> {
     if found.len() != expected.len() {
         return Err(format!("{what}: {} values instead of {}", found.len(), expected.len()));
     }
@@ -49,16 +52,16 @@ pub fn close(found: &[f32], expected: &[f32], least: f32, what: &str) -> Result<
 
 /// A convolution and the map it takes.
 #[derive(Debug, Clone)]
-pub struct Case {
-    pub shape: ConvShape,
-    pub input: Extent,
-    pub slope: f32,
-    pub seed: u64,
+struct Case {
+    shape: ConvShape,
+    input: Extent,
+    slope: f32,
+    seed: u64,
 }
 
 /// Burn's own result and gradients for a unit: output, then gradients of x, weights, shift, scale, skip.
 /// Takes gradients away from outputs so near zero that rounding decides on which side.
-pub fn reference(case: &Case, data: &mut Data, with_norm: bool) -> [Vec<f32>; 6] {
+fn reference(case: &Case, data: &mut Data, with_norm: bool) -> [Vec<f32>; 6] {
     let device = Device::flex().autodiff();
     let Case { shape, input, slope, .. } = case;
     let output = shape.output(*input);
@@ -100,13 +103,13 @@ pub fn reference(case: &Case, data: &mut Data, with_norm: bool) -> [Vec<f32>; 6]
     ]
 }
 
-pub struct Data {
-    pub x: Vec<f32>,
-    pub weights: Vec<f32>,
-    pub shift: Vec<f32>,
-    pub scale: Vec<f32>,
-    pub skip: Vec<f32>,
-    pub dz: Vec<f32>,
+struct Data {
+    x: Vec<f32>,
+    weights: Vec<f32>,
+    shift: Vec<f32>,
+    scale: Vec<f32>,
+    skip: Vec<f32>,
+    dz: Vec<f32>,
 }
 
 impl Data {
@@ -126,7 +129,7 @@ impl Data {
     }
 }
 
-pub fn check(case: &Case, with_norm: bool) -> Result<(), String> {
+fn check(case: &Case, with_norm: bool) -> Result<(), String> {
     let mut data = Data::new(case);
     let [z, dx, dw, dshift, dscale, dskip] = reference(case, &mut data, with_norm);
     let unit = UnitShape { conv: case.shape, slope: case.slope };
@@ -146,7 +149,7 @@ pub fn check(case: &Case, with_norm: bool) -> Result<(), String> {
         } else {
             [0.1; 2]
         };
-        let wanted = [true, skip.is_some()];
+        let wanted = Wanted { x: true, skip: skip.is_some() };
         let forward = Forward { shape: &unit, weights: &data.weights, norm, saved: &saved, x, z: &found };
         let gradients = unit_backward(vectors, forward, &data.dz, wanted);
         close(&gradients.x.unwrap_or_default(), &dx, least_x, "gradient of x")?;
@@ -156,4 +159,35 @@ pub fn check(case: &Case, with_norm: bool) -> Result<(), String> {
         close(&gradients.skip.unwrap_or_default(), &dskip, 0.1, "gradient of the skip")?;
     }
     Ok(())
+}
+
+/// One of many shapes: odd sides, every padding, stride 2, one channel, batch 1 and 8, depthwise.
+fn any_case(seed: u64) -> Case {
+    let mut numbers = values(seed, 16).into_iter().map(|value| 0.5 * value + 0.5);
+    let mut pick = |count: usize| (numbers.next().unwrap() * count as f32) as usize % count;
+    let depthwise = pick(4) == 0;
+    let kernel = if depthwise { [3, 5, 7][pick(3)] } else { [1, 3, 5, 7][pick(4)] };
+    let channels = [[1, 3, 8, 17, 24, 32, 40][pick(7)], [1, 3, 8, 17, 24, 32, 40][pick(7)]];
+    let shape = ConvShape {
+        channels: if depthwise { [channels[0]; 2] } else { channels },
+        kernel,
+        stride: if depthwise { 1 } else { 1 + pick(2) },
+        padding: if depthwise { kernel / 2 } else { pick(kernel) },
+        depthwise,
+    };
+    let side = kernel.saturating_sub(2 * shape.padding).max(1);
+    let input = Extent::new([[1, 2, 8][pick(3)], side + pick(20), side + pick(20), shape.channels[0]]);
+    Case { shape, input, slope: [1.0, 0.0, 0.01][pick(3)], seed }
+}
+
+#[cfg_attr(not(target_arch = "wasm32"), test)]
+#[cfg_attr(target_arch = "wasm32", wasm_bindgen_test)]
+fn layers_and_their_gradients_are_flexs() {
+    for seed in 0..200 {
+        let case = any_case(seed);
+        let output = case.shape.output(case.input);
+        // One value a channel has no variance, and its gradient is only rounding.
+        let with_norm = seed % 2 == 0 && output.len() >= 8 * output.channels;
+        check(&case, with_norm).unwrap_or_else(|wrong| panic!("seed {seed}, {case:?}: {wrong}"));
+    }
 }

@@ -5,8 +5,8 @@ use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig};
 use burn::tensor::{Device, Tensor};
 
-use super::backbone::Features;
-use super::layers::{Layers, Slope, Unit, conv};
+use super::{Feature, Outline};
+use crate::model::layers::{Layers, ResponseNorm, Slope, Unit, conv};
 
 /// Side of the patches that the stem takes.
 const PATCH: usize = 4;
@@ -20,9 +20,9 @@ const EPSILON: f64 = 1e-6;
 const INITIAL: Initializer = Initializer::Normal { mean: 0.0, std: 0.02 };
 const INITIAL_FACTOR: f64 = 1e-6;
 
-/// See [`super::config::BackboneConfig::ConvNext`].
+/// See [`super::BackboneConfig::ConvNext`].
 #[derive(Module, Debug)]
-pub(super) struct ConvNext {
+pub(in crate::model) struct ConvNext {
     stem: (Conv2d, LayerNorm),
     stages: Vec<Stage>,
 }
@@ -49,13 +49,15 @@ struct Mlp {
     fc2: Conv2d,
 }
 
-/// Global response norm (Woo et al., 2023): channels compete by their strength over the whole picture.
-#[derive(Module, Debug)]
-pub(super) struct ResponseNorm {
-    /// `[channels]`.
-    pub weight: Param<Tensor<1>>,
-    /// `[channels]`.
-    pub bias: Param<Tensor<1>>,
+/// What the rest of the network must know of it.
+pub(super) fn outline(depths: [usize; 4], widths: [usize; 4]) -> Outline {
+    let features = widths.iter().enumerate().map(|(stage, &channels)| Feature { stride: PATCH << stage, channels });
+    Outline {
+        features: features.collect(),
+        coarsest_stride: PATCH << (widths.len() - 1),
+        sizes: [depths, widths].concat(),
+        is_timms: true,
+    }
 }
 
 impl ConvNext {
@@ -69,19 +71,19 @@ impl ConvNext {
         Self { stem, stages: stages.collect() }
     }
 
-    /// `[batch, h, w, 3]` -> features of strides 4, 8, 16, 32.
-    pub(super) fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Features<L::Map> {
+    /// `[batch, h, w, 3]` -> its features.
+    pub(super) fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Vec<L::Map> {
         let (stem, stem_norm) = &self.stem;
         let x = layers.unit(picture, unpadded(stem), None);
         let mut x = layers.layer_norm(&x, stem_norm, EPSILON, Slope::NONE);
         let mut features = Vec::with_capacity(self.stages.len());
-        for (index, stage) in self.stages.iter().enumerate() {
+        for stage in &self.stages {
             if let Some((norm, conv)) = &stage.downsample {
                 x = layers.layer_norm(&x, norm, EPSILON, Slope::NONE);
                 x = layers.unit(&x, unpadded(conv), None);
             }
             x = stage.blocks.iter().fold(x, |x, block| block.forward(layers, &x));
-            features.push((x.clone(), 1 << index));
+            features.push(x.clone());
         }
         features
     }
