@@ -14,7 +14,7 @@ pub enum Integrator {
     DormandPrince {
         /// Tolerance relative to the state.
         rtol: f64,
-        /// Absolute tolerance, m and m/s; the spin's is a hundred times these, rad/s.
+        /// Absolute tolerance, m, m/s and rad/s.
         atol: f64,
     },
     /// The classical fourth-order method with steps of at most `step` s.
@@ -42,6 +42,10 @@ pub(crate) trait Flow {
     fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M>;
     /// Whether the spin changes, or acts.
     fn spins(&self) -> bool;
+    /// Whether the spin's error counts beside the velocity's.
+    fn spin_errs(&self) -> bool {
+        true
+    }
 }
 
 /// One step, and the path in between.
@@ -170,9 +174,6 @@ impl<const M: usize> Path for Step<M> {
 /// ball rolls from a box's face over its edge the state stays smooth, and its derivatives jump.
 const SENSITIVITY_SLACK: f64 = 10.0;
 
-/// What an error of the spin counts beside one of the velocity, m: it is felt at the ball's surface, centimetres off.
-const SURFACE: f64 = 0.01;
-
 /// Dormand–Prince's coefficients.
 mod tableau {
     pub const A: [[f64; 6]; 6] = [
@@ -228,12 +229,12 @@ impl Method for DormandPrince {
         let slopes = [k1, k3, k4, k5, k6, &last];
         let e = tableau::E.map(|factor| factor * h);
         let errors = Columns([[0.0; 9]; M]).plus::<R, 6>(std::array::from_fn(|i| (e[i], slopes[i])));
+        let measured = if flow.spin_errs() { R } else { 6 };
         let mut error = 0.0_f64;
         for (index, ((off, before), after)) in errors.0.iter().zip(&y.0).zip(&end.0).enumerate() {
             let mut squares = 0.0;
-            for i in 0..R {
-                let weight = if i < 6 { 1.0 } else { SURFACE };
-                let scaled = weight * off[i] / (self.atol + self.rtol * before[i].abs().max(after[i].abs()));
+            for i in 0..measured {
+                let scaled = off[i] / (self.atol + self.rtol * before[i].abs().max(after[i].abs()));
                 squares += scaled * scaled;
             }
             let slack = if index == 0 { 1.0 } else { SENSITIVITY_SLACK };

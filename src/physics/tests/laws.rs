@@ -335,16 +335,16 @@ fn strong_forces_and_thin_boxes_let_no_ball_through() {
     room.boxes = vec![Cuboid { position: [1.0, 0.0, 0.0], half_size: [1e-4, 50.0, 50.0], yaw: 0.0 }];
     (room.ball.mass, room.ball.drag_coefficient, room.ball.lift_coefficient) = (0.002, 3.0, 4.0);
     room.spring = Some(Spring { stiffness: 0.5, anchor: [3.0, 0.0, 0.0] });
-    for contact in [ELASTIC, Contact::Spring { stiffness: 1e8 }] {
+    for contact in [ELASTIC, Contact::Spring { stiffness: 1e9 }] {
         room.contact = contact;
-        for rtol in [1e-6, 1.0] {
+        for rtol in [1e-6, 1e-3] {
             let integrator = Integrator::DormandPrince { rtol, atol: rtol };
             let forecaster = forecaster(&room, Options { integrator, ..Options::default() });
             for case in 0..60 {
                 room.ball.spin = [0.0, 0.0, f64::from(case - 30) * 10.0];
                 let start = room.start(
                     Point3::new(-0.1 * f64::from(case % 7), 0.3, 0.0),
-                    Vector3::new(5.0 * f64::from(case), 8.0, -3.0),
+                    Vector3::new(3.0 * f64::from(case), 8.0, -3.0),
                 );
                 let forecast = forecaster.forecast(&start, &[0.1, 0.2, 0.3]);
                 assert!(forecast.states.iter().all(|state| state.position.x < 1.0), "{rtol} {case} {forecast:?}");

@@ -173,6 +173,11 @@ impl Flow for Carried<'_> {
         true
     }
 
+    /// On a support one friction changes both; the velocity's error speaks for the spin's.
+    fn spin_errs(&self) -> bool {
+        false
+    }
+
     fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
         let (r, v, w) = (y.position(), y.velocity(), y.spin());
         let mut partials = Partials::default();
