@@ -47,6 +47,7 @@ pub struct Sample {
 /// Mean, standard deviation (of the population), median and number of values.
 /// All NaN-free: without values they are absent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
 pub struct Statistic {
     /// Mean.
     pub mean: Option<f64>,

@@ -30,7 +30,6 @@ pub mod model;
 pub mod physics;
 #[cfg(feature = "cli")]
 pub mod report;
-#[cfg(feature = "train")]
 pub mod train;
 #[cfg(target_arch = "wasm32")]
 mod wasm;

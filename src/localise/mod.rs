@@ -2,14 +2,12 @@
 //!
 //! The only room that knows both model and camera.
 
-#[cfg(feature = "train")]
 mod saliency;
 
 use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;
 use serde::Serialize;
 
-#[cfg(feature = "train")]
 pub use self::saliency::Saliency;
 use crate::camera::Camera;
 use crate::error::{Error, Result};

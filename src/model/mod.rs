@@ -18,7 +18,6 @@ mod weights;
 pub use self::card::{Card, InputSize, check_input, sha256_hex};
 pub use self::config::{BackboneConfig, DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
 pub use self::decode::{CONFIDENCE_RADIUS, Decoded, confidence, decode};
-#[cfg(feature = "train")]
 pub(crate) use self::decode::{cell_centre, weighted_depth};
 pub use self::pen::{Pen, PenOutput, PenRunner};
 pub use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, save};

@@ -5,7 +5,6 @@ use burn::backend::{Backend, ExtensionType, Flex, TensorMetadata, backend_extens
 use burn::tensor::{DType, TensorData};
 
 use crate::kernels::{Extent, Map, MapMut, NormInput, UnitShape, Vectors, unit_forward, upsample as upsample_map};
-#[cfg(feature = "train")]
 use crate::kernels::{Forward, UnitGradients, unit_backward, upsample_backward};
 
 /// A normalised unit's output and its batch's statistics.
@@ -31,7 +30,7 @@ impl<B: Backend> Skip<B> {
 
 /// Layers with kernels of their own. Maps are `[batch, height, width, channels]`, weights `[output,
 /// input, kernel, kernel]`, shifts and scales `[output]`, all f32.
-#[backend_extension(Flex, Autodiff: cfg(feature = "train"))]
+#[backend_extension(Flex, Autodiff)]
 pub trait UnitOps: Backend {
     /// Convolution, bias, skip, activation.
     fn unit(
@@ -88,7 +87,6 @@ fn dims(extent: &Extent) -> [usize; 4] {
 }
 
 /// A unit's inputs and what its backward pass needs.
-#[cfg_attr(not(feature = "train"), allow(dead_code))] // the backward pass's
 #[derive(Debug, Clone)]
 struct UnitRun {
     shape: UnitShape,
@@ -157,7 +155,6 @@ impl UnitOps for Flex {
     }
 }
 
-#[cfg(feature = "train")]
 mod backward {
     use burn::backend::Autodiff;
     use burn::backend::autodiff::NodeId;

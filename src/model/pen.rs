@@ -1,7 +1,6 @@
 //! The network: backbone, heatmap head, depth head.
 
 use burn::module::Module;
-#[cfg(feature = "train")]
 use burn::module::{Flag, ModuleMapper, Param};
 use burn::nn::Initializer;
 use burn::tensor::activation::softplus_with_threshold;
@@ -20,7 +19,6 @@ const SOFTPLUS_THRESHOLD: f64 = 16.0;
 
 /// How often a map's values lie in memory at the peak of a training step: result, sum before the norm, gradient, and
 /// what the allocator holds (measured on the compact network: 2.8 to 3.5).
-#[cfg(feature = "train")]
 const COPIES_IN_TRAINING: usize = 4;
 
 /// Position estimation network.
@@ -66,7 +64,6 @@ impl Pen {
 
     /// The same network whose norms keep their running statistics while it is trained. Pictures of a single place have
     /// other statistics than those that the network was made with, and normalising by them would change all it knows.
-    #[cfg(feature = "train")]
     pub fn with_fixed_norms(self) -> Self {
         struct Fix;
         impl ModuleMapper for Fix {
@@ -99,7 +96,6 @@ impl Pen {
 
     /// Memory that a training step on `batch` pictures of `height`×`width` takes, about, in bytes: values of maps,
     /// with their gradients and what the backward pass keeps.
-    #[cfg(feature = "train")]
     pub fn training_bytes(&self, batch: usize, size: [usize; 2]) -> usize {
         let values = Plan::map_values(size, |layers, picture| self.maps(layers, picture).into());
         batch * values * size_of::<f32>() * COPIES_IN_TRAINING

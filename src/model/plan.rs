@@ -68,7 +68,6 @@ impl Plan {
     }
 
     /// Values of all maps of a network that takes `[1, height, width, 3]`.
-    #[cfg(feature = "train")]
     pub(super) fn map_values(
         [height, width]: [usize; 2],
         network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
