@@ -51,7 +51,7 @@ export class Samples {
     image.src = FOLDER + sample.file;
     image.alt = "";
     image.width = image.height = 72;
-    const button = make("button", { class: "sample", testId: `sample-${index}` }, image, make("span", { text: sample.name }));
+    const button = make("button", { class: "sample", part: `sample-${index}` }, image, make("span", { text: sample.name }));
     button.type = "button";
     button.tabIndex = index === 0 ? 0 : -1;
     button.setAttribute("aria-pressed", "false");
