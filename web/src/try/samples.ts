@@ -1,7 +1,7 @@
 /** The row of sample pictures: buttons of which one is pressed; arrow keys move among them. */
 import type { Camera } from "gravisight";
-import { make } from "./dom";
-import { fetchOk } from "./shared/files";
+import { make } from "../dom";
+import { fetchOk } from "../shared/files";
 import type { Subject } from "./subject";
 
 interface Sample {

@@ -1,6 +1,6 @@
 /** The numbers. Each is a `data` element that also holds its full value. */
 import type { Localisation } from "gravisight";
-import { element, make } from "./dom";
+import { element, make } from "../dom";
 import type { Subject } from "./subject";
 
 const AXES = ["x", "y", "z"] as const;
