@@ -12,10 +12,11 @@ use std::time::{Duration, Instant};
 
 use burn::optim::AdamConfig;
 use burn::tensor::{Device, Tensor, TensorData};
-use gravisight::Size;
-use gravisight::image::Normalisation;
-use gravisight::model::{self, BackboneConfig, Card, HeadConfig, Pen, PenConfig, PenOutput, sha256_hex};
-use gravisight::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
+use gravisight::internal::{
+    BackboneConfig, Batch, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig, PenOutput, StepOptions,
+    save, sha256_hex, step,
+};
+use gravisight::{Card, Size};
 use serde_json::{Value, json};
 
 /// As the command has it.
@@ -225,7 +226,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
     let folder = std::env::temp_dir().join(format!("gravisight-bench-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("a folder");
     let file = |name: &str| folder.join(name);
-    std::fs::write(file("weights"), model::save(&pen).expect("weights")).expect("room");
+    std::fs::write(file("weights"), save(&pen).expect("weights")).expect("room");
     let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
     std::fs::write(file("picture"), bytes(&pictures)).expect("room");
     let path = |name: &str| -> PathBuf { file(name) };

@@ -9,7 +9,7 @@ use std::io::Write as _;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
-use gravisight::{Contact, Forecaster, Integrator, Options, Scene, State};
+use gravisight::{Contact, ForecastOptions, Forecaster, Integrator, Scene, State};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 
@@ -67,7 +67,7 @@ fn main() {
         ("bounce, drag", Contact::Bounce { restitution: 0.8, friction: 0.2 }, 0.4, f64::INFINITY),
     ];
     let integrator = Integrator::DormandPrince { rtol: RTOL, atol: RTOL };
-    let options = Options { integrator, ..Options::default() };
+    let options = ForecastOptions { integrator, ..ForecastOptions::default() };
     println!(
         "one forecast to {FRAMES} frames at 15 fps, one thread, rtol {RTOL:e}: median of {ROUNDS} rounds over {STARTS} starts"
     );
@@ -95,7 +95,7 @@ fn against_peers(python: &OsStr, forecaster: &Forecaster, starts: &[State], time
     let states: Vec<Vec<f64>> =
         starts.iter().map(|s| s.position.iter().chain(s.velocity.iter()).copied().collect()).collect();
     let job = json!({"scene": forecaster.scene(), "starts": states, "times": times, "rtol": RTOL, "atol": RTOL,
-        "max_step": Options::default().max_step, "rounds": 50, "threads": threads});
+        "max_step": ForecastOptions::default().max_step, "rounds": 50, "threads": threads});
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/forecast.py");
     let mut peer = Command::new(python).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     peer.stdin.take().unwrap().write_all(job.to_string().as_bytes()).unwrap();

@@ -46,6 +46,7 @@ pub struct Sample {
 /// Mean, standard deviation (of the population), median and number of values.
 /// All NaN-free: without values they are absent.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
 pub struct Statistic {
     /// Mean.
     pub mean: Option<f64>,
@@ -298,9 +299,4 @@ async fn sample(localiser: &Localiser, clips: &Clips, labelled: &Labelled, clock
         seconds_to_decode: decoded - began,
         seconds_to_localise: localised - decoded,
     })
-}
-
-/// Distance between a position found and the truth, m: DtG of one picture (paper, "Evaluation Metrics").
-pub fn distance_to_ground_truth(found: [f64; 3], truth: [f64; 3]) -> f64 {
-    distance(&Point3::from(found), &Point3::from(truth))
 }

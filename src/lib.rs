@@ -1,4 +1,32 @@
-//! A ball's 3D position from a single picture of one calibrated camera.
+//! A ball's 3D position from a single picture of one calibrated camera, and its flight from a 2D track.
+//!
+//! ```text
+//! picture ─► image ─► model (PEN) ─► heatmap, depth map ─► decode ─► x, y, z in the image
+//!                                                                        │
+//! camera.json ─────────────────────────────► camera ─► camera frame ─► world frame
+//! ```
+//!
+//! Frames and units: `image` px with the first pixel's centre at (0, 0); `camera` OpenCV's axes (x right, y down, z forward);
+//! `world` right-handed, z up; metres, seconds, radians.
+//!
+//! The method is that of "Towards Learning Monocular 3D Object Localization From 2D Labels Using the Physical Laws of Motion";
+//! "paper eq. (n)" in the documentation speaks of it.
+//!
+//! What there is, by subject; everything else is private:
+//!
+//! - **camera**: [`Camera`], [`Distortion`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`],
+//!   [`Calibration`]
+//! - **scene and forecast**: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`],
+//!   [`Integrator`], [`Potential`]
+//! - **trajectory**: [`Track`], [`TrackPoint`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
+//! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
+//!   [`Localisation`], [`Maps`], [`Saliency`]
+//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`Proposal`], [`propose_labels`]; the paper's sets:
+//!   [`Set`], [`Split`], [`Shot`], [`Studio`], [`Engine`]
+//! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`, `start_run`,
+//!   `resume_run`
+//! - **evaluation**: [`score`], [`Sample`], [`Metrics`], [`Statistic`], [`Bins`]
+//! - [`Error`], [`Result`]
 #![warn(missing_docs, clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 #![deny(unsafe_code)]
@@ -10,17 +38,17 @@ mod error;
 mod evaluate;
 #[cfg(not(target_arch = "wasm32"))]
 mod files;
-pub mod image;
-pub mod kernels;
+mod image;
+mod kernels;
 mod least_squares;
 mod localise;
-pub mod model;
+mod model;
 mod physics;
 mod size;
 mod synth;
 mod table;
 mod track;
-pub mod train;
+mod train;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
 
@@ -39,20 +67,25 @@ pub use self::evaluate::{Bins, Metrics, Sample, Statistic, score};
 pub use self::image::Picture;
 pub use self::localise::{Localisation, LocaliseOptions, Localiser, Maps, Saliency};
 pub use self::model::Card;
-pub use self::physics::{Case, Contact, Forecast, Forecaster, Integrator, Options, Scene, State};
+pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Potential, Scene, State};
 pub use self::size::Size;
 pub use self::synth::{Engine, Set, Shot, Split, Studio};
 pub use self::track::{
     Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, TrackPoint, propose_labels,
 };
-pub use self::train::{FineTuneOptions, FineTuner, Recipe};
+pub use self::train::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
-pub use self::train::{TrainConfig, TrainEvent, TrainProgress, TrainSettings, Validation, resume_run, start_run};
+pub use self::train::{TrainConfig, TrainEvent, TrainSettings, resume_run, start_run};
 
-/// What the workspace's other packages share with this one; no promise to anybody else.
+/// What the workspace's other packages and benches share with this one; no promise to anybody else.
 #[doc(hidden)]
 #[cfg(not(target_arch = "wasm32"))]
 pub mod internal {
     pub use crate::files::{NewFolder, write_whole};
+    pub use crate::image::Normalisation;
+    pub use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, save, sha256_hex};
+    pub use crate::physics::Case;
     pub use crate::table::{Row, Table};
+    pub use crate::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
+    pub use crate::train::{TrainProgress, Validation};
 }

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// Width and height of a picture or of a network's input, px.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Size {
     /// px.

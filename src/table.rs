@@ -64,6 +64,9 @@ impl Table {
     }
 
     /// The column of that name (case, spaces and underscores are all the same).
+    ///
+    /// # Errors
+    /// [`Error::Format`] where there is none.
     pub fn column<'a>(&self, name: &'a str) -> Result<Column<'a>> {
         let index = self.columns.iter().position(|found| *found == plain(name)).ok_or_else(|| {
             let found: Vec<&str> = self.columns.iter().map(String::as_str).take(20).collect();
@@ -78,6 +81,10 @@ impl Table {
         self.column(name).ok()
     }
 
+    /// The columns of those names.
+    ///
+    /// # Errors
+    /// As [`Self::column`].
     pub fn columns<'a, const N: usize>(&self, names: [&'a str; N]) -> Result<[Column<'a>; N]> {
         let found = names.iter().map(|name| self.column(name)).collect::<Result<Vec<_>>>()?;
         found.try_into().map_err(|_| Error::Format { what: self.what.clone(), message: "columns are missing".into() })
@@ -106,11 +113,19 @@ impl Row {
         }
     }
 
+    /// The number.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where the cell is empty or holds no finite number.
     pub fn number(&self, column: Column<'_>) -> Result<f64> {
         let missing = || Error::value(&self.what, column.name, "is missing");
         self.number_if_any(column)?.ok_or_else(missing)
     }
 
+    /// The numbers.
+    ///
+    /// # Errors
+    /// As [`Self::number`].
     pub fn numbers<const N: usize>(&self, columns: [Column<'_>; N]) -> Result<[f64; N]> {
         let mut numbers = [0.0; N];
         for (number, column) in numbers.iter_mut().zip(columns) {

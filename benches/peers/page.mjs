@@ -68,7 +68,7 @@ for (let run = 0; run < RUNS; run++) {
   sent = 0;
   const start = performance.now();
   await page.goto(url, { waitUntil: "commit" });
-  await page.waitForFunction(() => document.querySelector('[data-testid="world-x"]')?.value);
+  await page.waitForFunction(() => document.querySelector('[data-part="world-x"]')?.value);
   const seconds = (performance.now() - start) / 1000;
   const tasks = await page.evaluate(() => window.tasks);
   rows.push({ "first ball, s": seconds.toFixed(2), "longest task of the page, ms": Math.round(Math.max(0, ...tasks)), "MB fetched": (sent / 1e6).toFixed(2) });
@@ -110,7 +110,7 @@ const WALK = {
 const page = await watched();
 page.setDefaultTimeout(300_000);
 await page.goto(url);
-await page.waitForFunction(() => document.querySelector('[data-testid="world-x"]')?.value);
+await page.waitForFunction(() => document.querySelector('[data-part="world-x"]')?.value);
 const walked = [];
 for (const [step, walk] of Object.entries(WALK)) {
   await page.evaluate(() => (window.tasks = []));

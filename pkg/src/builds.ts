@@ -1,17 +1,16 @@
 /** The wasm builds. They are assets to a bundler, not modules, so that one of them may be missing. */
+import type * as Core from "../wasm/cpu/gravisight.js";
 import { GravisightError } from "./error.js";
 import { fetchBytes, isWebPage, type OnBytes } from "./fetch.js";
 import { fileExists, isFile } from "./node.js";
-import type { RawModule } from "./raw.js";
 import type { CoreOptions, DeviceKind } from "./types.js";
 import { absoluteUrl } from "./url.js";
 
-/**
- * What a build can do: `cpu` finds balls and is small; `tools` has training and physics as well; `webgpu` has all. Those for
- * the CPU come with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without.
- */
-export type BuildKind = DeviceKind | "tools";
-type Build = BuildKind | "cpu-relaxed" | "tools-relaxed";
+/** What a build offers. All have everything, so one's declarations speak of all; the one for the CPU is always made first. */
+export type CoreModule = typeof Core;
+
+/** Those for the CPU come with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without. */
+type Build = DeviceKind | "cpu-relaxed";
 
 /** Bundlers look for the literal form of each URL; `folder` holds the builds where the user put them elsewhere. */
 function urlsOf(build: Build, folder: string | undefined): { glue: URL; wasm: URL } {
@@ -30,16 +29,6 @@ function urlsOf(build: Build, folder: string | undefined): { glue: URL; wasm: UR
         glue: new URL("../wasm/cpu-relaxed/gravisight.js", import.meta.url),
         wasm: new URL("../wasm/cpu-relaxed/gravisight_bg.wasm", import.meta.url),
       };
-    case "tools":
-      return {
-        glue: new URL("../wasm/tools/gravisight.js", import.meta.url),
-        wasm: new URL("../wasm/tools/gravisight_bg.wasm", import.meta.url),
-      };
-    case "tools-relaxed":
-      return {
-        glue: new URL("../wasm/tools-relaxed/gravisight.js", import.meta.url),
-        wasm: new URL("../wasm/tools-relaxed/gravisight_bg.wasm", import.meta.url),
-      };
     case "webgpu":
       return {
         glue: new URL("../wasm/webgpu/gravisight.js", import.meta.url),
@@ -54,18 +43,15 @@ const RELAXED = new Uint8Array([
   128, 2, 11,
 ]);
 
-/**
- * URLs of the files that this browser fetches for a device, or for the tools ({@link Toolbox}, {@link Track},
- * {@link FineTuner} on the CPU): for `<link rel="preload">`, or for a service worker that keeps them.
- */
-export async function coreFiles(kind: BuildKind = "cpu", options: Pick<CoreOptions, "wasm"> = {}): Promise<string[]> {
-  const { glue, wasm } = await deployed(kind, wasmFolder(options));
+/** URLs of the files that this browser fetches for a device: for `<link rel="preload">`, or for a service worker that keeps them. */
+export async function coreFiles(device: DeviceKind = "cpu", options: Pick<CoreOptions, "wasm"> = {}): Promise<string[]> {
+  const { glue, wasm } = await deployed(device, wasmFolder(options));
   return [glue.href, wasm.href];
 }
 
 /** The first build for a device that was deployed: for the CPU the faster one where the browser can run it. */
-async function deployed(kind: BuildKind, folder: string | undefined): Promise<{ glue: URL; wasm: URL }> {
-  const builds: Build[] = kind !== "webgpu" && WebAssembly.validate(RELAXED) ? [`${kind}-relaxed`, kind] : [kind];
+async function deployed(kind: DeviceKind, folder: string | undefined): Promise<{ glue: URL; wasm: URL }> {
+  const builds: Build[] = kind === "cpu" && WebAssembly.validate(RELAXED) ? ["cpu-relaxed", "cpu"] : [kind];
   for (const build of builds) {
     const urls = urlsOf(build, folder);
     // Asked for first, because the import of a missing module says neither status nor reason.
@@ -79,7 +65,7 @@ export function wasmFolder({ wasm }: Pick<CoreOptions, "wasm">): string | undefi
   return wasm === undefined ? undefined : absoluteUrl(wasm);
 }
 
-let started: RawModule | undefined;
+let started: CoreModule | undefined;
 
 /** What the build that was started last said when it trapped; empty if it did not. */
 export function lastPanic(): string {
@@ -90,11 +76,11 @@ export function lastPanic(): string {
   }
 }
 
-/** Fetches and starts a build; `cpu-build-missing`, `tools-build-missing` or `webgpu-build-missing` where it is not there. */
-export async function loadBuild(kind: BuildKind, folder: string | undefined, onBytes: OnBytes): Promise<RawModule> {
+/** Fetches and starts a build; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
+export async function loadBuild(kind: DeviceKind, folder: string | undefined, onBytes: OnBytes): Promise<CoreModule> {
   const { glue, wasm } = await deployed(kind, folder);
   const [module, bytes] = await Promise.all([
-    import(/* @vite-ignore */ /* webpackIgnore: true */ glue.href) as Promise<RawModule>,
+    import(/* @vite-ignore */ /* webpackIgnore: true */ glue.href) as Promise<CoreModule>,
     fetchBytes(wasm.href, `the ${nameOf(kind)} build`, onBytes),
   ]);
   await module.default({ module_or_path: bytes });
@@ -112,10 +98,10 @@ async function isScript(url: URL): Promise<boolean> {
   }
 }
 
-function missing(kind: BuildKind, url: URL): GravisightError {
+function missing(kind: DeviceKind, url: URL): GravisightError {
   return new GravisightError(`${kind}-build-missing`, `The ${nameOf(kind)} build is not here: ${url.href} is not a script.`);
 }
 
-export function nameOf(kind: BuildKind): string {
-  return { cpu: "CPU", tools: "tools", webgpu: "WebGPU" }[kind];
+export function nameOf(kind: DeviceKind): string {
+  return { cpu: "CPU", webgpu: "WebGPU" }[kind];
 }

@@ -13,11 +13,13 @@ interface Pending {
   reject: (reason: unknown) => void;
 }
 
+/** Of the next call. One count for all channels: a Worker of the user's may serve several, and each hears all answers. */
+let nextId = 0;
+
 export class Channel implements Transport {
   readonly #worker: Worker;
   #waiting: Pending[] = [];
   #inFlight: Pending | undefined;
-  #nextId = 0;
   #closedBecause: unknown;
 
   /** Through `worker`, or one of its own. */
@@ -43,7 +45,7 @@ export class Channel implements Transport {
       const { signal } = options;
       if (this.#closedBecause !== undefined) return reject(this.#closedBecause);
       if (signal?.aborted) return reject(signal.reason);
-      const id = this.#nextId++;
+      const id = nextId++;
       const abort = () => {
         this.#waiting = this.#waiting.filter((pending) => pending.id !== id);
         reject(signal?.reason);

@@ -1,12 +1,12 @@
 /** The engine: the wasm core and all that it holds. In a Worker, or on the caller's own thread. */
-import { lastPanic, loadBuild } from "./builds.js";
+import type * as Core from "../wasm/cpu/gravisight.js";
+import { lastPanic, loadBuild, type CoreModule } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
-import { load, loadModel, pickDevice } from "./load.js";
+import { load, loadModel, pickDevice, type Loaded } from "./load.js";
 import { addPicture, pixelsOf, type Encoded, type Rgba } from "./pixels.js";
 import type { Answer, CallName, Calls, Request } from "./protocol.js";
-import type { RawFineTuner, RawLocaliser, RawModule, RawSimulator } from "./raw.js";
 import { untilTrap } from "./trap.js";
-import type { Device, Model, Progress } from "./types.js";
+import type { Device, Progress } from "./types.js";
 
 type OnProgress = (progress: Progress) => void;
 
@@ -14,37 +14,35 @@ type OnProgress = (progress: Progress) => void;
 const DEVICE_FAILED = ["device", "output-not-finite", "internal"];
 
 export class Engine {
-  #module: RawModule | undefined;
-  #localiser: RawLocaliser | undefined;
-  /** The same model in a build that has backward passes. */
-  #saliency: RawLocaliser | undefined;
-  #model: Model | undefined;
-  #device: Device | undefined;
-  #tuner: RawFineTuner | undefined;
-  #scenes = new Map<number, RawSimulator>();
+  #module: CoreModule | undefined;
+  #loaded: Loaded | undefined;
+  /** The same model on the CPU, where backward passes run. */
+  #saliency: Core.Localiser | undefined;
+  #tuner: { core: Core.FineTuner; device: Device } | undefined;
+  #scenes = new Map<number, Core.Simulator>();
   #nextScene = 0;
-  #source: string | undefined;
+  /** Where the builds are. */
+  #wasm: string | undefined;
   /** The core's memory cannot be trusted after a trap. */
   #trapped: GravisightError | undefined;
 
   readonly #calls: { [K in CallName]: (request: Request<K>, onProgress: OnProgress) => Answer<K> | Promise<Answer<K>> } = {
     create: async (request, onProgress) => {
-      const { core, device, model, module } = await load(request, onProgress);
-      this.#localiser?.free();
-      this.#saliency?.free();
-      this.#saliency = undefined;
-      [this.#module, this.#localiser, this.#device, this.#model, this.#source] = [module, core, device, model, request.wasm];
-      return device;
+      const loaded = await load(request, onProgress);
+      this.#dropLocaliser();
+      [this.#module, this.#loaded, this.#wasm] = [loaded.module, loaded, request.wasm];
+      // The core has checked it.
+      return { device: loaded.device, card: JSON.parse(loaded.model.card) as Core.Card };
     },
     localise: (request) => this.#localise(request),
     saliency: async ({ picture }) => {
-      const core = (this.#saliency ??= await this.#withTools());
+      const core = await this.#onCpu();
       const input = pixelsOf(picture);
       return input.kind === "encoded" ? core.saliency(input.bytes) : core.saliencyRgba(input.rgba, input.width, input.height);
     },
 
     open: async ({ wasm }, onProgress) => {
-      this.#module ??= await loadBuild("tools", wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+      this.#module ??= await loadBuild("cpu", wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       return null;
     },
     fitTrack: ({ frames, camera, scene, noisePx, estimate }) => this.#core.fitTrack(frames, camera, scene, noisePx, estimate),
@@ -81,13 +79,15 @@ export class Engine {
       const { kind, reason } = await pickDevice(request.device);
       const model = loadModel(request.model, request.cache, onProgress);
       model.catch(() => {});
-      this.#module = await loadBuild(kind === "cpu" ? "tools" : kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+      this.#module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       const { card, weights } = await model;
-      this.#tuner = await this.#module.FineTuner.create(card, weights, request.options, kind);
-      return (this.#device = { kind, name: this.#tuner.deviceName, reason });
+      const core = await this.#module.FineTuner.create(card, weights, request.options, kind);
+      const device = { kind, name: core.deviceName, reason };
+      this.#tuner = { core, device };
+      return device;
     },
     addClip: ({ clip, pictures, heldOut }) => {
-      const tuner = present(this.#tuner);
+      const { core: tuner } = present(this.#tuner);
       try {
         for (const picture of pictures) addPicture(tuner, picture);
       } catch (thrown) {
@@ -99,22 +99,23 @@ export class Engine {
     tune: async ({ count }) => {
       let last: Answer<"tune"> = null;
       for (let step = 0; step < count; step++) {
-        const made = await present(this.#tuner).step();
+        const made = await present(this.#tuner).core.step();
         if (!made) break;
         last = made;
       }
       return last;
     },
-    evaluate: () => present(this.#tuner).evaluate(),
+    evaluate: () => present(this.#tuner).core.evaluate(),
     tuned: async ({ picture, camera, options }) => {
-      const localiser = present(this.#tuner).localiser();
+      const { core, device } = present(this.#tuner);
+      const localiser = core.localiser();
       try {
-        return await this.#timed(localiser, pixelsOf(picture), camera, options);
+        return await timed({ core: localiser, device }, pixelsOf(picture), camera, options);
       } finally {
         localiser.free();
       }
     },
-    exportTuned: () => present(this.#tuner).export(),
+    exportTuned: () => present(this.#tuner).core.export(),
   };
 
   /** Whether there is such a call. */
@@ -136,52 +137,62 @@ export class Engine {
   /** Gives all memory back that can be given back. */
   free(): void {
     if (this.#trapped) return;
-    this.#localiser?.free();
-    this.#tuner?.free();
+    this.#dropLocaliser();
+    this.#tuner?.core.free();
     for (const scene of this.#scenes.values()) scene.free();
-    this.#saliency?.free();
-    this.#localiser = this.#saliency = this.#tuner = this.#model = undefined;
+    this.#tuner = undefined;
     this.#scenes.clear();
   }
 
-  async #withTools(): Promise<RawLocaliser> {
-    const { card, weights } = present(this.#model);
-    const module = await loadBuild("tools", this.#source, () => {});
-    return module.Localiser.create(card, weights, "cpu");
+  #dropLocaliser(): void {
+    if (this.#saliency !== this.#loaded?.core) this.#saliency?.free();
+    this.#loaded?.core.free();
+    this.#loaded = this.#saliency = undefined;
   }
 
-  get #core(): RawModule {
+  /** The model on the CPU. */
+  async #onCpu(): Promise<Core.Localiser> {
+    const { core, device, module, model } = present(this.#loaded);
+    return (this.#saliency ??= device.kind === "cpu" ? core : await module.Localiser.create(model.card, model.weights, "cpu"));
+  }
+
+  get #core(): CoreModule {
     return present(this.#module);
   }
 
   async #localise({ picture, camera, options }: Request<"localise">): Promise<Answer<"localise">> {
     const input = pixelsOf(picture);
+    const loaded = present(this.#loaded);
     try {
-      return await untilTrap(() => this.#timed(present(this.#localiser), input, camera, options));
+      return await untilTrap(() => timed(loaded, input, camera, options));
     } catch (thrown) {
       const error = gravisightErrorFrom(thrown, lastPanic());
-      const { device, model } = { device: this.#device, model: this.#model };
-      if (device?.kind !== "webgpu" || !model || !DEVICE_FAILED.includes(error.code)) throw error;
+      const { device, model } = loaded;
+      if (device.kind !== "webgpu" || !DEVICE_FAILED.includes(error.code)) throw error;
       // The CPU's build is another module with a memory of its own, whatever has become of this one's.
-      this.#module = await loadBuild("cpu", this.#source, () => {});
-      this.#localiser = await this.#module.Localiser.create(model.card, model.weights, "cpu");
-      this.#device = { kind: "cpu", name: this.#localiser.deviceName, reason: `WebGPU failed while in use: ${error.message}` };
-      return this.#timed(this.#localiser, input, camera, options);
+      const module = await loadBuild("cpu", this.#wasm, () => {});
+      const core = await module.Localiser.create(model.card, model.weights, "cpu");
+      const reason = `WebGPU failed while in use: ${error.message}`;
+      this.#module = module;
+      this.#saliency = undefined;
+      this.#loaded = { core, module, model, device: { kind: "cpu", name: core.deviceName, reason } };
+      return timed(this.#loaded, input, camera, options);
     }
   }
+}
 
-  async #timed(
-    core: RawLocaliser,
-    input: Encoded | Rgba,
-    camera: string,
-    options: Request<"localise">["options"],
-  ): Promise<Answer<"localise">> {
-    const start = performance.now();
-    const answer = await (input.kind === "encoded"
-      ? core.localise(input.bytes, camera, options)
-      : core.localiseRgba(input.rgba, input.width, input.height, camera, options));
-    return { ...answer, milliseconds: performance.now() - start, device: present(this.#device) };
-  }
+/** A position, how long it took and where. */
+async function timed(
+  { core, device }: Pick<Loaded, "core" | "device">,
+  input: Encoded | Rgba,
+  camera: string,
+  options: Request<"localise">["options"],
+): Promise<Answer<"localise">> {
+  const start = performance.now();
+  const answer = await (input.kind === "encoded"
+    ? core.localise(input.bytes, camera, options)
+    : core.localiseRgba(input.rgba, input.width, input.height, camera, options));
+  return { ...answer, milliseconds: performance.now() - start, device };
 }
 
 function present<T>(thing: T | undefined): T {

@@ -11,7 +11,6 @@ export type FacadeErrorCode =
   | "model-url"
   | "not-loaded"
   | "timestamp-order"
-  | "tools-build-missing"
   | "webgpu-build-missing"
   | "webgpu-no-adapter"
   | "worker";

@@ -1,6 +1,6 @@
 import { wasmFolder } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
-import { cameraOf, checkedDevice, localisationOf, modelOf, rawOptions } from "./localiser.js";
+import { cameraOf, checkedDevice, modelOf, wantedOf } from "./localiser.js";
 import { pictureToSend } from "./picture.js";
 import type { PictureMessage, Transport } from "./protocol.js";
 import type {
@@ -105,8 +105,7 @@ export class FineTuner {
     const camera = cameraOf(options.camera);
     const { picture, transfer } = await pictureToSend(image);
     const { signal } = options;
-    const found = await this.#transport.call("tuned", { picture, camera, options: rawOptions(options) }, { transfer, signal });
-    return localisationOf(found, options);
+    return this.#transport.call("tuned", { picture, camera, options: wantedOf(options) }, { transfer, signal });
   }
 
   /** The model, to be used at once or saved. The card names the file that the weights must be in. */

@@ -1,18 +1,18 @@
 /** From a model's URL and a choice of device to a core that is ready. */
-import { lastPanic, loadBuild, nameOf } from "./builds.js";
+import type * as Core from "../wasm/cpu/gravisight.js";
+import { lastPanic, loadBuild, nameOf, type CoreModule } from "./builds.js";
 import { cached, cardText, keep } from "./cache.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
 import { fetchBytes } from "./fetch.js";
 import type { Request } from "./protocol.js";
-import type { RawLocaliser, RawModule } from "./raw.js";
 import { untilTrap } from "./trap.js";
 import type { Device, DeviceChoice, DeviceKind, Model, Progress } from "./types.js";
 
 type OnProgress = (progress: Progress) => void;
 
 export interface Loaded {
-  core: RawLocaliser;
-  module: RawModule;
+  core: Core.Localiser;
+  module: CoreModule;
   device: Device;
   model: Model;
 }

@@ -1,11 +1,12 @@
+import type { Wanted } from "../wasm/cpu/gravisight.js";
 import { wasmFolder } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { GravisightError } from "./error.js";
 import { pictureToSend } from "./picture.js";
-import type { Answer, Transport } from "./protocol.js";
-import type { RawOptions } from "./raw.js";
+import type { Transport } from "./protocol.js";
 import type {
   Camera,
+  Card,
   CreateOptions,
   Device,
   DeviceChoice,
@@ -22,13 +23,16 @@ const DEVICES: readonly DeviceChoice[] = ["cpu", "webgpu", "auto"];
 
 /** Finds a ball's position in space in single pictures. */
 export class Localiser {
+  /** The model's card: its name, what it was trained on, how good it is. */
+  readonly card: Card;
   #device: Device;
   #camera: string | undefined;
   readonly #transport: Transport;
   #lastTimestampMs = -Infinity;
 
-  private constructor(transport: Transport, device: Device, camera: string | undefined) {
+  private constructor(transport: Transport, card: Card, device: Device, camera: string | undefined) {
     this.#transport = transport;
+    this.card = card;
     this.#device = device;
     this.#camera = camera;
   }
@@ -53,7 +57,7 @@ export class Localiser {
     const transport = connect(options);
     try {
       const taken = await transport.call("create", { model, device, wasm, cache }, { signal, onProgress });
-      return new Localiser(transport, taken, camera);
+      return new Localiser(transport, taken.card, taken.device, camera);
     } catch (thrown) {
       transport.close(disposed("Localiser"));
       throw thrown;
@@ -76,18 +80,14 @@ export class Localiser {
     signal?.throwIfAborted();
     this.#transport.throwIfClosed();
     const camera = cameraOf(options.camera, this.#camera);
-    const raw = rawOptions(options);
+    const wanted = wantedOf(options);
     const { picture, transfer } = await pictureToSend(image);
     // Its buffer is gone once it is sent.
     const again = saliency ? await pictureToSend(image) : undefined;
-    const found = await this.#transport.call("localise", { picture, camera, options: raw }, { transfer, signal });
+    const found: Localisation = await this.#transport.call("localise", { picture, camera, options: wanted }, { transfer, signal });
     this.#device = found.device;
-    const answer = localisationOf(found, options);
-    if (again) {
-      const { width, height, values } = await this.#transport.call("saliency", { picture: again.picture }, { transfer: again.transfer, signal });
-      answer.saliency = { width, height, values };
-    }
-    return answer;
+    if (again) found.saliency = await this.#transport.call("saliency", { picture: again.picture }, { transfer: again.transfer, signal });
+    return found;
   }
 
   /**
@@ -134,17 +134,8 @@ export function cameraOf(given: Camera | undefined, own?: string): string {
   throw new GravisightError("camera-missing", "No camera: give one to `create`, `setCamera` or with the picture.");
 }
 
-export function rawOptions({ heatmap, depthMap, truth }: LocaliseOptions): RawOptions {
-  const raw: RawOptions = { maps: (heatmap ?? false) || (depthMap ?? false) };
+/** What the core is asked for besides the position. */
+export function wantedOf({ heatmap = false, depthMap = false, truth }: LocaliseOptions): Wanted {
   // A copy: what a framework wraps in a Proxy cannot be sent.
-  if (truth) raw.truth = [...truth];
-  return raw;
-}
-
-/** The answer with the maps that were asked for. */
-export function localisationOf({ maps, ...found }: Answer<"localise">, options: LocaliseOptions): Localisation {
-  const answer: Localisation = found;
-  if (maps && options.heatmap) answer.heatmap = { width: maps.width, height: maps.height, values: maps.heatmap };
-  if (maps && options.depthMap) answer.depthMap = { width: maps.width, height: maps.height, values: maps.depth };
-  return answer;
+  return { heatmap, depthMap, ...(truth && { truth: [...truth] }) };
 }

@@ -1,10 +1,15 @@
 /** From what arrives at the engine to what the core reads. */
 import { GravisightError, wordsOf } from "./error.js";
 import type { PictureMessage } from "./protocol.js";
-import type { Collector } from "./raw.js";
 
 export type Encoded = Extract<PictureMessage, { kind: "encoded" }>;
 export type Rgba = Extract<PictureMessage, { kind: "rgba" }>;
+
+/** What pictures are given to, one after the other. */
+interface Collector {
+  addPicture(rgba: Uint8Array, width: number, height: number): void;
+  addFile(file: Uint8Array): void;
+}
 
 /** One canvas for all frames: a new one each would be kept until the next garbage collection. */
 let canvas: OffscreenCanvas | undefined;

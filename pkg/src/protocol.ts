@@ -1,18 +1,6 @@
 /** What the engine can be asked for: the request and the answer of each call, wherever it runs. */
-import type { RawLocalisation, RawOptions, RawSaliency } from "./raw.js";
-import type {
-  CalibrationResult,
-  Court,
-  Device,
-  DeviceChoice,
-  Forecast,
-  LabelProposal,
-  Model,
-  Progress,
-  ClipAdded,
-  TuneScore,
-  TuneStep,
-} from "./types.js";
+import type * as Core from "../wasm/cpu/gravisight.js";
+import type { Device, DeviceChoice, Model, Progress } from "./types.js";
 
 /** A picture on its way to the engine. */
 export type PictureMessage =
@@ -26,49 +14,34 @@ export interface Source {
   wasm: string | undefined;
 }
 
+/** A position, how long the core took for it, in milliseconds, and on which device. */
+type Timed = Core.Position & { milliseconds: number; device: Device };
+
 export interface Calls {
-  create: [Source & { model: string | Model; device: DeviceChoice; cache: boolean }, Device];
-  localise: [{ picture: PictureMessage; camera: string; options: RawOptions }, RawLocalisation & { milliseconds: number; device: Device }];
-  saliency: [{ picture: PictureMessage }, RawSaliency];
+  create: [Source & { model: string | Model; device: DeviceChoice; cache: boolean }, { device: Device; card: Core.Card }];
+  localise: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Timed];
+  saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
   open: [Source, null];
-  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[] }, RawFit];
-  forecast: [{ scene: string; start: number[]; times: number[] }, Forecast];
-  calibrate: [{ points: string; estimate: string[] }, CalibrationResult];
+  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[] }, Core.Fit];
+  forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
+  calibrate: [{ points: string; estimate: string[] }, Core.CalibrationResult];
   courts: [Record<never, never>, string[]];
-  court: [{ name: string }, Court];
+  court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];
-  proposeLabels: [{ camera: string; pictures: PictureMessage[]; radiiPx: [number, number] | undefined }, (LabelProposal | null)[]];
-  openScene: [{ environment: number | undefined; camera: number }, { id: number; camera: unknown; scene: unknown }];
+  proposeLabels: [{ camera: string; pictures: PictureMessage[]; radiiPx: [number, number] | undefined }, (Core.LabelProposal | null)[]];
+  openScene: [{ environment: number | undefined; camera: number }, { id: number; camera: Core.Camera; scene: Core.Scene }];
   scenePath: [{ id: number; start: number[]; times: number[] }, Float64Array];
   scenePicture: [{ id: number; centre: number[] }, Uint8Array];
-  sceneClip: [{ id: number; seed: number; number: number }, unknown];
+  sceneClip: [{ id: number; seed: number; number: number }, Core.SimulatedClip];
   closeScene: [{ id: number }, null];
 
   tuner: [Source & { model: string | Model; device: DeviceChoice; cache: boolean; options: string }, Device];
-  addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, ClipAdded];
-  tune: [{ count: number }, TuneStep | null];
-  evaluate: [Record<never, never>, TuneScore];
-  tuned: [{ picture: PictureMessage; camera: string; options: RawOptions }, RawLocalisation & { milliseconds: number; device: Device }];
-  exportTuned: [Record<never, never>, { card: string; weights: Uint8Array }];
-}
-
-/** A fit as the core returns it. */
-export interface RawFit {
-  frames: {
-    t: number;
-    world: [number, number, number];
-    velocity: [number, number, number];
-    speed: number;
-    sigma: number;
-    residual_px: [number, number] | null;
-    outlier: boolean;
-  }[];
-  impacts: { t: number; surface: string; world: [number, number, number]; speed: number }[];
-  estimates: Record<string, { value: number; sigma: number }>;
-  noise_px: number;
-  rms_px: number;
-  explained: boolean;
+  addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, Core.Added];
+  tune: [{ count: number }, Core.Tuned | null];
+  evaluate: [Record<never, never>, Core.TuneScore];
+  tuned: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Timed];
+  exportTuned: [Record<never, never>, Model];
 }
 
 export type CallName = keyof Calls;

@@ -1,7 +1,7 @@
 import { wasmFolder } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { pictureToSend } from "./picture.js";
-import type { Answer, CallName, PictureMessage, RawFit, Request, Transport } from "./protocol.js";
+import type { Answer, CallName, PictureMessage, Request, Transport } from "./protocol.js";
 import type {
   CalibrationPoints,
   CalibrationResult,
@@ -9,11 +9,13 @@ import type {
   Camera,
   CoreOptions,
   Court,
+  Fit,
   Forecast,
   LabelProposal,
   Parameter,
   Picture,
   Scene,
+  SimulatedClip,
   Vector,
 } from "./types.js";
 
@@ -64,11 +66,11 @@ export class Toolbox {
     });
   }
 
-  /** The trajectory behind a 2D track, as `gravisight fit --json` prints it; {@link Track} is more convenient. */
+  /** The trajectory behind a 2D track; {@link Track} is more convenient. */
   fitTrack(
     frames: { t: number; image: [number, number] | null }[],
     scene: { camera: Camera; scene: Scene; noisePx?: number; estimate?: Parameter[]; signal?: AbortSignal },
-  ): Promise<RawFit> {
+  ): Promise<Fit> {
     return this.#call("fitTrack", () => ({
       frames: jsonOf(frames, "track"),
       camera: jsonOf(scene.camera, "camera"),
@@ -101,7 +103,7 @@ export class Toolbox {
   async simulator(options: { environment: 1 | 2 | 3 | "spring"; camera?: number }): Promise<Simulator> {
     const environment = options.environment === "spring" ? undefined : options.environment;
     const opened = await this.#call("openScene", () => ({ environment, camera: options.camera ?? 1 }));
-    return new Simulator(this.#transport, opened.id, opened.camera as Camera, opened.scene as Scene);
+    return new Simulator(this.#transport, opened.id, opened.camera, opened.scene);
   }
 
   /** Ends the Worker, and frees its memory. Harmless twice. */
@@ -148,8 +150,8 @@ export class Simulator {
   }
 
   /** A random clip's labels, the same for the same seed and number; its pictures are {@link picture} of `world`. */
-  async clip(seed: number, number: number): Promise<{ fps: number; frames: { t: number; image: [number, number]; visible: boolean; world: Vector }[] }> {
-    return (await this.#transport.call("sceneClip", { id: this.#id, seed, number })) as never;
+  clip(seed: number, number: number): Promise<SimulatedClip> {
+    return this.#transport.call("sceneClip", { id: this.#id, seed, number });
   }
 
   /** Frees its memory. */

@@ -88,21 +88,11 @@ export class Track {
       ...(signal && { signal }),
     });
     const at = (t: number) => start + 1000 * t;
+    const { frames: fitted, impacts, ...all } = fit;
     return {
-      points: fit.frames.map(({ t, world, velocity, speed, sigma, residual_px, outlier }) => ({
-        timestampMs: at(t),
-        world,
-        velocity,
-        speed,
-        sigma,
-        residualPx: residual_px,
-        outlier,
-      })),
-      bounces: fit.impacts.map(({ t, world, surface, speed }) => ({ timestampMs: at(t), world, surface, speed })),
-      rmsPx: fit.rms_px,
-      noisePx: fit.noise_px,
-      explained: fit.explained,
-      estimates: fit.estimates,
+      ...all,
+      points: fitted.map(({ t, ...point }) => ({ timestampMs: at(t), ...point })),
+      bounces: impacts.map(({ t, ...bounce }) => ({ timestampMs: at(t), ...bounce })),
     };
   }
 

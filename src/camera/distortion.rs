@@ -18,6 +18,7 @@ const ACCEPTED: f64 = 1e-10;
 /// Radial (`k1`, `k2`, `k3`) and tangential (`p1`, `p2`) coefficients of the Brown–Conrady model
 /// (Brown, "Close-range camera calibration", 1971), acting on normalised image points `x/z, y/z`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields, default)]
 pub struct Distortion {
     /// Radial, r².

@@ -12,14 +12,20 @@ const MAX_ENTRY: f64 = 1e9;
 /// Largest entry of `RᵀR − 1` that rounding in a file explains.
 const ROTATION_TOLERANCE: f64 = 1e-3;
 
-/// The fields of `camera.json`, as written.
+/// A calibrated camera: the content of a `camera.json`. Matrices are arrays of rows.
 #[derive(Debug, Clone, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(rename = "Camera"))]
 #[serde(deny_unknown_fields)]
 struct CameraFile {
+    /// Of the pictures that `intrinsic` speaks of, px.
     width: u32,
+    /// Of the pictures that `intrinsic` speaks of, px.
     height: u32,
+    /// M_int, px.
     intrinsic: [[f64; 3]; 3],
+    /// Rigid, m.
     camera_from_world: [[f64; 4]; 4],
+    /// Brown–Conrady, in OpenCV's order.
     #[serde(default, skip_serializing_if = "Distortion::is_none")]
     distortion: Distortion,
 }

@@ -27,6 +27,7 @@ pub struct Picture {
 
 /// Channel means and standard deviations that the network's input is normalised with.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Normalisation {
     /// Mean of red, green, blue as shares of full scale.

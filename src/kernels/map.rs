@@ -45,19 +45,9 @@ impl Extent {
         sides.into_iter().fold(self.batch, usize::saturating_mul)
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.len() == 0
-    }
-
     /// Where a pixel's values are; rows and columns count from the halo's inner edge.
     pub fn at(&self, image: usize, row: usize, column: usize) -> usize {
         image * self.image() + (row + self.halo) * self.pitch() + (column + self.halo) * self.channels
-    }
-
-    /// One of its pictures.
-    pub fn one(self) -> Self {
-        Self { batch: 1, ..self }
     }
 }
 

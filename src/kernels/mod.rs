@@ -78,11 +78,6 @@ impl Convolution {
         Self { vectors, shape, method, start }
     }
 
-    /// What it computes.
-    pub fn shape(&self) -> &ConvShape {
-        &self.shape
-    }
-
     /// Halo of zeros with which its input is taken as it is. Without it dense convolutions copy what is at the edges.
     pub fn halo(&self) -> usize {
         self.shape.padding

@@ -71,6 +71,13 @@ pub struct Maps {
     pub depth: Vec<f32>,
 }
 
+impl Localisation {
+    /// Distance to the true position in the world frame, m: DtG of one picture (paper, "Evaluation Metrics").
+    pub fn dtg(&self, truth: [f64; 3]) -> f64 {
+        nalgebra::distance(&self.world.into(), &truth.into())
+    }
+}
+
 impl Localiser {
     /// Loads `weights` on `device` after checking them against `card`.
     ///

@@ -16,6 +16,7 @@ const MAX_INPUT_SIDE: u32 = 4096;
 
 /// What a published model is: enough to run it and to judge it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(hashmap_as_object))]
 #[serde(deny_unknown_fields)]
 pub struct Card {
     /// The model's name.
@@ -25,6 +26,7 @@ pub struct Card {
     /// SHA-256 of the weights file, lower-case hexadecimal.
     pub sha256: String,
     /// Architecture.
+    #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
     pub architecture: PenConfig,
     /// Size of the network's input.
     pub input: Size,
@@ -41,6 +43,7 @@ pub struct Card {
     /// How it was trained and what to expect, in plain words.
     pub description: String,
     /// Metrics on the test split, as `gravisight evaluate --json` prints them; empty before that.
+    #[cfg_attr(target_arch = "wasm32", tsify(type = "{ dtg?: Statistic; image_error_px?: Statistic } | null"))]
     pub metrics: serde_json::Value,
     /// Licence of the weights.
     pub licence: String,

@@ -18,7 +18,9 @@ mod weights;
 
 pub use self::backbone::BackboneConfig;
 pub use self::card::{Card, check_input, sha256_hex};
-pub use self::config::{DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
+#[cfg(test)]
+pub use self::config::HeatmapConfig;
+pub use self::config::{HeadConfig, PenConfig};
 pub use self::decode::{CONFIDENCE_RADIUS, Decoded, confidence, decode};
 pub(crate) use self::decode::{cell_centre, weighted_depth};
 pub use self::pen::{Pen, PenOutput, PenRunner};

@@ -18,7 +18,8 @@ pub use self::cases::Case;
 pub use self::force::Potential;
 pub(crate) use self::forecast::Transition;
 pub(crate) use self::forecast::columns::{Column, column, part};
-pub use self::forecast::{Forecast, Forecaster, Impact, Integrator, Moved, Options, Status};
-pub use self::obstacle::Surface;
-pub use self::scene::{Ball, Contact, Cuboid, Floor, Scene, Spring, Wall};
+pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Status};
+pub use self::scene::{Contact, Scene};
+#[cfg(test)]
+pub(crate) use self::scene::{Cuboid, Floor, Spring, Wall};
 pub use self::state::State;

@@ -11,6 +11,7 @@ const MAX_ENTRY: f64 = 1e9;
 
 /// A place: gravity, a ball, what it can touch. World frame, z up; SI units, radians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Gravitational acceleration, m/s².
@@ -36,6 +37,7 @@ pub struct Scene {
 
 /// The ball's own properties.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Ball {
     /// Radius, m.
@@ -65,6 +67,7 @@ pub struct Ball {
 
 /// The contact models.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(tag = "model", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Contact {
     /// The paper's soft potentials (its eq. for V_F, V_W, V_O, signs as derived from them); the ball is a point.
@@ -98,6 +101,7 @@ pub enum Contact {
 
 /// A horizontal plane; the ball is above it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Floor {
     /// Its z, m.
@@ -106,6 +110,7 @@ pub struct Floor {
 
 /// An infinite plane; the ball is on the side that `normal` points to.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Wall {
     /// A point of the plane, m.
@@ -116,6 +121,7 @@ pub struct Wall {
 
 /// A box, turned about z.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Cuboid {
     /// Its centre, m.
@@ -129,6 +135,7 @@ pub struct Cuboid {
 
 /// A spring that obeys Hooke's law.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
 pub struct Spring {
     /// Stiffness k, N/m.

@@ -197,7 +197,8 @@ impl Studio {
     }
 
     /// The ray-caster.
-    pub(crate) fn renderer(&self) -> &Renderer {
+    #[cfg(test)]
+    fn renderer(&self) -> &Renderer {
         &self.renderer
     }
 

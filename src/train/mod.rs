@@ -9,10 +9,11 @@ mod recipe;
 #[cfg(test)]
 mod testing;
 
+#[cfg(target_arch = "wasm32")]
+pub(crate) use learn::{Added, Score, Tuned};
 pub use learn::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation, resume_run, start_run};
-pub use recipe::Recipe;
 #[cfg(not(target_arch = "wasm32"))]
 pub use recipe::{TrainConfig, TrainSettings};
 

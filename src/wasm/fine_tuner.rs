@@ -1,17 +1,48 @@
 //! `FineTuner`.
 
-use js_sys::{Object, Uint8Array};
+use js_sys::Uint8Array;
+use serde::Serialize;
+use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::held::Held;
 use super::localiser::{JsLocaliser, device_of};
-use super::{js_error, object_of, set};
+use super::{js_error, object_of};
 use crate::clips::Clip;
 use crate::error::{Error, Result};
+use crate::evaluate::Statistic;
 use crate::image::Picture;
 use crate::model::Card;
 use crate::size::Size;
-use crate::train::{FineTuneOptions, FineTuner};
+use crate::train::{Added, FineTuneOptions, FineTuner, Score, Tuned};
+
+/// How good the weights are on the clips held out.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+#[tsify(missing_as_null)]
+pub struct TuneScore {
+    /// Median error of forecasts 15 frames away, pixels: 2D labels are enough.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[tsify(optional)]
+    pub forecast_px: Option<f64>,
+    /// Confidence that all but 0.5 % of the visible balls exceed.
+    pub least_confidence: f64,
+    /// 2D error, pixels.
+    pub image_error_px: Statistic,
+    /// Distance to the truth, metres; without values where there is no 3D truth.
+    pub dtg: Statistic,
+}
+
+/// A model in memory.
+#[derive(Serialize, Tsify)]
+pub struct Model {
+    /// The JSON card's text.
+    pub card: String,
+    /// The content of the `.safetensors` file.
+    #[serde(with = "serde_wasm_bindgen::preserve")]
+    #[tsify(type = "Uint8Array")]
+    pub weights: Uint8Array,
+}
 
 /// A model that learns from clips given to it.
 #[wasm_bindgen(js_name = FineTuner)]
@@ -59,24 +90,23 @@ impl JsFineTuner {
 
     /// A clip (a line of `clips.jsonl`) whose pictures were given; `held_out` to score with, else to learn from.
     #[wasm_bindgen(js_name = addClip)]
-    pub fn add_clip(&mut self, clip: &str, held_out: bool) -> std::result::Result<JsValue, JsValue> {
+    pub fn add_clip(&mut self, clip: &str, held_out: bool) -> std::result::Result<Ts<Added>, JsValue> {
         let added =
             self.held.use_up(|pictures| self.tuner.add_clip(Clip::from_json(clip, "clip")?, pictures, held_out));
         added.and_then(|added| object_of(&added)).map_err(js_error)
     }
 
     /// One step; undefined after the last.
-    pub async fn step(&mut self) -> std::result::Result<JsValue, JsValue> {
-        match self.tuner.step().await.map_err(js_error)? {
-            Some(tuned) => object_of(&tuned).map_err(js_error),
-            None => Ok(JsValue::UNDEFINED),
-        }
+    pub async fn step(&mut self) -> std::result::Result<Option<Ts<Tuned>>, JsValue> {
+        let made = self.tuner.step().await.map_err(js_error)?;
+        made.map(|tuned| object_of(&tuned)).transpose().map_err(js_error)
     }
 
     /// Scores the averaged weights on the clips held out.
-    pub async fn evaluate(&mut self) -> std::result::Result<JsValue, JsValue> {
-        let score = self.tuner.evaluate().await.map_err(js_error)?;
-        object_of(&score).map_err(js_error)
+    pub async fn evaluate(&mut self) -> std::result::Result<Ts<TuneScore>, JsValue> {
+        let Score { forecast_px, least_confidence, image_error_px, dtg } =
+            self.tuner.evaluate().await.map_err(js_error)?;
+        object_of(&TuneScore { forecast_px, least_confidence, image_error_px, dtg }).map_err(js_error)
     }
 
     /// The averaged weights as they are now, for pictures.
@@ -84,14 +114,11 @@ impl JsFineTuner {
         JsLocaliser::named(self.tuner.localiser(), self.device_name.clone())
     }
 
-    /// `{ card: string, weights: Uint8Array }` of the weights that scored best on the clips held out.
-    pub async fn export(&self) -> std::result::Result<JsValue, JsValue> {
-        let export = async || -> Result<JsValue> {
+    /// The weights that scored best on the clips held out.
+    pub async fn export(&self) -> std::result::Result<Ts<Model>, JsValue> {
+        let export = async || -> Result<Ts<Model>> {
             let (card, weights) = self.tuner.export().await?;
-            let object = Object::new();
-            set(&object, "card", &JsValue::from_str(&card.to_json()?));
-            set(&object, "weights", &Uint8Array::from(weights.as_slice()));
-            Ok(object.into())
+            object_of(&Model { card: card.to_json()?, weights: weights.as_slice().into() })
         };
         export().await.map_err(js_error)
     }

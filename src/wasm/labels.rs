@@ -1,14 +1,30 @@
 //! Proposals for 2D labels.
 
+use serde::Serialize;
+use tsify::Tsify;
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::held::Held;
-use super::{js_error, object_of};
+use super::{js_error, untyped};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::size::Size;
-use crate::track::{LabelOptions, propose_labels};
+use crate::track::{LabelOptions, Proposal, propose_labels};
+
+/// A proposed 2D label.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+pub struct LabelProposal {
+    /// The ball's centre, pixels.
+    pub image: [f64; 2],
+    /// Mean distance of the ball's outline from it, pixels.
+    pub radius_px: f64,
+    /// Share of such labels that are within a pixel of the truth, 0 to 1.
+    pub confidence: f64,
+    /// Whether a person should look at it.
+    pub doubtful: bool,
+}
 
 /// The frames of a clip whose labels are to be proposed.
 #[wasm_bindgen(js_name = Labeller)]
@@ -38,8 +54,8 @@ impl JsLabeller {
         self.frames.add(Picture::decode(&file))
     }
 
-    /// A proposal (`{ image, radius_px, confidence, doubtful }`) or null for each frame.
-    #[wasm_bindgen(js_name = propose)]
+    /// A proposal for each frame; null where the ball is not seen.
+    #[wasm_bindgen(unchecked_return_type = "(LabelProposal | null)[]")]
     pub fn propose(&self, radii_px: Option<Vec<f64>>) -> std::result::Result<JsValue, JsValue> {
         self.proposals(radii_px).map_err(js_error)
     }
@@ -55,14 +71,14 @@ impl JsLabeller {
         let frames = self.frames.pictures();
         let read = |frame: usize| Ok(frames[frame].clone());
         let found = propose_labels(frames.len(), &self.camera, &LabelOptions { radii_px }, &read, &|| ())?;
-        let proposals: Vec<serde_json::Value> = found
-            .iter()
-            .map(|proposal| match proposal {
-                None => serde_json::Value::Null,
-                Some(it) => serde_json::json!({"image": it.image, "radiusPx": it.radius_px,
-                    "confidence": it.confidence, "doubtful": it.doubtful}),
+        let proposals = found.iter().map(|found| {
+            found.map(|Proposal { image, radius_px, confidence, doubtful }| LabelProposal {
+                image,
+                radius_px,
+                confidence,
+                doubtful,
             })
-            .collect();
-        object_of(&proposals)
+        });
+        untyped(&proposals.collect::<Vec<_>>())
     }
 }

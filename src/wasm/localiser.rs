@@ -1,16 +1,16 @@
 //! `Localiser`.
 
 use burn::tensor::Device;
-use js_sys::{Float32Array, Object};
-use serde::Deserialize;
+use js_sys::Float32Array;
+use serde::{Deserialize, Serialize};
+use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
-use super::{js_error, object_of, set};
+use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::evaluate::distance_to_ground_truth;
 use crate::image::Picture;
-use crate::localise::{LocaliseOptions, Localiser, Maps};
+use crate::localise::{LocaliseOptions, Localiser, Maps, Saliency};
 use crate::model::Card;
 use crate::size::Size;
 
@@ -21,14 +21,62 @@ pub struct JsLocaliser {
     device_name: String,
 }
 
-/// What JavaScript asks for besides the position.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawOptions {
+/// What is asked for besides the position.
+#[derive(Deserialize, Tsify)]
+#[serde(deny_unknown_fields, rename_all = "camelCase")]
+pub struct Wanted {
+    /// Also return the heatmap.
     #[serde(default)]
-    maps: bool,
+    heatmap: bool,
+    /// Also return the depth map.
+    #[serde(default)]
+    depth_map: bool,
+    /// The true position in the world, in metres: the result then carries `dtg`, the distance to it.
     #[serde(default)]
     truth: Option<[f64; 3]>,
+}
+
+/// Where the ball is in a picture.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+pub struct Position {
+    /// In pixels of the picture that was given; an integer is a pixel's centre.
+    pub image: [f64; 2],
+    /// Along the camera's axis (camera z), in metres.
+    pub depth: f64,
+    /// In the camera's frame (x right, y down, z forward), in metres.
+    pub camera: [f64; 3],
+    /// In the world's frame (z up), in metres.
+    pub world: [f64; 3],
+    /// From 0 to 1.
+    pub confidence: f64,
+    /// What a user should know, in words.
+    pub notes: Vec<String>,
+    /// Distance to `truth` in metres, where it was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[tsify(optional)]
+    pub dtg: Option<f64>,
+    /// Probability that the ball is in the cell; sums to 1. Where asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[tsify(optional)]
+    pub heatmap: Option<FloatMap>,
+    /// Distance along the camera's axis, in metres. Where asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[tsify(optional)]
+    pub depth_map: Option<FloatMap>,
+}
+
+/// A map over the whole picture, row-major.
+#[derive(Serialize, Tsify)]
+pub struct FloatMap {
+    /// Cells in a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// One a cell.
+    #[serde(with = "serde_wasm_bindgen::preserve")]
+    #[tsify(type = "Float32Array")]
+    pub values: Float32Array,
 }
 
 #[wasm_bindgen(js_class = Localiser)]
@@ -45,8 +93,8 @@ impl JsLocaliser {
         &self,
         picture: Vec<u8>,
         camera: String,
-        options: JsValue,
-    ) -> std::result::Result<JsValue, JsValue> {
+        options: Ts<Wanted>,
+    ) -> std::result::Result<Ts<Position>, JsValue> {
         let picture = Picture::decode(&picture).map_err(js_error)?;
         self.run(&picture, &camera, options).await.map_err(js_error)
     }
@@ -59,10 +107,22 @@ impl JsLocaliser {
         width: u32,
         height: u32,
         camera: String,
-        options: JsValue,
-    ) -> std::result::Result<JsValue, JsValue> {
+        options: Ts<Wanted>,
+    ) -> std::result::Result<Ts<Position>, JsValue> {
         let picture = Picture::from_rgba(&rgba, Size { width, height }).map_err(js_error)?;
         self.run(&picture, &camera, options).await.map_err(js_error)
+    }
+
+    /// How the depth found in a PNG, JPEG or WebP file depends on each pixel, in metres by full brightness. On the CPU.
+    pub fn saliency(&self, picture: Vec<u8>) -> std::result::Result<Ts<FloatMap>, JsValue> {
+        Picture::decode(&picture).and_then(|picture| self.saliency_of(&picture)).map_err(js_error)
+    }
+
+    /// The same for RGBA pixels.
+    #[wasm_bindgen(js_name = saliencyRgba)]
+    pub fn saliency_rgba(&self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<Ts<FloatMap>, JsValue> {
+        let picture = Picture::from_rgba(&rgba, Size { width, height });
+        picture.and_then(|picture| self.saliency_of(&picture)).map_err(js_error)
     }
 
     /// The device, in words.
@@ -72,52 +132,39 @@ impl JsLocaliser {
     }
 }
 
-/// What only the build with the training knows.
-#[wasm_bindgen(js_class = Localiser)]
-impl JsLocaliser {
-    /// How the depth found in a PNG, JPEG or WebP file depends on each pixel.
-    pub fn saliency(&self, picture: Vec<u8>) -> std::result::Result<JsValue, JsValue> {
-        self.saliency_of(&Picture::decode(&picture).map_err(js_error)?).map_err(js_error)
-    }
-
-    /// The same for RGBA pixels.
-    #[wasm_bindgen(js_name = saliencyRgba)]
-    pub fn saliency_rgba(&self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<JsValue, JsValue> {
-        self.saliency_of(&Picture::from_rgba(&rgba, Size { width, height }).map_err(js_error)?).map_err(js_error)
-    }
-}
-
-impl JsLocaliser {
-    fn saliency_of(&self, picture: &Picture) -> Result<JsValue> {
-        let found = self.localiser.saliency(picture)?;
-        let object = Object::new();
-        set(&object, "width", &JsValue::from_f64(found.width as f64));
-        set(&object, "height", &JsValue::from_f64(found.height as f64));
-        set(&object, "values", &Float32Array::from(found.values.as_slice()));
-        set(&object, "depth", &JsValue::from_f64(found.depth));
-        Ok(object.into())
-    }
-}
-
 impl JsLocaliser {
     /// `localiser`, with the device's name in words.
     pub(super) fn named(localiser: Localiser, device_name: String) -> Self {
         Self { localiser, device_name }
     }
 
-    async fn run(&self, picture: &Picture, camera: &str, options: JsValue) -> Result<JsValue> {
-        let options: RawOptions = serde_wasm_bindgen::from_value(options).map_err(Error::format("options"))?;
+    async fn run(&self, picture: &Picture, camera: &str, wanted: Ts<Wanted>) -> Result<Ts<Position>> {
+        let wanted = wanted.to_rust().map_err(Error::format("options"))?;
         let camera = Camera::from_json(camera, "camera")?;
-        let found = self.localiser.localise(picture, &camera, LocaliseOptions { maps: options.maps }).await?;
-        let object = object_of(&found)?;
-        set(&object, "notes", &object_of(&found.notes)?);
-        if let Some(truth) = options.truth {
-            set(&object, "dtg", &JsValue::from_f64(distance_to_ground_truth(found.world, truth)));
-        }
-        if let Some(maps) = &found.maps {
-            set(&object, "maps", &js_maps(maps));
-        }
-        Ok(object)
+        let found = self
+            .localiser
+            .localise(picture, &camera, LocaliseOptions { maps: wanted.heatmap || wanted.depth_map })
+            .await?;
+        let map = |wanted: bool, values: fn(&Maps) -> &[f32]| {
+            let maps = found.maps.as_ref().filter(|_| wanted);
+            maps.map(|maps| FloatMap { width: maps.width, height: maps.height, values: values(maps).into() })
+        };
+        object_of(&Position {
+            image: found.image,
+            depth: found.depth,
+            camera: found.camera,
+            world: found.world,
+            confidence: found.confidence,
+            dtg: wanted.truth.map(|truth| found.dtg(truth)),
+            heatmap: map(wanted.heatmap, |maps| &maps.heatmap),
+            depth_map: map(wanted.depth_map, |maps| &maps.depth),
+            notes: found.notes,
+        })
+    }
+
+    fn saliency_of(&self, picture: &Picture) -> Result<Ts<FloatMap>> {
+        let Saliency { width, height, values, .. } = self.localiser.saliency(picture)?;
+        object_of(&FloatMap { width, height, values: values.as_slice().into() })
     }
 }
 
@@ -200,13 +247,4 @@ pub(super) async fn device_of(name: &str) -> Result<(Device, String)> {
         }),
         other => Err(Error::Device { device: other.into(), reason: "must be \"cpu\" or \"webgpu\"".into() }),
     }
-}
-
-fn js_maps(maps: &Maps) -> JsValue {
-    let object = Object::new();
-    set(&object, "width", &JsValue::from_f64(maps.width as f64));
-    set(&object, "height", &JsValue::from_f64(maps.height as f64));
-    set(&object, "heatmap", &Float32Array::from(maps.heatmap.as_slice()));
-    set(&object, "depth", &Float32Array::from(maps.depth.as_slice()));
-    object.into()
 }

@@ -1,16 +1,21 @@
-//! The browser's boundary: an opaque handle, plain objects in and out, no arithmetic.
+//! The browser's boundary: opaque handles, plain objects in and out, no arithmetic.
+//!
+//! What is declared here is the package's: wasm-bindgen writes it into the build's `.d.ts`, comments included, from which
+//! the package takes its types. Fields are camelCase, except in what is a file's content (camera, scene, card).
 
+mod cameras;
 mod fine_tuner;
 mod held;
 mod labels;
 mod localiser;
+mod physics;
 mod simulator;
-mod tools;
 
 use std::cell::RefCell;
 
 use js_sys::{Object, Reflect};
 use serde::Serialize;
+use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsCast as _, JsValue, wasm_bindgen};
 
 use crate::error::{Error, Result};
@@ -38,17 +43,18 @@ pub fn last_panic() -> String {
 fn js_error(error: Error) -> JsValue {
     let object = js_sys::Error::new(&error.to_string());
     object.set_name(ERROR_NAME);
-    set(&object, "code", &JsValue::from_str(error.code()));
+    // A fresh, extensible object: this cannot fail.
+    Reflect::set(object.unchecked_ref::<Object>(), &"code".into(), &error.code().into()).ok();
     object.into()
 }
 
-/// Sets a property of a fresh, extensible object, which cannot fail.
-fn set(object: &JsValue, key: &str, value: &JsValue) {
-    Reflect::set(object.unchecked_ref::<Object>(), &JsValue::from_str(key), value).ok();
+/// A plain JavaScript object of the type that is declared for `T`.
+fn object_of<T: Serialize + Tsify>(value: &T) -> Result<Ts<T>> {
+    value.into_ts().map_err(Error::format("result"))
 }
 
-/// A plain JavaScript object (no `Map`) of anything that serialises.
-fn object_of(value: &impl Serialize) -> Result<JsValue> {
+/// The same for what has no declaration of its own.
+fn untyped(value: &impl Serialize) -> Result<JsValue> {
     let serialiser = serde_wasm_bindgen::Serializer::json_compatible();
     value.serialize(&serialiser).map_err(Error::format("result"))
 }

@@ -1,11 +1,36 @@
 //! `Simulator`: the paper's scenes, drawn and simulated.
 
+use serde::Serialize;
+use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
-use super::tools::start_of;
-use super::{js_error, object_of};
+use super::physics::start_of;
+use super::{js_error, object_of, untyped};
 use crate::error::{Error, Result};
+use crate::physics::Scene;
 use crate::synth::{Engine as _, Shot, Split, Studio};
+
+/// A random clip's labels.
+#[derive(Serialize, Tsify)]
+pub struct SimulatedClip {
+    /// Frames a second.
+    pub fps: f64,
+    /// Its frames.
+    pub frames: Vec<SimulatedFrame>,
+}
+
+/// The labels of a frame; its picture is the simulator's at `world`.
+#[derive(Serialize, Tsify)]
+pub struct SimulatedFrame {
+    /// Seconds.
+    pub t: f64,
+    /// The ball's centre, pixels.
+    pub image: [f64; 2],
+    /// Whether any of the ball is seen.
+    pub visible: bool,
+    /// The ball's centre, metres.
+    pub world: [f64; 3],
+}
 
 /// One scene and camera of the paper's synthetic sets, by the built-in engine.
 #[wasm_bindgen(js_name = Simulator)]
@@ -20,14 +45,14 @@ impl JsSimulator {
     }
 
     /// The camera, as a `camera.json`.
-    #[wasm_bindgen(getter)]
+    #[wasm_bindgen(getter, unchecked_return_type = "Camera")]
     pub fn camera(&self) -> std::result::Result<JsValue, JsValue> {
-        object_of(self.0.camera()).map_err(js_error)
+        untyped(self.0.camera()).map_err(js_error)
     }
 
     /// The place and its ball, as a `scene.json`.
     #[wasm_bindgen(getter)]
-    pub fn scene(&self) -> std::result::Result<JsValue, JsValue> {
+    pub fn scene(&self) -> std::result::Result<Ts<Scene>, JsValue> {
         object_of(self.0.scene()).map_err(js_error)
     }
 
@@ -51,12 +76,16 @@ impl JsSimulator {
         Ok(drawn.pixels().flat_map(|pixel| [pixel.0[0], pixel.0[1], pixel.0[2], 255]).collect())
     }
 
-    /// Clip `number` of the set of seed `seed`, with its labels, as a line of `clips.jsonl`; its pictures are
-    /// [`Self::picture`] at its frames' positions.
-    pub fn clip(&self, seed: u32, number: usize) -> std::result::Result<JsValue, JsValue> {
-        let run = || -> Result<JsValue> {
+    /// Clip `number` of the set of seed `seed`: its labels. Its pictures are [`Self::picture`] at its frames' positions.
+    pub fn clip(&self, seed: u32, number: usize) -> std::result::Result<Ts<SimulatedClip>, JsValue> {
+        let run = || {
             let mut engine = self.0.builtin();
-            object_of(&self.0.clip(&mut engine, u64::from(seed), Split::Val, number)?)
+            let clip = self.0.clip(&mut engine, u64::from(seed), Split::Val, number)?;
+            let frames = clip.frames.into_iter().map(|frame| match (frame.image, frame.world) {
+                (Some(image), Some(world)) => Ok(SimulatedFrame { t: frame.t, image, visible: frame.visible, world }),
+                _ => Err(Error::Data { what: clip.id.clone(), reason: "lacks the label of a frame".into() }),
+            });
+            object_of(&SimulatedClip { fps: clip.fps, frames: frames.collect::<Result<_>>()? })
         };
         run().map_err(js_error)
     }

@@ -37,7 +37,7 @@ test("the sample's points, clicked where they are, give the sample's camera", as
   await clickAt(points[1].image);
   await page.getByTestId("cal-hint").filter({ hasText: "2 more points" }).waitFor();
   for (const { image } of points.slice(2)) await clickAt(image);
-  await page.waitForFunction(() => document.querySelector('[data-testid="cal-count"]').textContent.includes("10 of 10"));
+  await page.waitForFunction(() => document.querySelector('[data-part="cal-count"]').textContent.includes("10 of 10"));
   await settled();
   assert.ok((await value(page, "cal-rms")) < 0.3, "a mouse is this exact");
   const found = await savedJson("cal-save");
@@ -65,7 +65,7 @@ test("a point dragged away is named and left out, and undo brings it back", asyn
   assert.match(await page.getByTestId("cal-state-4").textContent(), /wrong click\? left out/);
   nearMatrix((await savedJson("cal-save")).camera_from_world, camera.camera_from_world, 1e-3);
   await page.keyboard.press("Control+z");
-  await page.waitForFunction(() => document.querySelector('[data-testid="cal-outliers"]').textContent === "");
+  await page.waitForFunction(() => document.querySelector('[data-part="cal-outliers"]').textContent === "");
   await settled();
   assert.ok((await value(page, "cal-rms")) < 1e-3);
 });
@@ -172,7 +172,7 @@ test("nothing was reported to the console over the whole run", () => assert.deep
 /** Of the sample's corners: the page's own coordinates, and where the core projects them. */
 async function projected() {
   const world = await page.evaluate(() => {
-    const value = (name) => document.querySelector(`[data-testid="${name}"]`).valueAsNumber;
+    const value = (name) => document.querySelector(`[data-part="${name}"]`).valueAsNumber;
     return [...Array(10).keys()].map((index) => ["x", "y", "z"].map((axis) => value(`cal-${axis}-${index}`)));
   });
   const images = await project(world);
@@ -204,8 +204,8 @@ async function clickAt(image) {
 async function settled() {
   await page.waitForFunction(
     () => {
-      const states = [...document.querySelectorAll('[data-testid^="cal-state-"]')].map((state) => state.textContent);
-      return !document.querySelector('[data-testid="cal-found"]').hidden && states.length > 0 && !states.some((state) => state.startsWith("clicked at"));
+      const states = [...document.querySelectorAll('[data-part^="cal-state-"]')].map((state) => state.textContent);
+      return !document.querySelector('[data-part="cal-found"]').hidden && states.length > 0 && !states.some((state) => state.startsWith("clicked at"));
     },
     null,
     PATIENCE,

@@ -35,7 +35,7 @@ test("auto without an adapter takes the CPU and says why", async () => {
 
 test("webgpu without an adapter is refused in words, and the CPU can be chosen", async () => {
   await inBrowser({ webgpu: false }, "?device=webgpu", async (page) => {
-    await page.waitForFunction(() => document.querySelector('[data-testid="alert"]').textContent !== "");
+    await page.waitForFunction(() => document.querySelector('[data-part="alert"]').textContent !== "");
     assert.match(await page.getByTestId("alert").textContent(), /WebGPU cannot be used/);
     await page.getByTestId("device-cpu").check();
     await located(page);
@@ -50,7 +50,7 @@ test("without the WebGPU build, auto takes the CPU, webgpu says what is missing,
     await located(page);
     assert.match(await page.getByTestId("device").textContent(), /CPU.*auto: WebGPU failed: .*build is not here/);
     await page.getByTestId("device-webgpu").check();
-    await page.waitForFunction(() => document.querySelector('[data-testid="alert"]').textContent !== "");
+    await page.waitForFunction(() => document.querySelector('[data-part="alert"]').textContent !== "");
     assert.match(await page.getByTestId("alert").textContent(), /WebGPU build is not here/);
     assert.ok(await page.getByTestId("device-auto").isChecked());
     await located(page);

@@ -25,9 +25,9 @@ after(async () => {
 
 test("the page finds the first sample's ball where the command finds it, and every step opens", async () => {
   const demo = await openInFirefox(browser, server.url, complaints);
-  await demo.waitForFunction(() => document.querySelector('[data-testid="world-x"]')?.getAttribute("value"), { timeout: 120_000 });
+  await demo.waitForFunction(() => document.querySelector('[data-part="world-x"]')?.getAttribute("value"), { timeout: 120_000 });
   for (const [axis, name] of ["x", "y", "z"].entries()) {
-    const value = Number(await demo.$eval(`[data-testid="world-${name}"]`, (output) => output.getAttribute("value")));
+    const value = Number(await demo.$eval(`[data-part="world-${name}"]`, (output) => output.getAttribute("value")));
     assert.ok(Math.abs(value - golden[samples[0].file].world[axis]) < 1e-3, `${name}: ${value}`);
   }
   for (const step of ["video", "calibrate", "label", "tune"]) {
@@ -52,8 +52,8 @@ test("a thrown ball's track is fitted", async () => {
 
 test("fine-tuning lowers the error by a fifth", { timeout: 600_000 }, async () => {
   const { before, after, seconds } = await page.evaluate(fineTune, { model: "models/sd-s.json", steps: 60 });
-  console.log(`held-out forecast error ${before.forecast_px} -> ${after.forecast_px} px, DtG ${before.dtg.mean} -> ${after.dtg.mean} m, ${seconds} s`);
-  assert.ok(after.forecast_px < 0.8 * before.forecast_px);
+  console.log(`held-out forecast error ${before.forecastPx} -> ${after.forecastPx} px, DtG ${before.dtg.mean} -> ${after.dtg.mean} m, ${seconds} s`);
+  assert.ok(after.forecastPx < 0.8 * before.forecastPx);
   assert.ok(after.dtg.mean < 0.8 * before.dtg.mean);
 });
 

@@ -1,6 +1,6 @@
 /** The packed package: what is in it, where it and its parts may lie, Workers without a bundler. docs.test.js has the rest. */
 import assert from "node:assert/strict";
-import { execFileSync } from "node:child_process";
+import { execFileSync, spawnSync } from "node:child_process";
 import { cpSync, mkdirSync, readFileSync, readdirSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
@@ -112,6 +112,25 @@ test("in a Vite app that lies in any folder of a server", { timeout: 120_000 }, 
   writeFileSync(join(app, "main.js"), inPage + program("", "gravisight", "../../"));
   await build({ root: app, base: "./", logLevel: "error", configFile: false });
   isGolden(await positionOn("vite/dist/index.html"));
+});
+
+test("a strict TypeScript program reads results and the card by their types, and a wrong name is refused", () => {
+  const read = (name) => `
+import { Localiser, Track, type Camera, type Scene } from "gravisight";
+export async function look(camera: Camera, scene: Scene, picture: Blob): Promise<(number | null | undefined)[]> {
+  const localiser = await Localiser.create({ model: "m.json", camera });
+  const { world, heatmap, dtg } = await localiser.localise(picture, { heatmap: true, truth: [0, 0, 0] });
+  const { points, ${name} } = await (await Track.create({ camera, scene })).fit();
+  const { confidence_threshold, metrics } = localiser.card;
+  return [world[2], heatmap?.values[0], dtg, points[0]?.residualPx?.[1], ${name}, confidence_threshold, metrics?.dtg?.mean];
+}`;
+  const check = (name) => {
+    writeFileSync(join(folder, "typed.ts"), read(name));
+    const options = ["--noEmit", "--strict", "--target", "es2022", "--module", "nodenext", "--lib", "es2022,dom", "--types", "", "typed.ts"];
+    return spawnSync(join(root, "node_modules/.bin/tsc"), options, { cwd: folder, encoding: "utf8" }).stdout.trim();
+  };
+  assert.equal(check("rmsPx"), "");
+  assert.match(check("rms_px"), /typed\.ts.*rms_px/);
 });
 
 test("publint and are-the-types-wrong find nothing", () => {

@@ -259,7 +259,7 @@ async function state(frame) {
 }
 
 async function currentFrame() {
-  return Number((await page.locator(".lab-strip [aria-current]").getAttribute("data-testid")).replace("lab-cell-", ""));
+  return Number((await page.locator(".lab-strip [aria-current]").getAttribute("data-part")).replace("lab-cell-", ""));
 }
 
 

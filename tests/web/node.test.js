@@ -15,6 +15,7 @@ test("pictures are found where the command finds them", async () => {
   // The wasm and the weights are fetched side by side.
   assert.deepEqual([...stages].sort(), ["warming up", "wasm", "weights"]);
   assert.equal([...stages].at(-1), "warming up");
+  assert.deepEqual(localiser.card, JSON.parse(readFileSync(model, "utf8")));
   assert.match(localiser.device.name, /CPU/);
   assert.match(localiser.device.reason, /auto: .*no WebGPU/);
   for (const sample of samples) {
@@ -51,6 +52,20 @@ test("the tools run, several at the same time", async () => {
   one.dispose();
   other.dispose();
   await assert.rejects(one.courts(), { code: "disposed" });
+});
+
+test("two toolboxes that share a Worker each get their own answers", async () => {
+  // It answers one message after the other, as the package's own does; both hear each answer.
+  class Shared extends EventTarget {
+    #last = Promise.resolve();
+    postMessage({ id, request }) {
+      this.#last = this.#last.then(() => this.dispatchEvent(new MessageEvent("message", { data: { type: "done", id, answer: request.name } })));
+    }
+    terminate() {}
+  }
+  const worker = new Shared();
+  const [one, other] = [await Toolbox.create({ worker }), await Toolbox.create({ worker })];
+  assert.deepEqual(await Promise.all([one.court("tennis"), other.court("badminton")]), ["tennis", "badminton"]);
 });
 
 test("a fine-tuner refuses senseless options by name", async () => {

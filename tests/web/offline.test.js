@@ -14,7 +14,7 @@ test("opened once, the page finds balls and has all of its steps with no server 
   const browser = await launch({ webgpu: false });
   try {
     const page = await open(browser, server.url, complaints, { serviceWorkers: "allow" });
-    await page.waitForFunction(() => document.querySelector('[data-testid="offline-note"]').textContent !== "");
+    await page.waitForFunction(() => document.querySelector('[data-part="offline-note"]').textContent !== "");
     await server.close();
     await page.context().setOffline(true);
     await page.goto(`${server.url}?device=auto`);
@@ -22,7 +22,6 @@ test("opened once, the page finds balls and has all of its steps with no server 
     await press(page, 2);
     const world = await shown(page, "world-x", "world-y", "world-z");
     golden[samples[2].file].world.forEach((value, axis) => assert.ok(Math.abs(value - world[axis]) < 2e-3, `${world}`));
-    // The tools were never asked for while there was a network.
     await page.getByRole("tab", { name: "Calibrate" }).click();
     await page.getByTestId("cal-court").locator("option").nth(3).waitFor({ state: "attached" });
     assert.deepEqual(complaints, []);

@@ -132,7 +132,7 @@ test("samples pressed one after the other leave the last one's position", async 
   await forget(page);
   for (const index of [0, 1, 2, 6]) await page.getByTestId(`sample-${index}`).click();
   // The others may be shown on the way there.
-  await page.waitForFunction((x) => Number(document.querySelector('[data-testid="world-x"]').value) === x, expected[0]);
+  await page.waitForFunction((x) => Number(document.querySelector('[data-part="world-x"]').value) === x, expected[0]);
   await ready(page);
   assert.deepEqual(await shown(page, "world-x", "world-y", "world-z"), expected);
 });
@@ -146,7 +146,7 @@ test("the page never scrolls sideways on a phone", async () => {
 
 test("a model that is not there is said in words", async () => {
   const lost = await open(browser, `${server.url}?model=models/none.json`, complaints);
-  await lost.waitForFunction(() => document.querySelector('[data-testid="alert"]').textContent !== "");
+  await lost.waitForFunction(() => document.querySelector('[data-part="alert"]').textContent !== "");
   assert.match(await lost.getByTestId("alert").textContent(), /models\/none\.json.*(200|404)/s);
   assert.equal(await lost.getByTestId("status").textContent(), "not loaded");
   await lost.close();
@@ -164,7 +164,7 @@ function near(actual, expected, tolerance, what) {
 
 async function tabTo(page, testId) {
   for (let presses = 0; presses < 20; presses++) {
-    if ((await page.evaluate(() => document.activeElement?.dataset.testid)) === testId) return;
+    if ((await page.evaluate(() => document.activeElement?.dataset.part)) === testId) return;
     await page.keyboard.press("Tab");
   }
   assert.fail(`Tab does not lead to ${testId}`);

@@ -10,21 +10,22 @@ import { serve } from "./support/server.js";
 
 /** A person notices what takes longer (the platform's own limit for a long task). */
 const LONG_MS = 50;
-/** A crowded machine's caches make a task longer by chance, but not each time. */
-const TRIES = 3;
+/** A crowded machine's caches make a task longer by chance, but not most times. */
+const WALKS = 3;
 const PATIENCE = { timeout: 60_000 };
 
 test("loading, a throw and the opening of each step keep the main thread for no long task", { timeout: 300_000 }, async () => {
   const server = await serve();
   const longest = [];
   try {
-    while (longest.length < TRIES && !(Math.min(...longest) < LONG_MS)) longest.push(await longestOfAWalk(server.url));
+    for (let walk = 0; walk < WALKS; walk++) longest.push(await longestOfAWalk(server.url));
   } finally {
     await server.close();
   }
-  console.log(`longest task: ${longest.join(", ")} ms of CPU time`);
-  assert.ok(Math.min(...longest) < LONG_MS, `${longest} ms`);
-  assert.ok(Math.min(...longest) > 1, "the trace holds the page's tasks");
+  longest.sort((a, b) => a - b);
+  console.log(`longest task of each walk: ${longest.join(", ")} ms of CPU time`);
+  assert.ok(longest[0] > 1, "the trace holds the page's tasks");
+  assert.ok(longest[(WALKS - 1) / 2] < LONG_MS, `the median of ${longest} ms`);
 });
 
 /** Through the page once, in a fresh browser: CPU time of the longest task, in milliseconds. */

@@ -41,7 +41,7 @@ test("clicks on a court give its camera back", async () => {
     const found = await toolbox.calibrate({ width: 224, height: 224, intrinsic: camera.intrinsic, world: scaled, image });
     const refused = await toolbox.calibrate({ width: 224, height: 224, world: [], image: [] }).catch((thrown) => [thrown.name, thrown.message]);
     toolbox.dispose();
-    return { centre: found.camera.camera_from_world, rms: found.rms_px, outliers: found.outliers.map(({ index }) => index), courts, refused };
+    return { centre: found.camera.camera_from_world, rms: found.rmsPx, outliers: found.outliers.map(({ index }) => index), courts, refused };
   }, samples[0].camera);
   assert.ok(courts.includes("tennis") && courts.length >= 5, courts.join());
   assert.ok(rms < 1e-3, `${rms} px`);
@@ -63,10 +63,10 @@ test("a thrown ball is simulated, drawn, labelled, and its track fitted", async 
 test("fine-tuning on 2D labels of another camera lowers its error by a fifth, and the command finds the same with its export", { timeout: 600_000 }, async () => {
   const result = await page.evaluate(fineTune, { model: "models/sd-s.json", steps: 60 });
   const { before, after, steps, aborted, card, weights, found, camera, png } = result;
-  console.log(`held-out forecast error ${before.forecast_px} -> ${after.forecast_px} px, DtG ${before.dtg.mean} -> ${after.dtg.mean} m, ${result.seconds} s`);
+  console.log(`held-out forecast error ${before.forecastPx} -> ${after.forecastPx} px, DtG ${before.dtg.mean} -> ${after.dtg.mean} m, ${result.seconds} s`);
   assert.equal(steps, 60);
   assert.deepEqual(aborted, ["AbortError", true]);
-  assert.ok(after.forecast_px < 0.8 * before.forecast_px);
+  assert.ok(after.forecastPx < 0.8 * before.forecastPx);
   assert.ok(after.dtg.mean < 0.8 * before.dtg.mean);
   const folder = mkdtempSync(join(tmpdir(), "gravisight-"));
   const { name, weights: file } = JSON.parse(card);
@@ -103,7 +103,7 @@ test("a clip with a picture that is none is refused, and the next one is taken",
   assert.ok(added.frames >= 25, `${added.frames} frames teach`);
 });
 
-test("saliency comes on request, in a build that is fetched for it", async () => {
+test("saliency comes on request", async () => {
   const { without, size, strongest } = await page.evaluate(async ({ model, camera, base64 }) => {
     const localiser = await window.gravisight.Localiser.create({ model, camera });
     const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));

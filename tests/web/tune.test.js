@@ -82,7 +82,7 @@ test("what is chosen of a clip outlives a change of another", async () => {
   await page.getByTestId("tune-held-out").nth(1).check();
   await page.waitForTimeout(500);
   assert.ok(!(await page.getByTestId("tune-use").nth(0).isChecked()));
-  assert.equal(await page.evaluate(() => document.activeElement.dataset.testid), "tune-held-out");
+  assert.equal(await page.evaluate(() => document.activeElement.dataset.part), "tune-held-out");
 });
 
 test("clips survive a reload", async () => {

@@ -80,7 +80,7 @@ test("what was skipped is filled in by stepping, forward and back", async () => 
     slider.value = "0";
     slider.dispatchEvent(new Event("input"));
   });
-  await page.waitForFunction(() => document.querySelector('[data-testid="video-clock"]').textContent === "0.00 s");
+  await page.waitForFunction(() => document.querySelector('[data-part="video-clock"]').textContent === "0.00 s");
   const clock = () => page.getByTestId("video-clock").textContent();
   await page.getByTestId("video-forward").click();
   await page.getByTestId("video-forward").click();
@@ -197,7 +197,7 @@ test("a video is played, and its positions are near the truth", PATIENCE, async 
     slider.value = String(slider.max / 2);
     slider.dispatchEvent(new Event("input"));
   });
-  await own.waitForFunction(() => /^[^0]|0\.[1-9]/.test(document.querySelector('[data-testid="video-clock"]').textContent));
+  await own.waitForFunction(() => /^[^0]|0\.[1-9]/.test(document.querySelector('[data-part="video-clock"]').textContent));
   await own.close();
 });
 
@@ -212,7 +212,7 @@ test("a webcam starts and stops", PATIENCE, async () => {
     await own.getByTestId("video-webcam").click();
     await count(own, 3);
     assert.ok(await own.getByTestId("video-time").isHidden(), "there is no timeline");
-    const stream = await own.evaluateHandle(() => document.querySelector('[data-testid="video-frame"] video').srcObject);
+    const stream = await own.evaluateHandle(() => document.querySelector('[data-part="video-frame"] video').srcObject);
     assert.equal(await stream.evaluate((given) => given.getVideoTracks()[0].readyState), "live");
     assert.equal(await own.getByTestId("video-stop").textContent(), "Stop the webcam");
     await own.getByTestId("video-stop").click();
@@ -325,14 +325,14 @@ function playExample(on) {
 /** Waits until what `start` starts has played to its end. */
 async function played(on, start) {
   await start();
-  await on.locator('[data-testid="video-play"][data-playing="true"]').waitFor(PATIENCE);
-  await on.locator('[data-testid="video-play"][data-playing="false"]').waitFor(PATIENCE);
+  await on.locator('[data-part="video-play"][data-playing="true"]').waitFor(PATIENCE);
+  await on.locator('[data-part="video-play"][data-playing="false"]').waitFor(PATIENCE);
   // The plots follow at their own pace.
   await on.waitForTimeout(500);
 }
 
 async function count(on, atLeast) {
-  await on.waitForFunction((n) => Number(document.querySelector('[data-testid="video-processed"]').value) >= n, atLeast, PATIENCE);
+  await on.waitForFunction((n) => Number(document.querySelector('[data-part="video-processed"]').value) >= n, atLeast, PATIENCE);
 }
 
 async function exported(on) {

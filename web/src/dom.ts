@@ -11,20 +11,20 @@ export function element<T extends HTMLElement>(id: string): T {
 /** Makes an element. */
 export function make<K extends keyof HTMLElementTagNameMap>(
   tag: K,
-  properties: { class?: string; text?: string; testId?: string } = {},
+  properties: { class?: string; text?: string; part?: string } = {},
   ...children: Node[]
 ): HTMLElementTagNameMap[K] {
   const made = document.createElement(tag);
   if (properties.class) made.className = properties.class;
   if (properties.text !== undefined) made.textContent = properties.text;
-  if (properties.testId) made.dataset.testid = properties.testId;
+  if (properties.part) made.dataset.part = properties.part;
   made.append(...children);
   return made;
 }
 
 /** A button that looks like a link; `label` is what it is called where its words alone say too little. */
-export function textButton(text: string, testId: string, label: string, act: () => void): HTMLButtonElement {
-  const made = make("button", { class: "text-button", text, testId });
+export function textButton(text: string, name: string, label: string, act: () => void): HTMLButtonElement {
+  const made = make("button", { class: "text-button", text, part: name });
   made.type = "button";
   made.setAttribute("aria-label", label);
   made.addEventListener("click", act);

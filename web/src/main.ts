@@ -1,12 +1,11 @@
 /** Reads the address: `?device=cpu|webgpu|auto` and `?model=URL of a JSON card`. */
 import type { DeviceChoice } from "gravisight";
-import { App, type Settings } from "./app";
 import { element } from "./dom";
 import { startLive } from "./live";
-import { showModelNote } from "./model-note";
 import { keepForOffline } from "./offline";
 import { MODEL } from "./shared/core";
 import { startTabs } from "./tabs";
+import { App, type Settings } from "./try";
 
 const DEVICES: readonly string[] = ["cpu", "webgpu", "auto"] satisfies DeviceChoice[];
 
@@ -20,7 +19,6 @@ const settings = settingsFrom(new URLSearchParams(location.search));
 const app = new App(settings);
 // Below the fold: after what is seen first.
 setTimeout(() => startLive(element("live"), () => app.localiser));
-void showModelNote(settings.model);
 await app.start(settings);
 try {
   await keepForOffline();

@@ -7,9 +7,9 @@ export async function keepForOffline(): Promise<void> {
   if (!import.meta.env.PROD || !container) return new Promise(() => {});
   await container.register(`${import.meta.env.BASE_URL}offline.js`);
   if (!container.controller) await new Promise((resolve) => container.addEventListener("controllerchange", resolve, { once: true }));
-  // What was fetched before the service worker was there, and what the other steps will ask for.
+  // What was fetched before the service worker was there.
   const seen = performance.getEntriesByType("resource").map(({ name }) => name);
-  const files = new Set([location.href, ...seen, ...(await coreFiles("cpu")), ...(await coreFiles("tools"))]);
+  const files = new Set([location.href, ...seen, ...(await coreFiles())]);
   for (const file of files) {
     const isOurs = new URL(file).origin === location.origin;
     if (isOurs && !(await caches.match(file, { ignoreSearch: true }))) await (await fetch(file)).arrayBuffer();

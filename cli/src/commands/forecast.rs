@@ -8,7 +8,8 @@ use nalgebra::{Matrix6, Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::print_line;
-use gravisight::{Case, Forecast, Forecaster, Integrator, Options, Scene};
+use gravisight::internal::Case;
+use gravisight::{Forecast, ForecastOptions, Forecaster, Integrator, Scene};
 
 /// Forecast where a ball will be: positions, velocities, and their derivatives by the start.
 #[derive(Args)]
@@ -70,7 +71,7 @@ fn tolerance(text: &str) -> std::result::Result<f64, String> {
 pub fn run(arguments: Arguments) -> Result<()> {
     let rtol = arguments.tolerance;
     let integrator = Integrator::DormandPrince { rtol, atol: 0.01 * rtol };
-    let options = Options { integrator, closed_forms: !arguments.numeric, ..Options::default() };
+    let options = ForecastOptions { integrator, closed_forms: !arguments.numeric, ..ForecastOptions::default() };
     if let Some(path) = &arguments.cases {
         return run_cases(path, options);
     }
@@ -95,7 +96,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
 }
 
 /// The cases of a file with `r`, `v`, `jacobian` and `status` filled in.
-fn run_cases(path: &std::path::Path, options: Options) -> Result<()> {
+fn run_cases(path: &std::path::Path, options: ForecastOptions) -> Result<()> {
     let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
     let what = path.display().to_string();
     let written: Value = serde_json::from_str(&text).with_context(|| what.clone())?;

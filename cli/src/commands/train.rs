@@ -5,10 +5,8 @@ use std::time::Instant;
 
 use anyhow::Result;
 use clap::Args;
-use gravisight::{
-    Bins, Clips, Device, TrainConfig, TrainEvent, TrainProgress, TrainSettings, Validation, resume_run, score,
-    start_run,
-};
+use gravisight::internal::{TrainProgress, Validation};
+use gravisight::{Bins, Clips, Device, TrainConfig, TrainEvent, TrainSettings, resume_run, score, start_run};
 
 use super::print_line;
 use crate::device::DeviceChoice;

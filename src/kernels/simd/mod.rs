@@ -106,7 +106,8 @@ impl Vectors {
         Self(Arch::new())
     }
 
-    /// Every set that this machine has, for tests.
+    /// Every set that this machine has.
+    #[cfg(test)]
     pub fn all() -> Vec<Self> {
         #[allow(unused_mut)] // one set in wasm
         let mut all = vec![Self::best()];

@@ -13,10 +13,9 @@ use std::sync::Arc;
 use nalgebra::{Matrix6, SMatrix, Vector3};
 
 use self::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
-pub use self::guard::Moved;
 use self::guard::moved_out;
 pub use self::integrate::Integrator;
-pub use self::outcome::{Forecast, Impact, Options, Status};
+pub use self::outcome::{Forecast, ForecastOptions, Impact, Status};
 use self::run::Run;
 use super::contact::Contacts;
 use super::force::{Forces, Potential};
@@ -64,7 +63,7 @@ pub(crate) struct LinearMotion {
 #[derive(Debug, Clone)]
 pub struct Forecaster {
     scene: Scene,
-    options: Options,
+    options: ForecastOptions,
     obstacles: Vec<Obstacle>,
     potential: Option<Arc<dyn Potential>>,
     forwards: Laws,
@@ -85,10 +84,10 @@ impl Forecaster {
     /// As [`Scene::check`].
     pub fn new(scene: &Scene) -> Result<Self> {
         scene.check("scene")?;
-        Ok(Self::of(scene, Options::default(), None))
+        Ok(Self::of(scene, ForecastOptions::default(), None))
     }
 
-    fn of(scene: &Scene, options: Options, potential: Option<Arc<dyn Potential>>) -> Self {
+    fn of(scene: &Scene, options: ForecastOptions, potential: Option<Arc<dyn Potential>>) -> Self {
         let (forces, contacts) = (Forces::of(scene, potential.as_ref()), Contacts::of(scene));
         let backwards = Laws { forces: forces.reversed(), contacts: contacts.clone().reversed() };
         let forwards = Laws { forces, contacts };
@@ -99,7 +98,7 @@ impl Forecaster {
     ///
     /// # Errors
     /// [`Error::Value`] for a tolerance, step or limit that is not positive.
-    pub fn with_options(mut self, options: Options) -> Result<Self> {
+    pub fn with_options(mut self, options: ForecastOptions) -> Result<Self> {
         let positive = |field: &str, value: f64| match value > 0.0 {
             true => Ok(()),
             false => Err(Error::value("forecast options", field, format!("must be greater than zero, not {value}"))),

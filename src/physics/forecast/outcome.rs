@@ -18,7 +18,7 @@ const STEP_LIMIT: usize = 100_000;
 /// How a forecast is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, rename_all = "kebab-case", deny_unknown_fields)]
-pub struct Options {
+pub struct ForecastOptions {
     /// Solver where no closed form is used.
     pub integrator: Integrator,
     /// Use closed forms where they exist: arcs between contacts without drag and spin, the linear spring.
@@ -31,7 +31,7 @@ pub struct Options {
     pub region: f64,
 }
 
-impl Default for Options {
+impl Default for ForecastOptions {
     fn default() -> Self {
         Self {
             integrator: Integrator::default(),
@@ -61,7 +61,7 @@ pub enum Status {
         /// s.
         time: f64,
     },
-    /// Stopped: farther from the origin than [`Options::region`].
+    /// Stopped: farther from the origin than [`ForecastOptions::region`].
     LeftRegion {
         /// s.
         time: f64,

@@ -6,7 +6,7 @@ use super::approach::{Reached, first_contact};
 use super::arc::{Arc, Course};
 use super::columns::{Columns, part};
 use super::integrate::{Flow, Step};
-use super::outcome::{Impact, Options, Status};
+use super::outcome::{ForecastOptions, Impact, Status};
 use crate::physics::contact::Model;
 use crate::physics::force::{Forces, Linear};
 use crate::physics::obstacle::Obstacle;
@@ -22,7 +22,7 @@ const CROSSING_VALUE: f64 = 1e-15;
 pub(crate) struct Run<'a, const M: usize> {
     pub forces: &'a Forces,
     pub obstacles: &'a [Obstacle],
-    pub options: &'a Options,
+    pub options: &'a ForecastOptions,
     /// Ascending, not negative, s.
     pub times: &'a [f64],
     pub y: Columns<M>,
@@ -42,7 +42,7 @@ impl<'a, const M: usize> Run<'a, M> {
     pub fn new(
         forces: &'a Forces,
         obstacles: &'a [Obstacle],
-        options: &'a Options,
+        options: &'a ForecastOptions,
         start: Columns<M>,
         times: &'a [f64],
     ) -> Self {

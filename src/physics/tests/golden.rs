@@ -1,7 +1,7 @@
 //! The forecaster against references that are not ours, and against its own derivatives and conservation laws.
 
 use crate::physics::{
-    Case, Contact, Cuboid, Floor, Forecaster, Integrator, Options, Scene, Spring, State, Status, Wall,
+    Case, Contact, Cuboid, Floor, ForecastOptions, Forecaster, Integrator, Scene, Spring, State, Status, Wall,
 };
 use crate::testing::golden;
 use nalgebra::{Matrix6, Point3, Vector3};
@@ -11,8 +11,8 @@ use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 use serde_json::Value;
 
 /// The solver for comparisons.
-fn precise() -> Options {
-    Options { integrator: Integrator::DormandPrince { rtol: 1e-10, atol: 1e-11 }, ..Options::default() }
+fn precise() -> ForecastOptions {
+    ForecastOptions { integrator: Integrator::DormandPrince { rtol: 1e-10, atol: 1e-11 }, ..ForecastOptions::default() }
 }
 
 fn vector(value: &Value) -> Vector3<f64> {
@@ -152,8 +152,10 @@ fn drawn<T>(count: usize, strategy: impl Strategy<Value = T>) -> Vec<T> {
 fn jacobians_agree(contact: BoxedStrategy<Contact>, contacts: usize, h: f64) {
     let (mut with_contact, mut compared) = (0, 0);
     for (scene, start, time) in drawn(400, (scenes(contact), starts(), 0.3..1.5)) {
-        let options =
-            Options { integrator: Integrator::DormandPrince { rtol: 1e-11, atol: 1e-12 }, ..Options::default() };
+        let options = ForecastOptions {
+            integrator: Integrator::DormandPrince { rtol: 1e-11, atol: 1e-12 },
+            ..ForecastOptions::default()
+        };
         let forecaster = Forecaster::new(&scene).unwrap().with_options(options).unwrap();
         let start = scene.start(start.position, start.velocity);
         let forecast = forecaster.forecast_with_jacobians(&start, &[time]);

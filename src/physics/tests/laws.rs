@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use super::scenes::{ELASTIC, SOFT, forecaster, scene, state, tight};
-use crate::physics::{Contact, Cuboid, Floor, Forecaster, Integrator, Options, Potential, Spring, State, Status, Wall};
+use crate::physics::{
+    Contact, Cuboid, Floor, ForecastOptions, Forecaster, Integrator, Potential, Spring, State, Status, Wall,
+};
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 
@@ -21,7 +23,7 @@ impl Potential for Bowl {
     }
 }
 
-fn bowl(options: Options) -> Forecaster {
+fn bowl(options: ForecastOptions) -> Forecaster {
     let mut empty = scene(ELASTIC, 1.0, 0.1);
     empty.floor = None;
     forecaster(&empty, options).with_potential(Arc::new(Bowl))
@@ -31,10 +33,12 @@ fn bowl(options: Options) -> Forecaster {
 fn order(integrator: impl Fn(f64) -> Integrator) -> f64 {
     let start = state([0.6, -0.2, 0.3], [0.1, 0.8, -0.4]);
     let run = |options| bowl(options).forecast_with_jacobians(&start, &[1.0]);
-    let reference =
-        run(Options { integrator: Integrator::DormandPrince { rtol: 1e-13, atol: 1e-14 }, ..Options::default() });
+    let reference = run(ForecastOptions {
+        integrator: Integrator::DormandPrince { rtol: 1e-13, atol: 1e-14 },
+        ..ForecastOptions::default()
+    });
     let error = |step: f64| {
-        let found = run(Options { integrator: integrator(step), max_step: step, ..Options::default() });
+        let found = run(ForecastOptions { integrator: integrator(step), max_step: step, ..ForecastOptions::default() });
         let off = (found.states[0].position - reference.states[0].position).norm();
         off.max((found.jacobians[0] - reference.jacobians[0]).norm())
     };
@@ -63,8 +67,8 @@ fn closed_forms_and_integrators_agree() {
     for scene in [orbit, scene(ELASTIC, 1.0, 0.2), scene(SOFT, 1.0, 0.2), box_] {
         let start = state([0.2, -0.1, 1.5], [0.3, 0.2, -0.4]);
         let closed = forecaster(&scene, tight()).forecast_with_jacobians(&start, &times);
-        let numeric =
-            forecaster(&scene, Options { closed_forms: false, ..tight() }).forecast_with_jacobians(&start, &times);
+        let numeric = forecaster(&scene, ForecastOptions { closed_forms: false, ..tight() })
+            .forecast_with_jacobians(&start, &times);
         for (a, b) in closed.states.iter().zip(&numeric.states) {
             assert!((a.position - b.position).norm() < 1e-8, "{scene:?} {a:?} {b:?}");
         }
@@ -82,7 +86,7 @@ fn the_paper_s_spring_orbit_is_the_closed_formula() {
     let omega = (3.0_f64 / 2.0).sqrt();
     let expected = start.position.coords * (omega * t).cos() + start.velocity * ((omega * t).sin() / omega);
     for closed_forms in [true, false] {
-        let forecast = forecaster(&scene, Options { closed_forms, ..tight() }).forecast(&start, &[t]);
+        let forecast = forecaster(&scene, ForecastOptions { closed_forms, ..tight() }).forecast(&start, &[t]);
         assert!((forecast.states[0].position.coords - expected).norm() < 1e-9);
     }
 }
@@ -104,7 +108,7 @@ fn energy_is_kept_over_a_hundred_bounces() {
     ] {
         room.contact = contact.clone();
         let integrator = Integrator::DormandPrince { rtol: 1e-9, atol: 1e-9 };
-        let forecaster = forecaster(&room, Options { integrator, closed_forms, ..Options::default() });
+        let forecaster = forecaster(&room, ForecastOptions { integrator, closed_forms, ..ForecastOptions::default() });
         let times: Vec<f64> = (1..=1200).map(|step| f64::from(step) * 0.05).collect();
         let forecast = forecaster.forecast(&start, &times);
         let index =
@@ -261,7 +265,7 @@ fn a_soft_ball_on_the_floor_sees_a_thin_wall_on_its_way() {
     room.boxes = vec![Cuboid { position: [0.5, 0.0, 0.5], half_size: [0.005, 1.0, 0.5], yaw: 0.0 }];
     for x in [0.0, 0.02, 0.04, 0.06, 0.08] {
         let start = state([x, 0.0, 0.033 - 9.81e-4], [2.5, 0.0, 0.0]);
-        let forecast = forecaster(&room, Options::default()).forecast(&start, &[0.5]);
+        let forecast = forecaster(&room, ForecastOptions::default()).forecast(&start, &[0.5]);
         assert!(forecast.states[0].position.x < 0.5, "{x}: {:?}", forecast.states[0]);
     }
 }
@@ -323,7 +327,7 @@ fn a_spin_that_decays_fast_is_solved_as_well_as_the_path() {
     (curve.floor, curve.ball.lift_coefficient, curve.ball.spin_decay) = (None, 1e-6, 40.0);
     curve.ball.spin = [0.0, 0.0, 100.0];
     let start = curve.start(Point3::origin(), Vector3::new(1.0, 0.0, 0.0));
-    let spin = forecaster(&curve, Options::default()).forecast(&start, &[0.2]).states[0].spin.z;
+    let spin = forecaster(&curve, ForecastOptions::default()).forecast(&start, &[0.2]).states[0].spin.z;
     let expected = 100.0 * (-8.0_f64).exp();
     assert!((spin - expected).abs() < 1e-2, "{spin} {expected}");
 }
@@ -339,7 +343,7 @@ fn strong_forces_and_thin_boxes_let_no_ball_through() {
         room.contact = contact;
         for rtol in [1e-6, 1e-3] {
             let integrator = Integrator::DormandPrince { rtol, atol: rtol };
-            let forecaster = forecaster(&room, Options { integrator, ..Options::default() });
+            let forecaster = forecaster(&room, ForecastOptions { integrator, ..ForecastOptions::default() });
             for case in 0..60 {
                 room.ball.spin = [0.0, 0.0, f64::from(case - 30) * 10.0];
                 let start = room.start(

@@ -1,7 +1,9 @@
 //! What no ball does: starts inside walls, lost balls, scenes that cannot be, random numbers.
 
 use super::scenes::{ELASTIC, SOFT, forecaster, scene, state, tight};
-use crate::physics::{Contact, Cuboid, Floor, Forecast, Forecaster, Options, Scene, Spring, State, Status, Wall};
+use crate::physics::{
+    Contact, Cuboid, Floor, Forecast, ForecastOptions, Forecaster, Scene, Spring, State, Status, Wall,
+};
 use nalgebra::Matrix6;
 use proptest::prelude::*;
 
@@ -33,8 +35,8 @@ fn ordinary_scenes_never_run_into_the_step_limit() {
             spring.anchor[0] += offset;
         }
         let start = state([r[0] + offset, r[1], r[2]], v);
-        let forecast =
-            forecaster(&room, Options { step_limit: 20_000, ..Options::default() }).forecast(&start, &[1.0, 3.0]);
+        let forecast = forecaster(&room, ForecastOptions { step_limit: 20_000, ..ForecastOptions::default() })
+            .forecast(&start, &[1.0, 3.0]);
         assert!(!matches!(forecast.status, Status::StepLimit { .. }), "{:?} {room:?} {start:?}", forecast.status);
     }
 }
@@ -116,7 +118,7 @@ fn friction_cannot_be_undone_and_the_forecast_says_so() {
 fn losing_the_ball_is_a_status() {
     let mut empty = scene(ELASTIC, 9.81, 0.1);
     empty.floor = None;
-    let limits = Options { region: 100.0, step_limit: 50, ..Options::default() };
+    let limits = ForecastOptions { region: 100.0, step_limit: 50, ..ForecastOptions::default() };
     let forecast = forecaster(&empty, limits).forecast(&state([0.0; 3], [0.0; 3]), &[1.0, 100.0, 200.0]);
     assert!(
         forecast.status == Status::LeftRegion { time: 100.0 } && forecast.states.len() == 1,
@@ -221,7 +223,7 @@ proptest! {
     #[test]
     fn nothing_panics_or_runs_for_ever(scene in any_scene(), r in numbers(), v in numbers(), times in prop::collection::vec(-2.0..2.0_f64, 1..5)) {
         let Ok(forecaster) = Forecaster::new(&scene) else { return Ok(()) };
-        let forecaster = forecaster.with_options(Options { step_limit: 2000, ..Options::default() }).unwrap();
+        let forecaster = forecaster.with_options(ForecastOptions { step_limit: 2000, ..ForecastOptions::default() }).unwrap();
         let forecast = forecaster.forecast_with_jacobians(&scene.start(r.into(), v.into()), &times);
         prop_assert!(forecast.steps <= 2 * 2001);
         whole_or_said(&forecast, times.len())?;

@@ -1,6 +1,6 @@
 //! Scenes, states and forecasters that tests of the physics share.
 
-use crate::physics::{Contact, Forecaster, Integrator, Options, Scene, State};
+use crate::physics::{Contact, ForecastOptions, Forecaster, Integrator, Scene, State};
 use nalgebra::{Point3, Vector3};
 
 pub fn scene(contact: Contact, gravity: f64, radius: f64) -> Scene {
@@ -13,11 +13,11 @@ pub fn state(r: [f64; 3], v: [f64; 3]) -> State {
     State { position: Point3::from(r), velocity: v.into(), spin: Vector3::zeros() }
 }
 
-pub fn tight() -> Options {
-    Options { integrator: Integrator::DormandPrince { rtol: 1e-11, atol: 1e-12 }, ..Options::default() }
+pub fn tight() -> ForecastOptions {
+    ForecastOptions { integrator: Integrator::DormandPrince { rtol: 1e-11, atol: 1e-12 }, ..ForecastOptions::default() }
 }
 
-pub fn forecaster(scene: &Scene, options: Options) -> Forecaster {
+pub fn forecaster(scene: &Scene, options: ForecastOptions) -> Forecaster {
     Forecaster::new(scene).unwrap().with_options(options).unwrap()
 }
 

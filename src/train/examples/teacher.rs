@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::super::recipe::FitConfig;
 use crate::clips::{Clip, Frame};
 use crate::error::{Error, Result};
-use crate::physics::{Forecaster, Options, Scene};
+use crate::physics::{ForecastOptions, Forecaster, Scene};
 use crate::track::{Fit, FitOptions, FittedFrame, Observation};
 
 /// What physics says of one frame.
@@ -84,7 +84,7 @@ pub(super) fn scene_of(clip: &Clip) -> Result<&Scene> {
 
 /// The forecaster of a scene; `numeric` without closed forms.
 pub(super) fn forecaster(scene: &Scene, numeric: bool) -> Result<Forecaster> {
-    Forecaster::new(scene)?.with_options(Options { closed_forms: !numeric, ..Options::default() })
+    Forecaster::new(scene)?.with_options(ForecastOptions { closed_forms: !numeric, ..ForecastOptions::default() })
 }
 
 /// A frame as the fit sees it: labels of hidden balls are not clicked by anyone.

@@ -28,17 +28,18 @@ const LAST_RATE: f64 = 0.1;
 
 /// How a fine-tuning goes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields, default, rename_all = "camelCase")]
 pub struct FineTuneOptions {
-    /// Optimiser steps.
+    /// Optimiser steps in all; the learning rate falls over them. Default: 200.
     pub steps: usize,
-    /// Crops a step.
+    /// Crops a step. Default: 12.
     pub batch: usize,
-    /// Side of the crops around the ball, px of the network's input.
+    /// Side of the crops around the ball, px of the network's input. Default: 128.
     pub crop: u32,
-    /// Learning rate at the start.
+    /// Learning rate at the start. Default: 0.001.
     pub learning_rate: f64,
-    /// Seed of the batches.
+    /// Seed of the batches. Default: 1.
     pub seed: u64,
 }
 
@@ -50,6 +51,7 @@ impl Default for FineTuneOptions {
 
 /// What a clip gives to learn.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(rename_all = "camelCase")]
 pub struct Added {
     /// Frames that teach, or (held out) that are scored.
@@ -61,6 +63,7 @@ pub struct Added {
 
 /// A step.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(rename_all = "camelCase")]
 pub struct Tuned {
     /// Steps done.

@@ -21,7 +21,11 @@ mod trainer;
 #[cfg(test)]
 mod tests;
 
+#[cfg(target_arch = "wasm32")]
+pub(crate) use self::fine_tune::{Added, Tuned};
 pub use self::fine_tune::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::run::{TrainEvent, TrainProgress, Validation, resume_run, start_run};
+#[cfg(target_arch = "wasm32")]
+pub(crate) use self::score::Score;
 pub use self::step::{StepOptions, step};

@@ -1,7 +1,10 @@
 /** Chromium, and pages of which every complaint is kept. */
 import { readFileSync } from "node:fs";
 import { createRequire } from "node:module";
-import { chromium } from "playwright-core";
+import { chromium, selectors } from "playwright-core";
+
+// The page finds its parts by the same attribute.
+selectors.setTestIdAttribute("data-part");
 
 const QUIET = ["--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"];
 const WEBGPU = ["--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"];

@@ -28,15 +28,15 @@ const PATIENCE = { timeout: 120_000 };
 
 /** Waits until the page has done what it was asked to do. */
 export async function ready(page) {
-  await page.waitForFunction(() => document.querySelector('[data-testid="status"]').textContent === "ready", null, PATIENCE);
+  await page.waitForFunction(() => document.querySelector('[data-part="status"]').textContent === "ready", null, PATIENCE);
 }
 
 /** Waits until a position is shown; a model that cannot be loaded ends the wait. */
 export async function located(page) {
   const settled = await page.waitForFunction(
     () => {
-      const status = document.querySelector('[data-testid="status"]').textContent;
-      return status === "not loaded" || (status === "ready" && document.querySelector('[data-testid="world-x"]').value !== "" && status);
+      const status = document.querySelector('[data-part="status"]').textContent;
+      return status === "not loaded" || (status === "ready" && document.querySelector('[data-part="world-x"]').value !== "" && status);
     },
     null,
     PATIENCE,
@@ -54,7 +54,7 @@ export async function press(page, index) {
 /** Blanks the shown position, so that the next one can be told from it. */
 export async function forget(page) {
   await page.evaluate(() => {
-    document.querySelector('[data-testid="world-x"]').value = "";
+    document.querySelector('[data-part="world-x"]').value = "";
   });
 }
 
@@ -73,14 +73,14 @@ export async function drop(page, ...files) {
       const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
       transfer.items.add(new File([bytes], name, { type: mimeType }));
     }
-    const zone = document.querySelector('[data-testid="drop"]');
+    const zone = document.querySelector('[data-part="drop"]');
     zone.dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, bubbles: true, cancelable: true }));
   }, plain);
 }
 
 /** Waits for words in the alert and returns them. */
 export async function alertOf(page) {
-  await page.waitForFunction(() => document.querySelector('[data-testid="alert"]').textContent !== "", null, PATIENCE);
+  await page.waitForFunction(() => document.querySelector('[data-part="alert"]').textContent !== "", null, PATIENCE);
   await ready(page);
   return page.getByTestId("alert").textContent();
 }

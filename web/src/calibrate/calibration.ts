@@ -28,7 +28,7 @@ export async function calibrated(state: State, { width, height }: { width: numbe
   return {
     found,
     put,
-    residuals: new Map(usable.flatMap((index, order) => (found.residuals_px[order] ? [[index, found.residuals_px[order]]] : []))),
+    residuals: new Map(usable.flatMap((index, order) => (found.residualsPx[order] ? [[index, found.residualsPx[order]]] : []))),
     outliers: new Map(found.outliers.map((outlier) => [usable[outlier.index] ?? 0, outlier])),
   };
 }

@@ -92,9 +92,9 @@ class Step {
   }
 
   #listen(): void {
-    const on = (testId: string, act: () => void) => this.#part(testId).addEventListener("click", act);
+    const on = (name: string, act: () => void) => this.#part(name).addEventListener("click", act);
     const take = (files: File[]) => void this.#alert.during(() => this.#take(files));
-    for (const testId of ["cal-file", "cal-load"]) listenForChosen(this.#part<HTMLInputElement>(testId), take);
+    for (const name of ["cal-file", "cal-load"]) listenForChosen(this.#part<HTMLInputElement>(name), take);
     listenForDropped(this.#panel, this.#part("cal-drop"), take);
     on("cal-sample", () => void this.#alert.during(() => this.#takeSample()));
     on("cal-own", () => this.#change(() => (this.#state.given.court = "")));

@@ -69,7 +69,7 @@ export class PointList {
   #ownRow(point: Point, index: number): Row {
     const choose = this.#chooser(index, make("span", { class: "cal-number", text: String(index + 1) }));
     choose.setAttribute("aria-label", `Choose point ${index + 1}`);
-    const name = make("input", { testId: `cal-name-${index}` });
+    const name = make("input", { part: `cal-name-${index}` });
     name.type = "text";
     name.value = point.name;
     name.placeholder = "name";
@@ -80,7 +80,7 @@ export class PointList {
     remove.title = "Remove";
     const axes = ([0, 1, 2] as const).map((axis) => {
       const letter = "xyz"[axis] ?? "";
-      const input = make("input", { testId: `cal-${letter}-${index}` });
+      const input = make("input", { part: `cal-${letter}-${index}` });
       input.type = "number";
       input.step = "any";
       input.inputMode = "decimal";
@@ -96,14 +96,14 @@ export class PointList {
   }
 
   #chooser(index: number, ...content: Node[]): HTMLButtonElement {
-    const choose = make("button", { class: "cal-choose", testId: `cal-point-${index}` }, ...content);
+    const choose = make("button", { class: "cal-choose", part: `cal-point-${index}` }, ...content);
     choose.type = "button";
     choose.addEventListener("click", () => this.#listener.choose(index));
     return choose;
   }
 
   #row(index: number, kind: string, choose: HTMLButtonElement, ...more: Node[]): Row {
-    const state = make("span", { class: "cal-state", testId: `cal-state-${index}` });
+    const state = make("span", { class: "cal-state", part: `cal-state-${index}` });
     const unclick = textButton("Delete click", `cal-unclick-${index}`, `Delete click on point ${index + 1}`, () => this.#listener.unclick(index));
     const item = make("li", { class: kind }, choose, ...more, make("div", { class: "cal-standing" }, state, unclick));
     return { item, choose, state, unclick };

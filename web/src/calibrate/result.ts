@@ -19,19 +19,19 @@ export class Result {
     this.#enable(false);
   }
 
-  show({ found: { camera, rms_px, sigma, point_sigma }, outliers }: Calibration, nameOf: (index: number) => string): void {
+  show({ found: { camera, rmsPx, sigma, pointSigma }, outliers }: Calibration, nameOf: (index: number) => string): void {
     this.hint("");
     this.#part("cal-found").hidden = false;
     const [[focal = NaN] = []] = camera.intrinsic;
-    this.#number("cal-rms", [rms_px], (value) => value.toFixed(2));
+    this.#number("cal-rms", [rmsPx], (value) => value.toFixed(2));
     this.#number("cal-centre-sigma", sigma.centre, centimetres);
-    this.#number("cal-point-sigma", point_sigma.world, centimetres);
-    this.#number("cal-focal-found", [focal], (value) => value.toFixed(1) + (sigma.focal_px > 0 ? ` ± ${sigma.focal_px.toFixed(1)}` : ""));
-    this.#part("cal-sigma-note").textContent = `Each along x, y and z; two times out of three the error is smaller. The ball: in the picture’s middle, ${point_sigma.depth.toFixed(1)} m from the camera, as far as the camera is to blame.`;
+    this.#number("cal-point-sigma", pointSigma.world, centimetres);
+    this.#number("cal-focal-found", [focal], (value) => value.toFixed(1) + (sigma.focalPx > 0 ? ` ± ${sigma.focalPx.toFixed(1)}` : ""));
+    this.#part("cal-sigma-note").textContent = `Each along x, y and z; two times out of three the error is smaller. The ball: in the picture’s middle, ${pointSigma.depth.toFixed(1)} m from the camera, as far as the camera is to blame.`;
     this.#part("cal-outliers").replaceChildren(
-      ...[...outliers].map(([index, { residual_px }]) => {
+      ...[...outliers].map(([index, { residualPx }]) => {
         const item = make("li", { class: "callout" }, make("strong", { text: `Wrong click? ${nameOf(index)}` }));
-        item.append(` does not fit the others and was left out. The camera puts it ${offBy(residual_px)} from your click.`);
+        item.append(` does not fit the others and was left out. The camera puts it ${offBy(residualPx)} from your click.`);
         return item;
       }),
     );
@@ -43,11 +43,11 @@ export class Result {
   }
 
   #enable(isFound: boolean): void {
-    for (const testId of ["cal-use", "cal-save"]) this.#part<HTMLButtonElement>(testId).disabled = !isFound;
+    for (const name of ["cal-use", "cal-save"]) this.#part<HTMLButtonElement>(name).disabled = !isFound;
   }
 
-  #number(testId: string, values: number[], words: (value: number) => string): void {
-    const place = this.#part<HTMLDataElement>(testId);
+  #number(name: string, values: number[], words: (value: number) => string): void {
+    const place = this.#part<HTMLDataElement>(name);
     place.value = values.join(" ");
     place.textContent = values.map(words).join(" · ");
   }

@@ -29,17 +29,17 @@ export class ClipList {
     const ids = await workspace.clips();
     const rows = await Promise.all(ids.map(async (id) => this.#row(id, await Labelling.counts(id))));
     const place = this.#part("lab-clips");
-    const focused = (document.activeElement as HTMLElement | null)?.dataset.testid;
+    const focused = (document.activeElement as HTMLElement | null)?.dataset.part;
     const hadFocus = place.contains(document.activeElement);
     place.replaceChildren(...rows);
-    if (hadFocus) place.querySelector<HTMLElement>(`[data-testid="${CSS.escape(focused ?? "")}"]`)?.focus();
+    if (hadFocus) place.querySelector<HTMLElement>(`[data-part="${CSS.escape(focused ?? "")}"]`)?.focus();
     this.#part("lab-no-clips").hidden = ids.length > 0;
   }
 
   #row(id: string, [labelled, all]: [number, number]): HTMLLIElement {
-    const button = (text: string, testId: string, label: string, act: () => Promise<void>) =>
-      textButton(text, testId, `${label} ${id}`, () => void this.#alert.during(act));
-    const row = make("li", { testId: `lab-clip-${id}` });
+    const button = (text: string, name: string, label: string, act: () => Promise<void>) =>
+      textButton(text, name, `${label} ${id}`, () => void this.#alert.during(act));
+    const row = make("li", { part: `lab-clip-${id}` });
     const isOpen = this.#listener.current() === id;
     if (isOpen) row.setAttribute("aria-current", "true");
     row.append(make("span", { class: "lab-clip-name", text: id }), make("small", { text: `${labelled} of ${all} labelled${isOpen ? " · open" : ""}` }));

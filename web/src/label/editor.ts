@@ -37,7 +37,7 @@ export class Editor {
       this.#go(frame);
       this.#view.overlay.focus({ preventScroll: true });
     });
-    const on = (testId: string, act: () => void) => part(testId).addEventListener("click", act);
+    const on = (name: string, act: () => void) => part(name).addEventListener("click", act);
     on("lab-accept", () => this.#accept());
     on("lab-accept-sure", () => this.#acceptSure());
     on("lab-hidden", () => this.#hide());
@@ -215,7 +215,7 @@ export class Editor {
     const at = labelling.at();
     const pixel = at ? ` · pixel ${at.map((value) => value.toFixed(1)).join(", ")}` : "";
     const sureness = state === "sure" || state === "doubtful" ? `, ${Math.round(100 * (labelling.proposal()?.confidence ?? 0))} % likely within a pixel` : "";
-    const tag = make("span", { class: "lab-tag", text: STATES[state].words, testId: "lab-tag" });
+    const tag = make("span", { class: "lab-tag", text: STATES[state].words, part: "lab-tag" });
     tag.dataset.state = state;
     this.#part("lab-state").replaceChildren(
       make("strong", { text: `Frame ${frame + 1} of ${count}` }),

@@ -53,7 +53,7 @@ class Step {
   }
 
   #listen(panel: HTMLElement): void {
-    const on = (testId: string, act: () => unknown) => this.#part(testId).addEventListener("click", () => void act());
+    const on = (name: string, act: () => unknown) => this.#part(name).addEventListener("click", () => void act());
     const take = (files: File[]) => void this.#take(files);
     listenForChosen(this.#part<HTMLInputElement>("lab-files"), take);
     listenForDropped(panel, this.#part("lab-drop"), take);
@@ -74,7 +74,7 @@ class Step {
   /** One long thing at a time, with its progress and a way out. */
   async #working(work: (watch: Watch) => Promise<void>): Promise<void> {
     if (this.#job.isRunning) return this.#alert.say("Something is still being worked on. Wait for it, or cancel it.");
-    const buttons = ["lab-propose", "lab-synth"].map((testId) => this.#part<HTMLButtonElement>(testId));
+    const buttons = ["lab-propose", "lab-synth"].map((name) => this.#part<HTMLButtonElement>(name));
     this.#editor.say("");
     for (const button of buttons) button.disabled = true;
     await this.#alert.during(() =>
@@ -150,8 +150,8 @@ class Step {
     this.#alert.say(`This browser could not keep the clip (${wordsOf(thrown)}). Save the labels to files before you close the page.`);
   };
 
-  #number(testId: string, otherwise: number): number {
-    const input = this.#part<HTMLInputElement>(testId);
+  #number(name: string, otherwise: number): number {
+    const input = this.#part<HTMLInputElement>(name);
     const value = input.valueAsNumber;
     return Number.isFinite(value) && input.validity.valid ? value : otherwise;
   }

@@ -30,7 +30,7 @@ export class Strip {
 
   fill(count: number): void {
     this.#cells = Array.from({ length: count }, (_, frame) => {
-      const cell = make("button", { class: "lab-cell", testId: `lab-cell-${frame}` });
+      const cell = make("button", { class: "lab-cell", part: `lab-cell-${frame}` });
       cell.type = "button";
       cell.addEventListener("click", () => this.#choose(frame));
       return cell;

@@ -199,8 +199,8 @@ class Live {
     return overlayOf(this.#part<HTMLCanvasElement>("live-overlay"), this.#scene?.simulator.camera ?? { width: 1, height: 1 });
   }
 
-  #write(testId: string, value: number, words: (value: number) => string): void {
-    const data = this.#part<HTMLDataElement>(testId);
+  #write(name: string, value: number, words: (value: number) => string): void {
+    const data = this.#part<HTMLDataElement>(name);
     data.value = String(value);
     data.textContent = words(value);
   }

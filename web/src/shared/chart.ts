@@ -42,9 +42,9 @@ export class Chart {
   #content: Content | undefined;
   #plot: uPlot | undefined;
 
-  constructor(place: HTMLElement, testId: string) {
+  constructor(place: HTMLElement, name: string) {
     this.#place = place;
-    this.#box = make("div", { testId });
+    this.#box = make("div", { part: name });
     place.append(this.#box);
     new ResizeObserver(() => this.#fit()).observe(place);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#plot?.redraw());

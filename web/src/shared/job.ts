@@ -14,11 +14,11 @@ export class Job {
   readonly #bar = make("progress");
   #running: AbortController | undefined;
 
-  constructor(place: HTMLElement, testId: string) {
+  constructor(place: HTMLElement, name: string) {
     this.#place = place;
     this.#words.setAttribute("role", "status");
     this.#bar.setAttribute("aria-label", "Progress");
-    const cancel = make("button", { class: "button", text: "Cancel", testId });
+    const cancel = make("button", { class: "button", text: "Cancel", part: name });
     cancel.type = "button";
     cancel.addEventListener("click", () => this.abort());
     place.classList.add("card", "job");

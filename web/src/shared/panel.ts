@@ -1,17 +1,17 @@
 /** What the steps' panels are made of. */
 import { make, wordsOf } from "../dom";
 
-/** Finds a part of a step by its `data-testid`. */
-export type Parts = <T extends HTMLElement = HTMLElement>(testId: string) => T;
+/** Finds a part of a step by its `data-part`. */
+export type Parts = <T extends HTMLElement = HTMLElement>(name: string) => T;
 
-/** Fills `panel` with the markup of a step and returns a finder of its parts by `data-testid`. */
+/** Fills `panel` with the markup of a step and returns a finder of its parts by `data-part`. */
 export function fill(panel: HTMLElement, markup: string): Parts {
   const template = document.createElement("template");
   template.innerHTML = markup;
   panel.replaceChildren(template.content);
-  return <T extends HTMLElement>(testId: string): T => {
-    const found = panel.querySelector<T>(`[data-testid="${testId}"]`);
-    if (!found) throw new Error(`the panel has no ${testId}`);
+  return <T extends HTMLElement>(name: string): T => {
+    const found = panel.querySelector<T>(`[data-part="${name}"]`);
+    if (!found) throw new Error(`the panel has no ${name}`);
     return found;
   };
 }

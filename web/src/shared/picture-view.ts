@@ -31,10 +31,10 @@ export class PictureView {
   #pointed: Pixel | undefined;
   #down = false;
 
-  constructor(frame: HTMLElement, testId: string, describedBy: string, listener: Listener) {
+  constructor(frame: HTMLElement, name: string, describedBy: string, listener: Listener) {
     this.#frame = frame;
     this.#listener = listener;
-    this.overlay = make("canvas", { class: "picture-overlay", testId });
+    this.overlay = make("canvas", { class: "picture-overlay", part: name });
     this.overlay.tabIndex = 0;
     // Arrow keys are the page's own here, not a screen reader's.
     this.overlay.setAttribute("role", "application");

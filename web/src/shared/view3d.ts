@@ -64,7 +64,7 @@ export class View3d {
     this.#hasGpu = fast !== null;
     if (!context) {
       canvas.hidden = true;
-      canvas.after(make("p", { class: "hint no-webgl", text: NO_WEBGL, testId: "no-webgl" }));
+      canvas.after(make("p", { class: "hint no-webgl", text: NO_WEBGL, part: "no-webgl" }));
       return;
     }
     canvas.tabIndex = 0;

@@ -55,8 +55,8 @@ export class ClipChoices {
 }
 
 function choiceOf(clip: StoredClip): Choice {
-  const box = (text: string, checked: boolean, testId: string) => {
-    const input = make("input", { testId });
+  const box = (text: string, checked: boolean, name: string) => {
+    const input = make("input", { part: name });
     input.type = "checkbox";
     input.checked = checked;
     return { input, label: make("label", { class: "check" }, input, document.createTextNode(text)) };

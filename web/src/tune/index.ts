@@ -101,7 +101,7 @@ class Tune {
     const losses: [number, number][] = [];
     const scores: [number, number][] = [];
     const score = (made: number, now: TuneScore) => {
-      if (typeof now.forecast_px === "number") scores.push([made, now.forecast_px]);
+      if (typeof now.forecastPx === "number") scores.push([made, now.forecastPx]);
       this.#showScores(scores, steps, first, now);
     };
     score(0, first);
@@ -131,8 +131,8 @@ class Tune {
     const series = { name: "on the clip held out", colour: "--found", line: scores, dots: scores };
     this.#score.show({ y: "Forecast error (px)", x: "Step", series: [series], from: 0, to: steps });
     const rows: [string, number | null | undefined, number | null | undefined, (value: number) => string][] = [
-      ["Forecast 15 frames away, median", before.forecast_px, now.forecast_px, (value) => `${value.toFixed(2)} px`],
-      ["2D error, median", before.image_error_px.median, now.image_error_px.median, (value) => `${value.toFixed(2)} px`],
+      ["Forecast 15 frames away, median", before.forecastPx, now.forecastPx, (value) => `${value.toFixed(2)} px`],
+      ["2D error, median", before.imageErrorPx.median, now.imageErrorPx.median, (value) => `${value.toFixed(2)} px`],
       ["Distance to the truth, mean (where it is known)", before.dtg.mean, now.dtg.mean, (value) => `${(100 * value).toFixed(1)} cm`],
     ];
     this.#part("tune-none").hidden = true;

@@ -19,17 +19,17 @@ export class FitResult {
     const left = outliers ? ` ${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.` : "";
     const range = speeds.length ? `, ${Math.min(...speeds).toFixed(1)} to ${Math.max(...speeds).toFixed(1)} m/s` : "";
     const words = explained ? `Physics explains the track${range}: the curve misses the sightings by ${rmsPx.toFixed(2)} px (rms).` : `${NOT_EXPLAINED} It misses the sightings by ${rmsPx.toFixed(2)} px (rms).`;
-    const parts: HTMLElement[] = [make("p", { text: words + left, testId: "video-fit-words" })];
+    const parts: HTMLElement[] = [make("p", { text: words + left, part: "video-fit-words" })];
     if (bounces.length) parts.push(tableOf(bounces));
     else parts.push(make("p", { text: "No bounces." }));
-    const stale = make("p", { text: "Frames came after this fit: fit again to take them in.", testId: "video-fit-stale" });
+    const stale = make("p", { text: "Frames came after this fit: fit again to take them in.", part: "video-fit-stale" });
     stale.hidden = true;
     this.#place.replaceChildren(...parts, stale);
   }
 
   /** Says whether frames came after the fit. */
   setStale(isStale: boolean): void {
-    const words = this.#place.querySelector<HTMLElement>('[data-testid="video-fit-stale"]');
+    const words = this.#place.querySelector<HTMLElement>('[data-part="video-fit-stale"]');
     if (words) words.hidden = !isStale;
   }
 
@@ -39,7 +39,7 @@ export class FitResult {
 }
 
 function tableOf(bounces: Trajectory["bounces"]): HTMLElement {
-  const table = make("table", { testId: "video-bounces" }, make("caption", { text: bounces.length === 1 ? "1 bounce" : `${bounces.length} bounces` }));
+  const table = make("table", { part: "video-bounces" }, make("caption", { text: bounces.length === 1 ? "1 bounce" : `${bounces.length} bounces` }));
   const head = make("tr");
   for (const text of ["Time", "On", "Speed"]) {
     const cell = make("th", { text });
@@ -49,7 +49,7 @@ function tableOf(bounces: Trajectory["bounces"]): HTMLElement {
   table.append(make("thead", {}, head));
   const rows = bounces.map(({ timestampMs, surface, speed }) => {
     const texts = [`${(timestampMs / 1000).toFixed(2)} s`, surfaceWords(surface), `${speed.toFixed(1)} m/s`];
-    return make("tr", { testId: "video-bounce" }, ...texts.map((text) => make("td", { text })));
+    return make("tr", { part: "video-bounce" }, ...texts.map((text) => make("td", { text })));
   });
   table.append(make("tbody", {}, ...rows));
   return table;

@@ -93,8 +93,8 @@ class Step {
 
   #listen(): void {
     const part = this.#part;
-    const onClick = (testId: string, act: () => Promise<void> | void) =>
-      part(testId).addEventListener("click", () => void this.#alert.during(async () => act()));
+    const onClick = (name: string, act: () => Promise<void> | void) =>
+      part(name).addEventListener("click", () => void this.#alert.during(async () => act()));
     onClick("video-webcam", () => this.#openWebcam());
     onClick("video-example", () => this.#openExample());
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
@@ -235,7 +235,7 @@ class Step {
     this.#numbers.showMean(sure);
     this.#view.setPath("found", sure.slice(-MOST_IN_SPACE).map(({ world }) => world));
     this.#plots.show(all, this.#fit, { threshold, durationMs: this.#about.durationMs });
-    for (const testId of ["video-csv", "video-json", "video-png", "video-clear"]) this.#part<HTMLButtonElement>(testId).disabled = all.length === 0;
+    for (const name of ["video-csv", "video-json", "video-png", "video-clear"]) this.#part<HTMLButtonElement>(name).disabled = all.length === 0;
     this.#part<HTMLButtonElement>("video-fit").disabled = sure.length < 3;
     this.#fitResult.setStale(this.#fit !== undefined && this.#fitVersion !== version);
   }
@@ -312,7 +312,7 @@ class Step {
 
   #showPlace(): void {
     this.#part("video-place").textContent = this.#place.words;
-    for (const testId of ["video-needs-camera", "video-empty-camera"]) this.#part(testId).hidden = this.#place.camera !== undefined;
+    for (const name of ["video-needs-camera", "video-empty-camera"]) this.#part(name).hidden = this.#place.camera !== undefined;
   }
 
   #saveJson(): void {

@@ -7,7 +7,7 @@ import type { Watch } from "../shared/job";
 const USUAL_THRESHOLD = 0.5;
 
 export class Model {
-  /** Found with less confidence, a position is not to be trusted. */
+  /** Found with less confidence, a position is not to be trusted. It stays when the model goes, as what was found does. */
   threshold = USUAL_THRESHOLD;
   #localiser: Localiser | undefined;
 
@@ -17,17 +17,13 @@ export class Model {
 
   async load({ signal, progress }: Watch): Promise<void> {
     if (this.#localiser) return;
-    const [localiser, threshold] = await Promise.all([
-      Localiser.create({
-        model: MODEL,
-        device: chosenDevice(),
-        signal,
-        onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total),
-      }),
-      thresholdOf(MODEL, signal),
-    ]);
-    this.threshold = threshold;
-    this.#localiser = localiser;
+    this.#localiser = await Localiser.create({
+      model: MODEL,
+      device: chosenDevice(),
+      signal,
+      onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total),
+    });
+    this.threshold = this.#localiser.card.confidence_threshold ?? USUAL_THRESHOLD;
   }
 
   dispose(): void {
@@ -40,12 +36,4 @@ export class Model {
 function chosenDevice(): DeviceChoice {
   const chosen = document.querySelector<HTMLInputElement>('#device input[name="device"]:checked')?.value;
   return chosen === "webgpu" || chosen === "auto" ? chosen : "cpu";
-}
-
-/** A card that cannot be had is the localiser's matter, which says so itself. */
-async function thresholdOf(url: string, signal: AbortSignal): Promise<number> {
-  const card = (await fetch(url, { signal })
-    .then((response) => response.json())
-    .catch(() => null)) as { confidence_threshold?: number } | null;
-  return card?.confidence_threshold ?? USUAL_THRESHOLD;
 }

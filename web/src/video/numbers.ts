@@ -10,9 +10,9 @@ export class Numbers {
   }
 
   show(seen: Seen, isSure: boolean): void {
-    for (const [axis, testId] of ["video-x", "video-y", "video-z"].entries()) {
+    for (const [axis, name] of ["video-x", "video-y", "video-z"].entries()) {
       const metres = seen.world[axis] ?? NaN;
-      this.#set(testId, metres, metres.toFixed(2).replace("-", "−"));
+      this.#set(name, metres, metres.toFixed(2).replace("-", "−"));
     }
     this.#set("video-confidence", seen.confidence, `${(100 * seen.confidence).toFixed(0)} %${isSure ? "" : " – not sure"}`);
     this.#setError("video-error", seen.dtg);
@@ -31,17 +31,17 @@ export class Numbers {
   }
 
   clear(): void {
-    for (const testId of ["video-x", "video-y", "video-z", "video-confidence"]) this.#set(testId, "", "–");
-    for (const testId of ["video-error", "video-mean-error"]) this.#setError(testId, undefined);
+    for (const name of ["video-x", "video-y", "video-z", "video-confidence"]) this.#set(name, "", "–");
+    for (const name of ["video-error", "video-mean-error"]) this.#setError(name, undefined);
   }
 
-  #setError(testId: string, metres: number | undefined): void {
-    this.#part(`${testId}-row`).hidden = metres === undefined;
-    this.#set(testId, metres ?? "", metres === undefined ? "–" : `${(100 * metres).toFixed(1)} cm`);
+  #setError(name: string, metres: number | undefined): void {
+    this.#part(`${name}-row`).hidden = metres === undefined;
+    this.#set(name, metres ?? "", metres === undefined ? "–" : `${(100 * metres).toFixed(1)} cm`);
   }
 
-  #set(testId: string, value: number | string, words: string): void {
-    const data = this.#part<HTMLDataElement>(testId);
+  #set(name: string, value: number | string, words: string): void {
+    const data = this.#part<HTMLDataElement>(name);
     data.value = String(value);
     data.textContent = words;
   }

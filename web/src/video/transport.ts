@@ -25,7 +25,7 @@ export class Transport {
     const isLive = source?.kind === "webcam";
     const moves = source !== undefined && source.durationMs > 0;
     this.#part("video-transport").hidden = !moves;
-    for (const testId of ["video-back", "video-forward", "video-time", "video-rate-label"]) this.#part(testId).hidden = isLive;
+    for (const name of ["video-back", "video-forward", "video-time", "video-rate-label"]) this.#part(name).hidden = isLive;
     this.#time.max = String(isLive ? 0 : (source?.durationMs ?? 0));
     const stop = this.#part("video-stop");
     stop.hidden = !source;

@@ -14,7 +14,7 @@ use super::super::loss::map_losses;
 use super::super::step::{StepOptions, step};
 use crate::clips::Clips;
 use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
-use crate::physics::{Forecaster, Scene, State};
+use crate::physics::{Forecaster, Scene};
 use crate::testing::{alone, formula, formula_tensor, root, safetensors_of, vector};
 use crate::train::examples::{Batch, Labels, Place, Target, Window};
 use crate::train::recipe::HeatmapLoss;

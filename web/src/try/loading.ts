@@ -1,6 +1,6 @@
 /** The state in a word, and the progress bar with bytes. */
 import type { Progress } from "gravisight";
-import { element } from "./dom";
+import { element } from "../dom";
 
 type State = "loading" | "warming up" | "ready" | "localising" | "not loaded";
 

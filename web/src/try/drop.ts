@@ -1,8 +1,8 @@
 /** The user's own files: a picture and its camera.json, together or one after the other, in either order. */
 import type { Camera } from "gravisight";
-import { element, wordsOf } from "./dom";
-import { listenForChosen, listenForDropped } from "./shared/drop-zone";
-import { isJson, readJson } from "./shared/files";
+import { element, wordsOf } from "../dom";
+import { listenForChosen, listenForDropped } from "../shared/drop-zone";
+import { isJson, readJson } from "../shared/files";
 import type { Subject } from "./subject";
 
 export interface DropListener {

@@ -1,15 +1,16 @@
 /** Joins the parts: what is looked at, on which device, and what came of it. */
 import { GravisightError, type DeviceChoice, type Localiser } from "gravisight";
-import { element, wordsOf } from "./dom";
+import { element, wordsOf } from "../dom";
+import type { Layer } from "../shared/maps";
 import { Drop } from "./drop";
 import { LoadingLine } from "./loading";
+import { showModelNote } from "./model-note";
 import { ResultPanel } from "./result";
 import { Samples } from "./samples";
 import { Session } from "./session";
-import type { Layer } from "./shared/maps";
 import { Stage } from "./stage";
 import type { Subject } from "./subject";
-import "./try.css";
+import "./style.css";
 
 export interface Settings {
   model: string;
@@ -68,7 +69,10 @@ export class App {
     try {
       if (!(await this.#session.load(device, (progress) => this.#loading.progress(progress)))) return;
       const localiser = this.#session.localiser;
-      if (localiser) this.#result.showDevice(localiser.device.name, localiser.device.reason);
+      if (localiser) {
+        this.#result.showDevice(localiser.device.name, localiser.device.reason);
+        showModelNote(localiser.card);
+      }
       this.#showState();
       await this.#localise();
     } catch (thrown) {

@@ -1,7 +1,7 @@
 /** The row of sample pictures: buttons of which one is pressed; arrow keys move among them. */
 import type { Camera } from "gravisight";
-import { make } from "./dom";
-import { fetchOk } from "./shared/files";
+import { make } from "../dom";
+import { fetchOk } from "../shared/files";
 import type { Subject } from "./subject";
 
 interface Sample {
@@ -51,7 +51,7 @@ export class Samples {
     image.src = FOLDER + sample.file;
     image.alt = "";
     image.width = image.height = 72;
-    const button = make("button", { class: "sample", testId: `sample-${index}` }, image, make("span", { text: sample.name }));
+    const button = make("button", { class: "sample", part: `sample-${index}` }, image, make("span", { text: sample.name }));
     button.type = "button";
     button.tabIndex = index === 0 ? 0 : -1;
     button.setAttribute("aria-pressed", "false");

@@ -1,9 +1,9 @@
 /** The picture, large, with the network's maps and the two positions drawn over it. */
 import type { Localisation } from "gravisight";
-import { element, make } from "./dom";
-import type { Pixel } from "./shared/canvas";
-import type { Layer } from "./shared/maps";
-import { Overlay } from "./shared/overlay";
+import { element, make } from "../dom";
+import type { Pixel } from "../shared/canvas";
+import type { Layer } from "../shared/maps";
+import { Overlay } from "../shared/overlay";
 
 export class Stage {
   readonly #overlay = new Overlay(element("frame"), element<HTMLCanvasElement>("picture"), element<HTMLCanvasElement>("overlay"), element("scale"));

@@ -1,6 +1,6 @@
 /** The numbers. Each is a `data` element that also holds its full value. */
 import type { Localisation } from "gravisight";
-import { element, make } from "./dom";
+import { element, make } from "../dom";
 import type { Subject } from "./subject";
 
 const AXES = ["x", "y", "z"] as const;
@@ -16,8 +16,8 @@ export class ResultPanel {
   readonly #true = number("true-xyz");
   readonly #error = number("error-cm");
   readonly #device = make("span", { text: NOTHING });
-  readonly #reason = make("small", { testId: "device-reason" });
-  readonly #notes = make("ul", { class: "notes", testId: "notes" });
+  readonly #reason = make("small", { part: "device-reason" });
+  readonly #notes = make("ul", { class: "notes", part: "notes" });
   readonly #sampleRows: HTMLElement[];
 
   constructor() {
@@ -26,7 +26,7 @@ export class ResultPanel {
     error.classList.add("error");
     this.#sampleRows = [error, truth];
     const device = make("div", { class: "row" });
-    device.append(make("dt", { text: "Device" }), make("dd", { testId: "device" }, this.#device, this.#reason));
+    device.append(make("dt", { text: "Device" }), make("dd", { part: "device" }, this.#device, this.#reason));
     element("result").append(
       make("h2", { text: "Position in the world, in metres" }),
       vector("vector large", this.#world),
@@ -74,8 +74,8 @@ export class ResultPanel {
   }
 }
 
-function number(testId: string): HTMLDataElement {
-  return make("data", { testId });
+function number(name: string): HTMLDataElement {
+  return make("data", { part: name });
 }
 
 function set(target: HTMLDataElement, values: readonly number[], digits: number): void {
