@@ -136,6 +136,21 @@ fn table_tennis_with_known_spin_is_found_to_three_centimetres() {
 }
 
 #[test]
+fn a_fitted_trajectory_says_what_is_left_of_the_spin() {
+    let mut track = table_tennis().remove(0);
+    track.scene["ball"]["spin_decay"] = 0.5.into();
+    let fit = fit(&track, &observed(&track, 0.3, 0.0), &FitOptions::default()).unwrap();
+    // Before anything is touched, only the air slows it.
+    let first = &fit.frames[0];
+    let before = fit.impacts.first().map_or(f64::INFINITY, |impact| impact.time);
+    let last = fit.frames.iter().take_while(|frame| frame.time < before).last().unwrap();
+    let expected = first.state.spin.norm() * (-0.5 * (last.time - first.time)).exp();
+    let found = last.state.spin.norm();
+    println!("{found:.2} rad/s after {:.2} s, {expected:.2} expected", last.time - first.time);
+    assert!(last.time - first.time > 0.1 && expected > 10.0 && (found - expected).abs() < 0.01 * expected);
+}
+
+#[test]
 fn table_tennis_with_unknown_spin_is_found_to_three_centimetres() {
     let mut tracks = table_tennis();
     for track in &mut tracks {

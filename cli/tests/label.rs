@@ -66,7 +66,7 @@ fn the_command_says_what_is_missing_and_leaves_nothing() {
     let cases: [(&[&str], &str); 7] = [
         (&[frames], "--camera"),
         (&[frames, "--camera", camera], "--fps"),
-        (&[frames, "--camera", camera, "--fps", "15"], "[224, 224]"),
+        (&[frames, "--camera", camera, "--fps", "15"], "224×224"),
         (&[frames, "--camera", camera, "--fps", "0"], "--fps"),
         (&["src", "--camera", camera, "--fps", "15"], "no PNG"),
         (&["tests/samples", "--camera", camera], "clips folder"),

@@ -48,7 +48,7 @@ pub(crate) struct LinearMotion {
 /// The laws of motion in a scene: the paper's physics-aware forecaster.
 ///
 /// ```
-/// use gravisight::physics::{Forecaster, Scene};
+/// use gravisight::{Forecaster, Scene};
 /// use nalgebra::{Point3, Vector3};
 ///
 /// let scene = Scene::from_json(

@@ -141,7 +141,7 @@ fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<Found>]
 
 /// The state at time 0, `since_start` s after the clip's first frame, whose trajectory passes nearest to `points` (s, m),
 /// by least squares.
-fn fitted(forecaster: &Forecaster, points: &[(f64, Point3<f64>)], since_start: f64) -> Option<State> {
+pub(super) fn fitted(forecaster: &Forecaster, points: &[(f64, Point3<f64>)], since_start: f64) -> Option<State> {
     let (first, last) = (points.first()?, points.last()?);
     let nearest = points.iter().min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
     let velocity = (last.1 - first.1) / (last.0 - first.0);

@@ -319,6 +319,36 @@ fn the_future_losss_gradients_equal_central_differences() {
     }
 }
 
+#[test]
+fn a_window_in_the_middle_of_a_flight_is_forecast_with_the_spin_of_then() {
+    let camera = Clips::read(&root().join("tests/samples")).unwrap().clips[0].camera.clone();
+    let scene = r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2, "mass": 0.05, "lift_coefficient": 1.0,
+        "spin": [0, 0, 20], "spin_decay": 3.0}}"#;
+    let forecaster = Arc::new(Forecaster::new(&Scene::from_json(scene, "scene").unwrap()).unwrap());
+    let start = forecaster.scene().start(Point3::new(-0.8, -0.4, 1.5), Vector3::new(0.8, 0.3, 0.4));
+    let (middle, step, ahead) = (0.8, 1.0 / 120.0, 0.8);
+    let truth = forecaster.forecast(&start, &[middle - step, middle, middle + step, middle + ahead]).states;
+    let seen = |index: usize| camera.image_from_world(&truth[index].position).unwrap();
+    let positions: Vec<[f64; 3]> = (0..3)
+        .map(|index| [seen(index).x, seen(index).y, camera.camera_from_world(&truth[index].position).z])
+        .collect();
+    let place = Place { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
+    let error = |since_start: f64| {
+        let window = Window {
+            first: 0,
+            places: [place; 3],
+            times: [-step, 0.0, step],
+            since_start,
+            camera: camera.clone(),
+            forecaster: forecaster.clone(),
+            ahead: vec![(ahead, Target::Label(seen(3).into()))],
+        };
+        future_loss(&positions, &[window], None).value
+    };
+    println!("{:.2} px; with the spin of the start {:.2} px", error(middle), error(0.0));
+    assert!(error(middle) < 0.1 && error(0.0) > 1.0);
+}
+
 /// The window with its targets as they are at `positions`.
 fn detached(window: &Window, positions: &[[f64; 3]]) -> Window {
     let fixed = |target: Target| match target {
