@@ -29,6 +29,8 @@
 //! - [`Error`], [`Result`]
 #![warn(missing_docs, clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
+// What only the command and native training use; the native build says what nobody does.
+#![cfg_attr(target_arch = "wasm32", allow(dead_code, unused_imports))]
 #![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
