@@ -18,13 +18,11 @@
 //!   [`Calibration`]
 //! - **scene and forecast**: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`],
 //!   [`Integrator`], [`Potential`]
-//! - **trajectory**: [`Track`], [`TrackPoint`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
+//! - **trajectory**: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
 //! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Maps`], [`Saliency`]
-//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`Proposal`], [`propose_labels`]; the paper's sets:
-//!   [`Set`], [`Split`], [`Shot`], [`Studio`], [`Engine`]
-//! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`, `start_run`,
-//!   `resume_run`
+//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`Proposal`], [`propose_labels`]
+//! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - **evaluation**: [`score`], [`Sample`], [`Metrics`], [`Statistic`], [`Bins`]
 //! - [`Error`], [`Result`]
 #![warn(missing_docs, clippy::unwrap_used)]
@@ -71,13 +69,10 @@ pub use self::localise::{Localisation, LocaliseOptions, Localiser, Maps, Salienc
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Potential, Scene, State};
 pub use self::size::Size;
-pub use self::synth::{Engine, Set, Shot, Split, Studio};
-pub use self::track::{
-    Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, TrackPoint, propose_labels,
-};
+pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, propose_labels};
 pub use self::train::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
-pub use self::train::{TrainConfig, TrainEvent, TrainSettings, resume_run, start_run};
+pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.
 #[doc(hidden)]
@@ -87,7 +82,9 @@ pub mod internal {
     pub use crate::image::Normalisation;
     pub use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, save, sha256_hex};
     pub use crate::physics::Case;
+    pub use crate::synth::{Engine, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};
+    pub use crate::track::TrackPoint;
     pub use crate::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
     pub use crate::train::{TrainProgress, Validation};
 }

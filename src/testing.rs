@@ -4,7 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use gravisight::{Card, Clip, Clips, Engine as _, Shot, Split, Studio};
+use gravisight::internal::{Engine as _, Shot, Split, Studio};
+use gravisight::{Card, Clip, Clips};
 use nalgebra::Point3;
 use safetensors::tensor::TensorView;
 

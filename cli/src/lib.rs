@@ -1,5 +1,6 @@
 //! The `gravisight` command: [`main`] is all of it. [`import`] and [`report`] are public for its tests.
 #![warn(missing_docs, clippy::unwrap_used)]
+#![cfg_attr(test, allow(clippy::unwrap_used))]
 #![deny(unsafe_code)]
 
 mod commands;

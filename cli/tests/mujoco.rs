@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use gravisight::Picture;
 use gravisight::State;
-use gravisight::{Engine as _, Shot, Split, Studio};
+use gravisight::internal::{Engine as _, Shot, Split, Studio};
 use image::RgbImage;
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;

@@ -13,7 +13,7 @@ mod testing;
 pub(crate) use learn::{Added, Score, Tuned};
 pub use learn::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
-pub use learn::{TrainEvent, TrainProgress, Validation, resume_run, start_run};
+pub use learn::{TrainEvent, TrainProgress, Validation};
 #[cfg(not(target_arch = "wasm32"))]
 pub use recipe::{TrainConfig, TrainSettings};
 

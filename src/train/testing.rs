@@ -8,7 +8,7 @@ use burn::tensor::Device;
 use crate::clips::Clip;
 use crate::error::Error;
 use crate::testing::{root, scratch, seen_by};
-use crate::train::{TrainEvent, TrainSettings, start_run};
+use crate::train::{TrainConfig, TrainEvent, TrainSettings};
 
 /// A run configuration on the samples, its folder, extra lines for the top level.
 pub fn configuration(name: &str, extra: &str) -> PathBuf {
@@ -47,7 +47,7 @@ learning_rate = 1e-3
 }
 
 pub fn start(path: &Path, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf, Error> {
-    start_run(TrainSettings::read(path)?.config()?, &Device::flex(), observe)
+    TrainConfig::start(TrainSettings::read(path)?.config()?, &Device::flex(), observe)
 }
 
 /// Clips of camera 1: see [`seen_by`].

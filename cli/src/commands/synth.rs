@@ -14,7 +14,8 @@ use serde_json::{Value, json};
 use super::print_line;
 use crate::progress::Progress;
 use gravisight::internal::{NewFolder, write_whole};
-use gravisight::{Clip, Clips, Set, Shot, Split, Studio};
+use gravisight::internal::{Set, Shot, Split, Studio};
+use gravisight::{Clip, Clips};
 
 /// What made a folder, so that it is gone on with in the same way.
 const SETTINGS: &str = "synth.json";
@@ -80,7 +81,7 @@ impl Engine {
     }
 
     /// Ready for a studio's shot, on this thread.
-    fn open(self, studio: &Studio) -> Result<Box<dyn gravisight::Engine + '_>> {
+    fn open(self, studio: &Studio) -> Result<Box<dyn gravisight::internal::Engine + '_>> {
         match self {
             Self::Builtin => Ok(Box::new(studio.builtin())),
             #[cfg(all(feature = "mujoco", libmujoco))]
@@ -190,7 +191,7 @@ fn claim(out: &Path, settings: &Value) -> Result<()> {
 }
 
 /// Draws a clip, unless it is there; how many pictures were drawn.
-fn make(out: &Path, engine: &mut dyn gravisight::Engine, clip: &Clip, folder: &str) -> Result<usize> {
+fn make(out: &Path, engine: &mut dyn gravisight::internal::Engine, clip: &Clip, folder: &str) -> Result<usize> {
     let place = out.join(folder);
     if place.join(LINE).is_file() {
         return Ok(0);

@@ -6,7 +6,7 @@ use std::time::Instant;
 use anyhow::Result;
 use clap::Args;
 use gravisight::internal::{TrainProgress, Validation};
-use gravisight::{Bins, Clips, Device, TrainConfig, TrainEvent, TrainSettings, resume_run, score, start_run};
+use gravisight::{Bins, Clips, Device, TrainConfig, TrainEvent, TrainSettings, score};
 
 use super::print_line;
 use crate::device::DeviceChoice;
@@ -87,8 +87,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
         TrainEvent::Step(now) => show(&mut progress, now),
     };
     let card = match &arguments.resume {
-        Some(folder) => resume_run(folder, &device, &mut observe)?,
-        None => start_run(arguments.configuration()?, &device, &mut observe)?,
+        Some(folder) => TrainConfig::resume(folder, &device, &mut observe)?,
+        None => TrainConfig::start(arguments.configuration()?, &device, &mut observe)?,
     };
     let report = report(&card, &device, &mut progress)?;
     progress.finish();

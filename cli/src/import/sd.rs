@@ -60,7 +60,7 @@ fn published_scene(id: &str, format: Format) -> Option<Scene> {
         Format::Spring => None,
         _ => Some(id.split('/').nth(1)?.strip_prefix("env")?.parse().ok()?),
     };
-    gravisight::Shot { environment, camera: 1 }.scene().ok()
+    gravisight::internal::Shot { environment, camera: 1 }.scene().ok()
 }
 
 fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {

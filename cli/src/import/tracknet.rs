@@ -7,8 +7,9 @@ use super::ImportOptions;
 use super::draft::Job;
 use super::pictures::{files_below, has_extension, id_of};
 use super::video::{Labelled, Media, draft};
+use gravisight::Track;
+use gravisight::internal::TrackPoint;
 use gravisight::{Error, Result};
-use gravisight::{Track, TrackPoint};
 
 /// A job for every track.
 pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {

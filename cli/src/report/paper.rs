@@ -1,6 +1,7 @@
 //! The paper's own numbers, for data that is the paper's.
 
-use gravisight::{Clip, Shot};
+use gravisight::Clip;
+use gravisight::internal::Shot;
 
 /// Largest difference between two descriptions of the same box, m (and rad).
 const SAME_BOX: f64 = 1e-3;

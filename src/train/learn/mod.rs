@@ -25,7 +25,7 @@ mod tests;
 pub(crate) use self::fine_tune::{Added, Tuned};
 pub use self::fine_tune::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
-pub use self::run::{TrainEvent, TrainProgress, Validation, resume_run, start_run};
+pub use self::run::{TrainEvent, TrainProgress, Validation};
 #[cfg(target_arch = "wasm32")]
 pub(crate) use self::score::Score;
 pub use self::step::{StepOptions, step};

@@ -102,39 +102,41 @@ struct Run<'a> {
     log: String,
 }
 
-/// Starts the run of `config` in its `out` folder: the path of the card of the model made.
-///
-/// # Errors
-/// [`Error::Data`] for an `out` folder that already holds a run; else as [`resume_run`].
-pub fn start_run(config: TrainConfig, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
-    let TrainConfig { mut recipe, paths } = config;
-    recipe.check()?;
-    if paths.run_file().exists() {
-        let reason = "already holds a run; go on with `train --resume`, or choose another `out`".into();
-        return Err(Error::Data { what: paths.out.display().to_string(), reason });
+impl TrainConfig {
+    /// Starts the run in its `out` folder: the path of the card of the model made.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for an `out` folder that already holds a run; else as [`Self::resume`].
+    pub fn start(self, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+        let TrainConfig { mut recipe, paths } = self;
+        recipe.check()?;
+        if paths.run_file().exists() {
+            let reason = "already holds a run; go on with `train --resume`, or choose another `out`".into();
+            return Err(Error::Data { what: paths.out.display().to_string(), reason });
+        }
+        let paths = paths.absolute()?;
+        if let Some(path) = &paths.start_from {
+            let card = Card::from_file(path)?;
+            recipe.architecture = Some(card.architecture);
+            (recipe.input, recipe.normalisation) = (card.input, card.normalisation);
+        }
+        let config = TrainConfig { recipe, paths };
+        let text = config.to_toml()?;
+        // A run that cannot start leaves nothing that would have to be resumed.
+        let run = Run::new(&config, device, observe)?;
+        write_whole(&config.paths.run_file(), text.as_bytes())?;
+        run.finish(observe)
     }
-    let paths = paths.absolute()?;
-    if let Some(path) = &paths.start_from {
-        let card = Card::from_file(path)?;
-        recipe.architecture = Some(card.architecture);
-        (recipe.input, recipe.normalisation) = (card.input, card.normalisation);
-    }
-    let config = TrainConfig { recipe, paths };
-    let text = config.to_toml()?;
-    // A run that cannot start leaves nothing that would have to be resumed.
-    let run = Run::new(&config, device, observe)?;
-    write_whole(&config.paths.run_file(), text.as_bytes())?;
-    run.finish(observe)
-}
 
-/// Goes on with the run in folder `out` from its last checkpoint (from the start where there is
-/// none): the path of the card of the model made.
-///
-/// # Errors
-/// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
-/// [`Error::Diverged`] for a loss that is not finite.
-pub fn resume_run(out: &Path, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
-    Run::new(&TrainConfig::saved_in(out)?, device, observe)?.finish(observe)
+    /// Goes on with the run in folder `out` from its last checkpoint (from the start where there is
+    /// none): the path of the card of the model made.
+    ///
+    /// # Errors
+    /// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
+    /// [`Error::Diverged`] for a loss that is not finite.
+    pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+        Run::new(&TrainConfig::saved_in(out)?, device, observe)?.finish(observe)
+    }
 }
 
 impl<'a> Run<'a> {

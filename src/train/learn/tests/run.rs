@@ -13,7 +13,7 @@ use crate::model::Card;
 use crate::testing::{alone, root, scratch, tiny_card};
 use crate::train::examples::Pictures;
 use crate::train::testing::{configuration, on, start, synthetic};
-use crate::train::{TrainEvent as Event, TrainSettings, Validation, resume_run, start_run};
+use crate::train::{TrainConfig, TrainEvent as Event, TrainSettings, Validation};
 
 #[test]
 fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
@@ -31,7 +31,7 @@ fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
             Event::Prepared { .. } | Event::Fitting { .. } => {}
         };
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
-        let card = resume_run(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
+        let card = TrainConfig::resume(&folder.join("out"), &Device::flex(), &mut |_| {}).unwrap();
         let found = std::fs::read(card.with_extension("safetensors")).unwrap();
         assert!(found == expected, "killed after {kill_after}");
         assert_eq!(log(&folder), 7);
@@ -108,7 +108,7 @@ fn every_supervision_runs_and_resumes_to_the_same_weights() {
             Event::Fitting { .. } => {}
         };
         catch_unwind(AssertUnwindSafe(|| start(&path, &mut observe))).unwrap_err();
-        let card = resume_run(&path.parent().unwrap().join("out"), &Device::flex(), &mut |_| {}).unwrap();
+        let card = TrainConfig::resume(&path.parent().unwrap().join("out"), &Device::flex(), &mut |_| {}).unwrap();
         let found = std::fs::read(card.with_extension("safetensors")).unwrap();
         assert!(found == expected, "{supervision}");
         let text = std::fs::read_to_string(card).unwrap();
@@ -219,7 +219,7 @@ fn the_papers_own_recipe_makes_its_steps() {
             losses.push([progress.loss, progress.heatmap, progress.future, progress.gradient_norm]);
         }
     };
-    let card = start_run(settings.config().unwrap(), &Device::flex(), &mut observe).unwrap();
+    let card = TrainConfig::start(settings.config().unwrap(), &Device::flex(), &mut observe).unwrap();
     assert_eq!(losses.len(), 2);
     for [loss, heatmap, future, norm] in losses {
         assert!([loss, heatmap, future, norm].iter().all(|value| value.is_finite()) && norm > 0.0 && future > 0.0);
@@ -259,7 +259,7 @@ fn fits_are_left_behind_by_runs_that_start_alone_and_resumed_with_what_they_are_
     corrected.write_index().unwrap();
     assert_ne!(std::fs::read_to_string(folder.join("clips.jsonl")).unwrap(), index);
     let weights = |card: PathBuf| std::fs::read(card.with_extension("safetensors")).unwrap();
-    let resumed = weights(resume_run(&path.with_file_name("out"), &Device::flex(), &mut |_| {}).unwrap());
+    let resumed = weights(TrainConfig::resume(&path.with_file_name("out"), &Device::flex(), &mut |_| {}).unwrap());
     let fresh = weights(start(&on("left-fresh", &folder, "physics-fit", ""), &mut |_| {}).unwrap());
     assert!(resumed == fresh);
 }
