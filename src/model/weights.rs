@@ -106,7 +106,7 @@ impl ModuleMapper for Place {
 }
 
 /// The weights of `pen` as a safetensors file. Reads the device synchronously: a browser's GPU cannot be read so, hence
-/// [`on_cpu`].
+/// `on_cpu`.
 ///
 /// # Errors
 /// [`Error::WeightsFile`] where the device cannot be read.

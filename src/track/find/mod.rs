@@ -63,7 +63,7 @@ pub struct Proposal {
     pub radius_px: f64,
     /// Share of such labels that are within 1 px of the truth, 0..1, as measured on rendered clips.
     pub confidence: f64,
-    /// Whether a person should look at it: `confidence` is below [`DOUBTFUL`].
+    /// Whether a person should look at it: `confidence` is below `DOUBTFUL` (0.9).
     pub doubtful: bool,
 }
 

@@ -112,7 +112,7 @@ impl Forecaster {
     /// # Errors
     /// [`Error::Fit`] for times that do not ascend, fewer than four observations, or a track that no
     /// trajectory in front of the camera explains. A label outside the camera's lens model costs itself alone
-    /// ([`FittedFrame::refused`]).
+    /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
         let (usable, refused) = within_lens(camera, observations);

@@ -156,7 +156,7 @@ impl FineTuner {
     /// Scores the averaged weights on the held-out clips, by 2D labels alone, and keeps them if none were better.
     ///
     /// # Errors
-    /// [`Error::Data`] where no clip is held out; as [`score`].
+    /// [`Error::Data`] where no clip is held out; as evaluation does.
     pub async fn evaluate(&mut self) -> Result<Score> {
         if self.validation.is_none() && self.held_out.is_empty() {
             let reason = "none is held out, so there is nothing to score with".into();
