@@ -112,19 +112,6 @@ fn the_device_is_always_an_argument() {
 }
 
 #[test]
-fn the_typescript_computes_no_geometry() {
-    let root = common::root();
-    for folder in ["pkg/src", "web/src"] {
-        for path in files(&root.join(folder), "ts") {
-            let text = std::fs::read_to_string(&path).unwrap();
-            for sign in ["Math.hypot", "Math.sqrt", "Math.cos", "Math.sin", "intrinsic[", "camera_from_world["] {
-                assert!(!text.contains(sign), "{} has {sign}", path.display());
-            }
-        }
-    }
-}
-
-#[test]
 fn the_readmes_numbers_are_those_that_evaluate_wrote_into_the_card() {
     let read = |path| std::fs::read_to_string(common::root().join(path)).unwrap();
     let card: serde_json::Value = serde_json::from_str(&read("models/sd-l.json")).unwrap();
