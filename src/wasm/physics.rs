@@ -66,6 +66,10 @@ pub struct FitFrame {
     pub residual_px: Option<[f64; 2]>,
     /// Whether what was seen there does not belong to the trajectory.
     pub outlier: bool,
+    /// Why what was seen there was left out, in words: the camera's lens does not reach that far.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[tsify(optional)]
+    pub refused: Option<String>,
 }
 
 /// Where the ball touches something.
@@ -102,6 +106,7 @@ impl From<&FittedFrame> for FitFrame {
             covariance: frame.covariance.into(),
             residual_px: frame.residual_px.map(<[f64; 2]>::from),
             outlier: frame.outlier,
+            refused: frame.refused.clone(),
         }
     }
 }
