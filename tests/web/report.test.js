@@ -1,12 +1,12 @@
 /** The report of `gravisight evaluate --report`, as a reader opens it: from a file, with no network. */
 import assert from "node:assert/strict";
-import { execFileSync } from "node:child_process";
 import { mkdirSync, mkdtempSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { launch, open } from "./support/browser.js";
+import { gravisight } from "./support/command.js";
 
 const root = fileURLToPath(new URL("../..", import.meta.url));
 const screenshots = process.env.SCREENSHOTS ?? join(tmpdir(), "gravisight-screenshots");
@@ -23,8 +23,7 @@ before(async () => {
   const folder = mkdtempSync(join(tmpdir(), "gravisight-report-"));
   const [report, logFile] = [join(folder, "report.html"), join(folder, "log.jsonl")];
   writeFileSync(logFile, log.join("\n"));
-  const command = ["run", "--release", "--quiet", "--", "evaluate", "--data", "tests/samples", "--report", report, "--log", logFile];
-  execFileSync("cargo", command, { cwd: root, stdio: ["ignore", "ignore", "pipe"] });
+  gravisight(["evaluate", "--data", "tests/samples", "--report", report, "--log", logFile], { cwd: root });
   address = pathToFileURL(report).href;
   mkdirSync(screenshots, { recursive: true });
   browser = await launch({ webgpu: false });
