@@ -207,7 +207,9 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
         architecture: job.config.clone(),
         input: Size::square(SIDE as u32),
         normalisation: Normalisation::default(),
-        depth_range: [1.0, 20.0],
+        depth_from: None,
+        depth_range: Some([1.0, 20.0]),
+        radius_range: None,
         confidence_threshold: None,
         training_data: "none".into(),
         description: "Random weights, for timing.".into(),
@@ -254,6 +256,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
             future_weight: 0.0,
             robust_px: None,
             depth_transition: 0.5,
+            centre_weight: 0.0,
             clip_norm: 1.0,
             learning_rate: 1e-3,
         };

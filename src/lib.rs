@@ -82,9 +82,11 @@ pub mod internal {
     pub use crate::image::Normalisation;
     pub use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, save, sha256_hex};
     pub use crate::physics::Case;
+    pub use crate::synth::RandomScenes;
     pub use crate::synth::{Engine, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::TrackPoint;
     pub use crate::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
-    pub use crate::train::{TrainProgress, Validation};
+    pub use crate::train::read_photographs;
+    pub use crate::train::{Supervision, TrainProgress, Validation};
 }

@@ -6,6 +6,7 @@ mod saliency;
 #[cfg(test)]
 mod tests;
 
+use burn::tensor::activation::softmax;
 use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;
 use serde::Serialize;
@@ -127,7 +128,8 @@ impl Localiser {
         let expected = reference.run(self.test_pattern()).await?;
         let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         let heatmap = largest(&found.probability, &expected.probability);
-        let depth = largest(&found.depth_map, &expected.depth_map) / self.card.depth_range[1] as f32;
+        let most = expected.depth_map.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let depth = largest(&found.depth_map, &expected.depth_map) / most;
         if heatmap.max(depth) <= DEVICE_TOLERANCE {
             return Ok(());
         }
@@ -211,6 +213,69 @@ impl Localiser {
             depth_map,
             width: cells,
         })
+    }
+}
+
+/// Standard deviation of log(radius) over the scale of its Laplace distribution: between that distribution's own, √2, and
+/// the 1.15 that hold 68 % of it.
+const SIGMA_OF_SCALE: f64 = 1.3;
+
+/// What a network that reads sizes says of a picture, px of it.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reading {
+    /// Centre of the ball's outline.
+    pub image: [f64; 2],
+    /// Semi-minor axis of the ball's outline.
+    pub size: f64,
+    /// Standard deviation of log(size).
+    pub log_sigma: f64,
+    /// Share of the heatmap's mass around the centre, 0 to 1.
+    pub confidence: f64,
+}
+
+impl Localiser {
+    /// The likeliest place and size of the ball in `picture`, by a network that reads sizes, without any camera.
+    ///
+    /// # Errors
+    /// [`Error::OutputNotFinite`] and [`Error::Device`].
+    pub(crate) async fn read(&self, picture: &Picture) -> Result<Reading> {
+        let input = picture.network_input(self.card.input, &self.card.normalisation);
+        let maps = self.size_maps(input.values).await?;
+        let (given, content) = (picture.size().xy(), input.content.xy());
+        let scale = [0, 1].map(|axis| given[axis] / content[axis]);
+        let Some(peak) = model::peaks(&maps, 1).pop() else {
+            return Err(Error::OutputNotFinite { device: device_name(&self.device) });
+        };
+        Ok(Reading {
+            image: std::array::from_fn(|axis| (peak.image[axis] + 0.5) * scale[axis] - 0.5),
+            size: peak.radius * (scale[0] * scale[1]).sqrt(),
+            log_sigma: SIGMA_OF_SCALE * peak.log_scale,
+            confidence: peak.confidence,
+        })
+    }
+
+    /// Runs a network that reads sizes on one normalised picture `[height, width, 3]` and reads its maps back.
+    async fn size_maps(&self, values: Vec<f32>) -> Result<model::Maps> {
+        let output = self.runner.run(values);
+        let [_, height, width] = output.depth.dims();
+        let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };
+        let logits = output.heatmap.mul_scalar(self.config.heatmap.beta).reshape([1, height * width]);
+        let log_scale = output.log_scale.ok_or_else(|| failed("the network does not read sizes".into()))?;
+        let data = Transaction::default()
+            .register(softmax(logits, 1))
+            .register(output.depth)
+            .register(log_scale)
+            .execute_async()
+            .await
+            .map_err(|error| failed(error.to_string()))?;
+        let parts: Vec<Vec<f32>> = data.iter().map(|part| part.iter::<f32>().collect()).collect();
+        let Ok([probability, radius, log_scale]) = <[Vec<f32>; 3]>::try_from(parts) else {
+            return Err(failed("the read-back returned another number of tensors than asked for".into()));
+        };
+        if [&probability, &radius, &log_scale].into_iter().flatten().any(|value| !value.is_finite()) {
+            return Err(Error::OutputNotFinite { device: device_name(&self.device) });
+        }
+        Ok(model::Maps { width, stride: self.config.output_stride(), probability, radius, log_scale })
     }
 }
 

@@ -32,8 +32,15 @@ pub struct Card {
     pub input: Size,
     /// Normalisation of the network's input.
     pub normalisation: Normalisation,
-    /// Smallest and largest depth (camera z) in the training data, m.
-    pub depth_range: [f64; 2],
+    /// What depth comes from; absent where the network gives it itself, of the scene that it knows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_from: Option<DepthFrom>,
+    /// Smallest and largest depth (camera z) in the training data, m; absent where depth comes from size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth_range: Option<[f64; 2]>,
+    /// Smallest and largest apparent radius in the training data, px; where depth comes from size.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_range: Option<[f64; 2]>,
     /// Confidence below which a picture is taken to be without the ball: half of what nearly all (99.5 %) of the
     /// visible balls of the validation clips exceed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -49,6 +56,15 @@ pub struct Card {
     pub licence: String,
 }
 
+/// What a model's depth comes from, besides the scene it knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[serde(rename_all = "lowercase")]
+pub enum DepthFrom {
+    /// The ball's apparent size, and its radius, which the user gives.
+    Size,
+}
+
 impl Card {
     /// Reads the text of a card; `what` names it in errors.
     ///
@@ -57,9 +73,17 @@ impl Card {
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
         let card: Self = serde_json::from_str(text).map_err(Error::format(what))?;
         check_input(&card.architecture, card.input, &card.normalisation, what)?;
-        let [nearest, farthest] = card.depth_range;
-        if !(nearest.is_finite() && farthest.is_finite() && 0.0 < nearest && nearest <= farthest) {
-            return Err(Error::value(what, "depth_range", "must be two positive depths, the nearest first"));
+        let is_size = card.depth_from == Some(DepthFrom::Size);
+        if is_size != card.architecture.depth.is_size() {
+            let reason =
+                "must be \"size\" where the architecture's depth activation is \"radius\", and absent elsewhere";
+            return Err(Error::value(what, "depth_from", reason));
+        }
+        let (field, range) =
+            if is_size { ("radius_range", card.radius_range) } else { ("depth_range", card.depth_range) };
+        let in_order = |[least, most]: [f64; 2]| least.is_finite() && most.is_finite() && 0.0 < least && least <= most;
+        if !range.is_some_and(in_order) {
+            return Err(Error::value(what, field, "must be two positive numbers, the smaller first"));
         }
         if card.confidence_threshold.is_some_and(|threshold| !(0.0..=1.0).contains(&threshold)) {
             return Err(Error::value(what, "confidence_threshold", "must be from 0 to 1"));

@@ -8,6 +8,9 @@ use crate::error::{Error, Result};
 /// Largest number of channels in any layer; a card asking for more is damaged or hostile.
 const MAX_CHANNELS: usize = 4096;
 
+/// Geometric mean of the radii that a network for any ball reads, px.
+const MIDDLE_RADIUS: f64 = 9.5;
+
 /// Architecture of a [`super::Pen`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -50,7 +53,8 @@ pub struct HeatmapConfig {
 pub struct DepthConfig {
     /// From the head's output to a positive number.
     pub activation: DepthActivation,
-    /// Factor on the activation, m: the scene's prior depth (1 as published).
+    /// Factor on the activation, m: the scene's prior depth (1 as published). Of a network that reads sizes the middle of
+    /// the radii it can read, px.
     pub scale: f64,
 }
 
@@ -62,6 +66,24 @@ pub enum DepthActivation {
     Softplus,
     /// Exponential.
     Exp,
+    /// Exponential, within a factor e² of the scale: the ball's apparent radius, px, in the place of its depth. A second
+    /// channel is the logarithm of the scale of that reading's error, a Laplace distribution's, of log(radius).
+    Radius,
+}
+
+impl DepthConfig {
+    /// Channels of the depth head.
+    pub fn channels(&self) -> usize {
+        match self.activation {
+            DepthActivation::Softplus | DepthActivation::Exp => 1,
+            DepthActivation::Radius => 2,
+        }
+    }
+
+    /// Whether it is apparent size that is read, of which depth follows by the ball's radius.
+    pub fn is_size(&self) -> bool {
+        self.activation == DepthActivation::Radius
+    }
 }
 
 impl PenConfig {
@@ -95,6 +117,12 @@ impl PenConfig {
             heatmap: HeatmapConfig { beta: 1.0 },
             depth: DepthConfig { activation: DepthActivation::Exp, scale: prior_depth },
         }
+    }
+
+    /// [`Self::compact`] for any ball: reads apparent radii of 1.3 to 70 px.
+    pub fn compact_size() -> Self {
+        let depth = DepthConfig { activation: DepthActivation::Radius, scale: MIDDLE_RADIUS };
+        Self { depth, ..Self::compact(MIDDLE_RADIUS) }
     }
 
     /// Number the input's sides must be multiples of, px.

@@ -14,7 +14,7 @@ pub const CONFIDENCE_RADIUS: f64 = 12.0;
 pub struct Decoded {
     /// 2D position, x then y, px of the network's input, `[batch, 2]`.
     pub image: Tensor<2>,
-    /// Depth (camera z), m, `[batch]`.
+    /// Depth (camera z), m, `[batch]`; of a network that reads sizes the apparent radius, px.
     pub depth: Tensor<1>,
     /// Softmax of the heatmap, `[batch, height/stride, width/stride]`, sums to 1.
     pub probability: Tensor<3>,
@@ -35,7 +35,10 @@ pub fn decode(output: PenOutput, config: &PenConfig) -> Decoded {
     let rows = probability.clone().sum_dim(2).reshape([batch, height]); // [b, h]
     let x = (columns * cell_centres(width, stride, &device)).sum_dim(1); // [b, 1]
     let y = (rows * cell_centres(height, stride, &device)).sum_dim(1); // [b, 1]
-    let depth = weighted_depth(output.depth, probability.clone());
+    let depth = match config.depth.is_size() {
+        true => weighted_depth(output.depth.log(), probability.clone()).exp(),
+        false => weighted_depth(output.depth, probability.clone()),
+    };
     Decoded { image: Tensor::cat(vec![x, y], 1), depth, probability }
 }
 
@@ -54,6 +57,91 @@ fn cell_centres(count: usize, stride: usize, device: &Device) -> Tensor<2> {
 /// Centre of a cell of `stride` input pixels, px.
 pub(crate) fn cell_centre(cell: usize, stride: usize) -> f64 {
     (cell as f64 + 0.5) * stride as f64 - 0.5
+}
+
+/// The maps of one picture of a network that reads sizes, row-major.
+#[derive(Debug, Clone)]
+pub struct Maps {
+    /// Cells in a row.
+    pub width: usize,
+    /// Input px to a cell's side.
+    pub stride: usize,
+    /// Probability of each cell.
+    pub probability: Vec<f32>,
+    /// Apparent radius, px.
+    pub radius: Vec<f32>,
+    /// Logarithm of the scale of the error of log(radius).
+    pub log_scale: Vec<f32>,
+}
+
+/// A place where the ball may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peak {
+    /// Centre of the ball's outline, px of the network's input.
+    pub image: [f64; 2],
+    /// Its semi-minor axis, px of the network's input.
+    pub radius: f64,
+    /// Scale of the error of log(radius), a Laplace distribution's.
+    pub log_scale: f64,
+    /// Share of the heatmap's mass around it, 0 to 1.
+    pub confidence: f64,
+}
+
+/// How often a peak's window is centred on the mean of its mass.
+const CENTRINGS: usize = 3;
+
+/// The `count` likeliest places of the ball, the likeliest first: around each the means of [`CONFIDENCE_RADIUS`].
+/// What is within that of a place, or within its ball, is no other place.
+pub fn peaks(maps: &Maps, count: usize) -> Vec<Peak> {
+    let Maps { width, stride, .. } = *maps;
+    let height = maps.probability.len() / width;
+    let mut left = maps.probability.clone();
+    let mut found = Vec::new();
+    // The cells around a place, with their distance.
+    let around = |image: [f64; 2], reach: f64| {
+        let range = |at: f64, cells: usize| {
+            let cell = |at: f64| ((at + 0.5) / stride as f64 - 0.5).clamp(0.0, cells as f64 - 1.0);
+            cell(at - reach).ceil() as usize..=cell(at + reach).floor() as usize
+        };
+        let columns = range(image[0], width);
+        range(image[1], height).flat_map(move |row| columns.clone().map(move |column| (row, column))).filter_map(
+            move |(row, column)| {
+                let at = [cell_centre(column, stride), cell_centre(row, stride)];
+                let near = (at[0] - image[0]).hypot(at[1] - image[1]) <= reach;
+                near.then_some((row * width + column, at))
+            },
+        )
+    };
+    for _ in 0..count {
+        let Some((best, &most)) = left.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)) else { break };
+        if most <= 0.0 {
+            break;
+        }
+        let mut image = [cell_centre(best % width, stride), cell_centre(best / width, stride)];
+        let (mut mass, mut log_radius, mut log_scale) = (0.0, 0.0, 0.0);
+        for _ in 0..CENTRINGS {
+            let (mut sum, mut centre) = (0.0, [0.0; 2]);
+            (log_radius, log_scale) = (0.0, 0.0);
+            for (cell, at) in around(image, CONFIDENCE_RADIUS) {
+                let share = f64::from(left[cell]);
+                sum += share;
+                (0..2).for_each(|axis| centre[axis] += share * at[axis]);
+                log_radius += share * f64::from(maps.radius[cell]).ln();
+                log_scale += share * f64::from(maps.log_scale[cell]);
+            }
+            if sum <= 0.0 {
+                break;
+            }
+            mass = sum;
+            image = centre.map(|axis| axis / sum);
+            (log_radius, log_scale) = (log_radius / sum, log_scale / sum);
+        }
+        let radius = log_radius.exp();
+        found.push(Peak { image, radius, log_scale: log_scale.exp(), confidence: mass.clamp(0.0, 1.0) });
+        let taken: Vec<usize> = around(image, radius.max(CONFIDENCE_RADIUS)).map(|(cell, _)| cell).collect();
+        taken.into_iter().chain([best]).for_each(|cell| left[cell] = 0.0);
+    }
+    found
 }
 
 /// Share of the heatmap's mass within 12 input px of the position found, 0 to 1.

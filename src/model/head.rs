@@ -1,4 +1,4 @@
-//! Heads: features in, one map out.
+//! Heads: features in, a map or two out.
 
 use burn::module::Module;
 use burn::nn::conv::Conv2d;
@@ -26,15 +26,21 @@ pub(super) enum Head {
 }
 
 impl Head {
-    /// A head on a backbone's `features`; `last` initialises its final 1×1 convolution.
-    pub(super) fn new(config: &HeadConfig, features: &[Feature], last: Initializer, device: &Device) -> Self {
+    /// A head with `maps` on a backbone's `features`; `last` initialises its final 1×1 convolution.
+    pub(super) fn new(
+        config: &HeadConfig,
+        features: &[Feature],
+        maps: usize,
+        last: Initializer,
+        device: &Device,
+    ) -> Self {
         match *config {
-            HeadConfig::Paper { channels } => Self::Paper(PaperHead::new(features, channels, last, device)),
-            HeadConfig::Depthwise => Self::Depthwise(DepthwiseHead::new(features[0].channels, last, device)),
+            HeadConfig::Paper { channels } => Self::Paper(PaperHead::new(features, channels, maps, last, device)),
+            HeadConfig::Depthwise => Self::Depthwise(DepthwiseHead::new(features[0].channels, maps, last, device)),
         }
     }
 
-    /// Features -> `[batch, h, w, 1]`, the finest feature's size.
+    /// Features -> `[batch, h, w, maps]`, the finest feature's size.
     pub(super) fn forward<L: Layers>(&self, layers: &mut L, features: &[L::Map]) -> L::Map {
         match self {
             Self::Paper(head) => head.forward(layers, features),
@@ -57,7 +63,7 @@ pub(super) struct PaperHead {
 }
 
 impl PaperHead {
-    fn new(features: &[Feature], [a, b, c]: [usize; 3], last: Initializer, device: &Device) -> Self {
+    fn new(features: &[Feature], [a, b, c]: [usize; 3], maps: usize, last: Initializer, device: &Device) -> Self {
         let xavier = |gain| Initializer::XavierUniform { gain };
         let wide = |channels| conv(channels, KERNEL, 1).with_initializer(xavier(std::f64::consts::SQRT_2)).init(device);
         let norm = |channels| LayerNormConfig::new(channels).with_epsilon(EPSILON).init(device);
@@ -68,7 +74,7 @@ impl PaperHead {
             norm1: norm(b),
             conv2: wide([b, c]),
             norm2: norm(c),
-            last: conv([c, 1], 1, 1).with_initializer(last).init(device),
+            last: conv([c, maps], 1, 1).with_initializer(last).init(device),
             features: features.to_vec(),
         }
     }
@@ -114,12 +120,12 @@ pub(super) struct DepthwiseHead {
 }
 
 impl DepthwiseHead {
-    fn new(features: usize, last: Initializer, device: &Device) -> Self {
+    fn new(features: usize, maps: usize, last: Initializer, device: &Device) -> Self {
         let square = [features, features];
         Self {
             spatial: ConvNorm::new(conv(square, KERNEL, 1).with_groups(features), device),
             mix: ConvNorm::new(conv(square, 1, 1), device),
-            last: conv([features, 1], 1, 1).with_initializer(last).init(device),
+            last: conv([features, maps], 1, 1).with_initializer(last).init(device),
         }
     }
 

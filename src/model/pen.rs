@@ -18,6 +18,11 @@ use crate::size::Size;
 const SOFTPLUS_BETA: f64 = 2.0;
 const SOFTPLUS_THRESHOLD: f64 = 16.0;
 
+/// How far a radius may be from the middle one, as a logarithm.
+const REACH: f64 = 2.0;
+/// Bounds of the logarithm of the error's scale.
+const LOG_SCALE: [f64; 2] = [-6.0, 2.0];
+
 /// How often a map's values lie in memory at the peak of a training step: result, sum before the norm, gradient, and
 /// what the allocator holds (measured on the compact network: 2.8 to 3.5).
 const COPIES_IN_TRAINING: usize = 4;
@@ -37,8 +42,11 @@ pub struct Pen {
 pub struct PenOutput {
     /// Heatmap before the softmax, `[batch, height/stride, width/stride]`.
     pub heatmap: Tensor<3>,
-    /// Depth (camera z) in m, `[batch, height/stride, width/stride]`.
+    /// Depth (camera z) in m, `[batch, height/stride, width/stride]`; of a network that reads sizes the ball's apparent
+    /// radius in px.
     pub depth: Tensor<3>,
+    /// Logarithm of the scale of the error of log(radius), as large; of a network that reads sizes.
+    pub log_scale: Option<Tensor<3>>,
 }
 
 impl Pen {
@@ -51,14 +59,14 @@ impl Pen {
         let features = config.backbone.outline().features;
         // A zero last layer starts the exponential depth at the prior.
         let depth_last = match config.depth.activation {
-            DepthActivation::Exp => Initializer::Zeros,
+            DepthActivation::Exp | DepthActivation::Radius => Initializer::Zeros,
             DepthActivation::Softplus => Initializer::XavierUniform { gain: 1.0 },
         };
-        let head = |last| Head::new(&config.head, &features, last, device);
+        let head = |maps, last| Head::new(&config.head, &features, maps, last, device);
         Ok(Self {
             backbone: Backbone::new(&config.backbone, device),
-            heatmap_head: head(Initializer::XavierUniform { gain: 1.0 }),
-            depth_head: head(depth_last),
+            heatmap_head: head(1, Initializer::XavierUniform { gain: 1.0 }),
+            depth_head: head(config.depth.channels(), depth_last),
             config: config.clone(),
         })
     }
@@ -107,16 +115,21 @@ impl Pen {
         [&self.heatmap_head, &self.depth_head].map(|head| head.forward(layers, &features))
     }
 
-    /// The output from what the heads say, `[batch, h, w, 1]` each.
+    /// The output from what the heads say, `[batch, h, w, maps]` each.
     fn output(&self, heatmap: Tensor<4>, depth: Tensor<4>) -> PenOutput {
-        let mut maps = [heatmap, activate(depth, &self.config.depth)];
+        let config = &self.config.depth;
+        let log_scale = config.is_size().then(|| {
+            let [least, most] = LOG_SCALE;
+            depth.clone().narrow(3, 1, 1).clamp(least, most)
+        });
+        let depth = activate(depth.narrow(3, 0, 1), config);
         // Heads work at the finest feature's stride.
         let factor = self.config.backbone.finest_stride() / self.config.output_stride();
-        if factor > 1 {
-            maps = maps.map(|map| Tensors.upsample(&map, factor, None));
-        }
-        let [heatmap, depth] = maps.map(|map| map.squeeze_dim(3));
-        PenOutput { heatmap, depth }
+        let finished = |map: Tensor<4>| match factor {
+            1 => map.squeeze_dim(3),
+            _ => Tensors.upsample(&map, factor, None).squeeze_dim(3),
+        };
+        PenOutput { heatmap: finished(heatmap), depth: finished(depth), log_scale: log_scale.map(finished) }
     }
 }
 
@@ -157,11 +170,12 @@ impl PenRunner {
     }
 }
 
-/// Positive depth in m from the head's raw output, any shape.
+/// Positive depth in m (or radius in px) from the head's raw output, any shape.
 fn activate(raw: Tensor<4>, config: &DepthConfig) -> Tensor<4> {
     let positive = match config.activation {
         DepthActivation::Softplus => softplus_with_threshold(raw, SOFTPLUS_BETA, SOFTPLUS_THRESHOLD),
         DepthActivation::Exp => raw.exp(),
+        DepthActivation::Radius => raw.clamp(-REACH, REACH).exp(),
     };
     positive.mul_scalar(config.scale)
 }

@@ -128,7 +128,7 @@ fn decoding_with_the_published_temperature_equals_pytorch() {
     let device = Device::flex();
     let file = "pen_paper.safetensors";
     let map = |name| Tensor::from_data(TensorData::new(expected(file, name), [1, HEIGHT, WIDTH]), &device);
-    let output = PenOutput { heatmap: map("heatmap"), depth: map("depth") };
+    let output = PenOutput { heatmap: map("heatmap"), depth: map("depth"), log_scale: None };
     assert_decoded(output, &PenConfig::paper(), 10.0, &expected(file, "decoded_sharp"));
 }
 
@@ -308,7 +308,7 @@ fn gaussian_maps(centre: [f64; 2], sigma: f64, [height, width]: [usize; 2]) -> P
         .collect();
     let depth: Vec<f32> = (0..height * width).map(|index| (3.0 + 0.01 * at(index).0) as f32).collect();
     let map = |values| Tensor::from_data(TensorData::new(values, [1, height, width]), &device);
-    PenOutput { heatmap: map(heatmap), depth: map(depth) }
+    PenOutput { heatmap: map(heatmap), depth: map(depth), log_scale: None }
 }
 
 proptest! {

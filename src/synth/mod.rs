@@ -7,6 +7,7 @@
 
 #[cfg(all(feature = "mujoco", libmujoco))]
 mod mujoco;
+mod random;
 mod render;
 mod scenes;
 mod studio;
@@ -24,6 +25,8 @@ use sha2::{Digest, Sha256};
 
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::random::{Drawing, LARGEST, RandomScenes, SMALLEST};
 use self::render::Renderer;
 use self::scenes::Paper;
 use crate::camera::Camera;

@@ -9,13 +9,15 @@ mod recipe;
 #[cfg(test)]
 mod testing;
 
+#[cfg(not(target_arch = "wasm32"))]
+pub use examples::read_photographs;
 #[cfg(target_arch = "wasm32")]
 pub(crate) use learn::{Added, Score, Tuned};
 pub use learn::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};
 #[cfg(not(target_arch = "wasm32"))]
-pub use recipe::{TrainConfig, TrainSettings};
+pub use recipe::{Supervision, TrainConfig, TrainSettings};
 
 /// For `benches/convolution`, which times a step by itself.
 #[doc(hidden)]

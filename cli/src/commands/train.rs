@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use clap::Args;
-use gravisight::internal::{TrainProgress, Validation};
+use gravisight::internal::{Supervision, TrainProgress, Validation};
 use gravisight::{Bins, Clips, Device, TrainConfig, TrainEvent, TrainSettings, score};
 
 use super::print_line;
@@ -108,8 +108,12 @@ pub fn run(arguments: Arguments) -> Result<()> {
 /// Writes the report of the run that made `card`, on its validation clips; none where those have no 3D truth.
 fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Option<PathBuf>> {
     let folder = card.parent().unwrap_or(Path::new("."));
-    let paths = TrainConfig::saved_in(folder)?.paths;
-    let clips = Clips::read(&paths.validation)?;
+    let TrainConfig { recipe, paths } = TrainConfig::saved_in(folder)?;
+    // Random scenes are no clips.
+    let Some(validation) = paths.validation.as_ref().filter(|_| recipe.supervision != Supervision::Rendered) else {
+        return Ok(None);
+    };
+    let clips = Clips::read(validation)?;
     if !clips.clips.iter().flat_map(|clip| &clip.frames).any(|frame| frame.world.is_some() && frame.image.is_some()) {
         return Ok(None);
     }
@@ -146,6 +150,16 @@ fn show(progress: &mut Progress, now: &TrainProgress) {
             }
             progress.say(&line);
         }
+        Some(Validation::Size(score)) => progress.say(&format!(
+            "step {step}: validation: radius off by {:.2} % (median from 4 px on; of all {:.2} %, {:.2} % gross; {:.0} % and \
+             {:.0} % within 1 and 2 sigma), 2D error {:.2} px",
+            100.0 * score.radius_error,
+            100.0 * score.radius_error_of_all.median.unwrap_or(f64::NAN),
+            100.0 * score.gross,
+            100.0 * score.coverage[0],
+            100.0 * score.coverage[1],
+            score.image_error_px.median.unwrap_or(f64::NAN),
+        )),
         Some(Validation::Failed { failed }) => progress.say(&format!("step {step}: validation failed: {failed}")),
         None => {}
     }

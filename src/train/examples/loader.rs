@@ -4,42 +4,55 @@ use std::sync::Arc;
 use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 
-use super::super::recipe::Recipe;
-use super::{Batch, Sampler};
+use super::super::recipe::{Phase, Recipe};
+use super::{Batch, Source};
 use crate::error::{Error, Result};
 
 /// Batches that wait at most.
 const AHEAD: usize = 2;
 
-/// A thread that draws the batches of a run, in order.
-pub struct Loader(Receiver<Result<Batch>>);
+/// The batches of a run, in order.
+pub struct Loader {
+    source: Arc<Source>,
+    /// Step of the next batch.
+    step: usize,
+    /// A thread that draws them ahead of time.
+    ahead: Option<Receiver<Result<Batch>>>,
+}
 
 impl Loader {
-    /// Starts with the batch of step `first`. The thread ends with the run's last step, or when this is dropped.
+    /// Starts with the batch of step `first`. Clips are read by a thread, which ends with the run's last step, or when
+    /// this is dropped. Random scenes, which take every core for a quarter of a step, are drawn between the steps: at the
+    /// same time as one they would slow each of its kernels, whose threads wait for each other.
     ///
     /// # Errors
     /// [`Error::Io`] where no thread can be started.
-    pub fn start(sampler: Arc<Sampler>, recipe: &Recipe, first: usize) -> Result<Self> {
+    pub fn start(source: Arc<Source>, recipe: &Recipe, first: usize) -> Result<Self> {
+        if let Source::Scenes(_) = *source {
+            return Ok(Self { source, step: first, ahead: None });
+        }
         let (sender, receiver) = sync_channel(AHEAD);
-        let recipe = recipe.clone();
+        let (recipe, drawn) = (recipe.clone(), source.clone());
         let draw = move || {
             let steps = (first..).map_while(|step| Some((step, *recipe.phase(step)?.0)));
             for (step, phase) in steps {
-                if sender.send(sampler.batch(&phase, step)).is_err() {
+                if sender.send(drawn.batch(&phase, step)).is_err() {
                     return;
                 }
             }
         };
         thread::Builder::new().name("loader".into()).spawn(draw).map_err(Error::io("a thread for pictures"))?;
-        Ok(Self(receiver))
+        Ok(Self { source, step: first, ahead: Some(receiver) })
     }
 
-    /// The next batch.
+    /// The next batch, of `phase`.
     ///
     /// # Errors
-    /// As [`Sampler::batch`].
-    pub fn next(&self) -> Result<Batch> {
+    /// As [`Source::batch`].
+    pub fn next(&mut self, phase: &Phase) -> Result<Batch> {
+        self.step += 1;
+        let Some(ahead) = &self.ahead else { return self.source.batch(phase, self.step - 1) };
         let stopped = || Error::Data { what: "training pictures".into(), reason: "their thread has stopped".into() };
-        self.0.recv().map_err(|_| stopped())?
+        ahead.recv().map_err(|_| stopped())?
     }
 }

@@ -12,7 +12,11 @@ mod pictures;
 mod prepare;
 #[cfg(not(target_arch = "wasm32"))]
 mod readings;
+#[cfg(not(target_arch = "wasm32"))]
+mod renderings;
 mod sampler;
+#[cfg(not(target_arch = "wasm32"))]
+mod source;
 mod teacher;
 #[cfg(test)]
 mod tests;
@@ -25,7 +29,13 @@ pub(super) use self::loader::Loader;
 pub(super) use self::pictures::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::prepare::{LeftOut, Prepared, prepare};
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::renderings::Renderings;
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::renderings::read_photographs;
 pub(super) use self::sampler::Sampler;
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::source::Source;
 pub(super) use self::teacher::{TaughtClip, teach};
 use super::recipe::Recipe;
 use crate::clips::{Clip, Clips, Frame};

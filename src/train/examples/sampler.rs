@@ -196,7 +196,7 @@ impl Sampler {
 }
 
 /// One number of three, by SplitMix64's finaliser, so that neighbouring steps share nothing.
-fn seed(seed: u64, step: usize, index: usize) -> u64 {
+pub(super) fn seed(seed: u64, step: usize, index: usize) -> u64 {
     [step as u64, index as u64].into_iter().fold(seed, |mixed, part| {
         let mut z = (mixed ^ part).wrapping_add(0x9e37_79b9_7f4a_7c15);
         z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);

@@ -53,7 +53,7 @@ fn of_noisy_labels_the_fit_makes_better_2d_targets() {
 fn prepared(config: &TrainConfig, file: &Path) -> (Vec<Example>, Option<Fits>, usize) {
     let mut fitted = 0;
     let Prepared { examples, fits, .. } =
-        prepare(&config.recipe, &config.paths.train, file, &mut |done, _| fitted = done).unwrap();
+        prepare(&config.recipe, config.paths.train().unwrap(), file, &mut |done, _| fitted = done).unwrap();
     (examples.frames, fits, fitted)
 }
 

@@ -5,7 +5,7 @@ use burn::tensor::{Device, Tensor, TensorData, activation::log_softmax};
 use super::super::examples::Labels;
 use super::super::recipe::HeatmapLoss;
 use crate::model::{PenConfig, PenOutput};
-use crate::model::{cell_centre, weighted_depth};
+use crate::model::{cell_centre, decode, weighted_depth};
 
 /// The parts of the loss on the maps, each a scalar tensor `[1]`.
 #[derive(Debug, Clone)]
@@ -14,9 +14,12 @@ pub struct Losses {
     pub heatmap: Tensor<1>,
     /// Depth loss, unweighted.
     pub depth: Tensor<1>,
+    /// Mean distance of the decoded position from the label along each axis, px; where it is asked for.
+    pub centre: Option<Tensor<1>>,
 }
 
-/// Heatmap loss against 2D labels, and smooth-L1 depth loss (square below `transition` m) against depths.
+/// Heatmap loss against 2D labels, and smooth-L1 depth loss (square below `transition` m) against depths; of a network that
+/// reads sizes the negative log-likelihood of log(radius) under its Laplace distribution.
 ///
 /// Depth is read out with the *target* heatmap's weights, so that it is taught where the ball is
 /// from the first step on. A picture without the ball is to give the same everywhere.
@@ -26,9 +29,11 @@ pub fn map_losses(
     config: &PenConfig,
     loss: HeatmapLoss,
     transition: f64,
+    with_centre: bool,
 ) -> Losses {
     let [batch, height, width] = output.heatmap.dims();
     let device = output.heatmap.device();
+    let centre = with_centre.then(|| centre_loss(output.clone(), labels, config));
     let target = gaussians(&labels.image, [height, width], config.output_stride(), loss, &device);
     // [batch, 1, 1]; a Gaussian around a label near the picture never sums to zero, and nothing is divided by 0
     let mass = target.clone().reshape([batch, height * width]).sum_dim(1).reshape([batch, 1, 1]);
@@ -45,9 +50,30 @@ pub fn map_losses(
         let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
         Tensor::<1>::from_data(TensorData::new(values, [batch]), &device)
     };
-    let error = weighted_depth(output.depth, share) - column(&labels.depth);
-    let depth = (smooth_l1(error, transition) * column(&labels.depth_weight)).mean();
-    Losses { heatmap, depth }
+    let error = match output.log_scale {
+        Some(log_scale) => {
+            let log_radii: Vec<f64> = labels.depth.iter().map(|radius| radius.ln()).collect();
+            let log_scale = weighted_depth(log_scale, share.clone());
+            let error = weighted_depth(output.depth.log(), share) - column(&log_radii);
+            error.abs() * log_scale.clone().neg().exp() + log_scale
+        }
+        None => smooth_l1(weighted_depth(output.depth, share) - column(&labels.depth), transition),
+    };
+    let depth = (error * column(&labels.depth_weight)).mean();
+    Losses { heatmap, depth, centre }
+}
+
+/// How far the decoded positions are from the labels along each axis, px: the mean over the pictures with a ball.
+fn centre_loss(output: PenOutput, labels: &Labels, config: &PenConfig) -> Tensor<1> {
+    let batch = labels.image.len();
+    let device = output.heatmap.device();
+    let values: Vec<f32> =
+        labels.image.iter().flat_map(|label| label.unwrap_or_default().map(|at| at as f32)).collect();
+    let there: Vec<f32> = labels.image.iter().flat_map(|label| [f32::from(u8::from(label.is_some())); 2]).collect();
+    let count = there.iter().sum::<f32>().max(1.0);
+    let [values, there] =
+        [values, there].map(|values| Tensor::<2>::from_data(TensorData::new(values, [batch, 2]), &device));
+    ((decode(output, config).image - values).abs() * there).sum().div_scalar(count)
 }
 
 /// `e²/(2t)` below the transition `t`, `|e| − t/2` above.

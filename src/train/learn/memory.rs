@@ -1,20 +1,20 @@
 //! Whether a run fits the memory.
 
-use super::super::examples::Sampler;
+use super::super::examples::Source;
 use super::super::recipe::{Phase, Recipe};
 use crate::error::{Error, Result};
 use crate::model::Pen;
 use crate::size::Size;
 
 /// Refuses steps that do not fit the memory that is free now, where the system says how much that is.
-pub(super) fn check_memory(recipe: &Recipe, pen: &Pen, sampler: &Sampler) -> Result<()> {
+pub(super) fn check_memory(recipe: &Recipe, pen: &Pen, source: &Source) -> Result<()> {
     let Some(free) = free_memory() else { return Ok(()) };
     let of_phase = |phase: &Phase| {
         let size = phase.crop.map_or(recipe.input, Size::square);
         pen.training_bytes(phase.batch, size)
     };
     let step = recipe.phases.iter().map(of_phase).max().unwrap_or(0);
-    let pictures = (sampler.examples().frames.len() * 3 * recipe.input.pixels()).min(recipe.cache_mb << 20);
+    let pictures = (source.pictures() * 3 * recipe.input.pixels()).min(recipe.cache_mb << 20);
     if step + pictures <= free {
         return Ok(());
     }

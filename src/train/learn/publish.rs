@@ -2,17 +2,23 @@
 
 use super::super::examples::Examples;
 #[cfg(not(target_arch = "wasm32"))]
+use super::super::examples::Source;
+#[cfg(not(target_arch = "wasm32"))]
 use super::super::recipe::{Recipe, Supervision};
 use super::score::Score;
 use crate::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
+use crate::model::DepthFrom;
+#[cfg(not(target_arch = "wasm32"))]
 use crate::model::PenConfig;
 use crate::model::{self, Card, Pen, sha256_hex};
+#[cfg(not(target_arch = "wasm32"))]
+use crate::synth::{LARGEST, SMALLEST};
 
 /// The averaged weights that scored best so far.
 #[derive(Debug, Clone)]
 pub struct Best {
-    /// Their forecast error, px; less is better. Absent where there is none to be had: then the last count as best.
+    /// Their forecast error, px, or of what reads sizes the radius's error; less is better. Absent where there is none to be had: then the last count as best.
     pub score: Option<f64>,
     /// Confidence that nearly all visible balls exceed.
     pub least_confidence: f64,
@@ -23,13 +29,18 @@ pub struct Best {
 impl Best {
     /// Puts the weights `average` in the place of `best` unless that is better: whether it did.
     pub fn keep(best: &mut Option<Self>, scored: &Score, average: Pen) -> bool {
-        let score = scored.forecast_px.filter(|score| score.is_finite());
+        Self::keep_by(best, scored.forecast_px, scored.least_confidence, average)
+    }
+
+    /// The same, of any score of which less is better.
+    pub fn keep_by(best: &mut Option<Self>, score: Option<f64>, least_confidence: f64, average: Pen) -> bool {
+        let score = score.filter(|score| score.is_finite());
         let beaten = best.as_ref().is_none_or(|best| match (score, best.score) {
             (Some(new), Some(old)) => new < old,
             (new, old) => new.is_some() || old.is_none(),
         });
         if beaten {
-            *best = Some(Self { score, least_confidence: scored.least_confidence, average });
+            *best = Some(Self { score, least_confidence, average });
         }
         beaten
     }
@@ -61,13 +72,32 @@ pub async fn publish(card: Card, best: Option<&Best>, last: Pen) -> Result<(Card
 
 /// The card of a run's model, but for its weights; `data` names the training data where the recipe does not.
 #[cfg(not(target_arch = "wasm32"))]
-pub fn card_of_run(recipe: &Recipe, data: String, examples: &Examples, architecture: &PenConfig) -> Card {
-    let [nearest, _, farthest] = examples.depths();
-    let data = recipe.data_name.clone().unwrap_or(data);
+pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture: &PenConfig) -> Card {
+    let depth_range = match source {
+        Source::Clips(sampler) if !architecture.depth.is_size() => {
+            let [nearest, _, farthest] = sampler.examples().depths();
+            Some([nearest, farthest])
+        }
+        _ => None,
+    };
+    let training_data = match source {
+        Source::Clips(sampler) => {
+            let data = recipe.data_name.clone().unwrap_or(data);
+            format!("{data}: {} frames", sampler.examples().frames.len())
+        }
+        Source::Scenes(renderings) => {
+            let pictures: usize = recipe.phases.iter().map(|phase| phase.steps * phase.batch).sum();
+            let backgrounds = recipe.data_name.clone().unwrap_or_else(|| {
+                format!("{} photographs of `{data}` among the backgrounds", renderings.photographs())
+            });
+            format!("{pictures} renderings of random scenes; {backgrounds}")
+        }
+    };
     let taught = match recipe.supervision {
         Supervision::PhysicsFit => "2D labels and physics, fitted clip by clip".into(),
         Supervision::Future2dPredict => "2D labels and physics, through forecasts (the paper's 2D-predict)".into(),
         Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
+        Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
         Supervision::Labels3d => "3D labels (the paper's baseline, not its method)".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
@@ -82,9 +112,11 @@ pub fn card_of_run(recipe: &Recipe, data: String, examples: &Examples, architect
         architecture: architecture.clone(),
         input: recipe.input,
         normalisation: recipe.normalisation,
-        depth_range: [nearest, farthest],
+        depth_from: architecture.depth.is_size().then_some(DepthFrom::Size),
+        depth_range,
+        radius_range: architecture.depth.is_size().then_some([SMALLEST, LARGEST]),
         confidence_threshold: None,
-        training_data: format!("{data}: {} frames", examples.frames.len()),
+        training_data,
         description: format!("{} {supervision}", recipe.description).trim().to_string(),
         metrics: serde_json::Value::Null,
         licence: recipe.licence.clone(),
@@ -97,7 +129,7 @@ pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, steps: usiz
     let mut training_data = card.training_data.clone();
     if let Some(examples) = examples {
         let [nearest, _, farthest] = examples.depths();
-        depth_range = [depth_range[0].min(nearest), depth_range[1].max(farthest)];
+        depth_range = depth_range.map(|[least, most]| [least.min(nearest), most.max(farthest)]);
         let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
         training_data += &format!("; then {frames} frames of {clips} clips given by the user");
     }

@@ -8,12 +8,12 @@ use std::time::Instant;
 use burn::tensor::Device;
 use serde::Serialize;
 
-use super::super::examples::{Fits, LeftOut, Loader, Pictures, Prepared, Sampler, prepare};
-use super::super::recipe::{Recipe, RunPaths, TrainConfig};
+use super::super::examples::{Fits, LeftOut, Loader, Pictures, Prepared, Renderings, Sampler, Source, prepare};
+use super::super::recipe::{Recipe, RunPaths, Supervision, TrainConfig};
 use super::log::{LOG, log_until, table};
 use super::memory::check_memory;
 use super::publish::{Best, card_of_run, publish};
-use super::score::{Score, score};
+use super::score::{Score, SizeScore, score, score_sizes};
 use super::step::StepReport;
 use super::trainer::{State, Trainer};
 use crate::clips::Clips;
@@ -56,6 +56,8 @@ pub struct TrainProgress {
 pub enum Validation {
     /// It was scored.
     Score(Score),
+    /// A network that reads sizes was.
+    Size(SizeScore),
     /// A frame could not be scored. Training goes on: early networks do that.
     Failed {
         /// Why, in words.
@@ -86,14 +88,20 @@ pub enum TrainEvent<'a> {
     Step(&'a TrainProgress),
 }
 
+/// What a run is scored on.
+enum HeldOut {
+    Clips(Pictures),
+    Scenes(Renderings),
+}
+
 /// A run in progress.
 struct Run<'a> {
     recipe: &'a Recipe,
     paths: &'a RunPaths,
     /// To be kept, where physics teaches.
     fits: Option<Fits>,
-    sampler: Arc<Sampler>,
-    validation: Pictures,
+    source: Arc<Source>,
+    validation: HeldOut,
     device: Device,
     trainer: Trainer,
     /// Of the model that is made, but for its weights.
@@ -143,19 +151,23 @@ impl<'a> Run<'a> {
     fn new(config: &'a TrainConfig, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<Self> {
         let TrainConfig { recipe, paths } = config;
         let device = device.clone().autodiff();
-        let validation = Pictures::new(Clips::read(&paths.validation)?, 0);
-        let mut fitting = |done, all| observe(TrainEvent::Fitting { done, all });
-        let Prepared { examples, left_out, fits } = prepare(recipe, &paths.train, &paths.fits(), &mut fitting)?;
-        let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
-        observe(TrainEvent::Prepared { clips, frames, left_out: &left_out });
-        let pictures = Pictures::new(examples.clips.clone(), recipe.cache_mb << 20);
-        let sampler = Arc::new(Sampler::new(recipe, examples, pictures)?);
-        let [_, mean_depth, _] = sampler.examples().depths();
-        let architecture = recipe.architecture(recipe.prior_depth.unwrap_or(mean_depth));
-        let card = card_of_run(recipe, paths.data_name(), sampler.examples(), &architecture);
+        let (source, validation, fits) = match recipe.supervision {
+            Supervision::Rendered => {
+                let source = Renderings::new(recipe, paths.train.as_deref())?;
+                let held_out = Renderings::new(recipe, paths.validation.as_deref())?;
+                (Source::Scenes(source), HeldOut::Scenes(held_out), None)
+            }
+            _ => {
+                let validation = Pictures::new(Clips::read(paths.validation()?)?, 0);
+                let (sampler, fits) = sampler(recipe, paths, observe)?;
+                (Source::Clips(sampler), HeldOut::Clips(validation), fits)
+            }
+        };
+        let architecture = recipe.architecture(recipe.prior_depth.unwrap_or_else(|| source.mean_depth()));
+        let card = card_of_run(recipe, paths.data_name(), &source, &architecture);
         device.seed(recipe.seed);
         let blank = Pen::new(&architecture, &device)?;
-        check_memory(recipe, &blank, &sampler)?;
+        check_memory(recipe, &blank, &source)?;
         let state = match State::load_last(&paths.checkpoints(), &blank, recipe)? {
             Some(state) => state,
             None => State::first(recipe, with_start(blank, paths)?),
@@ -163,7 +175,7 @@ impl<'a> Run<'a> {
         let best = Best::load(&paths.checkpoints(), &state.average)?;
         let log = log_until(&paths.log(), state.step)?;
         let trainer = Trainer::new(recipe, state, &device);
-        Ok(Self { recipe, paths, fits, sampler, validation, device, trainer, card, best, log })
+        Ok(Self { recipe, paths, fits, source: Arc::new(source), validation, device, trainer, card, best, log })
     }
 
     /// All steps that are left, then the model.
@@ -171,8 +183,8 @@ impl<'a> Run<'a> {
         if let Some(fits) = &self.fits {
             fits.save(&self.paths.fits())?;
         }
-        let loader = Loader::start(self.sampler.clone(), self.recipe, self.trainer.step())?;
-        while let Some(progress) = self.next(&loader)? {
+        let mut loader = Loader::start(self.source.clone(), self.recipe, self.trainer.step())?;
+        while let Some(progress) = self.next(&mut loader)? {
             let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;
             writeln!(self.log, "{line}").map_err(Error::format(LOG))?;
             if progress.step.is_multiple_of(self.recipe.checkpoint_every) || progress.step == progress.steps {
@@ -184,13 +196,11 @@ impl<'a> Run<'a> {
     }
 
     /// One step; None after the last.
-    fn next(&mut self, loader: &Loader) -> Result<Option<TrainProgress>> {
+    fn next(&mut self, loader: &mut Loader) -> Result<Option<TrainProgress>> {
         let steps = self.recipe.steps();
-        if self.trainer.step() >= steps {
-            return Ok(None);
-        }
+        let Some((phase, _)) = self.recipe.phase(self.trainer.step()) else { return Ok(None) };
         let began = Instant::now();
-        let batch = loader.next()?;
+        let batch = loader.next(phase)?;
         let waited = began.elapsed().as_secs_f64();
         let Some((report, learning_rate)) = pollster::block_on(self.trainer.advance(batch))? else { return Ok(None) };
         let StepReport { loss, heatmap, depth, future, gradient_norm } = report;
@@ -216,17 +226,28 @@ impl<'a> Run<'a> {
         let device = self.device.clone().without_autodiff();
         let average = self.trainer.average();
         let localiser = Localiser::from_pen(average.clone(), self.card.clone(), &device);
-        let frames = Some(self.recipe.validate_frames);
-        let scored = match pollster::block_on(score(&localiser, &self.validation, frames)) {
+        let frames = self.recipe.validate_frames;
+        let scored = pollster::block_on(async {
+            Ok::<_, Error>(match &self.validation {
+                HeldOut::Clips(pictures) => Validation::Score(score(&localiser, pictures, Some(frames)).await?),
+                HeldOut::Scenes(renderings) => Validation::Size(score_sizes(&localiser, renderings, frames).await?),
+            })
+        });
+        let scored = match scored {
             Ok(scored) => scored,
             Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
         };
-        if Best::keep(&mut self.best, &scored, average)
-            && let Some(best) = &self.best
-        {
+        let kept = match &scored {
+            Validation::Score(scored) => Best::keep(&mut self.best, scored, average),
+            Validation::Size(scored) => {
+                Best::keep_by(&mut self.best, Some(scored.radius_error), scored.least_confidence, average)
+            }
+            Validation::Failed { .. } => false,
+        };
+        if kept && let Some(best) = &self.best {
             best.save(&self.paths.checkpoints(), self.trainer.step())?;
         }
-        Ok(Validation::Score(scored))
+        Ok(scored)
     }
 
     /// Log first: a line too many is dropped on resume, a missing one could not be made up.
@@ -244,6 +265,16 @@ impl<'a> Run<'a> {
         card.write(&path)?;
         Ok(path)
     }
+}
+
+/// What draws from the training clips, and the fits behind them where physics teaches.
+fn sampler(recipe: &Recipe, paths: &RunPaths, observe: &mut dyn FnMut(TrainEvent)) -> Result<(Sampler, Option<Fits>)> {
+    let mut fitting = |done, all| observe(TrainEvent::Fitting { done, all });
+    let Prepared { examples, left_out, fits } = prepare(recipe, paths.train()?, &paths.fits(), &mut fitting)?;
+    let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
+    observe(TrainEvent::Prepared { clips, frames, left_out: &left_out });
+    let pictures = Pictures::new(examples.clips.clone(), recipe.cache_mb << 20);
+    Ok((Sampler::new(recipe, examples, pictures)?, fits))
 }
 
 /// The fresh network with the weights that the run starts from: a model's, or a backbone's.

@@ -4,6 +4,8 @@ use nalgebra::{Matrix6, Point2, Point3, Vector3, Vector6, distance};
 use serde::Serialize;
 
 use super::super::examples::Pictures;
+#[cfg(not(target_arch = "wasm32"))]
+use super::super::examples::Renderings;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
@@ -82,6 +84,80 @@ pub(super) fn clips_with(frames: usize, clips: &[Clip]) -> usize {
     let all: usize = clips.iter().map(|clip| clip.frames.len()).sum();
     // Counts of frames may be as large as a `usize` holds: all that there are.
     (frames.min(all) * clips.len()).div_ceil(all.max(1)).clamp(1, clips.len())
+}
+
+/// How good a network is that reads sizes, on renderings of random scenes.
+#[derive(Debug, Clone, Serialize)]
+pub struct SizeScore {
+    /// Median error of the radius as a share of it: of balls of at least 4 px, wholly seen.
+    pub radius_error: f64,
+    /// The same error of all balls.
+    pub radius_error_of_all: Statistic,
+    /// Share of all balls whose radius is off by more than 30 %.
+    pub gross: f64,
+    /// Shares of all balls whose error is within one and two of the stated standard deviations.
+    pub coverage: [f64; 2],
+    /// 2D error, px.
+    pub image_error_px: Statistic,
+    /// Confidence that all but 0.5 % of the balls that are wholly seen exceed.
+    pub least_confidence: f64,
+    /// Confidence that all but 1 % of the pictures without a ball stay below.
+    pub empty_confidence: f64,
+}
+
+/// Smallest radius of the balls whose error counts, px.
+#[cfg(not(target_arch = "wasm32"))]
+const COUNTED_RADIUS: f64 = 4.0;
+/// Share of a ball that must be seen for it to count as wholly seen.
+#[cfg(not(target_arch = "wasm32"))]
+const WHOLLY: f64 = 0.98;
+/// Error beyond which a radius is grossly wrong.
+#[cfg(not(target_arch = "wasm32"))]
+const GROSS: f64 = 0.3;
+
+/// Scores `localiser` on `count` renderings.
+///
+/// # Errors
+/// As [`Localiser::read`].
+#[cfg(not(target_arch = "wasm32"))]
+pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: usize) -> Result<SizeScore> {
+    let (mut counted, mut errors, mut image) = (vec![], vec![], vec![]);
+    let (mut seen, mut empty) = (vec![], vec![]);
+    let mut within = [0_usize; 2];
+    for index in 0..count {
+        let drawing = renderings.scored(index);
+        let found = localiser.read(&Picture::from_rgb(drawing.picture())).await?;
+        let Some(ball) = drawing.ball else {
+            empty.push(found.confidence);
+            continue;
+        };
+        let error = (found.size / ball.radius).ln();
+        image.push(distance(&Point2::from(found.image), &Point2::from(ball.centre)));
+        errors.push(error.exp_m1().abs());
+        for (number, within) in within.iter_mut().enumerate() {
+            *within += usize::from(error.abs() <= (number + 1) as f64 * found.log_sigma);
+        }
+        if drawing.visible >= WHOLLY {
+            seen.push(found.confidence);
+            if ball.radius >= COUNTED_RADIUS {
+                counted.push(error.exp_m1().abs());
+            }
+        }
+    }
+    let at = |values: &mut Vec<f64>, share: f64| {
+        values.sort_by(f64::total_cmp);
+        values.get(((share * values.len() as f64) as usize).min(values.len().saturating_sub(1))).copied()
+    };
+    let all = errors.len().max(1) as f64;
+    Ok(SizeScore {
+        radius_error: at(&mut counted, 0.5).unwrap_or(f64::NAN),
+        gross: errors.iter().filter(|&&error| error > GROSS).count() as f64 / all,
+        coverage: within.map(|count| count as f64 / all),
+        radius_error_of_all: Statistic::of(errors),
+        image_error_px: Statistic::of(image),
+        least_confidence: at(&mut seen, UNSURE).unwrap_or(0.0),
+        empty_confidence: at(&mut empty, 0.99).unwrap_or(0.0),
+    })
 }
 
 /// What the network finds in a frame.

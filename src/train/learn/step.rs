@@ -18,6 +18,8 @@ pub struct StepOptions {
     pub heatmap_loss: HeatmapLoss,
     /// Weight of the depth loss.
     pub depth_weight: f64,
+    /// Weight of the decoded position's distance from the label, px.
+    pub centre_weight: f64,
     /// Weight of the future loss.
     pub future_weight: f64,
     /// Error beyond which the future loss grows only logarithmically, px.
@@ -66,8 +68,12 @@ pub async fn step(
         true => None,
         false => Some(future(&decode(output.clone(), &config), &batch.windows, options.robust_px).await?),
     };
-    let losses = map_losses(output, &batch.labels, &config, options.heatmap_loss, options.depth_transition);
+    let (transition, with_centre) = (options.depth_transition, options.centre_weight > 0.0);
+    let losses = map_losses(output, &batch.labels, &config, options.heatmap_loss, transition, with_centre);
     let mut loss = losses.heatmap.clone() + losses.depth.clone().mul_scalar(options.depth_weight);
+    if let Some(centre) = losses.centre {
+        loss = loss + centre.mul_scalar(options.centre_weight);
+    }
     if let Some(future) = &future {
         loss = loss + future.clone().mul_scalar(options.future_weight);
     }

@@ -104,6 +104,7 @@ impl Trainer {
             heatmap_loss: self.recipe.heatmap_loss(),
             depth_weight: self.recipe.depth_weight,
             depth_transition: self.recipe.depth_transition,
+            centre_weight: self.recipe.centre_weight,
             future_weight: self.recipe.future.weight * ramp,
             robust_px: Some(self.recipe.future.robust_px).filter(|scale| scale.is_finite()),
             clip_norm: self.recipe.clip_norm,

@@ -88,6 +88,12 @@ impl Recipe {
         if self.clips_per_camera == Some(0) {
             return refuse("clips_per_camera", "must be at least 1".into());
         }
+        if !(self.centre_weight.is_finite() && self.centre_weight >= 0.0) {
+            return refuse("centre_weight", format!("must not be negative, not {}", self.centre_weight));
+        }
+        if self.supervision == Supervision::Rendered && !self.architecture(1.0).depth.is_size() {
+            return refuse("network", "must read sizes with supervision \"rendered\": take \"compact-size\"".into());
+        }
         if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
             return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());
         }

@@ -74,6 +74,9 @@ pub struct Recipe {
     /// worse early on.
     #[serde(default = "default_depth_weight")]
     pub depth_weight: f64,
+    /// Weight of the decoded position's distance from the label, px, against the heatmap loss.
+    #[serde(default)]
+    pub centre_weight: f64,
     /// Depth error at which the depth loss turns from square to linear, m: of the size that is to be reached.
     #[serde(default = "default_depth_transition")]
     pub depth_transition: f64,
@@ -180,6 +183,7 @@ impl Recipe {
             network: default_network(),
             prior_depth: None,
             depth_weight: default_depth_weight(),
+            centre_weight: 0.0,
             depth_transition: default_depth_transition(),
             weight_decay: default_weight_decay(),
             ema_decay: default_ema_decay(),
@@ -201,7 +205,7 @@ impl Recipe {
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
         self.heatmap_loss.unwrap_or(match self.network {
-            Network::Compact => HeatmapLoss::CrossEntropy { sigma: 4.0 },
+            Network::Compact | Network::CompactSize => HeatmapLoss::CrossEntropy { sigma: 4.0 },
             Network::Paper | Network::ConvNextNano | Network::ConvNextV2Nano => {
                 HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 }
             }
@@ -213,6 +217,7 @@ impl Recipe {
         match (&self.architecture, self.network) {
             (Some(architecture), _) => architecture.clone(),
             (None, Network::Compact) => PenConfig::compact(prior_depth),
+            (None, Network::CompactSize) => PenConfig::compact_size(),
             (None, Network::Paper) => PenConfig::paper(),
             (None, Network::ConvNextNano) => PenConfig::convnext_nano(),
             (None, Network::ConvNextV2Nano) => PenConfig::convnextv2_nano(),

@@ -22,6 +22,9 @@ pub enum Supervision {
     /// 3D labels on [`Recipe::labelled_share`](super::Recipe::labelled_share) of the clips, `physics-fit` on the others.
     #[serde(rename = "mixed")]
     Mixed,
+    /// Renderings of random scenes, without any clips: apparent radius for any ball ([`Network::CompactSize`]).
+    #[serde(rename = "rendered")]
+    Rendered,
 }
 
 impl Supervision {
@@ -149,6 +152,9 @@ pub enum Network {
     /// [`PenConfig::compact`](crate::model::PenConfig::compact).
     #[serde(rename = "compact")]
     Compact,
+    /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
+    #[serde(rename = "compact-size")]
+    CompactSize,
     /// [`PenConfig::paper`](crate::model::PenConfig::paper), with ResNet34.
     #[serde(rename = "paper")]
     Paper,

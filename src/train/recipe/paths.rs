@@ -20,10 +20,10 @@ pub struct TrainConfig {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunPaths {
-    /// Clips folder to train on.
-    pub train: PathBuf,
-    /// Clips folder that is scored while training, never trained on.
-    pub validation: PathBuf,
+    /// Clips folder to train on; with supervision `rendered` a folder of photographs, if any.
+    pub train: Option<PathBuf>,
+    /// Clips folder that is scored while training, never trained on; with supervision `rendered` other photographs.
+    pub validation: Option<PathBuf>,
     /// Folder of the run: checkpoints, log and the model made.
     pub out: PathBuf,
     /// The card of a model whose weights the network starts from; architecture and input are then that model's.
@@ -62,6 +62,10 @@ fn run_file(out: &Path) -> PathBuf {
     out.join(RUN_FILE)
 }
 
+fn needed(field: &'static str) -> Error {
+    Error::value("run configuration", field, "is missing: the folder of the clips")
+}
+
 impl RunPaths {
     /// The names of the fields.
     pub(super) const FIELDS: [&str; 5] = ["train", "validation", "out", "start_from", "backbone_weights"];
@@ -91,9 +95,26 @@ impl RunPaths {
         self.out.join("fits.jsonl")
     }
 
+    /// The clips to train on.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where none are given.
+    pub fn train(&self) -> Result<&Path> {
+        self.train.as_deref().ok_or_else(|| needed("train"))
+    }
+
+    /// The clips to score with.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where none are given.
+    pub fn validation(&self) -> Result<&Path> {
+        self.validation.as_deref().ok_or_else(|| needed("validation"))
+    }
+
     /// The training clips' folder by its own name.
     pub(in crate::train) fn data_name(&self) -> String {
-        self.train.file_name().unwrap_or_default().to_string_lossy().into_owned()
+        let name = self.train.as_deref().and_then(Path::file_name);
+        name.unwrap_or_default().to_string_lossy().into_owned()
     }
 
     /// The same from any folder; makes the run's folder.
@@ -102,7 +123,7 @@ impl RunPaths {
     /// [`Error::Io`] with the path that is not there.
     pub(in crate::train) fn absolute(self) -> Result<Self> {
         let absolute = |path: PathBuf| std::fs::canonicalize(&path).map_err(Error::io(&path));
-        let [train, validation] = [absolute(self.train)?, absolute(self.validation)?];
+        let (train, validation) = (self.train.map(absolute).transpose()?, self.validation.map(absolute).transpose()?);
         std::fs::create_dir_all(&self.out).map_err(Error::io(&self.out))?;
         Ok(Self {
             train,

@@ -6,7 +6,8 @@ use super::{Recipe, RunPaths, TrainConfig};
 use crate::error::{Error, Result};
 
 /// The recipes of the published models and of the paper, and a short one, by name.
-const PRESETS: [(&str, &str); 6] = [
+const PRESETS: [(&str, &str); 7] = [
+    ("any", include_str!("../../../models/any.toml")),
     ("quick", include_str!("../../../models/quick.toml")),
     ("sd-s", include_str!("../../../models/sd-s.toml")),
     ("sd-m", include_str!("../../../models/sd-m.toml")),

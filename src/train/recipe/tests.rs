@@ -44,7 +44,7 @@ fn presets_files_and_flags_are_laid_over_each_other() {
         }
         let TrainConfig { recipe, paths } = settings.config().unwrap();
         assert_eq!((recipe.augmentation.shift, recipe.augmentation.flip), (8, 0.5), "{name}");
-        assert_eq!(paths.train, Path::new("a"));
+        assert_eq!(paths.train().unwrap(), Path::new("a"));
     }
     for wrong in ["seed", "=3", "a..b=3", "a b=3"] {
         assert!(TrainSettings::default().set(wrong).is_err(), "{wrong}");
@@ -103,7 +103,7 @@ warm_up = 50
     std::fs::write(&file, text).unwrap();
     let TrainConfig { recipe, paths } = TrainConfig::saved_in(file.parent().unwrap()).unwrap();
     assert_eq!(
-        (recipe.steps(), recipe.fit.largest_sigma, paths.train.as_path()),
+        (recipe.steps(), recipe.fit.largest_sigma, paths.train().unwrap()),
         (1500, 0.3, Path::new("/clips/train"))
     );
     assert_eq!(paths.backbone_weights.as_deref(), Some(Path::new("/weights.safetensors")));

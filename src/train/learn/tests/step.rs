@@ -48,6 +48,7 @@ fn options(learning_rate: f64) -> StepOptions {
         future_weight: 0.0,
         robust_px: None,
         depth_transition: 0.05,
+        centre_weight: 0.0,
         clip_norm: 5.0,
         learning_rate,
     }
@@ -156,8 +157,8 @@ fn the_losses_gradients_equal_central_differences() {
     let labels = batch().labels;
     for loss in [CROSS_ENTROPY, HeatmapLoss::Mse { amplitude: 3.0, sigma: 4.0 }] {
         let total = |heatmap: &Tensor<3>, depth: &Tensor<3>| {
-            let output = PenOutput { heatmap: heatmap.clone(), depth: depth.clone() };
-            let losses = map_losses(output, &labels, &tiny(), loss, 0.05);
+            let output = PenOutput { heatmap: heatmap.clone(), depth: depth.clone(), log_scale: None };
+            let losses = map_losses(output, &labels, &tiny(), loss, 0.05, false);
             losses.heatmap + losses.depth.mul_scalar(0.2)
         };
         let tensor = |values: &[f32]| Tensor::<3>::from_data(TensorData::new(values.to_vec(), [2, 8, 16]), &device);
@@ -205,7 +206,7 @@ fn gradients_through_the_whole_network_equal_central_differences() {
 fn loss_of(pen: &Pen, device: &Device) -> Tensor<1> {
     let batch = batch();
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, [2, 32, 64, 3]), device);
-    let losses = map_losses(pen.forward(pictures), &batch.labels, pen.config(), CROSS_ENTROPY, 0.5);
+    let losses = map_losses(pen.forward(pictures), &batch.labels, pen.config(), CROSS_ENTROPY, 0.5, false);
     losses.heatmap + losses.depth.mul_scalar(0.2)
 }
 

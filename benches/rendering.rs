@@ -1,0 +1,38 @@
+//! How many pictures of random scenes one core draws a second: `cargo bench --bench rendering`. With `-- PHOTOGRAPHS SHEET`
+//! also a sheet of 24 of them, with photographs of a folder behind some.
+
+use std::path::Path;
+use std::time::Instant;
+
+use gravisight::Size;
+use gravisight::internal::{RandomScenes, read_photographs};
+use image::RgbImage;
+
+/// Pictures that are timed.
+const COUNT: u64 = 2000;
+/// Pictures of a sheet, and in a row of it.
+const SHEET: [u32; 2] = [24, 6];
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let photographs = arguments.first().map_or_else(Vec::new, |folder| read_photographs(Path::new(folder)).unwrap());
+    println!("{} photographs", photographs.len());
+    let scenes = RandomScenes::new(photographs, 0.07);
+    for side in [128, 256] {
+        let began = Instant::now();
+        let balls = (0..COUNT).filter(|&seed| scenes.draw(Size::square(side), seed).ball.is_some()).count();
+        let seconds = began.elapsed().as_secs_f64();
+        println!("{side}x{side}: {:.0} pictures/s on one core, {balls} of {COUNT} with a ball", COUNT as f64 / seconds);
+    }
+    let Some(path) = arguments.get(1) else { return };
+    let [count, columns] = SHEET;
+    let side = 128;
+    let mut sheet = RgbImage::new(columns * 2 * side, count / columns * 2 * side);
+    for index in 0..count {
+        let drawn = scenes.draw(Size::square(side), 100_000 + u64::from(index)).picture();
+        let large = image::imageops::resize(&drawn, 2 * side, 2 * side, image::imageops::FilterType::Nearest);
+        let (x, y) = (index % columns * 2 * side, index / columns * 2 * side);
+        image::imageops::replace(&mut sheet, &large, i64::from(x), i64::from(y));
+    }
+    sheet.save(path).unwrap();
+}

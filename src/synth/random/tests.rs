@@ -1,0 +1,119 @@
+//! What is drawn is where and as large as it says.
+
+use nalgebra::{Rotation3, Vector3};
+use rand::SeedableRng;
+use rand::rngs::StdRng;
+
+use super::ball::{self, Layer, Look};
+use super::canvas::{Canvas, Ellipse};
+use super::*;
+
+/// Area and centre of mass of what an ellipse covers.
+fn moments(ellipse: &Ellipse) -> (f64, [f64; 2]) {
+    let canvas = Canvas::new(Size::square(128), [0.0; 3]);
+    let (mut area, mut sum) = (0.0, [0.0; 2]);
+    canvas.cover(ellipse, 1.0, |_, x, y, share| {
+        area += f64::from(share);
+        sum[0] += f64::from(share * x);
+        sum[1] += f64::from(share * y);
+    });
+    (area, sum.map(|sum| sum / area))
+}
+
+#[test]
+fn a_disc_covers_its_area_about_its_centre() {
+    for radius in [1.5, 1.8, 2.3, 4.0, 9.5, 30.0_f32] {
+        for shift in [[0.0, 0.0], [0.3, 0.1], [0.5, 0.5], [0.77, 0.4]] {
+            let centre = [63.0 + shift[0], 64.0 + shift[1]];
+            for (ratio, turn) in [(1.0, 0.0), (1.1, 0.4), (1.15, 2.0_f32)] {
+                let ellipse = Ellipse { centre, semi: [ratio * radius, radius], axis: [turn.cos(), turn.sin()] };
+                let (area, middle) = moments(&ellipse);
+                let found = (area / std::f64::consts::PI / f64::from(ratio)).sqrt();
+                assert!((found - f64::from(radius)).abs() < 0.01, "radius {radius}: {found}");
+                let off = (middle[0] - f64::from(centre[0])).hypot(middle[1] - f64::from(centre[1]));
+                assert!(off < 0.01, "radius {radius} at {centre:?}: centre is {off} px off");
+            }
+        }
+    }
+}
+
+#[test]
+fn outlines_are_those_of_spheres() {
+    let mut random = StdRng::seed_from_u64(1);
+    for _ in 0..200 {
+        let radius = random.random_range(1.5..60.0_f32);
+        let outline = ball::place([0.0, 0.0], radius, &mut random).outline;
+        // What sphere, off which axis: from the ellipse's own numbers, for any focal length.
+        let [long, short] = outline.semi.map(f64::from);
+        let focal: f64 = 800.0;
+        // z² = 1 + f²/b²; a² = f²(|P|² − 1)/(z² − 1)²
+        let z2 = 1.0 + (focal / short).powi(2);
+        let p2 = 1.0 + (long / focal * (z2 - 1.0)).powi(2);
+        let position = Vector3::new((p2 - z2).max(0.0).sqrt(), 0.0, z2.sqrt());
+        // Its outline by rays that touch it.
+        let axis = position.normalize();
+        let open = (1.0 / position.norm()).asin();
+        let side = axis.cross(&Vector3::y()).normalize();
+        let touching: Vec<[f64; 2]> = (0..360)
+            .map(|degrees| {
+                let around =
+                    Rotation3::from_axis_angle(&nalgebra::Unit::new_normalize(axis), f64::from(degrees).to_radians());
+                let ray = Rotation3::from_axis_angle(&nalgebra::Unit::new_normalize(around * side), open) * axis;
+                [focal * ray.x / ray.z, focal * ray.y / ray.z]
+            })
+            .collect();
+        let extent = |axis: usize| {
+            let values = || touching.iter().map(|point| point[axis]);
+            (values().fold(f64::NEG_INFINITY, f64::max) - values().fold(f64::INFINITY, f64::min)) / 2.0
+        };
+        assert!((extent(0) / long - 1.0).abs() < 1e-3, "{} {long}", extent(0));
+        assert!((extent(1) / short - 1.0).abs() < 1e-3, "{} {short}", extent(1));
+        assert!((1.0..1.2).contains(&(long / short)), "{}", long / short);
+    }
+}
+
+#[test]
+fn a_moving_ball_keeps_its_mass_and_its_middle() {
+    let mut random = StdRng::seed_from_u64(2);
+    for _ in 0..50 {
+        let mut placed = ball::place([40.3, 50.8], 6.0, &mut random);
+        placed.streak = [13.0, -8.0];
+        let still = Layer::still(&placed, &Look::random(6.0, &mut random));
+        let area = still.area();
+        let moved = still.moved(placed.streak);
+        assert!((moved.area() / area - 1.0).abs() < 1e-3);
+        let mut middle = [0.0; 2];
+        moved.over(&Canvas::new(Size::square(128), [0.0; 3]), |_, x, y, value| {
+            middle[0] += value[3] * x as f32 / area;
+            middle[1] += value[3] * y as f32 / area;
+        });
+        assert!((middle[0] - 40.3).abs() < 0.02 && (middle[1] - 50.8).abs() < 0.02, "{middle:?}");
+    }
+}
+
+#[test]
+fn pictures_come_from_their_seeds_and_show_what_they_say() {
+    let scenes = RandomScenes::new(vec![], 0.1);
+    let size = Size::new(96, 128);
+    let (mut empty, mut radii) = (0, vec![]);
+    for seed in 0..300 {
+        let drawing = scenes.draw(size, seed);
+        let pixels: Vec<[f32; 3]> = drawing.rgb().collect();
+        assert_eq!(pixels.len(), size.pixels());
+        assert!(pixels.iter().flatten().all(|value| (0.0..=1.0).contains(value)), "seed {seed}");
+        if seed % 50 == 0 {
+            assert!(scenes.draw(size, seed).rgb().eq(pixels), "seed {seed}");
+        }
+        match drawing.ball {
+            None => empty += 1,
+            Some(ball) => {
+                assert!(drawing.visible >= 0.4 && (0.0..96.0).contains(&ball.centre[0]));
+                radii.push(ball.radius);
+            }
+        }
+    }
+    assert!((10..110).contains(&empty), "{empty} of 300 without a ball");
+    radii.sort_by(f64::total_cmp);
+    // Log-uniform from 1.5 to a third of 96: a third of them below 4.2 px.
+    assert!((3.0..6.5).contains(&radii[radii.len() / 3]), "{}", radii[radii.len() / 3]);
+}

@@ -1,0 +1,42 @@
+//! Where a run's batches come from.
+
+use super::super::recipe::Phase;
+use super::{Batch, Renderings, Sampler};
+use crate::error::Result;
+
+/// What a run draws its batches from.
+pub enum Source {
+    /// Labelled clips.
+    Clips(Sampler),
+    /// Random scenes.
+    Scenes(Renderings),
+}
+
+impl Source {
+    /// The batch of step `step`: the same for the same seed and step, whatever came before.
+    ///
+    /// # Errors
+    /// As [`Sampler::batch`].
+    pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
+        match self {
+            Self::Clips(sampler) => sampler.batch(phase, step),
+            Self::Scenes(renderings) => Ok(renderings.batch(phase, step)),
+        }
+    }
+
+    /// Mean depth of what is learned, m; 1 where it is not depth.
+    pub fn mean_depth(&self) -> f64 {
+        match self {
+            Self::Clips(sampler) => sampler.examples().depths()[1],
+            Self::Scenes(_) => 1.0,
+        }
+    }
+
+    /// Pictures that can be kept in memory.
+    pub fn pictures(&self) -> usize {
+        match self {
+            Self::Clips(sampler) => sampler.examples().frames.len(),
+            Self::Scenes(_) => 0,
+        }
+    }
+}
