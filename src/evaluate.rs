@@ -25,6 +25,12 @@ pub struct Sample {
     pub found: Point3<f64>,
     /// True position, world frame, m.
     pub truth: Point3<f64>,
+    /// The ball's radius that the model was told, m.
+    pub ball_radius: Option<f64>,
+    /// Depth found (camera z), m.
+    pub found_depth: f64,
+    /// Its standard deviation, m, where the model says it.
+    pub depth_sigma: Option<f64>,
     /// True depth (camera z), m.
     pub true_depth: f64,
     /// True distance from the camera, m.
@@ -91,9 +97,22 @@ pub struct Metrics {
     pub per_environment: BTreeMap<String, Statistic>,
     /// What the confidence is worth: the pictures in groups of equally many, the least confident first.
     pub calibration: Vec<Confidence>,
+    /// Error of the depth as a share of the true one, of the pictures in which some of the ball is seen; of models that say
+    /// how sure they are of a depth, as are the next two.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_error_relative: Option<Statistic>,
+    /// Shares of those pictures whose depth is within one and two of the stated standard deviations.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub depth_coverage: Option<BTreeMap<u8, f64>>,
+    /// Share of those pictures whose depth is off by more than 30 %.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gross: Option<f64>,
     /// Time a picture takes.
     pub seconds_per_picture: Seconds,
 }
+
+/// Error of a depth, as a share of it, beyond which it is grossly wrong.
+const GROSS: f64 = 0.3;
 
 /// A group of pictures with similar confidence.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -184,6 +203,13 @@ impl Metrics {
     /// Metrics of `samples` with DtG binned by `bins`.
     pub fn of(samples: &[Sample], bins: Bins) -> Self {
         let visible = samples.iter().filter(|sample| sample.visible);
+        let sure: Vec<(f64, f64, f64)> = (samples.iter().filter(|sample| sample.visible))
+            .filter_map(|it| Some((it.found_depth - it.true_depth, it.true_depth, it.depth_sigma?)))
+            .collect();
+        let share = |of: &dyn Fn(&(f64, f64, f64)) -> bool| {
+            (!sure.is_empty()).then(|| sure.iter().filter(|it| of(it)).count() as f64 / sure.len() as f64)
+        };
+        let within = |times: u8| share(&|(error, _, sigma)| error.abs() <= f64::from(times) * sigma);
         let binned = bins.sorted(samples).into_iter().map(|bin| Statistic::of(bin.into_iter().map(Sample::dtg)));
         Self {
             dtg: Statistic::of(samples.iter().map(Sample::dtg)),
@@ -194,6 +220,10 @@ impl Metrics {
             per_camera: grouped(samples, "cam"),
             per_environment: grouped(samples, "env"),
             calibration: calibration(samples),
+            depth_error_relative: (!sure.is_empty())
+                .then(|| Statistic::of(sure.iter().map(|(error, depth, _)| error.abs() / depth))),
+            depth_coverage: [1, 2].into_iter().map(|times| Some((times, within(times)?))).collect(),
+            gross: share(&|(error, depth, _)| error.abs() > GROSS * depth),
             seconds_per_picture: Seconds {
                 network: Statistic::of(samples.iter().map(|sample| sample.seconds_to_localise)),
                 with_decoding: Statistic::of(
@@ -230,7 +260,8 @@ fn grouped(samples: &[Sample], prefix: &str) -> BTreeMap<String, Statistic> {
 }
 
 /// Runs `localiser` on every frame of `clips` that has a 2D and a 3D label, hidden balls included
-/// (as the paper does); with `limit`, on about that many, evenly spread. `clock` tells the time, s since any moment: what
+/// (as the paper does); with `limit`, on about that many, evenly spread. A model that reads sizes is told `ball_radius` (m), or
+/// that of a clip's scene. `clock` tells the time, s since any moment: what
 /// clock there is, only the caller knows. `progress` gets the number done and in all.
 ///
 /// # Errors
@@ -239,6 +270,7 @@ pub async fn score(
     localiser: &Localiser,
     clips: &Clips,
     limit: Option<usize>,
+    ball_radius: Option<f64>,
     clock: &dyn Fn() -> f64,
     progress: &mut dyn FnMut(usize, usize),
 ) -> Result<Vec<Sample>> {
@@ -251,7 +283,7 @@ pub async fn score(
     let count = limit.map_or(labelled.len(), |limit| limit.min(labelled.len()));
     let mut samples = Vec::with_capacity(count);
     for index in 0..count {
-        samples.push(sample(localiser, clips, &labelled[index * labelled.len() / count], clock).await?);
+        samples.push(sample(localiser, clips, &labelled[index * labelled.len() / count], ball_radius, clock).await?);
         progress(index + 1, count);
     }
     Ok(samples)
@@ -272,15 +304,24 @@ fn labelled_frames(place: usize, clip: &Clip) -> impl Iterator<Item = Labelled> 
 }
 
 /// Runs `localiser` on one frame.
-async fn sample(localiser: &Localiser, clips: &Clips, labelled: &Labelled, clock: &dyn Fn() -> f64) -> Result<Sample> {
+async fn sample(
+    localiser: &Localiser,
+    clips: &Clips,
+    labelled: &Labelled,
+    ball_radius: Option<f64>,
+    clock: &dyn Fn() -> f64,
+) -> Result<Sample> {
     let &Labelled { place, image, world } = labelled;
     let clip = &clips.clips[place[0]];
     let frame = &clip.frames[place[1]];
     let began = clock();
     let picture = clips.picture(clip, frame)?;
     let decoded = clock();
-    let found = localiser.localise(&picture, &clip.camera, LocaliseOptions::default()).await.map_err(|error| {
-        Error::Data { what: format!("clip `{}`, frame {}", clip.id, frame.file.display()), reason: error.to_string() }
+    let ball_radius = ball_radius.or_else(|| clip.scene.as_ref().map(|scene| scene.ball.radius));
+    let options = LocaliseOptions { ball_radius, ..LocaliseOptions::default() };
+    let found = localiser.localise(&picture, &clip.camera, options).await.map_err(|error| Error::Data {
+        what: format!("clip `{}`, frame {}", clip.id, frame.file.display()),
+        reason: error.to_string(),
     })?;
     let localised = clock();
     let true_camera = clip.camera.camera_from_world(&world);
@@ -290,6 +331,9 @@ async fn sample(localiser: &Localiser, clips: &Clips, labelled: &Labelled, clock
         visible: frame.visible,
         found: Point3::from(found.world),
         truth: world,
+        ball_radius,
+        found_depth: found.depth,
+        depth_sigma: found.depth_sigma,
         true_depth: true_camera.z,
         true_range: true_camera.coords.norm(),
         found_image: Point2::from(found.image),

@@ -20,7 +20,7 @@
 //!   [`Integrator`], [`Potential`]
 //! - **trajectory**: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
 //! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
-//!   [`Localisation`], [`Maps`], [`Saliency`]
+//!   [`Localisation`], [`Candidate`], [`Region`], [`Maps`], [`Saliency`]
 //! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`Proposal`], [`propose_labels`]
 //! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - **evaluation**: [`score`], [`Sample`], [`Metrics`], [`Statistic`], [`Bins`]
@@ -65,7 +65,7 @@ pub use self::clips::{Clip, Clips, Frame};
 pub use self::error::{Error, Result};
 pub use self::evaluate::{Bins, Metrics, Sample, Statistic, score};
 pub use self::image::Picture;
-pub use self::localise::{Localisation, LocaliseOptions, Localiser, Maps, Saliency};
+pub use self::localise::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, Saliency};
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Potential, Scene, State};
 pub use self::size::Size;

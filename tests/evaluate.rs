@@ -13,6 +13,9 @@ use nalgebra::{Point2, Point3};
 
 fn sample(clip: &str, error: f64, depth: f64) -> Sample {
     Sample {
+        ball_radius: None,
+        found_depth: depth,
+        depth_sigma: None,
         clip: clip.into(),
         place: [0, 0],
         visible: true,
@@ -123,7 +126,7 @@ fn the_time_is_told_by_the_callers_clock_and_by_no_other() {
     let clips = Clips::read(&root().join("tests/samples")).unwrap();
     let now = Cell::new(0.0_f64);
     let clock = || now.replace(now.get() + 1.0).powi(2);
-    let samples = pollster::block_on(score(&localiser, &clips, Some(2), &clock, &mut |_, _| {})).unwrap();
+    let samples = pollster::block_on(score(&localiser, &clips, Some(2), None, &clock, &mut |_, _| {})).unwrap();
     let seconds: Vec<_> = samples.iter().map(|it| [it.seconds_to_decode, it.seconds_to_localise]).collect();
     assert_eq!(seconds, [[1.0, 3.0], [7.0, 9.0]]);
 }

@@ -24,7 +24,7 @@ fn report(name: &str, clips: &Clips, log: Option<&Path>) -> Result<String, Error
     let log = log.map(Log::read).transpose()?;
     let log = log.as_ref();
     let localiser = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
-    let samples = pollster::block_on(score(&localiser, clips, None, &|| 0.0, &mut |_, _| {})).unwrap();
+    let samples = pollster::block_on(score(&localiser, clips, None, None, &|| 0.0, &mut |_, _| {})).unwrap();
     let path = scratch(name).join("report.html");
     report::write(&path, &Report { localiser: &localiser, clips, samples: &samples, bins: BINS, log })?;
     assert_eq!(std::fs::read_dir(path.parent().unwrap()).unwrap().count(), 1, "no temporary file is left");

@@ -1,5 +1,6 @@
 /** Weights that were fetched once, by their sha256, in the browser's Cache API. Where there is none, nothing is kept. */
 import { fetchText } from "./fetch.js";
+import { ownModel } from "./own.js";
 import { absoluteUrl } from "./url.js";
 
 const NAME = "gravisight";
@@ -44,8 +45,8 @@ export async function cardText(url: string, useCache: boolean): Promise<string> 
   }
 }
 
-/** Whether the weights of the model whose card is at `model` are kept in this browser. */
-export async function isCached(model: string | URL): Promise<boolean> {
+/** Whether the weights of the model whose card is at `model` (default: the package's own) are kept in this browser. */
+export async function isCached(model: string | URL = ownModel().card): Promise<boolean> {
   const kept = await cached(`card ${absoluteUrl(model)}`);
   if (!kept) return false;
   try {

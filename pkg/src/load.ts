@@ -4,6 +4,7 @@ import { lastPanic, loadBuild, nameOf, type CoreModule } from "./builds.js";
 import { cached, cardText, keep } from "./cache.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
 import { fetchBytes } from "./fetch.js";
+import { ownModel } from "./own.js";
 import type { Request } from "./protocol.js";
 import { untilTrap } from "./trap.js";
 import type { Device, DeviceChoice, DeviceKind, Model, Progress } from "./types.js";
@@ -49,14 +50,22 @@ export async function pickDevice(choice: DeviceChoice): Promise<{ kind: DeviceKi
   return { kind: "webgpu", reason: "as asked for" };
 }
 
-/** The card and its weights, which are kept by their sha256 where `useCache` says so; a model in memory as it is. */
-export async function loadModel(model: string | Model, useCache: boolean, onProgress: OnProgress): Promise<Model> {
+/**
+ * The card and its weights, which are kept by their sha256 where `useCache` says so; a model in memory as it is; without
+ * one the package's own.
+ */
+export async function loadModel(model: string | Model | undefined, useCache: boolean, onProgress: OnProgress): Promise<Model> {
+  if (model === undefined) {
+    const { card, weights } = ownModel();
+    return fetchModel(card, useCache, onProgress, weights);
+  }
   return typeof model === "string" ? fetchModel(model, useCache, onProgress) : model;
 }
 
-async function fetchModel(cardUrl: string, useCache: boolean, onProgress: OnProgress): Promise<Model> {
+async function fetchModel(cardUrl: string, useCache: boolean, onProgress: OnProgress, weightsUrl?: string): Promise<Model> {
   const card = await cardText(cardUrl, useCache);
-  const { url, sha256 } = weightsOf(cardUrl, card);
+  const { url: named, sha256 } = weightsOf(cardUrl, card);
+  const url = weightsUrl ?? named;
   const kept = useCache && sha256 ? await cached(sha256) : null;
   if (kept) {
     onProgress({ stage: "weights", loaded: kept.length, total: kept.length });

@@ -5,6 +5,7 @@ import { GravisightError } from "./error.js";
 import { pictureToSend } from "./picture.js";
 import type { Transport } from "./protocol.js";
 import type {
+  Ball,
   Camera,
   Card,
   CreateOptions,
@@ -27,11 +28,13 @@ export class Localiser {
   readonly card: Card;
   #device: Device;
   #camera: string | undefined;
+  #ball: Ball | undefined;
   readonly #transport: Transport;
   #lastTimestampMs = -Infinity;
 
-  private constructor(transport: Transport, card: Card, device: Device, camera: string | undefined) {
+  private constructor(transport: Transport, card: Card, device: Device, camera: string | undefined, ball: Ball | undefined) {
     this.#transport = transport;
+    this.#ball = ball;
     this.card = card;
     this.#device = device;
     this.#camera = camera;
@@ -54,10 +57,11 @@ export class Localiser {
     const model = modelOf(options.model);
     const wasm = wasmFolder(options);
     const camera = options.camera === undefined ? undefined : jsonOf(options.camera, "camera");
+    const ball = options.ball && { radius: options.ball.radius };
     const transport = connect(options);
     try {
       const taken = await transport.call("create", { model, device, wasm, cache }, { signal, onProgress });
-      return new Localiser(transport, taken.card, taken.device, camera);
+      return new Localiser(transport, taken.card, taken.device, camera, ball);
     } catch (thrown) {
       transport.close(disposed("Localiser"));
       throw thrown;
@@ -70,6 +74,12 @@ export class Localiser {
     this.#camera = jsonOf(camera, "camera");
   }
 
+  /** The ball that is looked for from now on. */
+  setBall(ball: Ball): void {
+    this.#transport.throwIfClosed();
+    this.#ball = { radius: ball.radius };
+  }
+
   /**
    * Finds the ball in a picture. Calls are served one after the other.
    *
@@ -80,7 +90,7 @@ export class Localiser {
     signal?.throwIfAborted();
     this.#transport.throwIfClosed();
     const camera = cameraOf(options.camera, this.#camera);
-    const wanted = wantedOf(options);
+    const wanted = wantedOf(options, this.#ball);
     const { picture, transfer } = await pictureToSend(image);
     // Its buffer is gone once it is sent.
     const again = saliency ? await pictureToSend(image) : undefined;
@@ -116,8 +126,9 @@ export class Localiser {
 }
 makeDisposable(Localiser);
 
-/** A model's full URL, or a copy of one in memory. */
-export function modelOf(model: string | URL | Model): string | Model {
+/** A model's full URL, or a copy of one in memory; undefined for the package's own. */
+export function modelOf(model: string | URL | Model | undefined): string | Model | undefined {
+  if (model === undefined) return undefined;
   if (typeof model === "string" || model instanceof URL) return absoluteUrl(model);
   return { card: model.card, weights: new Uint8Array(model.weights) };
 }
@@ -135,7 +146,15 @@ export function cameraOf(given: Camera | undefined, own?: string): string {
 }
 
 /** What the core is asked for besides the position. */
-export function wantedOf({ heatmap = false, depthMap = false, truth }: LocaliseOptions): Wanted {
-  // A copy: what a framework wraps in a Proxy cannot be sent.
-  return { heatmap, depthMap, ...(truth && { truth: [...truth] }) };
+export function wantedOf(options: LocaliseOptions, own?: Ball): Wanted {
+  const { heatmap = false, depthMap = false, truth, region, candidates = 0, ball = own } = options;
+  // Copies: what a framework wraps in a Proxy cannot be sent.
+  return {
+    heatmap,
+    depthMap,
+    candidates,
+    ...(ball && { ballRadius: ball.radius }),
+    ...(region && { region: { left: region.left, top: region.top, width: region.width, height: region.height } }),
+    ...(truth && { truth: [...truth] }),
+  };
 }

@@ -18,7 +18,7 @@ export interface Source {
 type Timed = Core.Position & { milliseconds: number; device: Device };
 
 export interface Calls {
-  create: [Source & { model: string | Model; device: DeviceChoice; cache: boolean }, { device: Device; card: Core.Card }];
+  create: [Source & { model: string | Model | undefined; device: DeviceChoice; cache: boolean }, { device: Device; card: Core.Card }];
   localise: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Timed];
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
@@ -36,7 +36,7 @@ export interface Calls {
   sceneClip: [{ id: number; seed: number; number: number }, Core.SimulatedClip];
   closeScene: [{ id: number }, null];
 
-  tuner: [Source & { model: string | Model; device: DeviceChoice; cache: boolean; options: string }, Device];
+  tuner: [Source & { model: string | Model | undefined; device: DeviceChoice; cache: boolean; options: string }, Device];
   addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, Core.Added];
   tune: [{ count: number }, Core.Tuned | null];
   evaluate: [Record<never, never>, Core.TuneScore];

@@ -4,6 +4,7 @@ import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, FloatMap, Impa
 export type {
   Added as ClipAdded,
   CalibrationResult,
+  Candidate,
   Camera,
   Card,
   Court,
@@ -16,6 +17,7 @@ export type {
   LabelProposal,
   Model,
   Position,
+  Region,
   Scene,
   SimulatedClip,
   Statistic,
@@ -86,22 +88,35 @@ export interface CoreOptions {
 
 /** Where a model comes from and runs. */
 export interface ModelOptions extends CoreOptions {
-  /** URL of the model's JSON card, the weights being the `.safetensors` file beside it; or a model in memory. */
-  model: string | URL | Model;
+  /**
+   * URL of the model's JSON card, the weights being the `.safetensors` file beside it; or a model in memory. Default: the
+   * package's own, `any`, which reads the apparent size of any ball and needs its radius.
+   */
+  model?: string | URL | Model;
   /** Default: `cpu`. */
   device?: DeviceChoice;
   /** Keep the weights in the browser's Cache API, by their sha256, and take them from there. Default: true. */
   cache?: boolean;
 }
 
+/** The ball that is looked for. */
+export interface Ball {
+  /** Metres; a tennis ball's is 0.0335. An error of 1 % in it is one of 1 % in the depth. */
+  radius: number;
+}
+
 /** Options of {@link Localiser.create}. */
 export interface CreateOptions extends ModelOptions {
+  /** The ball; see {@link Localiser.setBall}. A model that reads sizes needs it. */
+  ball?: Ball;
   /** The camera that takes the pictures; see {@link Localiser.setCamera}. */
   camera?: Camera;
 }
 
 /** Options of {@link Localiser.localise}. */
-export interface LocaliseOptions extends Wanted {
+export interface LocaliseOptions extends Omit<Wanted, "ballRadius"> {
+  /** The ball in this picture, instead of the localiser's. */
+  ball?: Ball;
   /** The camera that took this picture, instead of the localiser's. */
   camera?: Camera;
   /** Also return how the depth depends on each pixel: a backward pass on the CPU, many times slower. */

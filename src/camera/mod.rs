@@ -8,6 +8,7 @@ mod court;
 mod distortion;
 mod file;
 mod fold;
+mod sphere;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 
@@ -15,6 +16,7 @@ pub use self::calibrate::{Calibration, Points, Unknowns, calibrate};
 pub use self::court::Court;
 pub use self::distortion::Distortion;
 use self::fold::Range;
+pub(crate) use self::sphere::Outline;
 use crate::error::{Error, Result};
 use crate::size::Size;
 

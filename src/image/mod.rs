@@ -123,6 +123,18 @@ fn normalised(rgb: &ImageBuffer<Rgb<u8>, Vec<u8>>, size: Size, normalisation: &N
     NetworkInput { values, size, content: Size::new(rgb.width(), rgb.height()) }
 }
 
+/// Normalised values `[height, width, 3]` of the part of a picture of `size` that begins at (left, top); 0 (the mean colour)
+/// outside the picture.
+pub fn tile(rgb: &RgbImage, [left, top]: [u32; 2], size: Size, normalisation: &Normalisation) -> Vec<f32> {
+    let count = |start: u32, side: u32, all: u32| side.min(all.saturating_sub(start));
+    let part = (count(left, size.width, rgb.width()), count(top, size.height, rgb.height()));
+    if (left, top) == (0, 0) && part == rgb.dimensions() {
+        return normalised(rgb, size, normalisation).values;
+    }
+    let part = image::imageops::crop_imm(rgb, left, top, part.0, part.1).to_image();
+    normalised(&part, size, normalisation).values
+}
+
 /// Refuses sizes outside [`MIN_SIDE`] and [`MAX_PIXELS`].
 fn check_size(Size { width, height }: Size) -> Result<()> {
     if width.min(height) < MIN_SIDE || u64::from(width) * u64::from(height) > MAX_PIXELS {

@@ -3,18 +3,20 @@
 //! The only room that knows both model and camera.
 
 mod saliency;
+mod size;
 #[cfg(test)]
 mod tests;
 
-use burn::tensor::activation::softmax;
+use std::sync::{Arc, Mutex, PoisonError};
+
 use burn::tensor::{Device, Transaction};
 use nalgebra::Point2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 pub use self::saliency::Saliency;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::image::Picture;
+use crate::image::{MIN_SIDE, Picture};
 use crate::model::{self, Card, Pen, PenConfig, PenRunner};
 use crate::size::Size;
 
@@ -22,19 +24,79 @@ use crate::size::Size;
 /// depth as a share of the largest in the training data.
 const DEVICE_TOLERANCE: f32 = 1e-2;
 
+/// Sizes of input that a localiser is kept ready for.
+const RUNNERS: usize = 4;
+
 /// A loaded model on a device, ready for pictures.
 pub struct Localiser {
-    runner: PenRunner,
+    pen: Pen,
+    /// The last used comes last.
+    runners: Mutex<Vec<(Size, Arc<PenRunner>)>>,
     config: PenConfig,
     card: Card,
     device: Device,
 }
 
-/// What [`Localiser::localise`] does besides finding the ball.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+/// What [`Localiser::localise`] is told and asked for besides the ball's position.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LocaliseOptions {
     /// Return the network's maps, too ([`Localisation::maps`]).
     pub maps: bool,
+    /// The ball's radius, m: a model that reads sizes needs it, others do not.
+    pub ball_radius: Option<f64>,
+    /// Search this part of the picture alone; with models that read sizes.
+    pub region: Option<Region>,
+    /// Also return so many likely places ([`Localisation::candidates`]); with models that read sizes.
+    pub candidates: usize,
+}
+
+/// A part of a picture, px.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[serde(deny_unknown_fields)]
+pub struct Region {
+    /// Its first column.
+    pub left: u32,
+    /// Its first row.
+    pub top: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+}
+
+impl Region {
+    /// Refuses a region that is not in a picture of `size`, or too small to show a ball.
+    fn check(&self, size: Size) -> Result<()> {
+        let Self { left, top, width, height } = *self;
+        let fits = |start: u32, side: u32, all: u32| start.checked_add(side).is_some_and(|end| end <= all);
+        if width.min(height) >= MIN_SIDE && fits(left, width, size.width) && fits(top, height, size.height) {
+            return Ok(());
+        }
+        let reason = format!(
+            "{width}×{height} px at ({left}, {top}) must lie in the {size} picture and have sides of at least {MIN_SIDE} px"
+        );
+        Err(Error::value("options", "region", reason))
+    }
+}
+
+/// A place where the ball may be.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct Candidate {
+    /// 2D position, px.
+    pub image: [f64; 2],
+    /// Apparent radius, px.
+    pub radius_px: f64,
+    /// Camera z, m.
+    pub depth: f64,
+    /// Its standard deviation, m.
+    pub depth_sigma: f64,
+    /// Position in the world frame, m.
+    pub world: [f64; 3],
+    /// From 0 to 1; those of all candidates add up to at most 1.
+    pub confidence: f64,
 }
 
 /// Where the ball is. Serialises as FORMATS.md's `localise` result.
@@ -44,12 +106,23 @@ pub struct Localisation {
     pub image: [f64; 2],
     /// Camera z, m.
     pub depth: f64,
+    /// Its standard deviation, m; none where the model does not say it.
+    pub depth_sigma: Option<f64>,
+    /// Semi-minor axis of the ball's outline, px; of a model that reads sizes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub radius_px: Option<f64>,
+    /// Covariance of the position in the world frame, m², by row; of a model that reads sizes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<[[f64; 3]; 3]>,
     /// Position in the camera frame, m.
     pub camera: [f64; 3],
     /// Position in the world frame, m.
     pub world: [f64; 3],
     /// Share of the heatmap's mass around the position found, 0 to 1.
     pub confidence: f64,
+    /// The likeliest places, the one above first; where asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub candidates: Vec<Candidate>,
     /// What a user should know about this result, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
@@ -94,8 +167,28 @@ impl Localiser {
     /// A localiser from a network already in memory.
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
-        let runner = pen.runner(card.input, device);
-        Self { runner, config, card, device: device.clone() }
+        let runners = Mutex::new(vec![(card.input, Arc::new(pen.clone().runner(card.input, device)))]);
+        Self { pen, runners, config, card, device: device.clone() }
+    }
+
+    /// The network, ready for pictures of `size`.
+    fn runner(&self, size: Size) -> Arc<PenRunner> {
+        let mut runners = self.runners.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = runners.iter().position(|(known, _)| *known == size);
+        let (_, runner) = match known {
+            Some(index) => runners.remove(index),
+            None => (size, Arc::new(self.pen.clone().runner(size, &self.device))),
+        };
+        runners.push((size, runner.clone()));
+        if runners.len() > RUNNERS {
+            runners.remove(0);
+        }
+        runner
+    }
+
+    /// Whether the model reads apparent sizes, and needs the ball's radius.
+    pub fn reads_size(&self) -> bool {
+        self.config.depth.is_size()
     }
 
     /// The model's card.
@@ -105,6 +198,9 @@ impl Localiser {
 
     /// Radius around the position found that [`Localisation::confidence`] speaks of, px of a picture of `size`.
     pub fn confidence_radius(&self, size: Size) -> f64 {
+        if self.reads_size() {
+            return model::CONFIDENCE_RADIUS;
+        }
         let ([width, height], [columns, rows]) = (size.xy(), self.card.input.xy());
         model::CONFIDENCE_RADIUS * (width / columns).max(height / rows)
     }
@@ -152,8 +248,18 @@ impl Localiser {
     /// # Errors
     /// [`Error::CameraMismatch`] for a camera of another aspect ratio; [`Error::OutputNotFinite`]
     /// and [`Error::Device`] for a device that fails; [`Error::Distortion`] for a position outside
-    /// the lens model's range.
+    /// the lens model's range; [`Error::Value`] for a ball's radius that is missing or not one in metres, a region outside
+    /// the picture, and for options that the model cannot follow.
     pub async fn localise(&self, picture: &Picture, camera: &Camera, options: LocaliseOptions) -> Result<Localisation> {
+        if self.reads_size() {
+            return self.localise_by_size(picture, camera, options).await;
+        }
+        for (field, given) in [("region", options.region.is_some()), ("candidates", options.candidates > 0)] {
+            if given {
+                let reason = format!("is for models that read sizes; `{}` looks at whole pictures", self.card.name);
+                return Err(Error::value("options", field, reason));
+            }
+        }
         let size = picture.size();
         let camera_of_picture = camera.for_picture(size)?;
         let input = picture.network_input(self.card.input, &self.card.normalisation);
@@ -176,6 +282,10 @@ impl Localiser {
         Ok(Localisation {
             image,
             depth: raw.depth,
+            depth_sigma: None,
+            radius_px: None,
+            covariance: None,
+            candidates: vec![],
             camera: in_camera.coords.into(),
             world: in_world.coords.into(),
             confidence,
@@ -186,7 +296,7 @@ impl Localiser {
 
     /// Runs the network on one normalised picture `[height, width, 3]` and reads its maps back.
     async fn run(&self, values: Vec<f32>) -> Result<RawOutput> {
-        let output = self.runner.run(values);
+        let output = self.runner(self.card.input).run(values);
         let [_, _, cells] = output.depth.dims();
         let depth_map = output.depth.clone();
         let decoded = model::decode(output, &self.config);
@@ -213,69 +323,6 @@ impl Localiser {
             depth_map,
             width: cells,
         })
-    }
-}
-
-/// Standard deviation of log(radius) over the scale of its Laplace distribution: between that distribution's own, √2, and
-/// the 1.15 that hold 68 % of it.
-const SIGMA_OF_SCALE: f64 = 1.3;
-
-/// What a network that reads sizes says of a picture, px of it.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Reading {
-    /// Centre of the ball's outline.
-    pub image: [f64; 2],
-    /// Semi-minor axis of the ball's outline.
-    pub size: f64,
-    /// Standard deviation of log(size).
-    pub log_sigma: f64,
-    /// Share of the heatmap's mass around the centre, 0 to 1.
-    pub confidence: f64,
-}
-
-impl Localiser {
-    /// The likeliest place and size of the ball in `picture`, by a network that reads sizes, without any camera.
-    ///
-    /// # Errors
-    /// [`Error::OutputNotFinite`] and [`Error::Device`].
-    pub(crate) async fn read(&self, picture: &Picture) -> Result<Reading> {
-        let input = picture.network_input(self.card.input, &self.card.normalisation);
-        let maps = self.size_maps(input.values).await?;
-        let (given, content) = (picture.size().xy(), input.content.xy());
-        let scale = [0, 1].map(|axis| given[axis] / content[axis]);
-        let Some(peak) = model::peaks(&maps, 1).pop() else {
-            return Err(Error::OutputNotFinite { device: device_name(&self.device) });
-        };
-        Ok(Reading {
-            image: std::array::from_fn(|axis| (peak.image[axis] + 0.5) * scale[axis] - 0.5),
-            size: peak.radius * (scale[0] * scale[1]).sqrt(),
-            log_sigma: SIGMA_OF_SCALE * peak.log_scale,
-            confidence: peak.confidence,
-        })
-    }
-
-    /// Runs a network that reads sizes on one normalised picture `[height, width, 3]` and reads its maps back.
-    async fn size_maps(&self, values: Vec<f32>) -> Result<model::Maps> {
-        let output = self.runner.run(values);
-        let [_, height, width] = output.depth.dims();
-        let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };
-        let logits = output.heatmap.mul_scalar(self.config.heatmap.beta).reshape([1, height * width]);
-        let log_scale = output.log_scale.ok_or_else(|| failed("the network does not read sizes".into()))?;
-        let data = Transaction::default()
-            .register(softmax(logits, 1))
-            .register(output.depth)
-            .register(log_scale)
-            .execute_async()
-            .await
-            .map_err(|error| failed(error.to_string()))?;
-        let parts: Vec<Vec<f32>> = data.iter().map(|part| part.iter::<f32>().collect()).collect();
-        let Ok([probability, radius, log_scale]) = <[Vec<f32>; 3]>::try_from(parts) else {
-            return Err(failed("the read-back returned another number of tensors than asked for".into()));
-        };
-        if [&probability, &radius, &log_scale].into_iter().flatten().any(|value| !value.is_finite()) {
-            return Err(Error::OutputNotFinite { device: device_name(&self.device) });
-        }
-        Ok(model::Maps { width, stride: self.config.output_stride(), probability, radius, log_scale })
     }
 }
 

@@ -27,15 +27,21 @@ impl Localiser {
     /// decoding. Runs on the CPU, whatever the localiser's device.
     ///
     /// # Errors
-    /// [`Error::OutputNotFinite`]; [`Error::Device`] where the gradients cannot be read.
+    /// [`Error::OutputNotFinite`]; [`Error::Device`] where the gradients cannot be read; [`Error::Value`] for a model that
+    /// reads sizes: its depth depends on the ball's outline, and on the radius given.
     pub fn saliency(&self, picture: &Picture) -> Result<Saliency> {
+        if self.reads_size() {
+            let reason =
+                format!("is for models that give depth themselves; `{}` reads the ball's size", self.card.name);
+            return Err(Error::value("saliency", "model", reason));
+        }
         let device = Device::flex().autodiff();
         let input = picture.network_input(self.card.input, &self.card.normalisation);
         let [width, height] = [input.size.width, input.size.height].map(|side| side as usize);
         let values = TensorData::new(input.values, [1, height, width, 3]);
         let pictures = Tensor::<4>::from_data(values, &device).require_grad();
         // The weights are constants here, and the norms those of inference.
-        let pen = self.runner.pen().clone().freeze().to_device(&Device::flex()).train();
+        let pen = self.pen.clone().freeze().to_device(&Device::flex()).train();
         let depth = decode(pen.forward(pictures.clone()), &self.config).depth;
         let failed = |reason: String| Error::Device { device: device_name(&device), reason };
         let gradient = pictures.grad(&depth.backward()).ok_or_else(|| failed("no gradient came back".into()))?;

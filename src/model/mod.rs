@@ -21,7 +21,7 @@ pub use self::card::{Card, DepthFrom, check_input, sha256_hex};
 #[cfg(test)]
 pub use self::config::HeatmapConfig;
 pub use self::config::{HeadConfig, PenConfig};
-pub use self::decode::{CONFIDENCE_RADIUS, Decoded, Maps, confidence, decode, peaks};
+pub use self::decode::{CONFIDENCE_RADIUS, Decoded, Maps, Peak, confidence, decode, peaks};
 pub(crate) use self::decode::{cell_centre, weighted_depth};
 pub use self::pen::{Pen, PenOutput, PenRunner};
 pub use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, save};

@@ -143,11 +143,6 @@ pub struct PenRunner {
 }
 
 impl PenRunner {
-    /// The network.
-    pub fn pen(&self) -> &Pen {
-        &self.pen
-    }
-
     /// Runs the network on normalised pictures `[batch, height, width, 3]` of the runner's size. May be called
     /// by several threads at once.
     ///

@@ -10,7 +10,7 @@ use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::Picture;
-use crate::localise::{LocaliseOptions, Localiser, Maps, Saliency};
+use crate::localise::{Candidate, LocaliseOptions, Localiser, Maps, Region, Saliency};
 use crate::model::Card;
 use crate::size::Size;
 
@@ -31,6 +31,15 @@ pub struct Wanted {
     /// Also return the depth map.
     #[serde(default)]
     depth_map: bool,
+    /// The ball's radius, in metres: a model that reads sizes needs it.
+    #[serde(default)]
+    ball_radius: Option<f64>,
+    /// Search this part of the picture alone.
+    #[serde(default)]
+    region: Option<Region>,
+    /// Also return so many likely places.
+    #[serde(default)]
+    candidates: usize,
     /// The true position in the world, in metres: the result then carries `dtg`, the distance to it.
     #[serde(default)]
     truth: Option<[f64; 3]>,
@@ -44,12 +53,26 @@ pub struct Position {
     pub image: [f64; 2],
     /// Along the camera's axis (camera z), in metres.
     pub depth: f64,
+    /// Its standard deviation, in metres; null where the model does not say it.
+    pub depth_sigma: Option<f64>,
+    /// Apparent radius in pixels, of a model that reads sizes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[tsify(optional)]
+    pub radius_px: Option<f64>,
+    /// Covariance of the position in the world, in m², by row; of a model that reads sizes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[tsify(optional)]
+    pub covariance: Option<[[f64; 3]; 3]>,
     /// In the camera's frame (x right, y down, z forward), in metres.
     pub camera: [f64; 3],
     /// In the world's frame (z up), in metres.
     pub world: [f64; 3],
     /// From 0 to 1.
     pub confidence: f64,
+    /// The likeliest places, the one above first. Where asked for.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[tsify(optional)]
+    pub candidates: Vec<Candidate>,
     /// What a user should know, in words.
     pub notes: Vec<String>,
     /// Distance to `truth` in metres, where it was given.
@@ -143,7 +166,16 @@ impl JsLocaliser {
         let camera = Camera::from_json(camera, "camera")?;
         let found = self
             .localiser
-            .localise(picture, &camera, LocaliseOptions { maps: wanted.heatmap || wanted.depth_map })
+            .localise(
+                picture,
+                &camera,
+                LocaliseOptions {
+                    maps: wanted.heatmap || wanted.depth_map,
+                    ball_radius: wanted.ball_radius,
+                    region: wanted.region,
+                    candidates: wanted.candidates,
+                },
+            )
             .await?;
         let map = |wanted: bool, values: fn(&Maps) -> &[f32]| {
             let maps = found.maps.as_ref().filter(|_| wanted);
@@ -152,6 +184,10 @@ impl JsLocaliser {
         object_of(&Position {
             image: found.image,
             depth: found.depth,
+            depth_sigma: found.depth_sigma,
+            radius_px: found.radius_px,
+            covariance: found.covariance,
+            candidates: found.candidates,
             camera: found.camera,
             world: found.world,
             confidence: found.confidence,

@@ -24,6 +24,9 @@ pub struct Arguments {
     /// Device to run on.
     #[arg(long, value_enum, default_value = "auto")]
     device: DeviceChoice,
+    /// The ball's radius, m, for a model that reads sizes [default: that of each clip's scene].
+    #[arg(long, value_name = "M")]
+    ball_radius: Option<f64>,
     /// Depth bins of the binned DtG.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
     bins: u16,
@@ -62,7 +65,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures");
     let began = Instant::now();
     let clock = || began.elapsed().as_secs_f64();
-    let samples = pollster::block_on(score(&localiser, &clips, None, &clock, &mut observe))?;
+    let samples = pollster::block_on(score(&localiser, &clips, None, arguments.ball_radius, &clock, &mut observe))?;
     progress.finish();
     let Bins { count, z_min, z_max } = Bins::over(&samples, arguments.bins.into());
     let bins = Bins { count, z_min: arguments.z_min.unwrap_or(z_min), z_max: arguments.z_max.unwrap_or(z_max) };
@@ -107,6 +110,18 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
     row("DtG, ball seen", &metrics.dtg_visible, 100.0, "cm")?;
     row("DtG / distance", &metrics.dtg_relative, 100.0, "%")?;
     row("2D error", &metrics.image_error_px, 1.0, "px")?;
+    if let (Some(error), Some(coverage), Some(gross)) =
+        (&metrics.depth_error_relative, &metrics.depth_coverage, metrics.gross)
+    {
+        row("depth error / depth", error, 100.0, "%")?;
+        let share = |times: u8| 100.0 * coverage.get(&times).copied().unwrap_or(0.0);
+        print_line(format_args!(
+            "depth within 1 / 2 sigma {:.0} / {:.0} %, off by more than 30 %: {:.2} %",
+            share(1),
+            share(2),
+            100.0 * gross
+        ))?;
+    }
     for (edges, statistic) in bins.edges().windows(2).zip(&metrics.dtg_binned) {
         row(&format!("DtG at {:.2}–{:.2} m", edges[0], edges[1]), statistic, 100.0, "cm")?;
     }

@@ -9,7 +9,7 @@ use super::print_line;
 use crate::device::DeviceChoice;
 use crate::{draw, model};
 use gravisight::internal::write_whole;
-use gravisight::{Camera, Localisation, LocaliseOptions, Picture};
+use gravisight::{Camera, Candidate, Localisation, LocaliseOptions, Picture, Region, Scene};
 
 /// Find the ball's 3D position in pictures.
 #[derive(Args)]
@@ -23,6 +23,18 @@ pub struct Arguments {
     /// Model: path of its card, its weights, or both without extension [default: the built-in one].
     #[arg(long, value_name = "M")]
     model: Option<PathBuf>,
+    /// The ball's radius, m, for a model that reads sizes.
+    #[arg(long, value_name = "M")]
+    ball_radius: Option<f64>,
+    /// A scene (scene.json), for its ball's radius.
+    #[arg(long, value_name = "SCENE.JSON", conflicts_with = "ball_radius")]
+    scene: Option<PathBuf>,
+    /// Search this part of the pictures alone: left, top, width and height, px.
+    #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
+    region: Option<Region>,
+    /// Also say so many likely places.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=100))]
+    candidates: u8,
     /// Device to run on.
     #[arg(long, value_enum, default_value = "auto")]
     device: DeviceChoice,
@@ -41,11 +53,18 @@ pub fn run(arguments: Arguments) -> Result<()> {
         check_png("--overlay", out)?;
     }
     let camera = Camera::from_file(&arguments.camera)?;
+    let of_scene = arguments.scene.as_deref().map(Scene::from_file).transpose()?.map(|scene| scene.ball.radius);
+    let ball_radius = arguments.ball_radius.or(of_scene);
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     for path in &arguments.images {
         let name = || path.display().to_string();
         let picture = open_picture(path)?;
-        let options = LocaliseOptions { maps: arguments.overlay.is_some() };
+        let options = LocaliseOptions {
+            maps: arguments.overlay.is_some(),
+            ball_radius,
+            region: arguments.region,
+            candidates: arguments.candidates.into(),
+        };
         let found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
         if let (Some(out), Some(maps)) = (&arguments.overlay, &found.maps) {
             let mut drawn = draw::with_heatmap(picture.rgb(), maps);
@@ -63,6 +82,15 @@ pub fn run(arguments: Arguments) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// `X,Y,W,H`.
+fn region(text: &str) -> Result<Region, String> {
+    let numbers: Vec<u32> = text.split(',').filter_map(|number| number.trim().parse().ok()).collect();
+    match (numbers.as_slice(), text.split(',').count()) {
+        (&[left, top, width, height], 4) => Ok(Region { left, top, width, height }),
+        _ => Err("must be four whole numbers of pixels, as in 800,300,256,256".into()),
+    }
 }
 
 /// Refuses an `option` that is no PNG's name.
@@ -85,11 +113,17 @@ fn print(name: Option<String>, found: &Localisation) -> Result<()> {
     if let Some(name) = name {
         print_line(name)?;
     }
-    let Localisation { image: [u, v], depth, camera, world, confidence, .. } = found;
+    let Localisation { image: [u, v], depth, depth_sigma, camera, world, confidence, .. } = found;
+    let sigma = depth_sigma.map_or(String::new(), |sigma| format!(" ± {sigma:.3}"));
     let point = |[x, y, z]: &[f64; 3]| format!("x {x:8.3}  y {y:8.3}  z {z:8.3} m");
     print_line(format_args!("world       {}", point(world)))?;
     print_line(format_args!("camera      {}", point(camera)))?;
-    print_line(format_args!("image       {u:.2}, {v:.2} px   depth {depth:.3} m   confidence {confidence:.2}"))?;
+    print_line(format_args!("image       {u:.2}, {v:.2} px   depth {depth:.3}{sigma} m   confidence {confidence:.2}"))?;
+    for Candidate { image: [u, v], radius_px, depth, depth_sigma, confidence, .. } in &found.candidates {
+        print_line(format_args!(
+            "candidate   {u:.2}, {v:.2} px   radius {radius_px:.2} px   depth {depth:.3} ± {depth_sigma:.3} m   confidence {confidence:.2}"
+        ))?;
+    }
     for note in &found.notes {
         print_line(format_args!("note        {note}"))?;
     }

@@ -122,7 +122,7 @@ fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Optio
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
     let began = Instant::now();
     let clock = || began.elapsed().as_secs_f64();
-    let samples = pollster::block_on(score(&localiser, &clips, None, &clock, &mut observe))?;
+    let samples = pollster::block_on(score(&localiser, &clips, None, None, &clock, &mut observe))?;
     let path = folder.join("report.html");
     let (bins, log) = (Bins::over(&samples, BINS), Log::read(&paths.log())?);
     let report = Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log: Some(&log) };

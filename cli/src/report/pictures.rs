@@ -37,7 +37,8 @@ pub fn worst(report: &Report<'_>) -> Result<String> {
 fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
     let picture = picture(report, sample)?;
     let camera = &report.clips.clips[sample.place[0]].camera;
-    let found = pollster::block_on(report.localiser.localise(&picture, camera, LocaliseOptions { maps: true }))?;
+    let options = LocaliseOptions { maps: true, ball_radius: sample.ball_radius, ..LocaliseOptions::default() };
+    let found = pollster::block_on(report.localiser.localise(&picture, camera, options))?;
     let Some(maps) = found.maps else { return Ok(String::new()) };
     let (depth_map, [nearest, farthest]) = draw::with_depth(picture.rgb(), &maps);
     let heatmap = draw::with_heatmap(picture.rgb(), &maps);

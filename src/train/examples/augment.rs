@@ -111,10 +111,12 @@ fn neighbours(at: f64, count: usize) -> (usize, usize) {
 /// A random start on the grid such that `[start, start + side)` holds `centre` and lies in `0..size`.
 fn crop_start(centre: f64, size: u32, side: u32, random: &mut StdRng) -> u32 {
     let holds = |start: u32| (f64::from(start)..f64::from(start + side)).contains(&(centre + 0.5));
-    let starts: Vec<u32> = (0..=size - side).step_by(CROP_GRID as usize).filter(|&start| holds(start)).collect();
+    // Beyond a picture that is smaller its edge goes on.
+    let room = size.saturating_sub(side);
+    let starts: Vec<u32> = (0..=room).step_by(CROP_GRID as usize).filter(|&start| holds(start)).collect();
     match starts.len() {
         // A label outside the picture, or between the grid's last start and the edge.
-        0 => (centre - f64::from(side) / 2.0).clamp(0.0, f64::from(size - side)) as u32,
+        0 => (centre - f64::from(side) / 2.0).clamp(0.0, f64::from(room)) as u32,
         count => starts[random.random_range(0..count)],
     }
 }

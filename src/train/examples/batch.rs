@@ -43,6 +43,12 @@ pub struct Place {
 }
 
 impl Place {
+    /// Where a point of the clip's picture is in the drawn one, px.
+    pub fn of_clip(&self, point: [f64; 2]) -> [f64; 2] {
+        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a turn times a number is never singular
+        (inverse * (Vector2::from(point) - self.origin)).into()
+    }
+
     /// Where a point of the drawn picture is in the clip's, px.
     pub fn in_clip(&self, point: [f64; 2]) -> [f64; 2] {
         (self.linear * Vector2::from(point) + self.origin).into()

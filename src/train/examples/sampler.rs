@@ -10,9 +10,13 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use super::super::recipe::{Phase, Recipe, Supervision};
 use super::augment::{View, change_light};
 use super::teacher::{forecaster, scene_of};
-use super::{Batch, Examples, Labels, Pictures, Place, Target, Window};
+use super::{Batch, Example, Examples, Labels, Pictures, Place, Target, Window};
+use crate::camera::Outline;
+use crate::clips::Clip;
 use crate::error::{Error, Result};
+use crate::image::{NetworkInput, tile};
 use crate::physics::Forecaster;
+use crate::size::Size;
 
 /// Pictures of a window that the forecast starts from.
 const STARTS: usize = 3;
@@ -26,6 +30,8 @@ pub struct Sampler {
     windows: Vec<(usize, usize)>,
     /// One a clip, likewise.
     forecasters: Vec<Arc<Forecaster>>,
+    /// Whether it is apparent radii that are learned.
+    reads_size: bool,
 }
 
 /// One picture to be drawn.
@@ -60,7 +66,8 @@ impl Sampler {
                 forecasters.push(Arc::new(forecaster(scene_of(clip)?, recipe.future.numeric)?));
             }
         }
-        Ok(Self { recipe: recipe.clone(), examples, pictures, windows, forecasters })
+        let reads_size = recipe.architecture(1.0).depth.is_size();
+        Ok(Self { recipe: recipe.clone(), examples, pictures, windows, forecasters, reads_size })
     }
 
     /// What it draws from.
@@ -75,8 +82,7 @@ impl Sampler {
     pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
         let (shots, middles) = self.shots(phase, step);
         let drawn: Vec<Drawn> = shots.par_iter().map(|shot| self.draw(shot, phase)).collect::<Result<_>>()?;
-        let [width, height] =
-            phase.crop.map_or([self.recipe.input.width, self.recipe.input.height], |side| [side, side]);
+        let Size { width, height } = self.crop(phase).map_or(self.recipe.input, Size::square);
         let windows = middles.iter().enumerate().map(|(index, &middle)| self.window(index, middle, &drawn)).collect();
         let mut batch = Batch {
             pictures: Vec::with_capacity(drawn.len() * 3 * (width * height) as usize),
@@ -91,6 +97,13 @@ impl Sampler {
             batch.labels.depth_weight.push(picture.depth[1]);
         }
         Ok(batch)
+    }
+
+    /// Side of the squares that are drawn in `phase`; none for whole pictures, which have one size only where they are
+    /// scaled to the network's input.
+    fn crop(&self, phase: &Phase) -> Option<u32> {
+        let Size { width, height } = self.recipe.input;
+        phase.crop.or_else(|| self.reads_size.then(|| width.min(height)))
     }
 
     /// What is drawn, and the middles of its windows.
@@ -168,6 +181,12 @@ impl Sampler {
         let (values, image, place) =
             self.pictures.with(shot.clip, frame, |picture| self.view(picture, example.image, phase, &mut random))?;
         let [depth, weight] = example.depth.unwrap_or([1.0, 0.0]);
+        if self.reads_size {
+            let (clip, scale) = (&self.pictures.clips()[shot.clip], place.linear.determinant().abs().sqrt());
+            let outline = outline(clip, example, depth)?;
+            let image = place.of_clip(outline.centre.into());
+            return Ok(Drawn { values, image: Some(image), depth: [outline.radius / scale, weight], place });
+        }
         Ok(Drawn { values, image: Some(image), depth: [depth / place.zoom, weight], place })
     }
 
@@ -179,12 +198,25 @@ impl Sampler {
         phase: &Phase,
         random: &mut StdRng,
     ) -> (Vec<f32>, [f64; 2], Place) {
-        let input = picture.network_input(self.recipe.input, &self.recipe.normalisation);
-        let (content, given) = (input.content.xy(), picture.size().xy());
+        let normalisation = &self.recipe.normalisation;
+        // Sizes are read at a picture's own resolution.
+        let (input, content, crop) = match self.reads_size {
+            true => {
+                let size = picture.size();
+                let values = tile(picture.rgb(), [0, 0], size, normalisation);
+                (NetworkInput { values, size, content: size }, size, self.crop(phase))
+            }
+            false => {
+                let input = picture.network_input(self.recipe.input, normalisation);
+                let content = input.content;
+                (input, content, phase.crop)
+            }
+        };
+        let (content, given) = (content.xy(), picture.size().xy());
         let scale = [0, 1].map(|axis| content[axis] / given[axis]);
-        let size = [self.recipe.input.width, self.recipe.input.height];
+        let size = [input.size.width, input.size.height];
         let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
-        let view = View::random(size, phase.crop, in_input, &self.recipe.augmentation, random);
+        let view = View::random(size, crop, in_input, &self.recipe.augmentation, random);
         let mut values = view.cut(&input.values, size);
         change_light(&mut values, view.size, &self.recipe.augmentation, random);
         let (linear, origin) = view.to_input();
@@ -193,6 +225,13 @@ impl Sampler {
         let place = Place { linear: unscale * linear, origin: unscale * (origin + half) - half, zoom: view.zoom };
         (values, view.of_input(in_input), place)
     }
+}
+
+/// The ball's outline in the clip's picture.
+fn outline(clip: &Clip, example: &Example, depth: f64) -> Result<Outline> {
+    let radius = scene_of(clip)?.ball.radius;
+    let centre = clip.camera.camera_from_image(&example.image.into(), depth)?;
+    clip.camera.outline(&centre, radius)
 }
 
 /// One number of three, by SplitMix64's finaliser, so that neighbouring steps share nothing.

@@ -118,7 +118,7 @@ const GROSS: f64 = 0.3;
 /// Scores `localiser` on `count` renderings.
 ///
 /// # Errors
-/// As [`Localiser::read`].
+/// As [`Localiser::readings`].
 #[cfg(not(target_arch = "wasm32"))]
 pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: usize) -> Result<SizeScore> {
     let (mut counted, mut errors, mut image) = (vec![], vec![], vec![]);
@@ -126,13 +126,14 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
     let mut within = [0_usize; 2];
     for index in 0..count {
         let drawing = renderings.scored(index);
-        let found = localiser.read(&Picture::from_rgb(drawing.picture())).await?;
+        let found = localiser.readings(&Picture::from_rgb(drawing.picture()), None, 1, false).await?.0;
+        let Some(found) = found.first() else { continue };
         let Some(ball) = drawing.ball else {
             empty.push(found.confidence);
             continue;
         };
-        let error = (found.size / ball.radius).ln();
-        image.push(distance(&Point2::from(found.image), &Point2::from(ball.centre)));
+        let error = (found.outline.radius / ball.radius).ln();
+        image.push(distance(&found.outline.centre, &Point2::from(ball.centre)));
         errors.push(error.exp_m1().abs());
         for (number, within) in within.iter_mut().enumerate() {
             *within += usize::from(error.abs() <= (number + 1) as f64 * found.log_sigma);
@@ -181,7 +182,9 @@ async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) ->
         let picture = pictures.with(number, index, Picture::clone)?;
         let name = || format!("clip `{}`, frame {}", clip.id, frame.file.display());
         let failed = |error: Error| Error::Data { what: name(), reason: error.to_string() };
-        let ball = localiser.localise(&picture, &clip.camera, LocaliseOptions::default()).await.map_err(failed)?;
+        let ball_radius = clip.scene.as_ref().map(|scene| scene.ball.radius);
+        let options = LocaliseOptions { ball_radius, ..LocaliseOptions::default() };
+        let ball = localiser.localise(&picture, &clip.camera, options).await.map_err(failed)?;
         let (position, at) = (Point3::from(ball.world), Point2::from(ball.image));
         found.push(Some(Found { position, at, confidence: ball.confidence }));
     }
