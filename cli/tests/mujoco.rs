@@ -42,7 +42,7 @@ fn the_ball_is_where_an_independent_script_has_it() {
     for track in &golden.tracks {
         let start = State { position: track.position.into(), velocity: track.velocity.into(), spin: Vector3::zeros() };
         let times: Vec<f64> = (0..track.world.len()).map(|index| index as f64 * golden.seconds).collect();
-        let path = Mujoco::new(&studio(track.environment, 1)).unwrap().path(&start, &times).unwrap();
+        let path = studio(track.environment, 1).mujoco().unwrap().path(&start, &times).unwrap();
         for (ours, theirs) in path.iter().zip(&track.world) {
             worst = worst.max((ours - Point3::from(*theirs)).norm());
         }

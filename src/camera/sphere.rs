@@ -6,7 +6,7 @@ use super::Camera;
 use crate::error::{Error, Result};
 
 /// Rays that touch the ball, by which its outline is measured.
-const RAYS: usize = 48;
+const RAYS: usize = 96;
 /// Steps of the search for the sphere of an outline; each makes the error about a hundredth.
 const STEPS: usize = 30;
 /// Error at which the sphere is found: px, and as a share of the radius.

@@ -242,7 +242,7 @@ impl Layer {
         let [cos, sin] = outline.axis;
         for (index, value) in values.iter_mut().enumerate() {
             let (x, y) = ((left + (index % width) as i32) as f32, (top + (index / width) as i32) as f32);
-            let share = (0.5 + outline.inside(x, y)).clamp(0.0, 1.0);
+            let share = outline.coverage(x, y);
             if share > 0.0 {
                 let [u, v] = outline.local(x, y);
                 let square = (u * u + v * v).min(0.999);

@@ -5,6 +5,11 @@ use rand::rngs::StdRng;
 
 use crate::size::Size;
 
+/// Semi-axis from which on an outline is as good as straight within a pixel, px.
+const STRAIGHT: f32 = 6.0;
+/// Parts that a pixel's side is cut into at most.
+const MOST_PARTS: f32 = 4.0;
+
 /// Red, green, blue as shares of full scale.
 pub type Colour = [f32; 3];
 
@@ -146,6 +151,52 @@ impl Ellipse {
         let [cos, sin] = self.axis;
         [(cos * dx + sin * dy) / along, (cos * dy - sin * dx) / across]
     }
+
+    /// The share of a pixel that it covers. Of a small ellipse, whose outline bends within a pixel, by parts of the pixel.
+    pub fn coverage(&self, x: f32, y: f32) -> f32 {
+        let parts = (STRAIGHT / self.semi[0].min(self.semi[1])).ceil().clamp(1.0, MOST_PARTS) as usize;
+        if parts == 1 {
+            return self.coverage_of(x, y, 1.0);
+        }
+        let side = 1.0 / parts as f32;
+        let part = |index: usize| {
+            let offset = |at: usize| (at as f32 + 0.5) * side - 0.5;
+            self.coverage_of(x + offset(index % parts), y + offset(index / parts), side)
+        };
+        (0..parts * parts).map(part).sum::<f32>() * side * side
+    }
+
+    /// The share of a square of `side` px that the half plane covers which touches the outline next to it, less what that
+    /// has more.
+    fn coverage_of(&self, x: f32, y: f32, side: f32) -> f32 {
+        let [u, v] = self.local(x, y);
+        let [along, across] = self.semi;
+        let level = u.hypot(v);
+        if level < 1e-6 {
+            return 1.0;
+        }
+        let [cos, sin] = self.axis;
+        let (du, dv) = (u / along, v / across);
+        let slope = du.hypot(dv);
+        let normal = [(cos * du - sin * dv) / slope, (sin * du + cos * dv) / slope].map(f32::abs);
+        let distance = (1.0 - level) * level / slope / side - side / (24.0 * across.min(along));
+        half_plane(distance, normal[0].max(normal[1]), normal[0].min(normal[1]))
+    }
+}
+
+/// The share of a square that a half plane covers whose edge is `distance` of its sides from its middle; the parts of the edge's normal,
+/// the larger first.
+fn half_plane(distance: f32, large: f32, small: f32) -> f32 {
+    let corner = 0.5 * (large + small) - distance.abs();
+    let outside = if corner <= 0.0 {
+        0.0
+    } else if corner >= small {
+        // The edge crosses opposite sides.
+        0.5 - distance.abs() / large
+    } else {
+        0.5 * corner * corner / (large * small)
+    };
+    if distance < 0.0 { outside } else { 1.0 - outside }
 }
 
 impl Shape for Ellipse {
@@ -156,8 +207,7 @@ impl Shape for Ellipse {
         [x - half[0], y - half[1], x + half[0], y + half[1]]
     }
 
-    /// To first order in the distance from the outline. An edge that is one pixel wide rounds a small disc up by π/12 px²;
-    /// that much is taken off.
+    /// To first order in the distance from the outline.
     fn inside(&self, x: f32, y: f32) -> f32 {
         let [u, v] = self.local(x, y);
         let [along, across] = self.semi;
@@ -166,7 +216,7 @@ impl Shape for Ellipse {
             return along.min(across);
         }
         let slope = (u / along).hypot(v / across) / level;
-        (1.0 - level) / slope - 1.0 / (24.0 * across.min(along))
+        (1.0 - level) / slope
     }
 }
 

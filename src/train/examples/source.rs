@@ -7,7 +7,7 @@ use crate::error::Result;
 /// What a run draws its batches from.
 pub enum Source {
     /// Labelled clips.
-    Clips(Sampler),
+    Clips(Box<Sampler>),
     /// Random scenes.
     Scenes(Renderings),
 }

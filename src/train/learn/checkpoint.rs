@@ -97,7 +97,7 @@ fn read_watch(file: &Path) -> Result<Option<Watch>> {
 struct BestScore {
     step: usize,
     score: Option<f64>,
-    least_confidence: f64,
+    confidence_threshold: f64,
 }
 
 impl Best {
@@ -107,8 +107,8 @@ impl Best {
     /// [`Error::Io`], [`Error::Data`] where the record cannot be written.
     pub fn save(&self, folder: &Path, step: usize) -> Result<()> {
         std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        let Self { score, least_confidence, .. } = *self;
-        let named = BestScore { step, score, least_confidence };
+        let Self { score, confidence_threshold, .. } = *self;
+        let named = BestScore { step, score, confidence_threshold };
         let weights = weights_of(folder, step);
         self.average.clone().into_record().save(&weights).map_err(record(&weights))?;
         std::fs::File::open(&weights).and_then(|file| file.sync_all()).map_err(Error::io(&weights))?;
@@ -131,11 +131,11 @@ impl Best {
     /// # Errors
     /// [`Error::Io`], [`Error::Format`], [`Error::Data`] for a damaged record.
     pub fn load(folder: &Path, blank: &Pen) -> Result<Option<Self>> {
-        let Some(BestScore { step, score, least_confidence }) = Self::score(folder)? else { return Ok(None) };
+        let Some(BestScore { step, score, confidence_threshold }) = Self::score(folder)? else { return Ok(None) };
         let weights = weights_of(folder, step);
         let loaded = ModuleRecord::load(&weights).map_err(record(&weights))?;
         let average = blank.valid().try_load_record(loaded).map_err(|error| damaged(&weights, error))?;
-        Ok(Some(Self { score, least_confidence, average }))
+        Ok(Some(Self { score, confidence_threshold, average }))
     }
 
     fn score(folder: &Path) -> Result<Option<BestScore>> {

@@ -20,8 +20,8 @@ use crate::synth::{LARGEST, SMALLEST};
 pub struct Best {
     /// Their forecast error, px, or of what reads sizes the radius's error; less is better. Absent where there is none to be had: then the last count as best.
     pub score: Option<f64>,
-    /// Confidence that nearly all visible balls exceed.
-    pub least_confidence: f64,
+    /// Confidence below which a picture is taken to be without the ball.
+    pub confidence_threshold: f64,
     /// The network.
     pub average: Pen,
 }
@@ -29,25 +29,20 @@ pub struct Best {
 impl Best {
     /// Puts the weights `average` in the place of `best` unless that is better: whether it did.
     pub fn keep(best: &mut Option<Self>, scored: &Score, average: Pen) -> bool {
-        Self::keep_by(best, scored.forecast_px, scored.least_confidence, average)
+        Self::keep_by(best, scored.forecast_px, scored.least_confidence / 2.0, average)
     }
 
     /// The same, of any score of which less is better.
-    pub fn keep_by(best: &mut Option<Self>, score: Option<f64>, least_confidence: f64, average: Pen) -> bool {
+    pub fn keep_by(best: &mut Option<Self>, score: Option<f64>, confidence_threshold: f64, average: Pen) -> bool {
         let score = score.filter(|score| score.is_finite());
         let beaten = best.as_ref().is_none_or(|best| match (score, best.score) {
             (Some(new), Some(old)) => new < old,
             (new, old) => new.is_some() || old.is_none(),
         });
         if beaten {
-            *best = Some(Self { score, least_confidence, average });
+            *best = Some(Self { score, confidence_threshold, average });
         }
         beaten
-    }
-
-    /// Confidence below which a picture is taken to be without the ball.
-    fn confidence_threshold(&self) -> f64 {
-        self.least_confidence / 2.0
     }
 }
 
@@ -63,7 +58,7 @@ pub async fn publish(card: Card, best: Option<&Best>, last: Pen) -> Result<(Card
     let card = Card {
         weights: format!("{}.safetensors", card.name),
         sha256: sha256_hex(&weights),
-        confidence_threshold: best.map(Best::confidence_threshold).or(card.confidence_threshold),
+        confidence_threshold: best.map(|best| best.confidence_threshold).or(card.confidence_threshold),
         metrics: serde_json::Value::Null,
         ..card
     };

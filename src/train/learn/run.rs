@@ -160,7 +160,7 @@ impl<'a> Run<'a> {
             _ => {
                 let validation = Pictures::new(Clips::read(paths.validation()?)?, 0);
                 let (sampler, fits) = sampler(recipe, paths, observe)?;
-                (Source::Clips(sampler), HeldOut::Clips(validation), fits)
+                (Source::Clips(Box::new(sampler)), HeldOut::Clips(validation), fits)
             }
         };
         let architecture = recipe.architecture(recipe.prior_depth.unwrap_or_else(|| source.mean_depth()));
@@ -240,7 +240,7 @@ impl<'a> Run<'a> {
         let kept = match &scored {
             Validation::Score(scored) => Best::keep(&mut self.best, scored, average),
             Validation::Size(scored) => {
-                Best::keep_by(&mut self.best, Some(scored.radius_error), scored.least_confidence, average)
+                Best::keep_by(&mut self.best, Some(scored.radius_error), scored.empty_confidence, average)
             }
             Validation::Failed { .. } => false,
         };

@@ -58,6 +58,7 @@ export class ResultPanel {
     result.camera.forEach((value, axis) => set(this.#camera[axis]!, [value], 3));
     set(this.#image, result.image, 1);
     set(this.#depth, [result.depth], 3);
+    if (result.depthSigma !== null) this.#depth.textContent += ` ± ${result.depthSigma.toFixed(3)}`;
     set(this.#confidence, [result.confidence], 3);
     set(this.#time, [result.milliseconds], result.milliseconds < 10 ? 1 : 0);
     set(this.#true, subject.truth?.world ?? [], 3);
