@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use gravisight::{Card, Device, Localiser};
 
-/// The model that `--model` defaults to, built into the command.
-const DEFAULT_CARD: &str = include_str!("../../models/sd-l.json");
-const DEFAULT_WEIGHTS: &[u8] = include_bytes!("../../models/sd-l.safetensors");
+/// The models that `--model` defaults to, built into the command: with a ball's radius the one for any ball, without the one
+/// of the paper's scenes.
+const ANY: (&str, &[u8]) = (include_str!("../../models/any.json"), include_bytes!("../../models/any.safetensors"));
+const SD_L: (&str, &[u8]) = (include_str!("../../models/sd-l.json"), include_bytes!("../../models/sd-l.safetensors"));
 
 /// Path of the card of `--model M`: M itself, M with `.json`, or beside M's `.safetensors`.
 pub fn card_path(model: &Path) -> PathBuf {
@@ -22,11 +23,11 @@ pub fn card_path(model: &Path) -> PathBuf {
     }
 }
 
-/// Loads `--model`, or the built-in model.
-pub fn open(model: Option<&Path>, device: &Device) -> Result<Localiser> {
+/// Loads `--model`, or a built-in one.
+pub fn open(model: Option<&Path>, ball_radius: Option<f64>, device: &Device) -> Result<Localiser> {
     let Some(model) = model else {
-        let card = Card::from_json(DEFAULT_CARD, "built-in model")?;
-        return Ok(Localiser::new(card, DEFAULT_WEIGHTS.to_vec(), device)?);
+        let (card, weights) = if ball_radius.is_some() { ANY } else { SD_L };
+        return Ok(Localiser::new(Card::from_json(card, "built-in model")?, weights.to_vec(), device)?);
     };
     let path = card_path(model);
     let (card, weights) = Card::with_weights(&path)?;

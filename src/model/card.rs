@@ -42,8 +42,8 @@ pub struct Card {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_range: Option<[f64; 2]>,
     /// Confidence below which a picture is taken to be without the ball: half of what nearly all (99.5 %) of the
-    /// visible balls of the validation clips exceed; where depth comes from size what 99 % of pictures without one stay
-    /// below.
+    /// visible balls of the validation clips exceed; where depth comes from size what as large a share of the balls
+    /// stays below as of the pictures without one exceeds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence_threshold: Option<f64>,
     /// Name of the training data.

@@ -47,6 +47,7 @@ pub struct Wanted {
 
 /// Where the ball is in a picture.
 #[derive(Serialize, Tsify)]
+#[tsify(missing_as_null)]
 #[serde(rename_all = "camelCase")]
 pub struct Position {
     /// In pixels of the picture that was given; an integer is a pixel's centre.
@@ -181,6 +182,7 @@ impl JsLocaliser {
             let maps = found.maps.as_ref().filter(|_| wanted);
             maps.map(|maps| FloatMap { width: maps.width, height: maps.height, values: values(maps).into() })
         };
+        let dtg = wanted.truth.map(|truth| found.dtg(truth));
         object_of(&Position {
             image: found.image,
             depth: found.depth,
@@ -191,7 +193,7 @@ impl JsLocaliser {
             camera: found.camera,
             world: found.world,
             confidence: found.confidence,
-            dtg: wanted.truth.map(|truth| found.dtg(truth)),
+            dtg,
             heatmap: map(wanted.heatmap, |maps| &maps.heatmap),
             depth_map: map(wanted.depth_map, |maps| &maps.depth),
             notes: found.notes,

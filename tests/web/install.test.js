@@ -72,7 +72,7 @@ test("the tarball holds what it must, and no more", () => {
   assert.equal(dependencies, undefined);
   assert.deepEqual(sideEffects, ["./dist/worker.js"]);
   const files = readdirSync(join(folder, "node_modules/gravisight")).sort();
-  assert.deepEqual(files, ["LICENSE-APACHE", "LICENSE-MIT", "README.md", "dist", "package.json", "wasm"]);
+  assert.deepEqual(files, ["LICENSE-APACHE", "LICENSE-MIT", "README.md", "dist", "models", "package.json", "wasm"]);
 });
 
 test("with the wasm in another folder", async () => {

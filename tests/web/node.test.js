@@ -31,6 +31,24 @@ test("pictures are found where the command finds them", async () => {
   await assert.rejects(localiser.localise(pictureOf(samples[0])), { code: "disposed" });
 });
 
+test("without a model the package's own finds a ball of any size, and says how sure it is", async () => {
+  const localiser = await Localiser.create({ camera: samples[0].camera, ball: { radius: 0.2 } });
+  assert.equal(localiser.card.name, "any");
+  const found = await localiser.localise(pictureOf(samples[0]), { candidates: 3 });
+  const [first] = found.candidates;
+  assert.ok(found.candidates.length <= 3 && first.world.every((value, axis) => value === found.world[axis]));
+  assert.ok(found.depthSigma > 0 && found.radiusPx > 1 && found.covariance[2][2] > 0);
+  // Twice as large a ball is twice as far away.
+  const larger = await localiser.localise(pictureOf(samples[0]), { ball: { radius: 0.4 } });
+  assert.ok(Math.abs(larger.depth / found.depth - 2) < 1e-3, `${larger.depth} ${found.depth}`);
+  localiser.setBall({ radius: 33.5 });
+  await assert.rejects(localiser.localise(pictureOf(samples[0])), (thrown) => /0\.0335/.test(thrown.message) && thrown.code === "value");
+  localiser.dispose();
+  const without = await Localiser.create({ camera: samples[0].camera });
+  await assert.rejects(without.localise(pictureOf(samples[0])), /radius/);
+  without.dispose();
+});
+
 test("a path works as a model, and a wrong one is refused in words", async () => {
   const localiser = await Localiser.create({ model: fileURLToPath(model) });
   localiser.dispose();

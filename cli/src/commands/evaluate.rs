@@ -57,7 +57,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         bail!("--z-min must be below --z-max, and both finite numbers");
     }
     let log = arguments.log.as_deref().map(Log::read).transpose()?;
-    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
+    let localiser = model::open(arguments.model.as_deref(), arguments.ball_radius, &arguments.device.open()?)?;
     let clips = Clips::read(&arguments.data)?;
     // The first picture would pay for memory and kernels, and the speed would tell.
     pollster::block_on(localiser.warm_up())?;

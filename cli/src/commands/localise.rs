@@ -55,7 +55,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let camera = Camera::from_file(&arguments.camera)?;
     let of_scene = arguments.scene.as_deref().map(Scene::from_file).transpose()?.map(|scene| scene.ball.radius);
     let ball_radius = arguments.ball_radius.or(of_scene);
-    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
+    let localiser = model::open(arguments.model.as_deref(), ball_radius, &arguments.device.open()?)?;
     for path in &arguments.images {
         let name = || path.display().to_string();
         let picture = open_picture(path)?;

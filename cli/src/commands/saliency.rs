@@ -40,7 +40,7 @@ pub struct Arguments {
 pub fn run(arguments: Arguments) -> Result<()> {
     check_png("--out", &arguments.out)?;
     let camera = Camera::from_file(&arguments.camera)?;
-    let localiser = model::open(arguments.model.as_deref(), &DeviceChoice::Cpu.open()?)?;
+    let localiser = model::open(arguments.model.as_deref(), None, &DeviceChoice::Cpu.open()?)?;
     let picture = open_picture(&arguments.image)?;
     let name = || arguments.image.display().to_string();
     let found =

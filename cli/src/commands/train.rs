@@ -117,7 +117,7 @@ fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Optio
     if !clips.clips.iter().flat_map(|clip| &clip.frames).any(|frame| frame.world.is_some() && frame.image.is_some()) {
         return Ok(None);
     }
-    let localiser = model::open(Some(card), device)?;
+    let localiser = model::open(Some(card), None, device)?;
     progress.restart();
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
     let began = Instant::now();
@@ -152,13 +152,14 @@ fn show(progress: &mut Progress, now: &TrainProgress) {
         }
         Some(Validation::Size(score)) => progress.say(&format!(
             "step {step}: validation: radius off by {:.2} % (median from 4 px on; of all {:.2} %, {:.2} % gross; {:.0} % and \
-             {:.0} % within 1 and 2 sigma), 2D error {:.2} px",
+             {:.0} % within 1 and 2 sigma), 2D error {:.2} px; ball or none confused in {:.1} %",
             100.0 * score.radius_error,
             100.0 * score.radius_error_of_all.median.unwrap_or(f64::NAN),
             100.0 * score.gross,
             100.0 * score.coverage[0],
             100.0 * score.coverage[1],
             score.image_error_px.median.unwrap_or(f64::NAN),
+            100.0 * score.confused,
         )),
         Some(Validation::Failed { failed }) => progress.say(&format!("step {step}: validation failed: {failed}")),
         None => {}

@@ -22,8 +22,7 @@ pub struct Loader {
 
 impl Loader {
     /// Starts with the batch of step `first`. Clips are read by a thread, which ends with the run's last step, or when
-    /// this is dropped. Random scenes, which take every core for a quarter of a step, are drawn between the steps: at the
-    /// same time as one they would slow each of its kernels, whose threads wait for each other.
+    /// this is dropped. Random scenes take every core, so they are drawn between the steps.
     ///
     /// # Errors
     /// [`Error::Io`] where no thread can be started.

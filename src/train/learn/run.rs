@@ -240,7 +240,7 @@ impl<'a> Run<'a> {
         let kept = match &scored {
             Validation::Score(scored) => Best::keep(&mut self.best, scored, average),
             Validation::Size(scored) => {
-                Best::keep_by(&mut self.best, Some(scored.radius_error), scored.empty_confidence, average)
+                Best::keep_by(&mut self.best, Some(scored.radius_error), scored.confidence_threshold, average)
             }
             Validation::Failed { .. } => false,
         };

@@ -99,10 +99,11 @@ pub struct SizeScore {
     pub coverage: [f64; 2],
     /// 2D error, px.
     pub image_error_px: Statistic,
-    /// Confidence that all but 0.5 % of the balls that are wholly seen exceed.
-    pub least_confidence: f64,
-    /// Confidence that all but 1 % of the pictures without a ball stay below.
-    pub empty_confidence: f64,
+    /// Confidence that as large a share of the balls (wholly seen, of at least 4 px) stays below as of the pictures without
+    /// a ball exceeds.
+    pub confidence_threshold: f64,
+    /// That share.
+    pub confused: f64,
 }
 
 /// Smallest radius of the balls whose error counts, px.
@@ -138,27 +139,36 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
         for (number, within) in within.iter_mut().enumerate() {
             *within += usize::from(error.abs() <= (number + 1) as f64 * found.log_sigma);
         }
-        if drawing.visible >= WHOLLY {
+        if drawing.visible >= WHOLLY && ball.radius >= COUNTED_RADIUS {
             seen.push(found.confidence);
-            if ball.radius >= COUNTED_RADIUS {
-                counted.push(error.exp_m1().abs());
-            }
+            counted.push(error.exp_m1().abs());
         }
     }
-    let at = |values: &mut Vec<f64>, share: f64| {
-        values.sort_by(f64::total_cmp);
-        values.get(((share * values.len() as f64) as usize).min(values.len().saturating_sub(1))).copied()
-    };
+    let (confidence_threshold, confused) = equal_error(&mut seen, &mut empty);
+    counted.sort_by(f64::total_cmp);
     let all = errors.len().max(1) as f64;
     Ok(SizeScore {
-        radius_error: at(&mut counted, 0.5).unwrap_or(f64::NAN),
+        radius_error: counted.get(counted.len() / 2).copied().unwrap_or(f64::NAN),
         gross: errors.iter().filter(|&&error| error > GROSS).count() as f64 / all,
         coverage: within.map(|count| count as f64 / all),
         radius_error_of_all: Statistic::of(errors),
         image_error_px: Statistic::of(image),
-        least_confidence: at(&mut seen, UNSURE).unwrap_or(0.0),
-        empty_confidence: at(&mut empty, 0.99).unwrap_or(0.0),
+        confidence_threshold,
+        confused,
     })
+}
+
+/// The threshold below which as large a share of `seen` lies as of `empty` lies above, and that share.
+#[cfg(not(target_arch = "wasm32"))]
+fn equal_error(seen: &mut [f64], empty: &mut [f64]) -> (f64, f64) {
+    seen.sort_by(f64::total_cmp);
+    empty.sort_by(f64::total_cmp);
+    let below =
+        |values: &[f64], at: f64| values.partition_point(|&value| value < at) as f64 / values.len().max(1) as f64;
+    let lost = |at: f64| below(seen, at);
+    let taken = |at: f64| 1.0 - below(empty, at);
+    let crossing = seen.iter().copied().find(|&at| lost(at) >= taken(at)).unwrap_or(0.5);
+    (crossing, lost(crossing).max(taken(crossing)))
 }
 
 /// What the network finds in a frame.
