@@ -22,7 +22,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("localise", &["camera", "image", "model"]),
     ("evaluate", &["camera", "clips", "image", "localise"]),
     ("synth", &["camera", "clips", "physics"]),
-    ("train", &["camera", "clips", "evaluate", "files", "image", "localise", "model", "physics", "track"]),
+    ("train", &["camera", "clips", "evaluate", "files", "image", "localise", "model", "physics", "synth", "track"]),
 ];
 /// The browser's boundary, above everything.
 const WASM: (&str, &[&str]) =

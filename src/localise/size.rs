@@ -315,5 +315,7 @@ fn covariance(reading: &Reading, camera: &Camera, image: &Point2<f64>, depth: f6
     let centre = (CENTRE_OF_RADIUS * reading.log_sigma * reading.outline.radius).powi(2);
     let own = Matrix3::from_diagonal(&[centre, centre, (reading.log_sigma * depth).powi(2)].into());
     let covariance = jacobian * own * jacobian.transpose();
-    Ok(std::array::from_fn(|row| std::array::from_fn(|column| covariance[(row, column)])))
+    // Rounding leaves it symmetric only nearly.
+    let symmetric = (covariance + covariance.transpose()) / 2.0;
+    Ok(std::array::from_fn(|row| std::array::from_fn(|column| symmetric[(row, column)])))
 }
