@@ -19,10 +19,10 @@ pub enum Supervision {
     /// 3D labels (`world` of each frame): the paper's baseline, not its method.
     #[serde(rename = "3d-gt")]
     Labels3d,
-    /// 3D labels on [`Recipe::labelled_share`](super::Recipe::labelled_share) of the clips, `physics-fit` on the others.
+    /// 3D labels on the recipe's `labelled_share` of the clips, `physics-fit` on the others.
     #[serde(rename = "mixed")]
     Mixed,
-    /// Renderings of random scenes, without any clips: apparent radius for any ball ([`Network::CompactSize`]).
+    /// Renderings of random scenes, without any clips: apparent radius for any ball (network `compact-size`).
     #[serde(rename = "rendered")]
     Rendered,
 }
