@@ -244,6 +244,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
     let mut ours: Box<dyn FnMut() -> f64 + Send> = if job.training {
         let middle = |index: usize| 20.0 + 3.0 * index as f64;
         let labels = Labels {
+            picture: (0..job.batch).collect(),
             image: (0..job.batch).map(|index| Some([middle(index), middle(job.batch - index)])).collect(),
             depth: (0..job.batch).map(|index| 5.0 + 0.2 * index as f64).collect(),
             depth_weight: vec![1.0; job.batch],

@@ -20,16 +20,16 @@ fn main() {
     let scenes = RandomScenes::new(photographs, 0.07);
     for side in [128, 256] {
         let began = Instant::now();
-        let balls = (0..COUNT).filter(|&seed| scenes.draw(Size::square(side), seed).ball.is_some()).count();
+        let balls: usize = (0..COUNT).map(|seed| scenes.draw(Size::square(side), seed, 3).balls.len()).sum();
         let seconds = began.elapsed().as_secs_f64();
-        println!("{side}x{side}: {:.0} pictures/s on one core, {balls} of {COUNT} with a ball", COUNT as f64 / seconds);
+        println!("{side}x{side}: {:.0} pictures/s on one core, {balls} balls in {COUNT}", COUNT as f64 / seconds);
     }
     let Some(path) = arguments.get(1) else { return };
     let [count, columns] = SHEET;
     let side = 128;
     let mut sheet = RgbImage::new(columns * 2 * side, count / columns * 2 * side);
     for index in 0..count {
-        let drawn = scenes.draw(Size::square(side), 100_000 + u64::from(index)).picture();
+        let drawn = scenes.draw(Size::square(side), 100_000 + u64::from(index), 3).picture();
         let large = image::imageops::resize(&drawn, 2 * side, 2 * side, image::imageops::FilterType::Nearest);
         let (x, y) = (index % columns * 2 * side, index / columns * 2 * side);
         image::imageops::replace(&mut sheet, &large, i64::from(x), i64::from(y));

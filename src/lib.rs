@@ -82,7 +82,7 @@ pub mod internal {
     pub use crate::image::Normalisation;
     pub use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, save, sha256_hex};
     pub use crate::physics::Case;
-    pub use crate::synth::RandomScenes;
+    pub use crate::synth::{Apparent, RandomScenes};
     pub use crate::synth::{Engine, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::TrackPoint;

@@ -26,7 +26,7 @@ use sha2::{Digest, Sha256};
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
 #[cfg(not(target_arch = "wasm32"))]
-pub use self::random::{Drawing, LARGEST, RandomScenes, SMALLEST};
+pub use self::random::{Apparent, Drawing, LARGEST, RandomScenes, SMALLEST};
 use self::render::Renderer;
 use self::scenes::Paper;
 use crate::camera::Camera;

@@ -14,6 +14,8 @@ use crate::size::Size;
 const PHOTOGRAPHS: f64 = 0.55;
 /// Axis ratio above which an ellipse is no ball.
 const NOT_ROUND: f32 = 1.7;
+/// Half the size below which corners cannot be told from a ball's outline, px: what is smaller is long.
+const CORNERS: f32 = 8.0;
 
 /// A colour like those of painted and dyed things: seldom pure.
 pub fn colour(random: &mut StdRng) -> Colour {
@@ -225,7 +227,7 @@ fn crowd(canvas: &mut Canvas, random: &mut StdRng) {
     let area = (canvas.width * canvas.height) as f32;
     let dim = random.random_range(0.2..1.0_f32);
     for _ in 0..((area / (size * size)) as usize).min(1500) {
-        let half = [size, size].map(|size| size * random.random_range(0.3..1.0_f32));
+        let half = [size * random.random_range(0.6..1.2_f32), size * random.random_range(0.15..0.35_f32)];
         let found = colour(random).map(|value| value * dim);
         let shape = Polygon::rectangle(anywhere(canvas, random), half, random.random_range(0.0..TAU));
         canvas.fill(&shape, 1.0, 1.0, |_, _| found);
@@ -241,14 +243,15 @@ pub fn clutter(canvas: &mut Canvas, random: &mut StdRng) {
     let opacity = if random.random_bool(0.8) { 1.0 } else { random.random_range(0.2..1.0) };
     let (first, second) = (colour(random), colour(random));
     let second = mix(first, second, random.random_range(0.0..0.6));
+    let widest = if reach < CORNERS { 0.5 } else { 1.0 };
     let (sin, cos) = random.random_range(0.0..TAU).sin_cos();
     let shade = move |x: f32, y: f32| {
         mix(first, second, (0.5 + (cos * (x - at[0]) + sin * (y - at[1])) / (2.0 * reach)).clamp(0.0, 1.0))
     };
     match random.random_range(0..6) {
-        0 | 1 => canvas.fill(&Polygon::random(at, reach, random), softness, opacity, shade),
+        0 | 1 => canvas.fill(&Polygon::random(at, reach, widest, random), softness, opacity, shade),
         2 => {
-            let half = random.random_range(0.3..(0.06 * side).max(0.5));
+            let half = random.random_range(0.3..(0.06 * side).min(reach / NOT_ROUND).max(0.5));
             let to = [at[0] + reach * 2.0 * cos, at[1] + reach * 2.0 * sin];
             canvas.fill(&Line { from: at, to, half }, softness, opacity, shade);
         }
@@ -258,7 +261,7 @@ pub fn clutter(canvas: &mut Canvas, random: &mut StdRng) {
             canvas.fill(&shape, softness, opacity, shade);
         }
         4 => {
-            let half = [reach, reach * random.random_range(0.15..1.0_f32)];
+            let half = [reach, reach * random.random_range(0.15..widest)];
             canvas.fill(&Polygon::rectangle(at, half, random.random_range(0.0..TAU)), softness, opacity, shade);
         }
         _ => strokes(canvas, at, reach.min(0.2 * side), first, random),

@@ -13,7 +13,7 @@ const FOCAL: [f64; 2] = [150.0, 2500.0];
 /// Largest tangent of the angle between the ball's ray and the optical axis.
 const OFF_AXIS: f64 = 0.6;
 /// Longest way during the exposure, radii.
-const STREAK: f32 = 3.2;
+pub const STREAK: f32 = 3.2;
 /// Positions of a moving ball that are drawn at most.
 const POSITIONS: f32 = 64.0;
 /// What plain balls of common sports look like: tennis, orange, white, basketball, cricket, brown, teal, pink, blue.
@@ -296,6 +296,27 @@ impl Layer {
                 visit(y * canvas.width + x, x, y, value);
             }
         }
+    }
+
+    /// Lays it over `canvas`.
+    pub fn lay(&self, canvas: &mut Canvas) {
+        let planes = &mut canvas.planes;
+        let frame = Canvas { width: canvas.width, height: canvas.height, planes: [vec![], vec![], vec![]] };
+        self.over(&frame, |index, _, _, value| {
+            for (plane, colour) in planes.iter_mut().zip(value) {
+                plane[index] = plane[index] * (1.0 - value[3]) + colour;
+            }
+        });
+    }
+
+    /// Its mean difference from `canvas` behind it, shares of full scale.
+    pub fn contrast(&self, canvas: &Canvas) -> f32 {
+        let (mut sum, mut shares) = (0.0, 0.0);
+        self.over(canvas, |index, _, _, value| {
+            shares += 3.0 * value[3];
+            sum += (0..3).map(|at| (value[at] - value[3] * canvas.planes[at][index]).abs()).sum::<f32>();
+        });
+        if shares > 0.0 { sum / shares } else { 0.0 }
     }
 
     /// Its share of all pixels, px².

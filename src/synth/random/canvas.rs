@@ -108,10 +108,10 @@ impl Polygon {
         Self::new(&[[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].map(corner))
     }
 
-    /// Three to seven corners on an ellipse about a point.
-    pub fn random(centre: [f32; 2], reach: f32, random: &mut StdRng) -> Self {
+    /// Three to seven corners on an ellipse about a point, at most `widest` as wide as long.
+    pub fn random(centre: [f32; 2], reach: f32, widest: f32, random: &mut StdRng) -> Self {
         let count = random.random_range(3..=7_usize);
-        let (narrow, turn) = (random.random_range(0.25..1.0_f32), random.random_range(0.0..std::f32::consts::TAU));
+        let (narrow, turn) = (random.random_range(0.25..widest), random.random_range(0.0..std::f32::consts::TAU));
         let (sin, cos) = turn.sin_cos();
         let mut angles: Vec<f32> = (0..count).map(|_| random.random_range(0.0..std::f32::consts::TAU)).collect();
         angles.sort_by(f32::total_cmp);

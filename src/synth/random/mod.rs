@@ -15,7 +15,7 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 
 use self::ball::{Layer, Look};
-use self::canvas::{Canvas, Ellipse, mix};
+use self::canvas::{Canvas, Colour, Ellipse, Polygon, mix};
 use self::noise::Normals;
 use crate::size::Size;
 
@@ -29,6 +29,15 @@ const LEAST_VISIBLE: f32 = 0.4;
 const OCCLUDED: f64 = 0.2;
 /// How often the ball casts a shadow on something near.
 const SHADOWED: f64 = 0.4;
+/// Least way between what two balls cover, px: their places in a heatmap stay apart.
+const CLEAR: f32 = 12.0;
+/// How often there is another ball, where there may be.
+const ANOTHER: f64 = 0.6;
+/// Least mean difference between a ball and what is behind it, shares of full scale: nobody sees less. The second is
+/// divided by the radius: of a small ball the noise hides more.
+const LEAST_CONTRAST: [f32; 2] = [0.07, 0.25];
+/// Looks that are tried for one that can be told from what is behind it, and places for one apart from the others.
+const TRIES: usize = 6;
 
 /// A ball in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,18 +46,18 @@ pub struct Apparent {
     pub centre: [f64; 2],
     /// Semi-minor axis of its outline at rest, px.
     pub radius: f64,
+    /// Share of it that is seen.
+    pub visible: f64,
+    /// Its way during the exposure, px.
+    pub streak: f64,
 }
 
 /// A picture of a random scene.
 #[derive(Debug, Clone)]
 pub struct Drawing {
     canvas: Canvas,
-    /// The ball, if it shows one.
-    pub ball: Option<Apparent>,
-    /// Share of the ball that is seen.
-    pub visible: f64,
-    /// Way of the ball during the exposure, px.
-    pub streak: f64,
+    /// The balls that it shows, apart from each other.
+    pub balls: Vec<Apparent>,
 }
 
 impl Drawing {
@@ -83,59 +92,108 @@ impl RandomScenes {
         Self { photographs, normals: Normals::new(&mut StdRng::seed_from_u64(0)), empty }
     }
 
-    /// The picture of `size` that belongs to `seed`.
-    pub fn draw(&self, size: Size, seed: u64) -> Drawing {
+    /// The picture of `size` that belongs to `seed`, with `most` balls at most.
+    pub fn draw(&self, size: Size, seed: u64, most: usize) -> Drawing {
         let mut random = StdRng::seed_from_u64(seed);
-        let mut drawing = self.scene(size, &mut random);
+        let mut drawing = self.scene(size, most, &mut random);
         sensor::expose(&mut drawing.canvas, &self.normals, &mut random);
         drawing
     }
 
     /// The scene before the camera changes it.
-    fn scene(&self, size: Size, random: &mut StdRng) -> Drawing {
+    fn scene(&self, size: Size, most: usize, random: &mut StdRng) -> Drawing {
         let mut canvas = background::draw(size, &self.photographs, random);
-        let none = |canvas| Drawing { canvas, ball: None, visible: 0.0, streak: 0.0 };
         if random.random_bool(self.empty) {
-            return none(canvas);
+            return Drawing { canvas, balls: vec![] };
         }
-        let [width, height] = size.xy();
+        let mut balls = vec![];
+        for number in 0..most {
+            if number == 0 || random.random_bool(ANOTHER) {
+                balls.extend(Ball::random(&canvas, &balls, random));
+            }
+        }
+        let hidden = |x: usize, y: usize, balls: &[Ball]| {
+            let shown = |shape: &Polygon| 1.0 - background::covered(shape, x as f32, y as f32);
+            1.0 - balls
+                .iter()
+                .filter_map(|ball| ball.occluder.as_ref())
+                .map(|(shape, ..)| shown(shape))
+                .product::<f32>()
+        };
+        let visible = |ball: &Ball| {
+            let mut seen = 0.0;
+            ball.layer.over(&canvas, |_, x, y, value| seen += value[3] * (1.0 - hidden(x, y, &balls)));
+            seen / ball.area
+        };
+        // Too little of a ball to be told from anything else is neither a ball nor none.
+        let shares: Vec<f32> = balls.iter().map(visible).collect();
+        let mut shares = shares.into_iter();
+        balls.retain_mut(|ball| {
+            ball.visible = shares.next().unwrap_or(0.0);
+            ball.visible >= LEAST_VISIBLE
+        });
+        for ball in &balls {
+            if random.random_bool(SHADOWED) {
+                shadow(&mut canvas, ball.centre, ball.radius, random);
+            }
+        }
+        for ball in &balls {
+            ball.layer.lay(&mut canvas);
+        }
+        for Ball { centre, radius, occluder, .. } in &balls {
+            if let Some((shape, first, second)) = occluder {
+                let reach = 4.0 * radius;
+                canvas.fill(shape, 1.0, 1.0, |x, _| {
+                    mix(*first, *second, (0.5 + (x - centre[0]) / reach).clamp(0.0, 1.0))
+                });
+            }
+        }
+        let apparent = |ball: &Ball| Apparent {
+            centre: ball.centre.map(f64::from),
+            radius: f64::from(ball.radius),
+            visible: f64::from(ball.visible),
+            streak: f64::from(ball.streak),
+        };
+        Drawing { balls: balls.iter().map(apparent).collect(), canvas }
+    }
+}
+
+/// A ball before it is drawn.
+struct Ball {
+    centre: [f32; 2],
+    radius: f32,
+    streak: f32,
+    layer: Layer,
+    /// Its share of all pixels, px².
+    area: f32,
+    /// What is before it, and its colours.
+    occluder: Option<(Polygon, Colour, Colour)>,
+    /// Share of it that is seen.
+    visible: f32,
+}
+
+impl Ball {
+    /// A ball anywhere but on `others`; none where no look of it can be told from what is behind.
+    fn random(canvas: &Canvas, others: &[Self], random: &mut StdRng) -> Option<Self> {
+        let [width, height] = [canvas.width, canvas.height].map(|side| side as f64);
         let largest = LARGEST.min(width.min(height) / 3.0);
         let radius = random.random_range(SMALLEST.ln()..largest.ln()).exp() as f32;
-        let centre = [width, height].map(|side| random.random_range(0.0..side - 1.0) as f32);
+        let mut anywhere = || [width, height].map(|side| random.random_range(0.0..side - 1.0) as f32);
+        let apart = |[x, y]: [f32; 2], other: &Self| {
+            let reach = 1.2 * (radius + other.radius) + 0.5 * other.streak + 0.5 * ball::STREAK * radius + CLEAR;
+            (x - other.centre[0]).hypot(y - other.centre[1]) > reach
+        };
+        let centre = (0..TRIES).map(|_| anywhere()).find(|&centre| others.iter().all(|other| apart(centre, other)))?;
         let placed = ball::place(centre, radius, random);
-        let look = Look::random(radius, random);
-        let layer = Layer::still(&placed, &look);
-        let whole = layer.area();
-        let layer = layer.moved(placed.streak);
+        let (layer, area) = (0..TRIES).find_map(|_| {
+            let layer = Layer::still(&placed, &Look::random(radius, random));
+            let area = layer.area();
+            let layer = layer.moved(placed.streak);
+            (layer.contrast(canvas) >= LEAST_CONTRAST[0] + LEAST_CONTRAST[1] / radius).then_some((layer, area))
+        })?;
         let occluder = random.random_bool(OCCLUDED).then(|| background::occluder(centre, radius, random));
-        let mut seen = 0.0;
-        layer.over(&canvas, |_, x, y, value| {
-            let hidden = occluder.as_ref().map_or(0.0, |(shape, ..)| background::covered(shape, x as f32, y as f32));
-            seen += value[3] * (1.0 - hidden);
-        });
-        let visible = seen / whole;
-        // Too little of it to be told from anything else: neither a ball nor none.
-        if visible < LEAST_VISIBLE {
-            return none(canvas);
-        }
-        if random.random_bool(SHADOWED) {
-            shadow(&mut canvas, centre, radius, random);
-        }
-        // Hardly told from what is behind it is no use either; a fast small ball may be faint, but not gone.
-        let planes = &mut canvas.planes;
-        let width = canvas.width;
-        layer.over(&Canvas { width, height: canvas.height, planes: [vec![], vec![], vec![]] }, |index, _, _, value| {
-            for (plane, colour) in planes.iter_mut().zip(value) {
-                plane[index] = plane[index] * (1.0 - value[3]) + colour;
-            }
-        });
-        if let Some((shape, first, second)) = &occluder {
-            let reach = 4.0 * radius;
-            canvas.fill(shape, 1.0, 1.0, |x, _| mix(*first, *second, (0.5 + (x - centre[0]) / reach).clamp(0.0, 1.0)));
-        }
         let [dx, dy] = placed.streak;
-        let apparent = Apparent { centre: centre.map(f64::from), radius: f64::from(radius) };
-        Drawing { canvas, ball: Some(apparent), visible: f64::from(visible), streak: f64::from(dx.hypot(dy)) }
+        Some(Self { centre, radius, streak: dx.hypot(dy), layer, area, occluder, visible: 0.0 })
     }
 }
 

@@ -43,7 +43,7 @@ pub fn expose(canvas: &mut Canvas, normals: &Normals, random: &mut StdRng) {
         compress(canvas, (random.random_range(0.2_f32.ln()..2.0_f32.ln())).exp(), random);
     }
     for value in canvas.planes.iter_mut().flatten() {
-        *value = f32::from((value.clamp(0.0, 1.0) * 255.0 + 0.5) as u8) / 255.0;
+        *value = nearest(value.clamp(0.0, 1.0) * 255.0) / 255.0;
     }
 }
 

@@ -118,17 +118,17 @@ fn pictures_come_from_their_seeds_and_show_what_they_say() {
     let size = Size::new(96, 128);
     let (mut empty, mut radii) = (0, vec![]);
     for seed in 0..300 {
-        let drawing = scenes.draw(size, seed);
+        let drawing = scenes.draw(size, seed, 1);
         let pixels: Vec<[f32; 3]> = drawing.rgb().collect();
         assert_eq!(pixels.len(), size.pixels());
         assert!(pixels.iter().flatten().all(|value| (0.0..=1.0).contains(value)), "seed {seed}");
         if seed % 50 == 0 {
-            assert!(scenes.draw(size, seed).rgb().eq(pixels), "seed {seed}");
+            assert!(scenes.draw(size, seed, 1).rgb().eq(pixels), "seed {seed}");
         }
-        match drawing.ball {
+        match drawing.balls.first() {
             None => empty += 1,
             Some(ball) => {
-                assert!(drawing.visible >= 0.4 && (0.0..96.0).contains(&ball.centre[0]));
+                assert!(ball.visible >= 0.4 && (0.0..96.0).contains(&ball.centre[0]));
                 radii.push(ball.radius);
             }
         }

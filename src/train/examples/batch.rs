@@ -20,9 +20,18 @@ pub struct Batch {
     pub windows: Vec<Window>,
 }
 
-/// Labels of a batch, one a picture.
+impl Batch {
+    /// Pictures.
+    pub fn count(&self) -> usize {
+        self.pictures.len() / (3 * self.size[0] * self.size[1])
+    }
+}
+
+/// Labels of a batch: one of each ball, and of each picture without one.
 #[derive(Debug, Clone, Default)]
 pub struct Labels {
+    /// Index of the picture in the batch, rising.
+    pub picture: Vec<usize>,
     /// 2D positions, px of the network's input; none for a picture without the ball.
     pub image: Vec<Option<[f64; 2]>>,
     /// Depths (camera z), m.

@@ -12,12 +12,14 @@ use super::{Batch, Labels};
 use crate::error::{Error, Result};
 use crate::image::{Normalisation, Picture};
 use crate::size::Size;
-use crate::synth::{Drawing, RandomScenes};
+use crate::synth::{Apparent, Drawing, RandomScenes};
 
 /// Longer side of the photographs that are kept, px: several crops wide, a few MB each.
 const PHOTOGRAPH_SIDE: u32 = 1280;
 /// Ends of the names of photographs' files.
 const EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+/// Most balls in a picture that is trained with: each teaches as much as one alone.
+const MOST_BALLS: usize = 3;
 /// The step whose seeds are those of pictures to score with: no run is so long.
 const SCORED: usize = usize::MAX;
 
@@ -57,7 +59,7 @@ impl Renderings {
     /// The batch of step `step`: the same for the same seed and step.
     pub fn batch(&self, phase: &Phase, step: usize) -> Batch {
         let size = phase.crop.map_or(self.input, Size::square);
-        let draw = |index: usize| self.scenes.draw(size, seed(self.seed, step, index));
+        let draw = |index: usize| self.scenes.draw(size, seed(self.seed, step, index), MOST_BALLS);
         let drawn: Vec<Drawing> = (0..phase.batch).into_par_iter().map(draw).collect();
         let mut batch = Batch {
             pictures: Vec::with_capacity(3 * size.pixels() * drawn.len()),
@@ -66,19 +68,26 @@ impl Renderings {
             windows: vec![],
         };
         let Normalisation { mean, std } = self.normalisation;
-        for drawing in drawn {
+        for (index, drawing) in drawn.iter().enumerate() {
             let normalised = |pixel: [f32; 3]| std::array::from_fn::<f32, 3, _>(|at| (pixel[at] - mean[at]) / std[at]);
             batch.pictures.extend(drawing.rgb().flat_map(normalised));
-            batch.labels.image.push(drawing.ball.map(|ball| ball.centre));
-            batch.labels.depth.push(drawing.ball.map_or(1.0, |ball| ball.radius));
-            batch.labels.depth_weight.push(f64::from(u8::from(drawing.ball.is_some())));
+            let mut label = |ball: Option<&Apparent>| {
+                batch.labels.picture.push(index);
+                batch.labels.image.push(ball.map(|ball| ball.centre));
+                batch.labels.depth.push(ball.map_or(1.0, |ball| ball.radius));
+                batch.labels.depth_weight.push(f64::from(u8::from(ball.is_some())));
+            };
+            if drawing.balls.is_empty() {
+                label(None);
+            }
+            drawing.balls.iter().for_each(|ball| label(Some(ball)));
         }
         batch
     }
 
-    /// The `index`-th picture to score with, none of which is ever trained on.
+    /// The `index`-th picture to score with, with one ball at most; none is ever trained on.
     pub fn scored(&self, index: usize) -> Drawing {
-        self.scenes.draw(self.input, seed(self.seed, SCORED, index))
+        self.scenes.draw(self.input, seed(self.seed, SCORED, index), 1)
     }
 }
 

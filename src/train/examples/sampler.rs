@@ -90,8 +90,9 @@ impl Sampler {
             labels: Labels::default(),
             windows,
         };
-        for picture in drawn {
+        for (index, picture) in drawn.into_iter().enumerate() {
             batch.pictures.extend(picture.values);
+            batch.labels.picture.push(index);
             batch.labels.image.push(picture.image);
             batch.labels.depth.push(picture.depth[0]);
             batch.labels.depth_weight.push(picture.depth[1]);

@@ -1,11 +1,14 @@
 //! Losses on the network's maps.
 
-use burn::tensor::{Device, Tensor, TensorData, activation::log_softmax};
+use burn::tensor::{Device, Int, Tensor, TensorData, activation::log_softmax};
 
 use super::super::examples::Labels;
 use super::super::recipe::HeatmapLoss;
+use crate::model::{CONFIDENCE_RADIUS, cell_centre, decode, weighted_depth};
 use crate::model::{PenConfig, PenOutput};
-use crate::model::{cell_centre, decode, weighted_depth};
+
+/// Added to a logit whose cell is not to count: its share is zero.
+const OUTSIDE: f32 = -1e4;
 
 /// The parts of the loss on the maps, each a scalar tensor `[1]`.
 #[derive(Debug, Clone)]
@@ -22,7 +25,8 @@ pub struct Losses {
 /// reads sizes the negative log-likelihood of log(radius) under its Laplace distribution.
 ///
 /// Depth is read out with the *target* heatmap's weights, so that it is taught where the ball is
-/// from the first step on. A picture without the ball is to give the same everywhere.
+/// from the first step on. A picture without the ball is to give the same everywhere; one with several balls, the same
+/// share to each.
 pub fn map_losses(
     output: PenOutput,
     labels: &Labels,
@@ -31,8 +35,18 @@ pub fn map_losses(
     transition: f64,
     with_centre: bool,
 ) -> Losses {
-    let [batch, height, width] = output.heatmap.dims();
     let device = output.heatmap.device();
+    let pictures = output.heatmap.dims()[0];
+    // Of each label its share of its picture.
+    let mut counts = vec![0.0; pictures];
+    labels.picture.iter().for_each(|&picture| counts[picture] += 1.0);
+    let shares: Vec<f64> = labels.picture.iter().map(|&picture| 1.0 / counts[picture]).collect();
+    let output = if labels.picture.len() == pictures { output } else { of_labels(output, &labels.picture) };
+    let [batch, height, width] = output.heatmap.dims();
+    let column = |values: &[f64]| {
+        let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
+        Tensor::<1>::from_data(TensorData::new(values, [batch]), &device)
+    };
     let centre = with_centre.then(|| centre_loss(output.clone(), labels, config));
     let target = gaussians(&labels.image, [height, width], config.output_stride(), loss, &device);
     // [batch, 1, 1]; a Gaussian around a label near the picture never sums to zero, and nothing is divided by 0
@@ -42,13 +56,10 @@ pub fn map_losses(
         HeatmapLoss::CrossEntropy { .. } => {
             let logits = output.heatmap.mul_scalar(config.heatmap.beta).reshape([batch, height * width]);
             let log_probability = log_softmax(logits, 1).reshape([batch, height, width]);
-            (log_probability * share.clone()).sum().neg().div_scalar(batch as f64)
+            let of_label = weighted_depth(log_probability, share.clone());
+            (of_label * column(&shares)).sum().neg().div_scalar(pictures as f64)
         }
         HeatmapLoss::Mse { amplitude, .. } => (output.heatmap - target.mul_scalar(amplitude)).powi_scalar(2).mean(),
-    };
-    let column = |values: &[f64]| {
-        let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
-        Tensor::<1>::from_data(TensorData::new(values, [batch]), &device)
     };
     let error = match output.log_scale {
         Some(log_scale) => {
@@ -63,10 +74,33 @@ pub fn map_losses(
     Losses { heatmap, depth, centre }
 }
 
-/// How far the decoded positions are from the labels along each axis, px: the mean over the pictures with a ball.
-fn centre_loss(output: PenOutput, labels: &Labels, config: &PenConfig) -> Tensor<1> {
+/// The maps of each label's picture.
+fn of_labels(output: PenOutput, pictures: &[usize]) -> PenOutput {
+    let indices: Vec<i32> = pictures.iter().map(|&picture| picture as i32).collect();
+    let indices = Tensor::<1, Int>::from_data(TensorData::new(indices, [pictures.len()]), &output.heatmap.device());
+    let maps = |map: Tensor<3>| map.select(0, indices.clone());
+    PenOutput { heatmap: maps(output.heatmap), depth: maps(output.depth), log_scale: output.log_scale.map(maps) }
+}
+
+/// How far the decoded positions are from the labels along each axis, px: the mean over the balls. Of a network that reads
+/// sizes as [`peaks`](crate::model::peaks) decodes: by what is near the label.
+fn centre_loss(mut output: PenOutput, labels: &Labels, config: &PenConfig) -> Tensor<1> {
     let batch = labels.image.len();
     let device = output.heatmap.device();
+    if config.depth.is_size() {
+        let [_, height, width] = output.heatmap.dims();
+        let stride = config.output_stride();
+        let far = |cell: usize, [x, y]: [f64; 2]| {
+            let [dx, dy] = [cell_centre(cell % width, stride) - x, cell_centre(cell / width, stride) - y];
+            dx.hypot(dy) > CONFIDENCE_RADIUS
+        };
+        let of_label = |label: &Option<[f64; 2]>| -> Vec<f32> {
+            let outside = |cell| label.is_some_and(|label| far(cell, label));
+            (0..height * width).map(|cell| if outside(cell) { OUTSIDE } else { 0.0 }).collect()
+        };
+        let mask: Vec<f32> = labels.image.iter().flat_map(of_label).collect();
+        output.heatmap = output.heatmap + Tensor::from_data(TensorData::new(mask, [batch, height, width]), &device);
+    }
     let values: Vec<f32> =
         labels.image.iter().flat_map(|label| label.unwrap_or_default().map(|at| at as f32)).collect();
     let there: Vec<f32> = labels.image.iter().flat_map(|label| [f32::from(u8::from(label.is_some())); 2]).collect();

@@ -129,7 +129,7 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
         let drawing = renderings.scored(index);
         let found = localiser.readings(&Picture::from_rgb(drawing.picture()), None, 1, false).await?.0;
         let Some(found) = found.first() else { continue };
-        let Some(ball) = drawing.ball else {
+        let Some(ball) = drawing.balls.first() else {
             empty.push(found.confidence);
             continue;
         };
@@ -139,7 +139,7 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
         for (number, within) in within.iter_mut().enumerate() {
             *within += usize::from(error.abs() <= (number + 1) as f64 * found.log_sigma);
         }
-        if drawing.visible >= WHOLLY && ball.radius >= COUNTED_RADIUS {
+        if ball.visible >= WHOLLY && ball.radius >= COUNTED_RADIUS {
             seen.push(found.confidence);
             counted.push(error.exp_m1().abs());
         }

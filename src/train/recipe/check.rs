@@ -1,6 +1,6 @@
 //! What a configuration may not say.
 
-use super::{Augmentation, FutureConfig, Recipe, Supervision};
+use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision};
 use crate::error::{Error, Result};
 use crate::model::check_input;
 
@@ -93,6 +93,9 @@ impl Recipe {
         }
         if self.supervision == Supervision::Rendered && !self.architecture(1.0).depth.is_size() {
             return refuse("network", "must read sizes with supervision \"rendered\": take \"compact-size\"".into());
+        }
+        if self.supervision == Supervision::Rendered && matches!(self.heatmap_loss(), HeatmapLoss::Mse { .. }) {
+            return refuse("heatmap_loss", "must be \"cross_entropy\" with supervision \"rendered\"".into());
         }
         if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
             return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());

@@ -33,6 +33,7 @@ pub(super) fn batch() -> Batch {
         pictures,
         size: [32, 64],
         labels: Labels {
+            picture: vec![0, 1],
             image: vec![Some([20.3, 11.8]), Some([47.1, 20.2])],
             depth: vec![7.0, 8.1],
             depth_weight: vec![1.0, 0.6],

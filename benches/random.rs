@@ -1,0 +1,145 @@
+//! How well a model that reads sizes does on renderings of random scenes it was not trained on, by size of the ball, and a
+//! sheet of the 24 worst: `cargo bench --bench random -- CARD PHOTOGRAPHS SHEET.png`.
+
+use std::path::Path;
+
+use burn::tensor::Device;
+use gravisight::internal::{Apparent, RandomScenes, read_photographs};
+use gravisight::{Camera, Card, LocaliseOptions, Localiser, Picture, Size};
+use image::{Rgb, RgbImage};
+use pollster::block_on;
+
+/// Pictures, and the seed of the first: a training's seeds come from a hash.
+const COUNT: u64 = 1000;
+const FIRST: u64 = 1 << 40;
+/// Side of the pictures, px.
+const SIDE: u32 = 256;
+/// Upper ends of the bins of radii, px.
+const BINS: [f64; 4] = [4.0, 10.0, 25.0, 60.0];
+/// Pictures of the sheet, and in a row of it.
+const SHEET: usize = 24;
+const COLUMNS: usize = 6;
+
+struct Scored {
+    picture: RgbImage,
+    ball: Apparent,
+    image: [f64; 2],
+    radius: f64,
+    confidence: f64,
+    sigmas: f64,
+}
+
+impl Scored {
+    fn error(&self) -> f64 {
+        (self.radius / self.ball.radius).ln().abs()
+    }
+
+    fn offset(&self) -> f64 {
+        (self.image[0] - self.ball.centre[0]).hypot(self.image[1] - self.ball.centre[1])
+    }
+
+    fn found(&self) -> bool {
+        self.offset() < self.ball.radius.max(2.0)
+    }
+
+    fn plain(&self) -> bool {
+        self.ball.visible > 0.98
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+}
+
+fn circle(picture: &mut RgbImage, [x, y]: [f64; 2], radius: f64, colour: Rgb<u8>) {
+    for step in 0..720 {
+        let (sin, cos) = f64::from(step).to_radians().sin_cos();
+        let (x, y) = (x + radius * cos, y + radius * sin);
+        if x >= 0.0 && y >= 0.0 && x < f64::from(picture.width()) && y < f64::from(picture.height()) {
+            picture.put_pixel(x as u32, y as u32, colour);
+        }
+    }
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let [card, photographs, sheet] = arguments.as_slice() else {
+        return println!("usage: cargo bench --bench random -- CARD PHOTOGRAPHS SHEET.png");
+    };
+    let path = Path::new(card);
+    let card = Card::from_json(&std::fs::read_to_string(path).unwrap(), card).unwrap();
+    let weights = std::fs::read(path.with_file_name(&card.weights)).unwrap();
+    let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
+    let scenes = RandomScenes::new(read_photographs(Path::new(photographs)).unwrap(), 0.1);
+    // A camera with which radius and depth are one another's inverse.
+    let camera = format!(
+        r#"{{"intrinsic": [[500, 0, {c}], [0, 500, {c}], [0, 0, 1]], 
+            "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "width": {SIDE}, "height": {SIDE}}}"#,
+        c = f64::from(SIDE) / 2.0 - 0.5
+    );
+    let camera = Camera::from_json(&camera, "camera").unwrap();
+    let options = LocaliseOptions { ball_radius: Some(0.1), ..LocaliseOptions::default() };
+    let (mut scored, mut empty) = (vec![], vec![]);
+    for seed in FIRST..FIRST + COUNT {
+        let drawing = scenes.draw(Size::square(SIDE), seed, 1);
+        let picture = drawing.picture();
+        let found = block_on(localiser.localise(&Picture::from_rgb(picture.clone()), &camera, options)).unwrap();
+        let Some(&ball) = drawing.balls.first() else {
+            empty.push(found.confidence);
+            continue;
+        };
+        let radius = found.radius_px.unwrap();
+        let sigma = found.depth_sigma.unwrap() / found.depth;
+        let sigmas = (radius / ball.radius).ln().abs() / sigma;
+        scored.push(Scored { picture, ball, image: found.image, radius, confidence: found.confidence, sigmas });
+    }
+    println!(
+        "{:>14} {:>6} {:>9} {:>9} {:>9} {:>8} {:>7} {:>7}",
+        "radius px", "balls", "not found", "radius %", "found's %", "2D px", "1 sigma", "2 sigma"
+    );
+    let mut from = 0.0;
+    for to in BINS {
+        for (name, plain) in [("seen wholly", true), ("covered", false)] {
+            let of: Vec<&Scored> =
+                scored.iter().filter(|it| (from..to).contains(&it.ball.radius) && it.plain() == plain).collect();
+            let all = of.len().max(1) as f64;
+            let share = |test: &dyn Fn(&Scored) -> bool| 100.0 * of.iter().filter(|it| test(it)).count() as f64 / all;
+            println!(
+                "{from:>4}-{to:<4} {name:<12} {:>5} {:>8.1}% {:>9.2} {:>9.2} {:>8.2} {:>6.0}% {:>6.0}%",
+                of.len(),
+                share(&|it| !it.found()),
+                100.0 * median(of.iter().map(|it| it.error()).collect()),
+                100.0 * median(of.iter().filter(|it| it.found()).map(|it| it.error()).collect()),
+                median(of.iter().map(|it| it.offset()).collect()),
+                share(&|it| it.sigmas <= 1.0),
+                share(&|it| it.sigmas <= 2.0),
+            );
+        }
+        from = to;
+    }
+    let mut sure: Vec<f64> =
+        scored.iter().filter(|it| it.plain() && it.ball.radius >= 4.0).map(|it| it.confidence).collect();
+    sure.sort_by(f64::total_cmp);
+    empty.sort_by(f64::total_cmp);
+    for lost in [0.01, 0.02, 0.05, 0.1] {
+        let threshold = sure[(lost * sure.len() as f64) as usize];
+        let taken = empty.iter().filter(|&&confidence| confidence >= threshold).count();
+        println!(
+            "threshold {threshold:.3}: loses {:.0} % of the balls from 4 px on, takes {taken} of {} pictures without one",
+            100.0 * lost,
+            empty.len()
+        );
+    }
+    scored.retain(|it| it.plain() && it.ball.radius >= 4.0);
+    scored.sort_by(|a, b| b.error().total_cmp(&a.error()));
+    let mut worst = RgbImage::new(COLUMNS as u32 * SIDE, (SHEET / COLUMNS) as u32 * SIDE);
+    for (index, mut it) in scored.into_iter().take(SHEET).enumerate() {
+        let (ball, image, radius) = (it.ball, it.image, it.radius);
+        circle(&mut it.picture, ball.centre, ball.radius + 3.0, Rgb([0, 255, 0]));
+        circle(&mut it.picture, image, radius, Rgb([255, 0, 0]));
+        let (x, y) = (index % COLUMNS * SIDE as usize, index / COLUMNS * SIDE as usize);
+        image::imageops::replace(&mut worst, &it.picture, x as i64, y as i64);
+    }
+    worst.save(sheet).unwrap();
+}
