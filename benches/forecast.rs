@@ -63,8 +63,8 @@ fn main() {
         ("penalty", paper.clone(), 0.0, 100.0),
         ("spring", Contact::Spring { stiffness: 1000.0 }, 0.0, 100.0),
         ("spring, drag", Contact::Spring { stiffness: 1000.0 }, 0.4, 100.0),
-        ("bounce", Contact::Bounce { restitution: 0.8, friction: 0.2 }, 0.0, 10.0),
-        ("bounce, drag", Contact::Bounce { restitution: 0.8, friction: 0.2 }, 0.4, f64::INFINITY),
+        ("bounce", Contact::bounce(0.8, 0.2), 0.0, 10.0),
+        ("bounce, drag", Contact::bounce(0.8, 0.2), 0.4, f64::INFINITY),
     ];
     let integrator = Integrator::DormandPrince { rtol: RTOL, atol: RTOL };
     let options = ForecastOptions { integrator, ..ForecastOptions::default() };

@@ -69,7 +69,9 @@ pub use self::localise::{Candidate, Localisation, LocaliseOptions, Localiser, Ma
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Potential, Scene, State};
 pub use self::size::Size;
-pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, propose_labels};
+pub use self::track::{
+    Fit, FitOptions, Flight, Hit, LabelOptions, Observation, Parameter, Proposal, Track, propose_labels,
+};
 pub use self::train::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};

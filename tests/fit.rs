@@ -44,7 +44,7 @@ fn observed(track: &Track, sigma: f64, gaps: f64) -> Vec<Observation> {
         let [x, y] = track.image[k];
         let seen = track.visible[k] && 0.5 * (missing[k] + 1.0) >= gaps;
         let image = seen.then(|| Point2::new(x + sigma * noise[2 * k], y + sigma * noise[2 * k + 1]));
-        Observation { time: k as f64 / track.fps, image }
+        Observation { time: k as f64 / track.fps, image, radius: None }
     };
     (0..track.image.len()).map(frame).collect()
 }

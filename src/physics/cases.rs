@@ -1,10 +1,10 @@
 //! Files of forecast cases: systems in the paper's own terms, starts and times (the schema of the
 //! reference trajectories).
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
 use serde::Deserialize;
 
-use super::scene::{Contact, Cuboid, Floor, Scene, Spring, Wall};
+use super::scene::{Contact, Cuboid, Floor, Rotation, Scene, Spring, Wall};
 use super::state::State;
 use crate::error::{Error, Result};
 
@@ -83,18 +83,21 @@ impl Case {
 
     fn from_file(case: CaseFile, what: &str) -> Result<Self> {
         let system = &case.system;
-        let cuboid = |block: &Block| -> Result<Cuboid> {
-            let [x, y, z] = block.p;
-            let [row, other, last] = block.rotation;
-            let upright = last == [0.0, 0.0, 1.0] && row[2] == 0.0 && other[2] == 0.0;
-            let turns = (row[0] - other[1]).abs() < 1e-9 && (row[1] + other[0]).abs() < 1e-9;
-            if !(upright && turns && (row[0].hypot(row[1]) - 1.0).abs() < 1e-9) {
-                let field = format!("case `{}`: system.obstacles.R", case.name);
-                return Err(Error::value(what, field, "must be a rotation about z"));
+        let cuboid = |block: &Block| {
+            let half_size = [block.l, block.w, block.h / 2.0];
+            // world_from_box is the transposed rotation; the block's own origin is in its lower face
+            let turn = Matrix3::from_fn(|row, column| block.rotation[column][row]);
+            let position = (Vector3::from(block.p) + turn.column(2) * half_size[2]).into();
+            let [first, second, last] = block.rotation;
+            let upright = last == [0.0, 0.0, 1.0] && first[2] == 0.0 && second[2] == 0.0;
+            let turns = (first[0] - second[1]).abs() < 1e-9 && (first[1] + second[0]).abs() < 1e-9;
+            match upright && turns {
+                true => Cuboid::upright(position, half_size, first[1].atan2(first[0])),
+                false => {
+                    let rotation = std::array::from_fn(|row| std::array::from_fn(|column| turn[(row, column)]));
+                    Cuboid { position, half_size, yaw: 0.0, rotation: Some(Rotation::Matrix(rotation)) }
+                }
             }
-            // world_from_box is the transposed rotation
-            let yaw = block.rotation[0][1].atan2(block.rotation[0][0]);
-            Ok(Cuboid { position: [x, y, z + block.h / 2.0], half_size: [block.l, block.w, block.h / 2.0], yaw })
         };
         let wall = |position: f64, axis: usize, sign: f64| {
             let (mut point, mut normal) = ([0.0; 3], [0.0; 3]);
@@ -108,7 +111,7 @@ impl Case {
         // the paper's spring hangs in empty space
         scene.floor = (system.floor && system.spring.is_none()).then_some(Floor { height: 0.0 });
         scene.walls = x.into_iter().chain(y).collect();
-        scene.boxes = system.obstacles.iter().map(cuboid).collect::<Result<_>>()?;
+        scene.boxes = system.obstacles.iter().map(cuboid).collect();
         if let Some(spring) = &system.spring {
             scene.ball.mass = spring.m;
             scene.spring = Some(Spring { stiffness: spring.k, anchor: [0.0; 3] });

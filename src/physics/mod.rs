@@ -15,10 +15,13 @@ mod state;
 mod tests;
 
 pub use self::cases::Case;
+pub(crate) use self::contact::Rigid;
 pub use self::force::Potential;
+pub(crate) use self::force::air_coefficients;
 pub(crate) use self::forecast::Transition;
 pub(crate) use self::forecast::columns::{Column, column, part};
 pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Status};
+pub(crate) use self::obstacle::Obstacle;
 pub use self::scene::{Contact, Scene};
 #[cfg(test)]
 pub(crate) use self::scene::{Cuboid, Floor, Spring, Wall};

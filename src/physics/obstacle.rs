@@ -36,8 +36,8 @@ pub(crate) struct Obstacle {
 pub(crate) enum Shape {
     /// The half-space below `normal · r = offset`.
     Plane { normal: Vector3<f64>, offset: f64 },
-    /// A box; `cos`, `sin` of its yaw.
-    Cuboid { centre: Vector3<f64>, half: Vector3<f64>, cos: f64, sin: f64 },
+    /// A box; `turn` is world_from_box.
+    Cuboid { centre: Vector3<f64>, half: Vector3<f64>, turn: Matrix3<f64> },
 }
 
 /// The nearest point of an obstacle, seen from a point r.
@@ -64,9 +64,8 @@ impl Obstacle {
             Self { surface: Surface::Wall(index), shape: Shape::Plane { normal, offset } }
         });
         let boxes = scene.boxes.iter().enumerate().map(|(index, cuboid)| {
-            let (sin, cos) = cuboid.yaw.sin_cos();
-            let (centre, half) = (cuboid.position.into(), cuboid.half_size.into());
-            Self { surface: Surface::Box(index), shape: Shape::Cuboid { centre, half, cos, sin } }
+            let (centre, half, turn) = (cuboid.position.into(), cuboid.half_size.into(), cuboid.world_from_box());
+            Self { surface: Surface::Box(index), shape: Shape::Cuboid { centre, half, turn } }
         });
         floor.chain(walls).chain(boxes).collect()
     }
@@ -76,8 +75,8 @@ impl Obstacle {
     pub fn distance(&self, r: &Vector3<f64>) -> f64 {
         match &self.shape {
             Shape::Plane { normal, offset } => normal.dot(r) - offset,
-            Shape::Cuboid { centre, half, cos, sin } => {
-                let beyond = into_box(r - centre, *cos, *sin).abs() - half;
+            Shape::Cuboid { centre, half, turn } => {
+                let beyond = into_box(r - centre, turn).abs() - half;
                 let outside = beyond.map(|d| d.max(0.0)).norm();
                 if outside > 0.0 { outside } else { beyond.max() }
             }
@@ -91,8 +90,8 @@ impl Obstacle {
             Shape::Plane { normal, offset } => {
                 Nearest { distance: normal.dot(r) - offset, normal: *normal, curvature: Matrix3::zeros() }
             }
-            Shape::Cuboid { centre, half, cos, sin } => {
-                let local = into_box(r - centre, *cos, *sin);
+            Shape::Cuboid { centre, half, turn } => {
+                let local = into_box(r - centre, turn);
                 let beyond = local.abs() - half;
                 let outside = beyond.map(|d| d.max(0.0));
                 let distance = outside.norm();
@@ -101,17 +100,16 @@ impl Obstacle {
                     let axis = beyond.imax();
                     let mut normal = Vector3::zeros();
                     normal[axis] = sign(axis);
-                    let normal = out_of_box(normal, *cos, *sin);
+                    let normal = out_of_box(normal, turn);
                     return Nearest { distance: beyond[axis], normal, curvature: Matrix3::zeros() };
                 }
                 let n = Vector3::from_fn(|axis, _| sign(axis) * outside[axis] / distance);
-                let normal = out_of_box(n, *cos, *sin);
+                let normal = out_of_box(n, turn);
                 let crossed = outside.iter().filter(|&&d| d > 0.0).count();
                 let curvature = match crossed {
                     1 => Matrix3::zeros(),
                     _ => {
                         let across = Matrix3::from_diagonal(&outside.map(|d| f64::from(u8::from(d > 0.0))));
-                        let turn = rotation(*cos, *sin);
                         turn * ((across - n * n.transpose()) / distance) * turn.transpose()
                     }
                 };
@@ -121,20 +119,14 @@ impl Obstacle {
     }
 }
 
-/// Box axes from world axes.
+/// Box axes from world axes, by world_from_box.
 #[inline]
-pub(crate) fn into_box(v: Vector3<f64>, cos: f64, sin: f64) -> Vector3<f64> {
-    Vector3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z)
+pub(crate) fn into_box(v: Vector3<f64>, turn: &Matrix3<f64>) -> Vector3<f64> {
+    turn.tr_mul(&v)
 }
 
-/// World axes from box axes.
+/// World axes from box axes, by world_from_box.
 #[inline]
-pub(crate) fn out_of_box(v: Vector3<f64>, cos: f64, sin: f64) -> Vector3<f64> {
-    Vector3::new(cos * v.x - sin * v.y, cos * v.y + sin * v.x, v.z)
-}
-
-/// world_from_box.
-#[inline]
-pub(crate) fn rotation(cos: f64, sin: f64) -> Matrix3<f64> {
-    Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+pub(crate) fn out_of_box(v: Vector3<f64>, turn: &Matrix3<f64>) -> Vector3<f64> {
+    turn * v
 }

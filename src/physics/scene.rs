@@ -1,6 +1,6 @@
 //! `scene.json` (FORMATS.md): what the physics needs to know of a place and its ball.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::state::State;
@@ -27,7 +27,7 @@ pub struct Scene {
     /// Infinite planes.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub walls: Vec<Wall>,
-    /// Boxes that stand upright.
+    /// Boxes in any orientation.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub boxes: Vec<Cuboid>,
     /// A linear spring between the ball's centre and a fixed point.
@@ -60,6 +60,12 @@ pub struct Ball {
     /// Rate at which the spin decays in flight, 1/s; 0: constant.
     #[serde(default)]
     pub spin_decay: f64,
+    /// Standard deviation of each component of a spin that is not known, rad/s; what the ball's surface reaches where absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spin_sigma: Option<f64>,
+    /// Standard deviation of the drag coefficient, as a share of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub drag_sigma: Option<f64>,
     /// Moment of inertia / (mass·radius²): 2/5 for a solid ball, 2/3 for a hollow one.
     #[serde(default = "solid_ball")]
     pub inertia_factor: f64,
@@ -96,6 +102,12 @@ pub enum Contact {
         /// Coulomb's coefficient for the tangential impulse at the contact point.
         #[serde(default)]
         friction: f64,
+        /// Standard deviation of the restitution from one bounce to another, as a share of it.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        restitution_sigma: Option<f64>,
+        /// The same of what friction does to the velocity, as a share of the closing speed.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        friction_sigma: Option<f64>,
     },
 }
 
@@ -119,7 +131,7 @@ pub struct Wall {
     pub normal: [f64; 3],
 }
 
-/// A box, turned about z.
+/// A box.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(deny_unknown_fields)]
@@ -128,9 +140,57 @@ pub struct Cuboid {
     pub position: [f64; 3],
     /// Half its extent along its own axes, m.
     pub half_size: [f64; 3],
-    /// Angle from world x to its own x, about z, rad.
-    #[serde(default)]
+    /// Angle from world x to its own x, about z, rad; of a box that stands upright.
+    #[serde(default, skip_serializing_if = "is_zero_angle")]
     pub yaw: f64,
+    /// Its orientation in place of `yaw`: a ramp, a tilted board.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rotation: Option<Rotation>,
+}
+
+/// The orientation of a box: from its own axes to the world's.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[serde(untagged)]
+pub enum Rotation {
+    /// w, x, y, z; of any length.
+    Quaternion([f64; 4]),
+    /// By row.
+    Matrix([[f64; 3]; 3]),
+}
+
+impl Rotation {
+    /// Largest departure of a rotation's columns from being of length 1 and perpendicular.
+    const CROOKED: f64 = 1e-6;
+
+    /// The matrix; of a quaternion without length none that is finite.
+    fn matrix(self) -> Matrix3<f64> {
+        match self {
+            Self::Quaternion([w, x, y, z]) => {
+                *UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z)).to_rotation_matrix().matrix()
+            }
+            Self::Matrix(rows) => Matrix3::from_fn(|row, column| rows[row][column]),
+        }
+    }
+
+    fn is_proper(self) -> bool {
+        let matrix = self.matrix();
+        (matrix.tr_mul(&matrix) - Matrix3::identity()).amax() < Self::CROOKED && matrix.determinant() > 0.0
+    }
+}
+
+impl Cuboid {
+    /// One that stands upright, its own x `yaw` rad from the world's.
+    pub fn upright(position: [f64; 3], half_size: [f64; 3], yaw: f64) -> Self {
+        Self { position, half_size, yaw, rotation: None }
+    }
+
+    /// Its own axes in the world's.
+    pub fn world_from_box(&self) -> Matrix3<f64> {
+        let (sin, cos) = self.yaw.sin_cos();
+        let upright = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        self.rotation.map_or(upright, Rotation::matrix)
+    }
 }
 
 /// A spring that obeys Hooke's law.
@@ -145,10 +205,17 @@ pub struct Spring {
     pub anchor: [f64; 3],
 }
 
+impl Contact {
+    /// A rigid sphere's, known exactly.
+    pub const fn bounce(restitution: f64, friction: f64) -> Self {
+        Self::Bounce { restitution, friction, restitution_sigma: None, friction_sigma: None }
+    }
+}
+
 impl Default for Contact {
     /// The ideal: rigid, without loss or friction.
     fn default() -> Self {
-        Self::Bounce { restitution: 1.0, friction: 0.0 }
+        Self::bounce(1.0, 0.0)
     }
 }
 
@@ -185,6 +252,10 @@ fn sphere_stiffness() -> f64 {
     1000.0
 }
 
+fn is_zero_angle(angle: &f64) -> bool {
+    *angle == 0.0
+}
+
 fn is_zero(vector: &[f64; 3]) -> bool {
     *vector == [0.0; 3]
 }
@@ -200,6 +271,8 @@ impl Scene {
             air_density: air_density(),
             spin: [0.0; 3],
             spin_decay: 0.0,
+            spin_sigma: None,
+            drag_sigma: None,
             inertia_factor: solid_ball(),
         };
         Self { gravity, ball, contact: Contact::default(), floor: None, walls: vec![], boxes: vec![], spring: None }
@@ -268,6 +341,9 @@ impl Scene {
         not_negative("ball.air_density".into(), ball.air_density)?;
         finite("ball.spin".into(), &ball.spin)?;
         not_negative("ball.spin_decay".into(), ball.spin_decay)?;
+        for (field, sigma) in [("spin_sigma", ball.spin_sigma), ("drag_sigma", ball.drag_sigma)] {
+            sigma.map_or(Ok(()), |sigma| positive(format!("ball.{field}"), sigma))?;
+        }
         within("ball.inertia_factor".into(), ball.inertia_factor, 1e-3, 1.0, "between 0.001 and 1")?;
         match self.contact {
             Contact::Penalty { c, beta, beta_box } => {
@@ -276,7 +352,10 @@ impl Scene {
                 positive("contact.beta_box".into(), beta_box)?;
             }
             Contact::Spring { stiffness } => positive("contact.stiffness".into(), stiffness)?,
-            Contact::Bounce { restitution, friction } => {
+            Contact::Bounce { restitution, friction, restitution_sigma, friction_sigma } => {
+                for (field, sigma) in [("restitution_sigma", restitution_sigma), ("friction_sigma", friction_sigma)] {
+                    sigma.map_or(Ok(()), |sigma| positive(format!("contact.{field}"), sigma))?;
+                }
                 within("contact.restitution".into(), restitution, 0.0, 1.0, "between 0 and 1")?;
                 not_negative("contact.friction".into(), friction)?;
             }
@@ -293,6 +372,18 @@ impl Scene {
         for (index, cuboid) in self.boxes.iter().enumerate() {
             finite(format!("boxes[{index}].position"), &cuboid.position)?;
             finite(format!("boxes[{index}].yaw"), &[cuboid.yaw])?;
+            if let Some(rotation) = cuboid.rotation {
+                let refuse = |reason: &str| Err(Error::value(what, format!("boxes[{index}].rotation"), reason));
+                if cuboid.yaw != 0.0 {
+                    return refuse("is given beside a yaw; take one of them");
+                }
+                if !rotation.is_proper() {
+                    return refuse(
+                        "must be a rotation: a quaternion [w, x, y, z], or a 3×3 matrix (rows) of determinant 1 whose columns are \
+                         of length 1 and perpendicular",
+                    );
+                }
+            }
             for half in cuboid.half_size {
                 positive(format!("boxes[{index}].half_size"), half)?;
             }

@@ -67,6 +67,12 @@ impl TrackPoint {
         let image = Point2::new(self.x?, self.y?);
         (self.visibility > 0 && image.x.is_finite() && image.y.is_finite()).then_some(image)
     }
+
+    /// Radius of the ball's picture and its standard deviation (where the file has none, the larger of 5 % and 0.3 px), px.
+    pub fn size(&self) -> Option<[f64; 2]> {
+        let radius = self.radius.filter(|&radius| radius > 0.0 && self.image().is_some())?;
+        Some([radius, self.radius_sigma.filter(|&sigma| sigma > 0.0).unwrap_or((0.05 * radius).max(0.3))])
+    }
 }
 
 impl Track {
@@ -156,11 +162,11 @@ impl Track {
                         None => between as f64 / fps.unwrap_or(1.0),
                     };
                     frames.push(between);
-                    observations.push(Observation { time, image: None });
+                    observations.push(Observation { time, ..Observation::default() });
                 }
             }
             frames.push(point.frame);
-            observations.push(Observation { time: now, image: point.image() });
+            observations.push(Observation { time: now, image: point.image(), radius: point.size() });
         }
         Ok((frames, observations))
     }

@@ -6,4 +6,4 @@ mod fit;
 
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
-pub use self::fit::{Fit, FitOptions, FittedFrame, Observation, Parameter};
+pub use self::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};

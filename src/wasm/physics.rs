@@ -159,8 +159,10 @@ fn fit(frames: &str, camera: &str, scene: &str, noise_px: Option<f64>, estimate:
         })
     };
     let estimate = estimate.iter().map(parameter).collect::<Result<Vec<_>>>()?;
-    let observations: Vec<Observation> =
-        frames.iter().map(|frame| Observation { time: frame.t, image: frame.image.map(Point2::from) }).collect();
+    let observations: Vec<Observation> = frames
+        .iter()
+        .map(|frame| Observation { time: frame.t, image: frame.image.map(Point2::from), radius: None })
+        .collect();
     let forecaster = Forecaster::new(&Scene::from_json(scene, "scene")?)?;
     let options = FitOptions { noise_px, estimate, ..FitOptions::default() };
     let fit = forecaster.fit(&Camera::from_json(camera, "camera")?, &observations, &options)?;

@@ -7,6 +7,7 @@ mod spring;
 use nalgebra::Vector3;
 
 use self::bounce::Bounce;
+pub(crate) use self::bounce::Rigid;
 use self::penalty::Penalty;
 use self::spring::Elastic;
 use super::force::Partials;
@@ -71,7 +72,7 @@ impl Contacts {
         match scene.contact {
             Contact::Penalty { c, beta, beta_box } => Self::Penalty(Penalty::new(scene, c, beta, beta_box)),
             Contact::Spring { stiffness } => Self::Elastic(Elastic::new(scene, stiffness)),
-            Contact::Bounce { restitution, friction } => Self::Bounce(Bounce::new(scene, restitution, friction)),
+            Contact::Bounce { restitution, friction, .. } => Self::Bounce(Bounce::new(scene, restitution, friction)),
         }
     }
 

@@ -9,7 +9,7 @@ use crate::physics::forecast::columns::Columns;
 use crate::physics::forecast::guard::Depth;
 use crate::physics::forecast::integrate::{Flow, Integrator};
 use crate::physics::forecast::run::Run;
-use crate::physics::obstacle::{Obstacle, Shape, Surface, into_box, out_of_box, rotation};
+use crate::physics::obstacle::{Obstacle, Shape, Surface, into_box, out_of_box};
 use crate::physics::scene::Scene;
 
 /// Where a sigmoid's tail is below the rounding of the accelerations (e⁻⁴⁰).
@@ -94,7 +94,7 @@ impl Penalty {
         &self,
         local: &Vector3<f64>,
         half: &Vector3<f64>,
-        (cos, sin): (f64, f64),
+        turn: &Matrix3<f64>,
         partials: Option<&mut Partials>,
     ) -> Vector3<f64> {
         if (local.abs() - half).max() * self.beta_box > SIGMOID_TAIL {
@@ -108,10 +108,9 @@ impl Penalty {
             let [ddx, ddy, ddz] = pulses.map(|[_, _, bend]| bend);
             let (xy, xz, yz) = (dx * dy * z, dx * y * dz, x * dy * dz);
             let hessian = Matrix3::new(ddx * y * z, xy, xz, xy, x * ddy * z, yz, xz, yz, x * y * ddz);
-            let turn = rotation(cos, sin);
             partials.position -= scale * (turn * hessian * turn.transpose());
         }
-        -out_of_box(scale * Vector3::new(dx * y * z, x * dy * z, x * y * dz), cos, sin)
+        -out_of_box(scale * Vector3::new(dx * y * z, x * dy * z, x * y * dz), turn)
     }
 }
 
@@ -148,9 +147,7 @@ impl Model for Penalty {
                 Shape::Plane { normal, offset } => {
                     self.plane(obstacle.surface, normal, normal.dot(r) - offset, partials)
                 }
-                Shape::Cuboid { centre, half, cos, sin } => {
-                    self.cuboid(&into_box(r - centre, *cos, *sin), half, (*cos, *sin), partials)
-                }
+                Shape::Cuboid { centre, half, turn } => self.cuboid(&into_box(r - centre, turn), half, turn, partials),
             };
         }
         a
@@ -165,8 +162,8 @@ impl Model for Penalty {
                 let down = if obstacle.surface == Surface::Floor { -gravity.dot(normal) } else { 0.0 };
                 c * softplus(-beta * height) / beta + down * (softplus(beta * height) / beta - normal.dot(r))
             }
-            Shape::Cuboid { centre, half, cos, sin } => {
-                let local = into_box(r - centre, *cos, *sin);
+            Shape::Cuboid { centre, half, turn } => {
+                let local = into_box(r - centre, turn);
                 let pulses = [0, 1, 2].map(|axis| pulse(local[axis], half[axis], *beta_box)[0]);
                 c / beta_box * pulses.iter().product::<f64>()
             }

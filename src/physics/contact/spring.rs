@@ -127,8 +127,8 @@ impl Elastic {
             return None; // the centre enters, where another face may be nearer
         }
         let mut duration = release.min(run.time_left());
-        if let Shape::Cuboid { centre, half, cos, sin } = &obstacle.shape {
-            let beyond = |t: f64| into_box(arc.at(&head, t).position() - centre, *cos, *sin).abs() - half;
+        if let Shape::Cuboid { centre, half, turn } = &obstacle.shape {
+            let beyond = |t: f64| into_box(arc.at(&head, t).position() - centre, turn).abs() - half;
             let (before, after) = (beyond(0.0), beyond(duration));
             for axis in (0..3).filter(|&axis| before[axis] < 0.0 && after[axis] > 0.0) {
                 duration = duration.min(duration * crossing(|theta| beyond(duration * theta)[axis], true));

@@ -16,21 +16,22 @@ pub(super) struct Drag(f64);
 #[derive(Debug)]
 pub(super) struct Lift(f64);
 
-/// ½ρA/m, 1/m.
-fn pressure(ball: &Ball) -> f64 {
-    0.5 * ball.air_density * PI * ball.radius.powi(2) / ball.mass
+/// c of the drag `−c·|v|·v`, 1/m, and of the Magnus force `c·ω×v`.
+pub fn air_coefficients(ball: &Ball) -> [f64; 2] {
+    let pressure = 0.5 * ball.air_density * PI * ball.radius.powi(2) / ball.mass;
+    [pressure * ball.drag_coefficient, pressure * ball.radius * ball.lift_coefficient]
 }
 
 impl Drag {
     pub fn of(scene: &Scene) -> Option<Arc<dyn Force>> {
-        let drag = pressure(&scene.ball) * scene.ball.drag_coefficient;
+        let [drag, _] = air_coefficients(&scene.ball);
         (drag != 0.0).then(|| Arc::new(Self(drag)) as _)
     }
 }
 
 impl Lift {
     pub fn of(scene: &Scene) -> Option<Arc<dyn Force>> {
-        let lift = pressure(&scene.ball) * scene.ball.radius * scene.ball.lift_coefficient;
+        let [_, lift] = air_coefficients(&scene.ball);
         (lift != 0.0).then(|| Arc::new(Self(lift)) as _)
     }
 }

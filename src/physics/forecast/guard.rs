@@ -42,12 +42,12 @@ pub(crate) struct Depth {
 fn ways_out(obstacle: &Obstacle, r: &Vector3<f64>, target: f64) -> Vec<(Vector3<f64>, Matrix3<f64>)> {
     let along = |n: Vector3<f64>, distance: f64| ((target - distance) * n, -n * n.transpose());
     match &obstacle.shape {
-        Shape::Cuboid { centre, half, cos, sin } if obstacle.distance(r) <= 0.0 => {
-            let local = into_box(r - centre, *cos, *sin);
+        Shape::Cuboid { centre, half, turn } if obstacle.distance(r) <= 0.0 => {
+            let local = into_box(r - centre, turn);
             let faces = (0..3).flat_map(|axis| [(axis, 1.0), (axis, -1.0)]);
             let mut ways: Vec<_> = faces
                 .map(|(axis, sign)| {
-                    let n = out_of_box(Vector3::ith(axis, sign), *cos, *sin);
+                    let n = out_of_box(Vector3::ith(axis, sign), turn);
                     along(n, sign * local[axis] - half[axis])
                 })
                 .collect();

@@ -62,7 +62,7 @@ fn closed_forms_and_integrators_agree() {
     let mut orbit = scene(ELASTIC, 0.0, 0.1);
     (orbit.floor, orbit.spring) = (None, Some(Spring { stiffness: 3.0, anchor: [0.1, 0.2, 0.3] }));
     let mut box_ = scene(SOFT, 1.0, 0.2);
-    box_.boxes = vec![Cuboid { position: [0.3, 0.0, 0.2], half_size: [0.5, 0.4, 0.3], yaw: 0.4 }];
+    box_.boxes = vec![Cuboid::upright([0.3, 0.0, 0.2], [0.5, 0.4, 0.3], 0.4)];
     let times: Vec<f64> = (1..=40).map(|frame| f64::from(frame) / 15.0).collect();
     for scene in [orbit, scene(ELASTIC, 1.0, 0.2), scene(SOFT, 1.0, 0.2), box_] {
         let start = state([0.2, -0.1, 1.5], [0.3, 0.2, -0.4]);
@@ -98,7 +98,7 @@ fn energy_is_kept_over_a_hundred_bounces() {
         Wall { point: [-1.0, 0.0, 0.0], normal: [1.0, 0.0, 0.0] },
         Wall { point: [1.0, 0.0, 0.0], normal: [-1.0, 0.0, 0.0] },
     ];
-    room.boxes = vec![Cuboid { position: [0.0, 0.0, 0.1], half_size: [0.2, 0.3, 0.1], yaw: 0.3 }];
+    room.boxes = vec![Cuboid::upright([0.0, 0.0, 0.1], [0.2, 0.3, 0.1], 0.3)];
     let start = state([-0.5, 0.05, 1.0], [1.7, 0.0, 0.3]);
     for (contact, closed_forms) in [
         (ELASTIC, true),
@@ -143,7 +143,7 @@ fn the_contact_time_changes_as_the_implicit_function_theorem_says() {
 
 #[test]
 fn a_dropped_ball_rebounds_with_its_restitution_and_grips_with_its_friction() {
-    let ball = scene(Contact::Bounce { restitution: 0.75, friction: 0.2 }, 9.81, 0.1);
+    let ball = scene(Contact::bounce(0.75, 0.2), 9.81, 0.1);
     let after = |v: [f64; 3], spin: [f64; 3]| {
         let mut ball = ball.clone();
         ball.ball.spin = spin;
@@ -163,7 +163,7 @@ fn a_dropped_ball_rebounds_with_its_restitution_and_grips_with_its_friction() {
 
 #[test]
 fn a_ball_on_the_floor_stays_there() {
-    for contact in [ELASTIC, Contact::Bounce { restitution: 0.5, friction: 0.3 }] {
+    for contact in [ELASTIC, Contact::bounce(0.5, 0.3)] {
         let forecast = forecaster(&scene(contact, 9.81, 0.1), tight())
             .forecast_with_jacobians(&state([1.0, 2.0, 0.1], [0.0; 3]), &[1.0, 10.0]);
         assert_eq!(forecast.status, Status::Ok);
@@ -178,7 +178,7 @@ fn a_ball_on_the_floor_stays_there() {
 
 #[test]
 fn bounces_end_in_rolling_without_counting_them_all() {
-    let forecaster = forecaster(&scene(Contact::Bounce { restitution: 0.7, friction: 0.4 }, 9.81, 0.1), tight());
+    let forecaster = forecaster(&scene(Contact::bounce(0.7, 0.4), 9.81, 0.1), tight());
     let forecast = forecaster.forecast_with_jacobians(&state([0.0, 0.0, 1.0], [2.0, 0.5, 0.0]), &[5.0, 6.0, 7.0]);
     assert_eq!(forecast.status, Status::Ok);
     assert!((10..60).contains(&forecast.impacts.len()), "{}", forecast.impacts.len());
@@ -190,8 +190,8 @@ fn bounces_end_in_rolling_without_counting_them_all() {
 
 #[test]
 fn a_ball_rolls_off_a_table_and_falls() {
-    let mut room = scene(Contact::Bounce { restitution: 0.6, friction: 0.3 }, 9.81, 0.05);
-    room.boxes = vec![Cuboid { position: [0.0, 0.0, 0.4], half_size: [0.5, 0.5, 0.4], yaw: 0.0 }];
+    let mut room = scene(Contact::bounce(0.6, 0.3), 9.81, 0.05);
+    room.boxes = vec![Cuboid::upright([0.0, 0.0, 0.4], [0.5, 0.5, 0.4], 0.0)];
     for speed in [0.2, 1.5] {
         let forecast = forecaster(&room, tight()).forecast(&state([0.0, 0.1, 0.85], [speed, 0.0, 0.0]), &[0.1, 10.0]);
         assert_eq!(forecast.status, Status::Ok, "{speed}");
@@ -205,7 +205,7 @@ fn a_ball_rolls_off_a_table_and_falls() {
 fn a_ball_slides_down_a_slope_as_friction_lets_it() {
     // 45°, µ = 0.2: slides with g(sin − µ cos); µ = 1: rolls with g·sin·5/7
     let slope = |friction: f64| {
-        let mut hill = scene(Contact::Bounce { restitution: 0.5, friction }, 9.81, 0.1);
+        let mut hill = scene(Contact::bounce(0.5, friction), 9.81, 0.1);
         hill.floor = None;
         hill.walls = vec![Wall { point: [0.0; 3], normal: [1.0, 0.0, 1.0] }];
         let n = Vector3::new(1.0, 0.0, 1.0).normalize() * 0.1;
@@ -219,11 +219,11 @@ fn a_ball_slides_down_a_slope_as_friction_lets_it() {
 
 #[test]
 fn a_ball_rolls_over_the_seam_of_two_flush_boxes() {
-    let mut table = scene(Contact::Bounce { restitution: 0.5, friction: 0.3 }, 9.81, 0.1);
-    let tile = |x: f64| Cuboid { position: [x, 0.0, -0.5], half_size: [0.5; 3], yaw: 0.0 };
+    let mut table = scene(Contact::bounce(0.5, 0.3), 9.81, 0.1);
+    let tile = |x: f64| Cuboid::upright([x, 0.0, -0.5], [0.5; 3], 0.0);
     table.boxes = vec![tile(1.0), tile(2.0)];
     for friction in [0.0, 0.3] {
-        table.contact = Contact::Bounce { restitution: 0.5, friction };
+        table.contact = Contact::bounce(0.5, friction);
         let rolling = state([0.0, 0.0, 0.1], [1.0, 0.0, 0.0]);
         let forecast = forecaster(&table, tight()).forecast_with_jacobians(&rolling, &[0.4, 1.0, 2.0, 3.0]);
         assert_eq!(forecast.status, Status::Ok, "{friction}");
@@ -237,7 +237,7 @@ fn a_ball_rolls_over_the_seam_of_two_flush_boxes() {
 #[test]
 fn a_rolling_ball_slips_where_its_grip_fails_and_loses_energy() {
     // tethered on a rough floor: Coulomb friction on a solid sphere, integrated here by small steps
-    let mut tethered = scene(Contact::Bounce { restitution: 0.5, friction: 0.2 }, 9.81, 0.1);
+    let mut tethered = scene(Contact::bounce(0.5, 0.2), 9.81, 0.1);
     tethered.spring = Some(Spring { stiffness: 50.0, anchor: [0.0, 0.0, 0.1] });
     let (mut x, mut v, mut spin_speed, dt) = (1.0_f64, 0.0_f64, 0.0_f64, 1e-6);
     for _ in 0..3_000_000 {
@@ -262,7 +262,7 @@ fn a_rolling_ball_slips_where_its_grip_fails_and_loses_energy() {
 fn a_soft_ball_on_the_floor_sees_a_thin_wall_on_its_way() {
     let mut room = scene(Contact::Spring { stiffness: 1e4 }, 9.81, 0.033);
     room.ball.drag_coefficient = 0.01;
-    room.boxes = vec![Cuboid { position: [0.5, 0.0, 0.5], half_size: [0.005, 1.0, 0.5], yaw: 0.0 }];
+    room.boxes = vec![Cuboid::upright([0.5, 0.0, 0.5], [0.005, 1.0, 0.5], 0.0)];
     for x in [0.0, 0.02, 0.04, 0.06, 0.08] {
         let start = state([x, 0.0, 0.033 - 9.81e-4], [2.5, 0.0, 0.0]);
         let forecast = forecaster(&room, ForecastOptions::default()).forecast(&start, &[0.5]);
@@ -309,7 +309,7 @@ fn times_come_in_any_order_and_a_batch_is_its_parts() {
 
 #[test]
 fn a_forecast_goes_on_from_its_own_states_with_the_spin_that_is_left() {
-    let mut curve = scene(Contact::Bounce { restitution: 0.8, friction: 0.3 }, 9.81, 0.03);
+    let mut curve = scene(Contact::bounce(0.8, 0.3), 9.81, 0.03);
     (curve.ball.mass, curve.ball.lift_coefficient, curve.ball.spin_decay) = (0.003, 0.6, 1.0);
     curve.ball.spin = [20.0, 150.0, 80.0];
     let forecaster = forecaster(&curve, tight());
@@ -336,7 +336,7 @@ fn a_spin_that_decays_fast_is_solved_as_well_as_the_path() {
 fn strong_forces_and_thin_boxes_let_no_ball_through() {
     let mut room = scene(ELASTIC, 9.81, 0.01);
     room.floor = None;
-    room.boxes = vec![Cuboid { position: [1.0, 0.0, 0.0], half_size: [1e-4, 50.0, 50.0], yaw: 0.0 }];
+    room.boxes = vec![Cuboid::upright([1.0, 0.0, 0.0], [1e-4, 50.0, 50.0], 0.0)];
     (room.ball.mass, room.ball.drag_coefficient, room.ball.lift_coefficient) = (0.002, 3.0, 4.0);
     room.spring = Some(Spring { stiffness: 0.5, anchor: [3.0, 0.0, 0.0] });
     for contact in [ELASTIC, Contact::Spring { stiffness: 1e9 }] {
@@ -364,7 +364,7 @@ proptest! {
     fn time_runs_back_to_the_start(x in -1.0..1.0_f64, z in 0.4..2.0_f64, v in prop::array::uniform3(-2.0..2.0_f64), time in 0.1..2.0_f64, model in 0..3) {
         let contact = [Contact::Penalty { c: 100.0, beta: 30.0, beta_box: 20.0 }, Contact::Spring { stiffness: 3000.0 }, ELASTIC][model as usize].clone();
         let mut room = scene(contact, 2.0, 0.15);
-        room.boxes = vec![Cuboid { position: [1.8, 0.2, 0.3], half_size: [0.4, 0.7, 0.6], yaw: 0.6 }];
+        room.boxes = vec![Cuboid::upright([1.8, 0.2, 0.3], [0.4, 0.7, 0.6], 0.6)];
         let forecaster = forecaster(&room, tight());
         let start = state([x, 0.1, z], v);
         let there = forecaster.forecast(&start, &[time]);

@@ -12,11 +12,11 @@ fn ordinary_scenes_never_run_into_the_step_limit() {
     let mut runner = proptest::test_runner::TestRunner::deterministic();
     let small = || prop::array::uniform3(-2.0..2.0_f64);
     let cuboid = (small(), prop::array::uniform3(0.1..1.0_f64), -3.0..3.0_f64)
-        .prop_map(|(position, half_size, yaw)| Cuboid { position, half_size, yaw });
+        .prop_map(|(position, half_size, yaw)| Cuboid::upright(position, half_size, yaw));
     let contact = prop_oneof![
         (100.0..2000.0_f64, 20.0..200.0_f64).prop_map(|(c, beta)| Contact::Penalty { c, beta, beta_box: beta }),
         (500.0..5000.0_f64).prop_map(|stiffness| Contact::Spring { stiffness }),
-        (0.0..=1.0_f64, 0.0..1.0_f64).prop_map(|(restitution, friction)| Contact::Bounce { restitution, friction }),
+        (0.0..=1.0_f64, 0.0..1.0_f64).prop_map(|(restitution, friction)| Contact::bounce(restitution, friction)),
     ];
     let tether = prop::option::of((0.5..20.0_f64, small()));
     let strategy =
@@ -46,7 +46,7 @@ fn a_start_inside_a_soft_wall_is_not_launched() {
     let paper = Contact::Penalty { c: 1000.0, beta: 200.0, beta_box: 66.0 };
     for contact in [paper, SOFT, ELASTIC] {
         let mut room = scene(contact.clone(), 1.0, 0.2);
-        room.boxes = vec![Cuboid { position: [2.0, 0.0, 0.5], half_size: [0.6, 0.6, 0.5], yaw: 0.5 }];
+        room.boxes = vec![Cuboid::upright([2.0, 0.0, 0.5], [0.6, 0.6, 0.5], 0.5)];
         let forecaster = forecaster(&room, tight());
         // below the floor, by 5 cm and by 5 m, in a box's middle, at its side, under its edge in the floor
         for r in [[0.0, 0.0, -0.05], [0.3, 0.0, -5.0], [2.0, 0.0, 0.5], [1.6, 0.0, 0.4], [2.3, 0.2, -0.3]] {
@@ -63,7 +63,7 @@ fn a_start_inside_a_soft_wall_is_not_launched() {
     }
     // at an edge's very line the way out turns without bound; the Jacobian does not
     let mut block = scene(ELASTIC, 1.0, 0.2);
-    block.boxes = vec![Cuboid { position: [0.0, 0.0, 0.0], half_size: [0.5; 3], yaw: 0.0 }];
+    block.boxes = vec![Cuboid::upright([0.0, 0.0, 0.0], [0.5; 3], 0.0)];
     block.floor = None;
     for off in [1e-3, 1e-6, 1e-12] {
         let start = state([0.5 + off, 0.0, 0.5 + off], [0.0; 3]);
@@ -76,7 +76,7 @@ fn a_start_inside_a_soft_wall_is_not_launched() {
 #[test]
 fn the_guards_jacobian_is_its_derivative() {
     let mut room = scene(SOFT, 1.0, 0.2);
-    room.boxes = vec![Cuboid { position: [2.0, 0.0, 0.5], half_size: [0.6, 0.6, 0.5], yaw: 0.5 }];
+    room.boxes = vec![Cuboid::upright([2.0, 0.0, 0.5], [0.6, 0.6, 0.5], 0.5)];
     let forecaster = forecaster(&room, tight());
     for r in [[0.0, 0.0, -0.3], [2.0, 0.1, 0.8]] {
         let at = |r: [f64; 3]| forecaster.forecast_with_jacobians(&state(r, [0.1, 0.2, 0.0]), &[0.4]);
@@ -100,7 +100,7 @@ fn the_guards_jacobian_is_its_derivative() {
 
 #[test]
 fn friction_cannot_be_undone_and_the_forecast_says_so() {
-    let rough = scene(Contact::Bounce { restitution: 0.8, friction: 0.3 }, 9.81, 0.1);
+    let rough = scene(Contact::bounce(0.8, 0.3), 9.81, 0.1);
     let forecast = forecaster(&rough, tight()).forecast(&state([0.0, 0.0, 0.5], [1.0, 0.0, 3.0]), &[-0.1, -1.0]);
     assert!(
         matches!(forecast.status, Status::Irreversible { time } if (-0.2..-0.1).contains(&time)),
@@ -109,7 +109,7 @@ fn friction_cannot_be_undone_and_the_forecast_says_so() {
     );
     assert_eq!(forecast.states.len(), 2);
     // without rebound, it may have lain there
-    let dead = scene(Contact::Bounce { restitution: 0.0, friction: 0.0 }, 0.0, 0.1);
+    let dead = scene(Contact::bounce(0.0, 0.0), 0.0, 0.1);
     let forecast = forecaster(&dead, tight()).forecast(&state([0.0, 0.0, 0.3], [0.0, 0.0, 1.0]), &[-0.5, -2.0]);
     assert!(!forecast.status.is_exact() && forecast.states.iter().all(|state| state.velocity.norm() <= 1.0));
 }
@@ -174,7 +174,7 @@ fn any_contact() -> impl Strategy<Value = Contact> {
     prop_oneof![
         (0.0..1e4, 1.0..500.0, 1.0..200.0).prop_map(|(c, beta, beta_box)| Contact::Penalty { c, beta, beta_box }),
         (1.0..1e6).prop_map(|stiffness| Contact::Spring { stiffness }),
-        (0.0..=1.0, 0.0..2.0).prop_map(|(restitution, friction)| Contact::Bounce { restitution, friction }),
+        (0.0..=1.0, 0.0..2.0).prop_map(|(restitution, friction)| Contact::bounce(restitution, friction)),
     ]
 }
 
@@ -189,7 +189,7 @@ fn numbers() -> impl Strategy<Value = [f64; 3]> {
 
 fn any_scene() -> impl Strategy<Value = Scene> {
     let cuboid = (numbers(), prop::array::uniform3(1e-3..3.0), number())
-        .prop_map(|(position, half_size, yaw)| Cuboid { position, half_size, yaw });
+        .prop_map(|(position, half_size, yaw)| Cuboid::upright(position, half_size, yaw));
     let wall = (numbers(), numbers()).prop_map(|(point, normal)| Wall { point, normal });
     let boxes = (prop::collection::vec(cuboid, 0..4), prop::collection::vec(wall, 0..3));
     let forces = (numbers(), prop::option::of((0.0..100.0, numbers())), 0.0..1.0, -1.0..1.0, numbers(), 0.0..2.0);

@@ -21,5 +21,5 @@ pub fn forecaster(scene: &Scene, options: ForecastOptions) -> Forecaster {
     Forecaster::new(scene).unwrap().with_options(options).unwrap()
 }
 
-pub const ELASTIC: Contact = Contact::Bounce { restitution: 1.0, friction: 0.0 };
+pub const ELASTIC: Contact = Contact::bounce(1.0, 0.0);
 pub const SOFT: Contact = Contact::Spring { stiffness: 1000.0 };

@@ -1,6 +1,6 @@
 //! The labels themselves: which to start with, and how noisy they are.
 
-use nalgebra::Vector2;
+use nalgebra::{Point2, Vector2};
 
 use super::Observation;
 use super::chain::Chain;
@@ -43,19 +43,24 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Noise of labels on a smooth track, from its third differences, px.
+/// Noise of labels on a smooth track, px: from the third differences of labels that follow one another, divided by their
+/// times.
 pub(super) fn noise_of(observations: &[Observation]) -> f64 {
-    let sizes: Vec<f64> = observations
+    let seen: Vec<(f64, Point2<f64>)> = observations.iter().filter_map(|it| Some((it.time, it.image?))).collect();
+    let sizes: Vec<f64> = seen
         .windows(4)
-        .filter_map(|four| {
-            let [a, b, c, d] = [0, 1, 2, 3].map(|i| four[i].image);
-            let third = (d?.coords - a?.coords) + 3.0 * (b?.coords - c?.coords);
-            Some([third.x.abs(), third.y.abs()])
+        .flat_map(|four| {
+            let middle = (four[0].0 + four[3].0) / 2.0;
+            let times = [0, 1, 2, 3].map(|i| (four[i].0 - middle) / (four[3].0 - four[0].0));
+            let weight = |i: usize| (0..4).filter(|&j| j != i).map(|j| times[i] - times[j]).product::<f64>().recip();
+            let weights = [0, 1, 2, 3].map(weight);
+            let length = weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
+            let sum = (0..4).map(|i| four[i].1.coords * weights[i]).sum::<Vector2<f64>>() / length;
+            [sum.x.abs(), sum.y.abs()]
         })
-        .flatten()
         .collect();
-    // median of |N(0, σ√20)|
-    if sizes.is_empty() { 1.0 } else { median(sizes) / 0.6745 / 20.0_f64.sqrt() }
+    // median of |N(0, σ)|
+    if sizes.is_empty() { 1.0 } else { median(sizes) / 0.6745 }
 }
 
 /// Noise of the labels around a trajectory, from the residuals' median, px; not smaller than is believed.

@@ -5,6 +5,7 @@
 //! refined all along ([`chain`]); several starts are grown, and the best parts of all are joined.
 
 mod chain;
+mod flights;
 mod json;
 mod labels;
 mod parameters;
@@ -34,12 +35,14 @@ const KNOWN_SPIN: f64 = 1e-3;
 const UNKNOWN_SPIN: f64 = 200.0;
 
 /// One frame of a track.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Observation {
     /// s.
     pub time: f64,
     /// The ball's centre in the picture, px; `None` where it was not seen.
     pub image: Option<Point2<f64>>,
+    /// Semi-minor axis of its outline and that one's standard deviation, px, where they were measured.
+    pub radius: Option<[f64; 2]>,
 }
 
 /// How a track is fitted.
@@ -51,11 +54,13 @@ pub struct FitOptions {
     pub starts: usize,
     /// What is unknown of the ball: the scene's value is where the search for it starts.
     pub estimate: Vec<Parameter>,
+    /// Most hits (of a racket, a foot, a hand) that the track may hold; as many as explain it where `None`.
+    pub hits: Option<usize>,
 }
 
 impl Default for FitOptions {
     fn default() -> Self {
-        Self { noise_px: None, starts: 24, estimate: vec![] }
+        Self { noise_px: None, starts: 24, estimate: vec![], hits: None }
     }
 }
 
@@ -73,6 +78,8 @@ pub struct FittedFrame {
     pub residual_px: Option<Vector2<f64>>,
     /// Whether the label does not belong to the trajectory.
     pub outlier: bool,
+    /// Index of the flight that it belongs to.
+    pub flight: usize,
     /// Why the label told nothing, in words, where the camera's lens model does not reach it: an outlier without
     /// residual.
     pub refused: Option<String>,
@@ -83,6 +90,36 @@ impl FittedFrame {
     pub fn sigma(&self) -> f64 {
         self.covariance.trace().max(0.0).sqrt()
     }
+}
+
+/// A part of a trajectory in which only the scene acts on the ball.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flight {
+    /// When it begins, s.
+    pub start: f64,
+    /// When it ends, s.
+    pub end: f64,
+    /// Speed at its start, m/s, and its standard deviation.
+    pub speed: [f64; 2],
+    /// Spin at its start, rad/s.
+    pub spin: [f64; 3],
+    /// Standard deviation of each component of the spin, rad/s.
+    pub spin_sigma: [f64; 3],
+    /// Whether its trajectory explains its labels to about their noise, and is known.
+    pub explained: bool,
+    /// Why not, in words.
+    pub reason: Option<String>,
+}
+
+/// A place where the ball's way changes and the scene has nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// s.
+    pub time: f64,
+    /// Index of the first frame after it.
+    pub frame: usize,
+    /// In the world, m.
+    pub position: Point3<f64>,
 }
 
 /// A fitted trajectory.
@@ -99,6 +136,12 @@ pub struct Fit {
     pub explained: bool,
     /// Where the ball touches something, by time (s on the track's clock).
     pub impacts: Vec<Impact>,
+    /// From hit to hit, bounces between.
+    pub flights: Vec<Flight>,
+    /// Where something that the scene does not hold changes the ball's way.
+    pub hits: Vec<Hit>,
+    /// What is odd about the track, in words.
+    pub notes: Vec<String>,
     /// The numbers of the scene that were to be estimated.
     pub estimates: Vec<Estimate>,
     /// Spin at the first frame, rad/s: the scene's, or the one found.
@@ -117,6 +160,16 @@ impl Forecaster {
         check(observations)?;
         let (usable, refused) = within_lens(camera, observations);
         check_seen(&usable, &refused)?;
+        let numbers = !parameters::numbers(options).is_empty();
+        if let Some(laws) = flights::laws(self.scene()).filter(|_| !numbers)
+            && let Some(mut fit) = flights::fitted(self, laws, camera, &usable, options)
+        {
+            for (frame, refused) in fit.frames.iter_mut().zip(refused) {
+                frame.outlier |= refused.is_some();
+                frame.refused = refused;
+            }
+            return Ok(fit);
+        }
         // The spin matters where air or friction turns it into forces.
         let ball = &self.scene().ball;
         let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
@@ -235,6 +288,7 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
                 covariance,
                 residual_px,
                 outlier,
+                flight: 0,
                 refused: None,
             })
         })
@@ -247,5 +301,26 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
     });
     let impacts = touched.collect();
     let spin = part(best.at(0)?, 2).into();
-    Some(Fit { frames, noise_px: problem.sigma, rms_px, explained, impacts, estimates, spin })
+    let reason = (!explained).then(|| {
+        format!("no trajectory that the scene allows explains the labels (the best leaves {rms_px:.2} px rms, or breaks the laws)")
+    });
+    let speed_sigma = {
+        let along = frames[0].state.velocity.normalize();
+        (along.transpose() * covariances[0].fixed_view::<3, 3>(3, 3) * along)[(0, 0)].max(0.0).sqrt()
+    };
+    let spin_sigma = std::array::from_fn(|axis| match D {
+        9 => covariances[0][(6 + axis, 6 + axis)].max(0.0).sqrt(),
+        _ => 0.0,
+    });
+    let flight = Flight {
+        start: frames[0].time,
+        end: frames[frames.len() - 1].time,
+        speed: [frames[0].state.velocity.norm(), speed_sigma],
+        spin,
+        spin_sigma,
+        explained,
+        reason,
+    };
+    let (flights, hits, notes) = (vec![flight], vec![], vec![]);
+    Some(Fit { frames, noise_px: problem.sigma, rms_px, explained, impacts, flights, hits, notes, estimates, spin })
 }

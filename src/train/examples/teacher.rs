@@ -90,7 +90,7 @@ pub(super) fn forecaster(scene: &Scene, numeric: bool) -> Result<Forecaster> {
 /// A frame as the fit sees it: labels of hidden balls are not clicked by anyone.
 fn observation(frame: &Frame) -> Observation {
     let image = frame.image.filter(|_| frame.visible).map(Point2::from);
-    Observation { time: frame.t, image }
+    Observation { time: frame.t, image, radius: None }
 }
 
 fn taught_frames(clip: &Clip, fit: &Fit, config: &FitConfig) -> Result<Vec<Option<TaughtFrame>>> {

@@ -141,8 +141,8 @@ impl Bounce {
     /// Where within the step the sphere's centre passes the rim of the face that carries it.
     fn leaves_face<const M: usize>(&self, run: &Run<M>, support: &Support, step: &Step<M>) -> Option<f64> {
         let [index] = support.contacts.as_slice() else { return None };
-        let Shape::Cuboid { centre, half, cos, sin } = &run.obstacles[*index].shape else { return None };
-        let beyond = |y: &Column| into_box(part(y, 0) - centre, *cos, *sin).abs() - half;
+        let Shape::Cuboid { centre, half, turn } = &run.obstacles[*index].shape else { return None };
+        let beyond = |y: &Column| into_box(part(y, 0) - centre, turn).abs() - half;
         let (before, after) = (beyond(&step.start), beyond(&step.end.0[0]));
         let passed = (0..3).filter(|&axis| before[axis] < 0.0 && after[axis] > 0.0);
         let times = passed.map(|axis| crossing(|theta| beyond(&step.at(theta))[axis], true));
@@ -152,14 +152,14 @@ impl Bounce {
     /// The forces jump where a face ends in an edge: columns meet the rim at other times.
     fn pass_edge<const M: usize>(&self, run: &mut Run<M>, support: &Support, before: &Columns<1>) {
         let Some(&index) = support.contacts.first() else { return };
-        let Shape::Cuboid { centre, half, cos, sin } = &run.obstacles[index].shape else { return };
-        let local = into_box(run.y.position() - centre, *cos, *sin);
+        let Shape::Cuboid { centre, half, turn } = &run.obstacles[index].shape else { return };
+        let local = into_box(run.y.position() - centre, turn);
         // the rim just reached
         let beyond = local.abs() - half;
         let Some(axis) = (0..3).min_by(|&a, &b| beyond[a].abs().total_cmp(&beyond[b].abs())) else { return };
         let mut out = Vector3::zeros();
         out[axis] = local[axis].signum();
-        let out = out_of_box(out, *cos, *sin);
+        let out = out_of_box(out, turn);
         // a hair beyond, where the edge's curvature counts
         let mut ahead = run.y;
         let nudge = out * (beyond[axis].abs() + 1e-12);

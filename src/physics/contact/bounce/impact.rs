@@ -32,6 +32,27 @@ impl Rigid {
         -n.cross(impulse) / (self.inertia_factor * self.radius)
     }
 
+    /// Impulses (per unit mass) along the normal and across it: normal restitution, Coulomb's friction up to sticking; and
+    /// whether it sticks.
+    fn impulses(&self, n: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> (f64, Vector3<f64>, bool) {
+        let normal = -(1.0 + self.restitution) * n.dot(v);
+        let slip = self.slip(n, v, w);
+        let (speed, limit) = (slip.norm(), self.friction * normal);
+        let sticks = speed <= limit * self.mobility();
+        let across = match sticks {
+            true if self.friction > 0.0 => -slip / self.mobility(),
+            true => Vector3::zeros(),
+            false => -limit * slip / speed,
+        };
+        (normal, across, sticks)
+    }
+
+    /// Velocity and spin after a contact with a surface of normal `n`.
+    pub fn rebound(&self, n: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let (normal, across, _) = self.impulses(n, v, w);
+        (v + normal * n + across, w + self.spin_change(n, &across))
+    }
+
     /// Reflects `y` (touching, closing): normal restitution, Coulomb's friction up to sticking.
     ///
     /// The sensitivities pass through the saltation matrix: the contact time moves by
@@ -46,15 +67,9 @@ impl Rigid {
     ) -> Columns<M> {
         let (n, r, v, w) = (&near.normal, y.position(), y.velocity(), y.spin());
         let closing = n.dot(&v);
-        let normal_impulse = -(1.0 + self.restitution) * closing;
         let slip = self.slip(n, &v, &w);
+        let (normal_impulse, impulse, sticks) = self.impulses(n, &v, &w);
         let (speed, limit) = (slip.norm(), self.friction * normal_impulse);
-        let sticks = speed <= limit * self.mobility();
-        let impulse = match sticks {
-            true if self.friction > 0.0 => -slip / self.mobility(),
-            true => Vector3::zeros(),
-            false => -limit * slip / speed,
-        };
         let mut out = *y;
         out.0[0] = column(r, v + normal_impulse * n + impulse, w + self.spin_change(n, &impulse));
         let after = slope_after(&Columns([out.0[0]]));

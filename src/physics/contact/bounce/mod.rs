@@ -5,7 +5,7 @@ mod carried;
 mod impact;
 mod rest;
 
-use self::impact::Rigid;
+pub(crate) use self::impact::Rigid;
 use self::rest::{Carried, Support, normal_reaction};
 use super::Model;
 use crate::physics::forecast::approach::STILL;

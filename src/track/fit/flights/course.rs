@@ -1,0 +1,152 @@
+//! A trajectory of several flights: what it is described by, and its way.
+
+use nalgebra::Vector3;
+
+use super::motion::{Air, Laws, Moving};
+
+/// What ends a flight.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// The ball meets the obstacle of this index.
+    Bounce(usize),
+    /// Something that the scene does not hold: a racket, a foot, the net's cord.
+    Hit,
+}
+
+/// The end of a flight and the start of the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Event {
+    pub kind: Kind,
+    /// s.
+    pub time: f64,
+    /// Velocity and spin after it.
+    pub velocity: Vector3<f64>,
+    pub spin: Vector3<f64>,
+}
+
+/// Flights over frames `first..=last`, and the air that they pass through.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Course {
+    pub first: usize,
+    pub last: usize,
+    /// At the first frame.
+    pub start: Moving,
+    pub events: Vec<Event>,
+    pub air: Air,
+    /// Seconds that the clock jumps by at each of the task's slips.
+    pub slips: Vec<f64>,
+}
+
+/// Numbers that describe a start, an event, and the air.
+pub const OF_START: usize = 9;
+pub const OF_EVENT: usize = 7;
+pub const OF_AIR: usize = 2;
+
+/// Where a course leads.
+#[derive(Debug, Clone)]
+pub struct Path {
+    /// At each frame.
+    pub frames: Vec<Moving>,
+    /// At each event, before it.
+    pub before: Vec<Moving>,
+}
+
+impl Course {
+    /// Numbers that describe it.
+    pub fn count(&self) -> usize {
+        OF_START + OF_EVENT * self.events.len() + OF_AIR + self.slips.len()
+    }
+
+    /// The flight that a number describes first: earlier ones do not depend on it.
+    pub fn flight_of(&self, number: usize) -> usize {
+        let Some(beyond) = number.checked_sub(OF_START) else { return 0 };
+        let event = beyond / OF_EVENT;
+        match event < self.events.len() {
+            // An event's time is the end of the flight before.
+            true => event + usize::from(beyond % OF_EVENT > 0),
+            false => 0,
+        }
+    }
+
+    /// A number that describes it: position, velocity, spin of the start; time, velocity, spin of each event; the air.
+    pub fn number(&mut self, index: usize) -> &mut f64 {
+        let Some(beyond) = index.checked_sub(OF_START) else {
+            let Moving { position, velocity, spin } = &mut self.start;
+            return &mut [position, velocity, spin][index / 3][index % 3];
+        };
+        let events = self.events.len();
+        match self.events.get_mut(beyond / OF_EVENT) {
+            Some(event) => match beyond % OF_EVENT {
+                0 => &mut event.time,
+                other if other < 4 => &mut event.velocity[other - 1],
+                other => &mut event.spin[other - 4],
+            },
+            None => match beyond - OF_EVENT * events {
+                air if air < OF_AIR => &mut self.air[air],
+                slip => &mut self.slips[slip - OF_AIR],
+            },
+        }
+    }
+
+    /// When each frame was taken, s: by its number, and by the slips of the clock before it.
+    pub fn times(&self, times: &[f64], slips: &[usize]) -> Vec<f64> {
+        let mut times = times.to_vec();
+        for (&frame, by) in slips.iter().zip(&self.slips) {
+            times[frame..].iter_mut().for_each(|time| *time += by);
+        }
+        times
+    }
+
+    /// Whether its events come one after the other, each between the first frame and the last.
+    pub fn in_order(&self, times: &[f64]) -> bool {
+        let mut last = times[self.first];
+        let rising = self.events.iter().all(|event| {
+            let later = event.time > last;
+            last = event.time;
+            later
+        });
+        rising && last < times[self.last]
+    }
+
+    /// The way of the ball at `times` (of all frames).
+    pub fn path(&self, laws: &Laws, times: &[f64]) -> Path {
+        let mut path = Path { frames: Vec::with_capacity(self.last - self.first + 1), before: vec![] };
+        self.follow(laws, times, 0, &mut path);
+        path
+    }
+
+    /// `path` with the flights from `flight` on worked out again, and the index of the first frame that it changes.
+    pub fn changed(&self, laws: &Laws, times: &[f64], flight: usize, path: &Path) -> (Path, usize) {
+        let Some(last) = flight.checked_sub(1) else { return (self.path(laws, times), 0) };
+        let kept = times[self.first..=self.last].partition_point(|&time| time < self.events[last].time);
+        let mut changed = Path { frames: path.frames[..kept].to_vec(), before: path.before[..flight].to_vec() };
+        self.follow(laws, times, flight, &mut changed);
+        (changed, kept)
+    }
+
+    /// Works out the flights from `flight` on, of which `path` holds what comes before.
+    fn follow(&self, laws: &Laws, times: &[f64], flight: usize, path: &mut Path) {
+        let (mut at, mut time) = match flight.checked_sub(1) {
+            None => (self.start, times[self.first]),
+            Some(last) => {
+                let event = &self.events[last];
+                (
+                    Moving { position: path.before[last].position, velocity: event.velocity, spin: event.spin },
+                    event.time,
+                )
+            }
+        };
+        let mut events = self.events[flight..].iter().peekable();
+        for &next in &times[self.first + path.frames.len()..=self.last] {
+            while let Some(event) = events.next_if(|event| event.time <= next) {
+                at = laws.moved(&at, event.time - time, &self.air);
+                path.before.push(at);
+                at = Moving { position: at.position, velocity: event.velocity, spin: event.spin };
+                time = event.time;
+            }
+            at = if next > time { laws.moved(&at, next - time, &self.air) } else { at };
+            time = next;
+            path.frames.push(at);
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Flights of a ball whose spin nobody knows, between contacts whose place the scene knows and hits that it does not.
+//!
+//! Gravity alone does not tell how far away such a ball is: its spin is worth a third of it. A contact does: there the ball's
+//! ray meets the surface at one radius. So the track's kinks ([`kinks`]) are tried as contacts with whatever they can be, and
+//! as hits ([`search`]); a [`course`] of a few numbers a flight is refined against all that is known ([`task`]).
+
+mod clock;
+mod course;
+mod kinks;
+mod motion;
+mod result;
+mod search;
+mod task;
+
+use nalgebra::Point2;
+
+pub use self::motion::Laws;
+use self::search::searched;
+use self::task::{Priors, Task};
+use super::labels::{SMALLEST_NOISE, noise_of, trusted};
+use super::{Fit, FitOptions, Observation};
+use crate::camera::{Camera, Outline};
+use crate::physics::{Contact, Forecaster, Obstacle, Scene};
+
+/// Error of labels that differs little from frame to frame, px.
+const SLOW_NOISE: f64 = 0.5;
+/// Where the scene does not say more: speed of the ball's surface by a spin of one standard deviation, m/s; standard
+/// deviations of drag and lift, shares; of a bounce's normal and tangential speed, shares of the closing speed.
+const SPIN_SPEED: f64 = 4.0;
+const DRAG: f64 = 0.15;
+const LIFT: f64 = 0.1;
+const RESTITUTION: f64 = 0.07;
+const FRICTION: f64 = 0.2;
+
+/// The laws of a scene whose flights are found here: its ball's spin matters and is not known.
+pub fn laws(scene: &Scene) -> Option<Laws> {
+    let laws = Laws::of(scene)?;
+    let matters = laws.lift() != 0.0 || laws.rigid.friction > 0.0;
+    (matters && scene.ball.spin == [0.0; 3]).then_some(laws)
+}
+
+impl Priors {
+    fn of(scene: &Scene) -> Self {
+        let ball = &scene.ball;
+        let (restitution, friction) = match scene.contact {
+            Contact::Bounce { restitution_sigma, friction_sigma, .. } => (restitution_sigma, friction_sigma),
+            _ => (None, None),
+        };
+        Self {
+            spin: ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius),
+            air: [ball.drag_sigma.unwrap_or(DRAG), LIFT],
+            restitution: restitution.unwrap_or(RESTITUTION),
+            friction: friction.unwrap_or(FRICTION),
+        }
+    }
+}
+
+/// The flights that explain the observations best.
+pub fn fitted(
+    forecaster: &Forecaster,
+    laws: Laws,
+    camera: &Camera,
+    observations: &[Observation],
+    options: &FitOptions,
+) -> Option<Fit> {
+    let trusted = trusted(observations);
+    let noise = options.noise_px.unwrap_or_else(|| noise_of(&trusted)).max(SMALLEST_NOISE);
+    let sigma = noise.hypot(SLOW_NOISE);
+    let obstacles = Obstacle::of(forecaster.scene());
+    let radius = laws.rigid.radius;
+    let depth = |seen: &Observation| {
+        let [size, deviation] = seen.radius.filter(|[size, _]| *size > 0.0)?;
+        let depth = camera.ball_from_outline(&Outline { centre: seen.image?, radius: size }, radius).ok()?.z;
+        Some([depth, depth * deviation / size])
+    };
+    let times: Vec<f64> = observations.iter().map(|seen| seen.time).collect();
+    let mut gaps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    let interval = gaps[gaps.len() / 2];
+    let seen: Vec<(usize, Point2<f64>)> =
+        trusted.iter().enumerate().filter_map(|(frame, it)| Some((frame, it.image?))).collect();
+    let labels: Vec<(f64, Point2<f64>)> = seen.iter().map(|&(frame, at)| (times[frame], at)).collect();
+    let slips = clock::slips(&labels, interval, sigma);
+    let task = Task {
+        laws,
+        obstacles: &obstacles,
+        camera,
+        observations: &trusted,
+        slips: slips.iter().map(|slip| (seen[slip.label].0, slip.frames * interval)).collect(),
+        interval,
+        times,
+        depths: observations.iter().map(depth).collect(),
+        sigma,
+        priors: Priors::of(forecaster.scene()),
+    };
+    let slipped = search::slipped(&task);
+    let labels: Vec<(f64, Point2<f64>)> = seen.iter().map(|&(frame, at)| (slipped[frame], at)).collect();
+    let found = searched(&task, &kinks::kinks(&labels, sigma), options.hits);
+    // In the end all labels count, and the loss lets go of outliers.
+    result::fit_of(&Task { observations, ..task }, &found, noise)
+}

@@ -1,0 +1,226 @@
+//! From the courses that were found to what a user is told: positions, how sure they are, flights, hits.
+
+use nalgebra::{DMatrix, Matrix3, Point3, Vector2, Vector3};
+
+use super::course::{Course, Event, Kind, OF_EVENT, OF_START, Path};
+use super::motion::Moving;
+use super::search::{FINAL, Found, price};
+use super::task::Task;
+use crate::physics::{Impact, State};
+use crate::track::fit::{Fit, FittedFrame, Flight, Hit};
+
+/// Residual, in standard deviations, of an outlier.
+const OUTLIER: f64 = 4.0;
+/// Residuals, in standard deviations of the labels, and share of outliers with which a flight is explained.
+const EXPLAINED: f64 = 2.0;
+const MOST_OUTLIERS: f64 = 0.25;
+/// Share of the distance below which its error is taken for a linear one, the distances tried beyond, and how firmly.
+const WELL_KNOWN: f64 = 0.03;
+const FACTORS: [f64; 8] = [0.55, 0.67, 0.8, 0.9, 1.1, 1.25, 1.5, 1.8];
+const PINNED: f64 = 1e-3;
+/// Share of the distance beyond which a position is as good as unknown.
+const UNKNOWN: f64 = 0.06;
+/// Strongest correlation of one residual with the next that is believed.
+const STRONGEST: f64 = 0.9;
+
+/// The course over all frames, those before the first label and after the last included.
+fn whole(task: &Task, course: &Course) -> Course {
+    let times = task.times_of(course);
+    let mut course = course.clone();
+    course.start = task.laws.moved(&course.start, times[0] - times[course.first], &course.air);
+    course.first = 0;
+    course.last = task.times.len() - 1;
+    course
+}
+
+/// What the best of the courses `found` says, the others being what may be true as well; labels are noisy by `noise` px.
+pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Fit> {
+    let best = whole(task, &found.first()?.course);
+    let path = task.path(&best);
+    let times = task.times_of(&best);
+    let residuals = task.residuals(&best, &path);
+    let (parameters, positions) = task.covariances(&best, FINAL)?;
+    let inflation = correlation(&residuals, task.sigma);
+    let rivals = rivals(task, found, &best, &path, &positions, inflation);
+    let all: f64 = rivals.iter().map(|(weight, _)| weight).sum();
+    // Hits end flights; bounces do not.
+    let hits: Vec<usize> = (0..best.events.len()).filter(|&event| best.events[event].kind == Kind::Hit).collect();
+    let frame = |index: usize| {
+        let Moving { position, velocity, spin } = path.frames[index];
+        let mut covariance: Matrix3<f64> = positions[index] * inflation;
+        for (weight, frames) in &rivals {
+            let off = frames[index].position - position;
+            covariance += off * off.transpose() * (weight / all);
+        }
+        let residual_px: Option<Vector2<f64>> = residuals[index];
+        FittedFrame {
+            time: times[index],
+            state: State { position: Point3::from(position), velocity, spin },
+            covariance,
+            residual_px,
+            outlier: residual_px.is_some_and(|residual| residual.norm() > OUTLIER * task.sigma),
+            flight: hits.partition_point(|&event| best.events[event].time <= times[index]),
+            refused: None,
+        }
+    };
+    let frames: Vec<FittedFrame> = (0..path.frames.len()).map(frame).collect();
+    let end = |number: usize| hits.get(number).map_or(times[times.len() - 1], |&event| best.events[event].time);
+    let flight = |number: usize| {
+        let (start, first, moving) = match number.checked_sub(1) {
+            None => (times[0], 3, best.start),
+            Some(before) => {
+                let event = &best.events[hits[before]];
+                let position = path.before[hits[before]].position;
+                let moving = Moving { position, velocity: event.velocity, spin: event.spin };
+                (event.time, OF_START + OF_EVENT * hits[before] + 1, moving)
+            }
+        };
+        let sigma = |at: usize| (parameters[(at, at)] * inflation).max(0.0).sqrt();
+        let along = moving.velocity.normalize();
+        let speed = parameters.fixed_view::<3, 3>(first, first);
+        let speed = ((along.transpose() * speed * along)[(0, 0)] * inflation).max(0.0).sqrt();
+        let own: Vec<&FittedFrame> = frames.iter().filter(|frame| frame.flight == number).collect();
+        let reason = unexplained(task, &own);
+        Flight {
+            start,
+            end: end(number),
+            speed: [moving.velocity.norm(), speed],
+            spin: moving.spin.into(),
+            spin_sigma: [0, 1, 2].map(|axis| sigma(first + 3 + axis)),
+            explained: reason.is_none(),
+            reason,
+        }
+    };
+    let flights: Vec<Flight> = (0..=hits.len()).map(flight).collect();
+    let hit = |&event: &usize| {
+        let time = best.events[event].time;
+        let frame = times.partition_point(|&at| at < time);
+        Hit { time, frame, position: Point3::from(path.before[event].position) }
+    };
+    let impact = |(event, before): (&Event, &Moving)| {
+        let Kind::Bounce(index) = event.kind else { return None };
+        let obstacle = &task.obstacles[index];
+        let normal = obstacle.nearest(&before.position).normal;
+        let speed = -normal.dot(&before.velocity);
+        let (surface, position) = (obstacle.surface, before.position);
+        Some(Impact { time: event.time, surface, position, speed, time_gradient: [0.0; 6] })
+    };
+    Some(Fit {
+        noise_px: noise,
+        rms_px: rms(frames.iter()),
+        explained: flights.iter().all(|flight| flight.explained),
+        impacts: best.events.iter().zip(&path.before).filter_map(impact).collect(),
+        hits: hits.iter().map(hit).collect(),
+        notes: notes(task, &best, &times),
+        flights,
+        estimates: vec![],
+        spin: best.start.spin.into(),
+        frames,
+    })
+}
+
+/// Root mean square residual of labels that are no outliers, px.
+fn rms<'a>(frames: impl Iterator<Item = &'a FittedFrame>) -> f64 {
+    let squares: Vec<f64> = frames
+        .filter(|frame| !frame.outlier)
+        .filter_map(|frame| Some(frame.residual_px?.norm_squared() / 2.0))
+        .collect();
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+}
+
+/// Why a flight through `frames` is not explained, in words.
+fn unexplained(task: &Task, frames: &[&FittedFrame]) -> Option<String> {
+    let seen: Vec<&&FittedFrame> = frames.iter().filter(|frame| frame.residual_px.is_some()).collect();
+    if seen.is_empty() {
+        return Some("the ball is not seen".into());
+    }
+    let outliers = seen.iter().filter(|frame| frame.outlier).count();
+    if outliers as f64 > MOST_OUTLIERS * seen.len() as f64 {
+        return Some(format!("{outliers} of its {} labels lie far off", seen.len()));
+    }
+    let rms = rms(frames.iter().copied());
+    if rms > EXPLAINED * task.sigma {
+        return Some(format!("its labels are off by {rms:.2} px, though they are known to {:.2} px", task.sigma));
+    }
+    let depth = |frame: &FittedFrame| task.camera.camera_from_world(&frame.state.position).z.abs();
+    let mut shares: Vec<(f64, f64)> = seen.iter().map(|frame| (frame.sigma() / depth(frame), frame.sigma())).collect();
+    shares.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let (share, sigma) = shares[shares.len() / 2];
+    (share > UNKNOWN).then(|| {
+        format!(
+            "how far away the ball is stays unknown (±{sigma:.1} m): its spin is, and it touches nothing of the scene"
+        )
+    })
+}
+
+/// What is odd about the track.
+fn notes(task: &Task, course: &Course, times: &[f64]) -> Vec<String> {
+    let of = |((frame, _), by): (&(usize, f64), &f64)| {
+        let (frames, at) = (by / task.interval, times[*frame]);
+        match frames > 0.0 {
+            true => format!("about {frames:.1} frames are missing before {at:.3} s: later times are moved by as much"),
+            false => format!(
+                "about {:.1} frames are there twice before {at:.3} s: later times are moved by as much",
+                -frames
+            ),
+        }
+    };
+    task.slips.iter().zip(&course.slips).map(of).collect()
+}
+
+/// What may be true as well as the best, with weights: the other courses, by how much worse they explain the track (which
+/// errors of the labels that last exaggerate), and what is true if the ball is nearer or farther where least is known of that.
+fn rivals(
+    task: &Task,
+    found: &[Found],
+    best: &Course,
+    path: &Path,
+    positions: &[Matrix3<f64>],
+    inflation: f64,
+) -> Vec<(f64, Vec<Moving>)> {
+    let least = found[0].cost;
+    let weight = |cost: f64| (-0.5 * (cost - least) / inflation).exp().min(1.0);
+    let others = found.iter().map(|it| (weight(it.cost), it)).filter(|(weight, _)| *weight > 1e-4);
+    let mut rivals: Vec<(f64, Vec<Moving>)> =
+        others.map(|(weight, it)| (weight, task.path(&whole(task, &it.course)).frames)).collect();
+    let depth = |frame: usize| task.camera.camera_from_world(&Point3::from(path.frames[frame].position)).z;
+    let share = |frame: usize| positions[frame].trace().sqrt() / depth(frame);
+    let seen = (0..path.frames.len()).filter(|&frame| task.observations[frame].image.is_some());
+    let Some(frame) = seen.max_by(|&a, &b| share(a).total_cmp(&share(b))) else { return rivals };
+    if share(frame) > WELL_KNOWN {
+        // Without a contact the distance is known so badly that its error is no linear one.
+        rivals.extend(FACTORS.into_iter().filter_map(|factor| {
+            let mut depths = task.depths.clone();
+            depths[frame] = Some([factor * depth(frame), PINNED * depth(frame)]);
+            let (course, cost) = task.with_depths(depths).refined(best, FINAL, 20)?;
+            let weight = weight(cost + price(&course));
+            (weight > 1e-4).then(|| (weight, task.path(&course).frames))
+        }));
+    }
+    rivals
+}
+
+/// By how much errors that last over frames make variances larger: of residuals that follow one another like a first-order
+/// process, (1 + ρ)/(1 − ρ).
+fn correlation(residuals: &[Option<Vector2<f64>>], sigma: f64) -> f64 {
+    let (mut product, mut square) = (0.0, 0.0);
+    let capped = |residual: Vector2<f64>| residual * (3.0 * sigma / residual.norm().max(3.0 * sigma));
+    for pair in residuals.windows(2) {
+        let (Some(a), Some(b)) = (pair[0], pair[1]) else { continue };
+        let (a, b) = (capped(a), capped(b));
+        product += a.dot(&b);
+        square += (a.norm_squared() + b.norm_squared()) / 2.0;
+    }
+    let rho = if square > 0.0 { (product / square).clamp(0.0, STRONGEST) } else { 0.0 };
+    (1.0 + rho) / (1.0 - rho)
+}
+
+/// Covariances of the numbers of a course, and of its position at each frame.
+pub type Covariances = (DMatrix<f64>, Vec<Matrix3<f64>>);
+
+/// Covariance of a place that depends on numbers of that `covariance` by `columns`.
+pub fn of_place(columns: &[Vector3<f64>], covariance: &DMatrix<f64>) -> Matrix3<f64> {
+    let jacobian = DMatrix::from_fn(3, columns.len(), |row, column| columns[column][row]);
+    let found = &jacobian * covariance * jacobian.transpose();
+    Matrix3::from_fn(|row, column| found[(row, column)])
+}

@@ -1,0 +1,286 @@
+//! The search for the right flights: starts from contacts whose place the picture gives, and from gravity; kink by kink.
+
+use nalgebra::{Matrix3, Matrix6, Point2, Point3, Vector3, Vector6};
+
+use super::course::{Course, Event, Kind};
+use super::kinks::Kink;
+use super::motion::Moving;
+use super::task::{Loss, Task};
+use crate::physics::Obstacle;
+
+/// Accelerations tried for a flight whose spin is unknown, in units of gravity's.
+const PULLS: [f64; 3] = [0.6, 1.0, 1.4];
+/// Courses that are followed from kink to kink.
+const BEAM: usize = 6;
+/// What another event costs, in squared standard deviations of a label.
+const BOUNCE_PRICE: f64 = 10.0;
+const HIT_PRICE: f64 = 50.0;
+/// Nearest and farthest that a ball is looked for, m.
+const NEAREST: f64 = 0.1;
+const FARTHEST: f64 = 500.0;
+const GROWING: Loss = Loss::Huber(2.5);
+pub const FINAL: Loss = Loss::Cauchy(2.5);
+
+/// A course and its cost, prices of its events included.
+#[derive(Debug, Clone)]
+pub struct Found {
+    pub course: Course,
+    pub cost: f64,
+}
+
+/// The camera's rays.
+pub struct Rays {
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+    centre: Vector3<f64>,
+    /// Ideal image of each frame's label.
+    ideal: Vec<Option<Point2<f64>>>,
+    /// When each frame was taken, as far as the picture alone tells, s.
+    times: Vec<f64>,
+}
+
+impl Rays {
+    pub fn of(task: &Task) -> Self {
+        let origin = task.camera.camera_from_world(&Point3::origin());
+        let axis = |index: usize| task.camera.camera_from_world(&Point3::from(Vector3::ith(index, 1.0))) - origin;
+        let rotation = Matrix3::from_columns(&[axis(0), axis(1), axis(2)]);
+        let translation = origin.coords;
+        let ideal = |image: Point2<f64>| Some(task.camera.camera_from_image(&image, 1.0).ok()?.xy());
+        let ideal = task.observations.iter().map(|seen| seen.image.and_then(ideal)).collect();
+        Self { rotation, translation, centre: -rotation.transpose() * translation, ideal, times: slipped(task) }
+    }
+
+    /// The motion at `time` of a ball that is pulled by `acceleration` and seen in the frames of `range`; at `anchor` then,
+    /// if it is known where.
+    fn ballistic(
+        &self,
+        range: std::ops::RangeInclusive<usize>,
+        time: f64,
+        anchor: Option<Vector3<f64>>,
+        acceleration: Vector3<f64>,
+    ) -> Option<Moving> {
+        let seen: Vec<(f64, Point2<f64>)> =
+            range.filter_map(|frame| Some((self.times[frame] - time, self.ideal[frame]?))).collect();
+        let needed = if anchor.is_some() { 2 } else { 4 };
+        if seen.len() < needed {
+            return None;
+        }
+        let mut weights = vec![1.0; seen.len()];
+        let mut solution = Vector6::zeros();
+        for _ in 0..3 {
+            let mut normal = Matrix6::identity() * 1e-9;
+            let mut right = Vector6::zeros();
+            for ((t, ideal), weight) in seen.iter().zip(&weights) {
+                for axis in 0..2 {
+                    let row = (self.rotation.row(axis) - ideal[axis] * self.rotation.row(2)).transpose();
+                    let offset = self.translation[axis] - ideal[axis] * self.translation.z;
+                    let mut a = Vector6::zeros();
+                    a.fixed_rows_mut::<3>(0).copy_from(&row);
+                    a.fixed_rows_mut::<3>(3).copy_from(&(row * *t));
+                    let mut b = -offset - row.dot(&acceleration) * t * t / 2.0;
+                    if let Some(anchor) = anchor {
+                        b -= row.dot(&anchor);
+                        a.fixed_rows_mut::<3>(0).fill(0.0);
+                    }
+                    normal += a * a.transpose() * *weight;
+                    right += a * b * *weight;
+                }
+            }
+            if anchor.is_some() {
+                (0..3).for_each(|at| normal[(at, at)] = 1.0);
+            }
+            solution = normal.cholesky()?.solve(&right);
+            let start = anchor.unwrap_or_else(|| solution.fixed_rows::<3>(0).into_owned());
+            for ((t, ideal), weight) in seen.iter().zip(&mut weights) {
+                let at = start + solution.fixed_rows::<3>(3) * *t + acceleration * (t * t / 2.0);
+                let camera = self.rotation * at + self.translation;
+                let depth = camera.z.max(NEAREST);
+                // Labels far off count less.
+                let off = (camera.xy() / depth - ideal.coords).norm() / 0.01;
+                *weight = 1.0 / (depth * depth) / (1.0 + off * off);
+            }
+        }
+        let position = anchor.unwrap_or_else(|| solution.fixed_rows::<3>(0).into_owned());
+        let velocity = solution.fixed_rows::<3>(3).into_owned();
+        let depth = (self.rotation * position + self.translation).z;
+        let sane = (NEAREST..FARTHEST).contains(&depth) && velocity.norm() < 100.0;
+        sane.then_some(Moving { position, velocity, spin: Vector3::zeros() })
+    }
+
+    /// Where the ray of a point of the picture is one radius from an obstacle; none where it never is, or where the obstacle
+    /// would hide the ball.
+    fn contact(&self, task: &Task, image: &Point2<f64>, obstacle: &Obstacle) -> Option<Vector3<f64>> {
+        let ideal = task.camera.camera_from_image(image, 1.0).ok()?;
+        let along = self.rotation.transpose() * ideal.coords;
+        let at = |depth: f64| self.centre + along * depth;
+        let gap = |depth: f64| obstacle.distance(&at(depth)) - task.laws.rigid.radius;
+        // The distance from something convex is convex along a ray: first its least value, then where it passes zero before.
+        let (mut low, mut high) = (NEAREST, FARTHEST);
+        for _ in 0..100 {
+            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
+            if gap(a) < gap(b) { high = b } else { low = a }
+        }
+        let least = (low + high) / 2.0;
+        if gap(least) > 0.0 || gap(NEAREST) < 0.0 {
+            return None;
+        }
+        let (mut outside, mut inside) = (NEAREST, least);
+        for _ in 0..60 {
+            let middle = (outside + inside) / 2.0;
+            if gap(middle) > 0.0 { outside = middle } else { inside = middle }
+        }
+        Some(at(outside))
+    }
+}
+
+/// When each frame was taken, as far as the picture alone tells, s.
+pub fn slipped(task: &Task) -> Vec<f64> {
+    let mut times = task.times.clone();
+    for &(frame, by) in &task.slips {
+        times[frame..].iter_mut().for_each(|time| *time += by);
+    }
+    times
+}
+
+/// The spin, of those that do it the smallest, with which the air adds `acceleration` to a ball's of `velocity`.
+fn spin_for(task: &Task, acceleration: Vector3<f64>, velocity: &Vector3<f64>) -> Vector3<f64> {
+    let lift = task.laws.lift();
+    if lift == 0.0 {
+        return Vector3::zeros();
+    }
+    let spin = velocity.cross(&acceleration) / (lift * velocity.norm_squared().max(1.0));
+    let longest = 2.0 * task.priors.spin;
+    spin * (longest / spin.norm().max(longest))
+}
+
+/// Courses of at most so many `hits` that may explain the track, the best first. Only frames from the first label to the last.
+pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> {
+    let rays = Rays::of(task);
+    let times = slipped(task);
+    let seen: Vec<usize> = (0..task.times.len()).filter(|&frame| rays.ideal[frame].is_some()).collect();
+    let (Some(&first), Some(&last)) = (seen.first(), seen.last()) else { return vec![] };
+    let end_before = |kink: Option<&Kink>| match kink {
+        Some(kink) => times.partition_point(|&time| time < kink.time).max(first + 2).min(last),
+        None => last,
+    };
+    let gravity = *task.laws.gravity();
+    let slips: Vec<f64> = task.slips.iter().map(|slip| slip.1).collect();
+    let mut beam: Vec<Found> = vec![];
+    let end = end_before(kinks.first());
+    for pull in PULLS {
+        let Some(mut start) = rays.ballistic(first..=end - 1, times[first], None, gravity * pull) else {
+            continue;
+        };
+        start.spin = spin_for(task, gravity * (pull - 1.0), &start.velocity);
+        let course = Course { first, last: end, start, events: vec![], air: [0.0; 2], slips: slips.clone() };
+        beam.extend(kept(task, &course, 10));
+    }
+    for (index, kink) in kinks.iter().enumerate() {
+        let (begin, end) = (end_before(Some(kink)), end_before(kinks.get(index + 1)));
+        let mut next: Vec<Found> = vec![];
+        let mut options: Vec<(Kind, Vector3<f64>)> = vec![];
+        for (number, obstacle) in task.obstacles.iter().enumerate() {
+            options.extend(rays.contact(task, &kink.image, obstacle).map(|at| (Kind::Bounce(number), at)));
+        }
+        // A flight from the very start is found anew from each contact.
+        for &(kind, at) in &options {
+            for pull in PULLS {
+                let Some(mut before) = rays.ballistic(first..=begin - 1, kink.time, Some(at), gravity * pull) else {
+                    continue;
+                };
+                before.spin = spin_for(task, gravity * (pull - 1.0), &before.velocity);
+                let start = task.laws.moved(&before, times[first] - kink.time, &[0.0; 2]);
+                let fresh = Course { first, last: begin, start, events: vec![], air: [0.0; 2], slips: slips.clone() };
+                if beam.iter().all(|found| !found.course.events.is_empty()) && index > 0 {
+                    continue;
+                }
+                next.extend(after(task, &rays, &fresh, kind, at, kink.time, begin..=end));
+            }
+        }
+        for Found { course, .. } in &beam {
+            let mut longer = course.clone();
+            longer.last = end;
+            next.extend(kept(task, &longer, 8));
+            let there = task.laws.moved(
+                &task.path(course).frames[course.last - course.first],
+                kink.time - times[course.last],
+                &course.air,
+            );
+            next.extend(after(task, &rays, course, Kind::Hit, there.position, kink.time, begin..=end));
+            for &(kind, at) in &options {
+                next.extend(after(task, &rays, course, kind, at, kink.time, begin..=end));
+            }
+        }
+        let allowed = |found: &Found| hits.is_none_or(|most| count_hits(&found.course) <= most);
+        next.retain(allowed);
+        beam = best(next, BEAM);
+    }
+    let finished = |found: &Found| {
+        let (course, cost) = task.refined(&found.course, FINAL, 30)?;
+        Some(Found { cost: cost + price(&course), course })
+    };
+    let mut all: Vec<Found> = beam.iter().take(4).filter_map(finished).collect();
+    // Events that are not worth their price.
+    if let Some(found) = best(all.clone(), 1).first() {
+        for index in 0..found.course.events.len() {
+            let mut fewer = found.course.clone();
+            fewer.events.remove(index);
+            let fewer = kept(task, &fewer, 15);
+            all.extend(fewer.and_then(|found| finished(&found)));
+        }
+    }
+    best(all, BEAM)
+}
+
+/// The course with an event at `time`, at a place known roughly, and a flight on from there through the frames of `range`.
+fn after(
+    task: &Task,
+    rays: &Rays,
+    course: &Course,
+    kind: Kind,
+    at: Vector3<f64>,
+    time: f64,
+    range: std::ops::RangeInclusive<usize>,
+) -> Option<Found> {
+    let time = time.clamp(rays.times[course.first] + 1e-4, rays.times[*range.end()] - 1e-4);
+    if course.events.last().is_some_and(|event| event.time >= time) {
+        return None;
+    }
+    let moving = rays.ballistic(range.clone(), time, Some(at), *task.laws.gravity())?;
+    let mut next = course.clone();
+    next.last = *range.end();
+    next.events.push(Event { kind, time, velocity: moving.velocity, spin: Vector3::zeros() });
+    kept(task, &next, 8)
+}
+
+/// The course, refined, if it can be.
+fn kept(task: &Task, course: &Course, steps: usize) -> Option<Found> {
+    let (course, cost) = task.refined(course, GROWING, steps)?;
+    Some(Found { cost: cost + price(&course), course })
+}
+
+fn count_hits(course: &Course) -> usize {
+    course.events.iter().filter(|event| event.kind == Kind::Hit).count()
+}
+
+/// What the events of a course cost.
+pub fn price(course: &Course) -> f64 {
+    let of = |kind| if kind == Kind::Hit { HIT_PRICE } else { BOUNCE_PRICE };
+    course.events.iter().map(|event| of(event.kind)).sum()
+}
+
+/// The cheapest `count` that differ.
+fn best(mut all: Vec<Found>, count: usize) -> Vec<Found> {
+    all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
+    let mut chosen: Vec<Found> = vec![];
+    for found in all {
+        let same = |other: &Found| {
+            let kinds = |found: &Found| found.course.events.iter().map(|event| event.kind).collect::<Vec<_>>();
+            kinds(other) == kinds(&found) && (other.course.start.position - found.course.start.position).norm() < 0.02
+        };
+        if chosen.len() < count && !chosen.iter().any(same) {
+            chosen.push(found);
+        }
+    }
+    chosen
+}

@@ -1,0 +1,366 @@
+//! How well a course explains a track, and the nearest one that explains it best.
+
+use std::convert::Infallible;
+
+use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
+
+use super::course::{Course, Event, Kind, OF_AIR, OF_EVENT, OF_START, Path};
+use super::motion::{Laws, Moving};
+use super::result::{Covariances, of_place};
+use crate::camera::Camera;
+use crate::least_squares::{Damping, LeastSquares, minimised};
+use crate::physics::Obstacle;
+use crate::track::fit::Observation;
+
+/// How far a contact is from where the scene puts its surface, m.
+const SURFACE: f64 = 3e-3;
+/// How deep a ball may seem to be in something, and how surely it is not deeper, m.
+const DEPTH: f64 = 5e-3;
+const DEPTH_SIGMA: f64 = 0.01;
+/// How surely a bounce keeps the law at any speed, m/s.
+const SPEED: f64 = 0.1;
+/// Spin after a bounce: share of its change.
+const SPIN_SHARE: f64 = 0.4;
+/// Speed after a hit, m/s: what anybody reaches.
+const HIT_SPEED: f64 = 30.0;
+/// Rows of a frame (label, apparent size, depth in obstacles) and of an event (gap, velocity, spin).
+const OF_FRAME: usize = 4;
+const OF_CONTACT: usize = 8;
+/// Rows of the start's spin and the air.
+const TAIL: usize = 5;
+/// How well the picture alone tells by how much the clock slips, frames.
+const SLIP: f64 = 0.3;
+/// Longest steps of a search: m, m/s, rad/s, s, logarithm.
+const LONGEST: [f64; 5] = [1.0, 10.0, 400.0, 0.02, 0.3];
+const DAMPING: Damping =
+    Damping { first: 1e-3, relax: 0.2, least: 1e-9, stiffen: 5.0, most: 1e6, steps: 0, converged: 1e-3 };
+
+/// What is known before anything is seen.
+#[derive(Debug, Clone, Copy)]
+pub struct Priors {
+    /// Standard deviation of each component of the spin, rad/s.
+    pub spin: f64,
+    /// Of the logarithms of drag and lift.
+    pub air: [f64; 2],
+    /// Of the normal and the tangential velocity after a bounce, as shares of the closing speed.
+    pub restitution: f64,
+    pub friction: f64,
+}
+
+/// What a large residual of a label costs.
+#[derive(Debug, Clone, Copy)]
+pub enum Loss {
+    /// Linear beyond this many standard deviations.
+    Huber(f64),
+    /// Logarithmic beyond.
+    Cauchy(f64),
+}
+
+impl Loss {
+    /// Cost of a squared residual, and its derivative.
+    fn of(self, square: f64) -> (f64, f64) {
+        match self {
+            Self::Huber(limit) if square > limit * limit => {
+                let size = square.sqrt();
+                (2.0 * limit * size - limit * limit, limit / size)
+            }
+            Self::Huber(_) => (square, 1.0),
+            Self::Cauchy(scale) => {
+                let ratio = square / (scale * scale);
+                (scale * scale * ratio.ln_1p(), 1.0 / (1.0 + ratio))
+            }
+        }
+    }
+}
+
+/// A track to explain.
+pub struct Task<'a> {
+    pub laws: Laws,
+    pub obstacles: &'a [Obstacle],
+    pub camera: &'a Camera,
+    pub observations: &'a [Observation],
+    /// By their numbers, s.
+    pub times: Vec<f64>,
+    /// Frames before which the clock slips, and by how much it seems to, s.
+    pub slips: Vec<(usize, f64)>,
+    /// Seconds from a frame to the next.
+    pub interval: f64,
+    /// Depth by the apparent size and its standard deviation, m, where it was measured.
+    pub depths: Vec<Option<[f64; 2]>>,
+    /// Standard deviation of the labels, px.
+    pub sigma: f64,
+    pub priors: Priors,
+}
+
+/// A course on its way to the least cost.
+struct Search<'a> {
+    task: &'a Task<'a>,
+    course: Course,
+    path: Path,
+    times: Vec<f64>,
+    rows: Vec<f64>,
+    /// Of each event the standard deviations of the law's normal and tangential velocity and of its spin.
+    laxness: Vec<[f64; 3]>,
+    loss: Loss,
+    cost: f64,
+}
+
+impl<'a> Task<'a> {
+    /// Residuals, in standard deviations, of the frames from `from` on (those before are left as `rows` has them) and of all
+    /// else; none where the ball is behind the camera.
+    fn fill(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], from: usize, rows: &mut Vec<f64>) -> Option<()> {
+        let frames = path.frames.len();
+        rows.resize(OF_FRAME * frames + OF_CONTACT * course.events.len() + TAIL + course.slips.len(), 0.0);
+        for (index, moving) in path.frames.iter().enumerate().skip(from) {
+            let row = &mut rows[OF_FRAME * index..OF_FRAME * (index + 1)];
+            row.fill(0.0);
+            let frame = course.first + index;
+            let point = Point3::from(moving.position);
+            if let Some(label) = self.observations[frame].image {
+                let image = self.camera.image_from_world(&point).ok()?;
+                let off = (image - label) / self.sigma;
+                (row[0], row[1]) = (off.x, off.y);
+            }
+            if let Some([depth, sigma]) = self.depths[frame] {
+                row[2] = (self.camera.camera_from_world(&point).z - depth) / sigma;
+            }
+            let radius = self.laws.rigid.radius;
+            let deepest = self.obstacles.iter().map(|it| radius - it.distance(&moving.position)).fold(0.0, f64::max);
+            row[3] = (deepest - DEPTH).max(0.0) / DEPTH_SIGMA;
+        }
+        for (index, ((event, before), [normal, across, turn])) in
+            course.events.iter().zip(&path.before).zip(laxness).enumerate()
+        {
+            let start = OF_FRAME * frames + OF_CONTACT * index;
+            let row = &mut rows[start..start + OF_CONTACT];
+            row.fill(0.0);
+            let (gap, velocity, spin) = match event.kind {
+                Kind::Bounce(obstacle) => {
+                    let near = self.obstacles[obstacle].nearest(&before.position);
+                    let rigid = &self.laws.rigid;
+                    let (v, w) = rigid.rebound(&near.normal, &before.velocity, &before.spin);
+                    let off = event.velocity - v;
+                    let along = near.normal.dot(&off);
+                    let beside = off - along * near.normal;
+                    row[7] = along / normal;
+                    ((near.distance - rigid.radius) / SURFACE, beside / *across, (event.spin - w) / *turn)
+                }
+                Kind::Hit => (0.0, event.velocity / HIT_SPEED, event.spin / self.priors.spin),
+            };
+            row[0] = gap;
+            row[1..4].copy_from_slice(velocity.as_slice());
+            row[4..7].copy_from_slice(spin.as_slice());
+        }
+        let tail = rows.len() - TAIL - course.slips.len();
+        (0..3).for_each(|axis| rows[tail + axis] = course.start.spin[axis] / self.priors.spin);
+        (0..2).for_each(|which| rows[tail + 3 + which] = course.air[which] / self.priors.air[which]);
+        for (index, (slip, (_, seems))) in course.slips.iter().zip(&self.slips).enumerate() {
+            rows[tail + TAIL + index] = (slip - seems) / (SLIP * self.interval);
+        }
+        rows.iter().all(|row| row.is_finite()).then_some(())
+    }
+
+    /// How loosely each event keeps the law.
+    fn laxness(&self, course: &Course, path: &Path) -> Vec<[f64; 3]> {
+        let of = |(event, before): (&Event, &Moving)| {
+            let Kind::Bounce(obstacle) = event.kind else { return [1.0; 3] };
+            let normal = self.obstacles[obstacle].nearest(&before.position).normal;
+            let closing = normal.dot(&before.velocity).abs();
+            let (_, w) = self.laws.rigid.rebound(&normal, &before.velocity, &before.spin);
+            let across = self.priors.friction * closing + SPEED;
+            let turn = 2.0 * across / self.laws.rigid.radius + SPIN_SHARE * (w - before.spin).norm();
+            [self.priors.restitution * closing + SPEED, across, turn]
+        };
+        course.events.iter().zip(&path.before).map(of).collect()
+    }
+
+    /// Weight of each residual's square, and the cost.
+    fn weighed(&self, frames: usize, rows: &[f64], loss: Loss) -> (Vec<f64>, f64) {
+        let mut weights = vec![1.0; rows.len()];
+        let mut cost = 0.0;
+        for index in 0..frames {
+            let start = OF_FRAME * index;
+            let row = &rows[start..start + OF_FRAME];
+            let groups = [(0..2, row[0] * row[0] + row[1] * row[1], loss), (2..3, row[2] * row[2], loss)];
+            let depth = (3..4, row[3] * row[3], Loss::Huber(3.0));
+            for (range, square, loss) in groups.into_iter().chain([depth]) {
+                let (paid, weight) = loss.of(square);
+                cost += paid;
+                range.for_each(|at| weights[start + at] = weight);
+            }
+        }
+        let rest = &rows[OF_FRAME * frames..];
+        (weights, cost + rest.iter().map(|row| row * row).sum::<f64>())
+    }
+
+    /// When each frame was taken by a course, s.
+    pub fn times_of(&self, course: &Course) -> Vec<f64> {
+        let frames: Vec<usize> = self.slips.iter().map(|slip| slip.0).collect();
+        course.times(&self.times, &frames)
+    }
+
+    /// The way of a course.
+    pub fn path(&self, course: &Course) -> Path {
+        course.path(&self.laws, &self.times_of(course))
+    }
+
+    /// The course, or one near it that explains the track better, and its cost.
+    pub fn refined(&self, course: &Course, loss: Loss, steps: usize) -> Option<(Course, f64)> {
+        let start = Search::new(self, course.clone(), loss)?;
+        let Ok(found) = minimised(start, &Damping { steps, ..DAMPING });
+        Some((found.course, found.cost))
+    }
+
+    /// Residuals of the labels, px, frame by frame.
+    pub fn residuals(&self, course: &Course, path: &Path) -> Vec<Option<Vector2<f64>>> {
+        let of = |(index, moving): (usize, &Moving)| {
+            let label = self.observations[course.first + index].image?;
+            Some(self.camera.image_from_world(&Point3::from(moving.position)).ok()? - label)
+        };
+        path.frames.iter().enumerate().map(of).collect()
+    }
+
+    /// The same task with other depths.
+    pub fn with_depths(&self, depths: Vec<Option<[f64; 2]>>) -> Task<'_> {
+        let (laws, times, slips) = (self.laws.clone(), self.times.clone(), self.slips.clone());
+        Task { depths, laws, times, slips, ..*self }
+    }
+
+    /// Covariances of the numbers that describe a course, and of its position at each frame.
+    pub fn covariances(&self, course: &Course, loss: Loss) -> Option<Covariances> {
+        let search = Search::new(self, course.clone(), loss)?;
+        let (normal, _) = search.normal()?;
+        let covariance = normal.cholesky()?.inverse();
+        let mut columns: Vec<Vec<Vector3<f64>>> = Vec::with_capacity(course.count());
+        for number in 0..course.count() {
+            let (changed, step) = search.stepped(number)?;
+            let by = |(a, b): (&Moving, &Moving)| (a.position - b.position) / step;
+            columns.push(changed.frames.iter().zip(&search.path.frames).map(by).collect());
+        }
+        let at = |frame: usize| {
+            let own: Vec<Vector3<f64>> = columns.iter().map(|column| column[frame]).collect();
+            of_place(&own, &covariance)
+        };
+        let positions = (0..search.path.frames.len()).map(at).collect();
+        Some((covariance, positions))
+    }
+}
+
+impl<'a> Search<'a> {
+    fn new(task: &'a Task<'a>, course: Course, loss: Loss) -> Option<Self> {
+        let times = task.times_of(&course);
+        if !course.in_order(&times) {
+            return None;
+        }
+        let path = course.path(&task.laws, &times);
+        let laxness = task.laxness(&course, &path);
+        let mut rows = vec![];
+        task.fill(&course, &path, &laxness, 0, &mut rows)?;
+        let (_, cost) = task.weighed(path.frames.len(), &rows, loss);
+        Some(Self { task, course, path, times, rows, laxness, loss, cost })
+    }
+
+    /// The path with one number changed a little, and by how much.
+    fn stepped(&self, number: usize) -> Option<(Path, f64)> {
+        let step = step_of(&self.course, number);
+        let mut course = self.course.clone();
+        *course.number(number) += step;
+        Some((self.path_of(&course, number).0, step))
+    }
+
+    /// The path of a course that differs in one number, and the index of the first frame that differs.
+    fn path_of(&self, course: &Course, number: usize) -> (Path, usize) {
+        match course.slips == self.course.slips {
+            true => course.changed(&self.task.laws, &self.times, course.flight_of(number), &self.path),
+            false => (self.task.path(course), 0),
+        }
+    }
+
+    /// J'WJ and J'Wr.
+    fn normal(&self) -> Option<(DMatrix<f64>, DVector<f64>)> {
+        let count = self.course.count();
+        let frames = self.path.frames.len();
+        let (weights, _) = self.task.weighed(frames, &self.rows, self.loss);
+        let mut jacobian = DMatrix::zeros(self.rows.len(), count);
+        let mut rows = self.rows.clone();
+        for number in 0..count {
+            let step = step_of(&self.course, number);
+            let mut course = self.course.clone();
+            *course.number(number) += step;
+            let (path, from) = self.path_of(&course, number);
+            // An event that moves across a frame's time changes the frame before it, too.
+            let from = from.saturating_sub(1);
+            rows[..OF_FRAME * from].copy_from_slice(&self.rows[..OF_FRAME * from]);
+            self.task.fill(&course, &path, &self.laxness, from, &mut rows)?;
+            for (out, ((new, old), weight)) in
+                jacobian.column_mut(number).iter_mut().zip(rows.iter().zip(&self.rows).zip(&weights))
+            {
+                *out = (new - old) / step * weight.sqrt();
+            }
+        }
+        let weighted =
+            DVector::from_iterator(rows.len(), self.rows.iter().zip(&weights).map(|(row, weight)| row * weight.sqrt()));
+        let mut normal = jacobian.tr_mul(&jacobian);
+        (0..count).for_each(|at| normal[(at, at)] += 1e-9);
+        Some((normal, jacobian.tr_mul(&weighted)))
+    }
+}
+
+/// Which kind of number it is: position, velocity, spin, time, logarithm.
+fn kind_of(course: &Course, number: usize) -> usize {
+    let Some(beyond) = number.checked_sub(OF_START) else { return number / 3 };
+    match beyond < OF_EVENT * course.events.len() {
+        true => [3, 1, 1, 1, 2, 2, 2][beyond % OF_EVENT],
+        false if beyond - OF_EVENT * course.events.len() < OF_AIR => 4,
+        false => 3,
+    }
+}
+
+/// Step of a number's differences.
+fn step_of(course: &Course, number: usize) -> f64 {
+    [1e-6, 1e-5, 1e-2, 1e-7, 1e-5][kind_of(course, number)]
+}
+
+impl LeastSquares for Search<'_> {
+    type Normal = (DMatrix<f64>, DVector<f64>);
+    type Step = DVector<f64>;
+    type Error = Infallible;
+
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    fn linearised(&mut self) -> Result<Option<Self::Normal>, Infallible> {
+        self.laxness = self.task.laxness(&self.course, &self.path);
+        let filled = self.task.fill(&self.course, &self.path, &self.laxness, 0, &mut self.rows);
+        self.cost = self.task.weighed(self.path.frames.len(), &self.rows, self.loss).1;
+        Ok(filled.and_then(|()| self.normal()))
+    }
+
+    fn step(&self, (normal, gradient): &Self::Normal, damping: f64) -> Option<DVector<f64>> {
+        let mut damped = normal.clone();
+        (0..damped.nrows()).for_each(|at| damped[(at, at)] *= 1.0 + damping);
+        let mut step = damped.cholesky()?.solve(&-gradient);
+        let longest = step.iter().enumerate().map(|(at, value)| value.abs() / LONGEST[kind_of(&self.course, at)]);
+        step /= longest.fold(1.0, f64::max);
+        step.iter().all(|value| value.is_finite()).then_some(step)
+    }
+
+    fn moved(&self, _: &Self::Normal, step: &DVector<f64>) -> Result<Option<Self>, Infallible> {
+        let mut course = self.course.clone();
+        for (number, by) in step.iter().enumerate() {
+            *course.number(number) += by;
+        }
+        let times = self.task.times_of(&course);
+        if !course.in_order(&times) {
+            return Ok(None);
+        }
+        let path = course.path(&self.task.laws, &times);
+        let mut rows = vec![];
+        let filled = self.task.fill(&course, &path, &self.laxness, 0, &mut rows);
+        Ok(filled.map(|()| {
+            let (_, cost) = self.task.weighed(path.frames.len(), &rows, self.loss);
+            Self { course, path, times, rows, laxness: self.laxness.clone(), cost, ..*self }
+        }))
+    }
+}
