@@ -20,7 +20,7 @@ use clap::Parser as _;
 /// Does what the command line asks for.
 pub fn main() -> ExitCode {
     match commands::Arguments::parse().run() {
-        Ok(()) => ExitCode::SUCCESS,
+        Ok(status) => status,
         // Whoever reads our output has seen enough.
         Err(error) if error.downcast_ref::<io::Error>().is_some_and(|e| e.kind() == io::ErrorKind::BrokenPipe) => {
             ExitCode::SUCCESS

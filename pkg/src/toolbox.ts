@@ -68,7 +68,7 @@ export class Toolbox {
 
   /** The trajectory behind a 2D track; {@link Track} is more convenient. */
   fitTrack(
-    frames: { t: number; image: [number, number] | null }[],
+    frames: { t: number; image: [number, number] | null; radius?: [number, number] | null }[],
     scene: { camera: Camera; scene: Scene; noisePx?: number; estimate?: Parameter[]; signal?: AbortSignal },
   ): Promise<Fit> {
     return this.#call("fitTrack", () => ({

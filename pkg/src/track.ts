@@ -25,6 +25,17 @@ export interface Sighting {
   /** Pixels; null where the ball was not seen. */
   image: [number, number] | null;
   confidence?: number;
+  /** Apparent radius, pixels: one that is known makes the distance surer. */
+  radiusPx?: number;
+  /** Its standard deviation, pixels. Default: the larger of 5 % and 0.3 px. */
+  radiusSigmaPx?: number;
+}
+
+/** A {@link Sighting} as the core takes it. */
+interface Seen {
+  timestampMs: number;
+  image: [number, number] | null;
+  radius: [number, number] | null;
 }
 
 /**
@@ -35,7 +46,7 @@ export class Track {
   readonly #toolbox: Toolbox;
   readonly #owned: boolean;
   readonly #options: TrackOptions;
-  #sightings: Sighting[] = [];
+  #sightings: Seen[] = [];
 
   private constructor(toolbox: Toolbox, options: TrackOptions) {
     this.#toolbox = toolbox;
@@ -53,14 +64,18 @@ export class Track {
   }
 
   /** Adds a sighting. @throws {@link GravisightError} `timestamp-order` where it is not later than the last one. */
-  add({ timestampMs, image, confidence }: Sighting): void {
+  add({ timestampMs, image, confidence, radiusPx, radiusSigmaPx }: Sighting): void {
     const last = this.#sightings.at(-1);
     if (!Number.isFinite(timestampMs) || (last && !(timestampMs > last.timestampMs))) {
       const before = last ? `, the last one's was ${last.timestampMs} ms` : "";
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${before}.`);
     }
     const seen = confidence === undefined || confidence >= (this.#options.leastConfidence ?? 0.5);
-    this.#sightings.push({ timestampMs, image: seen && image ? [image[0], image[1]] : null });
+    this.#sightings.push({
+      timestampMs,
+      image: seen && image ? [image[0], image[1]] : null,
+      radius: seen && image && radiusPx ? [radiusPx, radiusSigmaPx ?? Math.max(0.05 * radiusPx, 0.3)] : null,
+    });
     const { window } = this.#options;
     if (window !== undefined && this.#sightings.length > window) this.#sightings.shift();
   }
@@ -78,7 +93,7 @@ export class Track {
   async fit(options: { signal?: AbortSignal } = {}): Promise<Trajectory> {
     const { camera, scene, noisePx, estimate } = this.#options;
     const start = this.#sightings[0]?.timestampMs ?? 0;
-    const frames = this.#sightings.map(({ timestampMs, image }) => ({ t: (timestampMs - start) / 1000, image }));
+    const frames = this.#sightings.map(({ timestampMs, image, radius }) => ({ t: (timestampMs - start) / 1000, image, radius }));
     const { signal } = options;
     const fit = await this.#toolbox.fitTrack(frames, {
       camera,
@@ -88,10 +103,12 @@ export class Track {
       ...(signal && { signal }),
     });
     const at = (t: number) => start + 1000 * t;
-    const { frames: fitted, impacts, ...all } = fit;
+    const { frames: fitted, impacts, flights, hits, ...all } = fit;
     return {
       ...all,
       points: fitted.map(({ t, ...point }) => ({ timestampMs: at(t), ...point })),
+      flights: flights.map(({ start: from, end, ...flight }) => ({ startMs: at(from), endMs: at(end), ...flight })),
+      hits: hits.map(({ time, ...hit }) => ({ timestampMs: at(time), ...hit })),
       bounces: impacts.map(({ t, ...bounce }) => ({ timestampMs: at(t), ...bounce })),
     };
   }

@@ -1,4 +1,4 @@
-import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, FloatMap, Impact, Model, Position, Scene, Wanted } from "../wasm/cpu/gravisight.js";
+import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
@@ -10,6 +10,8 @@ export type {
   Court,
   Estimate,
   Fit,
+  Flight,
+  Hit,
   FitFrame,
   FloatMap,
   Forecast,
@@ -154,10 +156,23 @@ export interface Bounce extends Omit<Impact, "t"> {
   timestampMs: number;
 }
 
+/** From hit to hit, bounces between. */
+export interface TrajectoryFlight extends Omit<Flight, "start" | "end"> {
+  startMs: number;
+  endMs: number;
+}
+
+/** A hit of a racket, a foot, a hand. `frame` is the index of the first point after it. */
+export interface TrajectoryHit extends Omit<Hit, "time"> {
+  timestampMs: number;
+}
+
 /** The trajectory that physics allows and what was seen explains. */
-export interface Trajectory extends Omit<Fit, "frames" | "impacts"> {
+export interface Trajectory extends Omit<Fit, "frames" | "impacts" | "flights" | "hits"> {
   points: TrajectoryPoint[];
   bounces: Bounce[];
+  flights: TrajectoryFlight[];
+  hits: TrajectoryHit[];
 }
 
 /** Labelled points: the content of a `points.json`. */

@@ -4,6 +4,7 @@
 //! paper's physics-aware forecaster (PAF): from a state to the states at other times and their
 //! Jacobians by the start, contacts included.
 
+mod balls;
 mod cases;
 mod contact;
 mod force;

@@ -83,6 +83,32 @@ impl Obstacle {
         }
     }
 
+    /// How much of the way from `eye` to `r` lies inside, m.
+    pub fn between(&self, eye: &Vector3<f64>, r: &Vector3<f64>) -> f64 {
+        let way = r - eye;
+        // Where the way passes each slab, as shares of it.
+        let (mut from, mut to) = (0.0_f64, 1.0_f64);
+        let mut clip = |at: f64, by: f64, low: f64, high: f64| {
+            let (a, b) = ((low - at) / by, (high - at) / by);
+            if by == 0.0 {
+                if at < low || at > high {
+                    to = -1.0;
+                }
+            } else {
+                from = from.max(a.min(b));
+                to = to.min(a.max(b));
+            }
+        };
+        match &self.shape {
+            Shape::Plane { normal, offset } => clip(normal.dot(eye), normal.dot(&way), f64::NEG_INFINITY, *offset),
+            Shape::Cuboid { centre, half, turn } => {
+                let (at, by) = (into_box(eye - centre, turn), into_box(way, turn));
+                (0..3).for_each(|axis| clip(at[axis], by[axis], -half[axis], half[axis]));
+            }
+        }
+        (to - from).max(0.0) * way.norm()
+    }
+
     /// Distance, normal and curvature at `r`.
     #[inline]
     pub fn nearest(&self, r: &Vector3<f64>) -> Nearest {

@@ -21,6 +21,9 @@ struct TrackFrame {
     t: f64,
     /// px; none where the ball was not seen.
     image: Option<[f64; 2]>,
+    /// Apparent radius and its standard deviation, px, where they were measured.
+    #[serde(default)]
+    radius: Option<[f64; 2]>,
 }
 
 /// The trajectory that physics allows and what was seen explains.
@@ -41,8 +44,71 @@ pub struct Fit {
     pub noise_px: f64,
     /// Root mean square of the residuals, pixels, outliers left out.
     pub rms_px: f64,
-    /// If not, a force is unknown, or scene or camera are wrong: do not trust it.
+    /// Whether every flight is; if not, a force is unknown, scene or camera are wrong, or nothing tells the distance.
     pub explained: bool,
+    /// What to think of it, in a sentence.
+    pub verdict: String,
+    /// From hit to hit, bounces between.
+    pub flights: Vec<Flight>,
+    /// Where something that the scene does not hold changes the ball's way.
+    pub hits: Vec<Hit>,
+    /// What is odd about the track, in words.
+    pub notes: Vec<String>,
+}
+
+/// A part of a trajectory in which only the scene acts on the ball.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+#[tsify(missing_as_null)]
+pub struct Flight {
+    /// When it begins, seconds.
+    pub start: f64,
+    /// When it ends, seconds.
+    pub end: f64,
+    /// Speed at its start, metres a second.
+    pub speed_start: f64,
+    /// Standard deviation of that.
+    pub speed_sigma: f64,
+    /// Spin at its start along the world's axes, radians a second.
+    pub spin: [f64; 3],
+    /// Standard deviation of each of its components.
+    pub spin_sigma: [f64; 3],
+    /// Whether its trajectory explains what was seen of it to about its noise, and is known.
+    pub explained: bool,
+    /// Why not, in words; null where it is.
+    pub reason: Option<String>,
+}
+
+/// A hit of a racket, a foot, a hand.
+#[derive(Serialize, Tsify)]
+pub struct Hit {
+    /// Seconds.
+    pub time: f64,
+    /// Index of the first frame after it.
+    pub frame: usize,
+    /// The ball's centre, metres.
+    pub world: [f64; 3],
+}
+
+impl From<&track::Flight> for Flight {
+    fn from(flight: &track::Flight) -> Self {
+        Self {
+            start: flight.start,
+            end: flight.end,
+            speed_start: flight.speed[0],
+            speed_sigma: flight.speed[1],
+            spin: flight.spin,
+            spin_sigma: flight.spin_sigma,
+            explained: flight.explained,
+            reason: flight.reason.clone(),
+        }
+    }
+}
+
+impl From<&track::Hit> for Hit {
+    fn from(hit: &track::Hit) -> Self {
+        Self { time: hit.time, frame: hit.frame, world: hit.position.coords.into() }
+    }
 }
 
 /// One moment of a trajectory.
@@ -64,6 +130,8 @@ pub struct FitFrame {
     pub covariance: [[f64; 3]; 3],
     /// The trajectory's image less what was seen, pixels; null where nothing was seen.
     pub residual_px: Option<[f64; 2]>,
+    /// Index of the flight that it belongs to.
+    pub flight: usize,
     /// Whether what was seen there does not belong to the trajectory.
     pub outlier: bool,
     /// Why what was seen there was left out, in words: the camera's lens does not reach that far.
@@ -105,6 +173,7 @@ impl From<&FittedFrame> for FitFrame {
             // Symmetric: its columns are its rows.
             covariance: frame.covariance.into(),
             residual_px: frame.residual_px.map(<[f64; 2]>::from),
+            flight: frame.flight,
             outlier: frame.outlier,
             refused: frame.refused.clone(),
         }
@@ -130,6 +199,10 @@ impl From<&track::Fit> for Fit {
             noise_px: fit.noise_px,
             rms_px: fit.rms_px,
             explained: fit.explained,
+            verdict: fit.verdict(),
+            flights: fit.flights.iter().map(Flight::from).collect(),
+            hits: fit.hits.iter().map(Hit::from).collect(),
+            notes: fit.notes.clone(),
         }
     }
 }
@@ -161,7 +234,7 @@ fn fit(frames: &str, camera: &str, scene: &str, noise_px: Option<f64>, estimate:
     let estimate = estimate.iter().map(parameter).collect::<Result<Vec<_>>>()?;
     let observations: Vec<Observation> = frames
         .iter()
-        .map(|frame| Observation { time: frame.t, image: frame.image.map(Point2::from), radius: None })
+        .map(|frame| Observation { time: frame.t, image: frame.image.map(Point2::from), radius: frame.radius })
         .collect();
     let forecaster = Forecaster::new(&Scene::from_json(scene, "scene")?)?;
     let options = FitOptions { noise_px, estimate, ..FitOptions::default() };

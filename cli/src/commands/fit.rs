@@ -1,6 +1,7 @@
 //! `gravisight fit`.
 
 use std::path::PathBuf;
+use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
@@ -10,10 +11,15 @@ use super::print_line;
 use gravisight::internal::write_whole;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
 
+/// Exit status where some flight is not explained.
+const PARTLY: u8 = 3;
 /// 1-σ of a position that counts as sure, m.
 const SURE: f64 = 0.1;
 
 /// Find the 3D trajectory whose projection best explains a 2D track.
+///
+/// Exit status: 0 where every flight is explained, 3 where some are not (the output is written all the same), 1 where nothing
+/// can be said.
 #[derive(Args)]
 pub struct Arguments {
     /// The 2D track (CSV with Frame,Visibility,X,Y and, if you like, Time in seconds).
@@ -28,6 +34,12 @@ pub struct Arguments {
     /// Frames a second; not needed, and not used, where the track has a column Time.
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
+    /// The ball of this sport in place of the scene's, and its bounces where the scene says nothing of them.
+    #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(Scene::ball_names()))]
+    ball: Option<String>,
+    /// Most hits of a racket, a foot or a hand that the track may hold.
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = hits)]
+    hits: Hits,
     /// Standard deviation of the labels, px [default: found from the track].
     #[arg(long, value_name = "S")]
     noise_px: Option<f64>,
@@ -49,10 +61,26 @@ enum Unknown {
     Spin,
 }
 
-pub fn run(arguments: Arguments) -> Result<()> {
+/// How many hits there may be; as many as explain the track where none is said.
+#[derive(Debug, Clone, Copy)]
+struct Hits(Option<usize>);
+
+fn hits(text: &str) -> Result<Hits, String> {
+    match text {
+        "auto" => Ok(Hits(None)),
+        number => number.parse().map(|most| Hits(Some(most))).map_err(|_| "must be `auto` or a number".into()),
+    }
+}
+
+pub fn run(arguments: Arguments) -> Result<ExitCode> {
     ensure!(arguments.noise_px.is_none_or(|noise| noise.is_finite() && noise > 0.0), "--noise-px must be positive");
     let camera = Camera::from_file(&arguments.camera)?;
-    let forecaster = Forecaster::new(&Scene::from_file(&arguments.scene)?)?;
+    let scene = Scene::from_file(&arguments.scene)?;
+    let scene = match &arguments.ball {
+        Some(name) => scene.with_ball(name)?,
+        None => scene,
+    };
+    let forecaster = Forecaster::new(&scene)?;
     let name = || arguments.track.display().to_string();
     let (frames, observations) = Track::from_file(&arguments.track)?.observations(arguments.fps).with_context(name)?;
     let mut estimate: Vec<Parameter> = Vec::new();
@@ -67,7 +95,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
         }
         estimate.push(parameter);
     }
-    let options = FitOptions { noise_px: arguments.noise_px, estimate, ..FitOptions::default() };
+    let options =
+        FitOptions { noise_px: arguments.noise_px, estimate, hits: arguments.hits.0, ..FitOptions::default() };
     let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?;
     if let Some(out) = &arguments.out {
         write_whole(out, fit.to_csv(&frames)?.as_bytes())?;
@@ -76,14 +105,14 @@ pub fn run(arguments: Arguments) -> Result<()> {
         true => print_line(as_json(&frames, &fit))?,
         false => print(&frames, &fit, arguments.out.is_none())?,
     }
-    if !fit.explained {
-        eprintln!(
-            "gravisight: note: no trajectory that the scene allows explains the track well (the best leaves {:.2} px rms, or \
-             breaks the laws); check the scene, the camera and --fps, or let --estimate find what is unknown",
-            fit.rms_px
-        );
+    if fit.explained {
+        return Ok(ExitCode::SUCCESS);
     }
-    Ok(())
+    eprintln!(
+        "gravisight: note: {}; check the scene, the camera and --fps, or let --estimate find what is unknown",
+        fit.verdict()
+    );
+    Ok(ExitCode::from(PARTLY))
 }
 
 /// The fit with the frames' numbers in the track.
@@ -92,10 +121,38 @@ fn as_json(frames: &[u64], fit: &Fit) -> Value {
     for (fields, number) in fitted["frames"].as_array_mut().into_iter().flatten().zip(frames) {
         fields["frame"] = Value::from(*number);
     }
+    for (fields, hit) in fitted["hits"].as_array_mut().into_iter().flatten().zip(&fit.hits) {
+        fields["frame"] = Value::from(frames[hit.frame.min(frames.len() - 1)]);
+    }
     fitted
 }
 
 fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
+    print_line(fit.verdict())?;
+    for note in &fit.notes {
+        print_line(format_args!("note: {note}"))?;
+    }
+    for (index, flight) in fit.flights.iter().enumerate() {
+        let turns = |value: f64| value / std::f64::consts::TAU;
+        let spin = flight.spin.iter().map(|w| w * w).sum::<f64>().sqrt();
+        let spin_sigma = flight.spin_sigma.iter().map(|w| w * w).sum::<f64>().sqrt();
+        print_line(format_args!(
+            "flight {}: {:.3} to {:.3} s, starts at {:.2} ± {:.2} m/s, spin {:.0} ± {:.0} rev/s{}",
+            index + 1,
+            flight.start,
+            flight.end,
+            flight.speed[0],
+            flight.speed[1],
+            turns(spin),
+            turns(spin_sigma),
+            if flight.explained { "" } else { "  (not explained)" }
+        ))?;
+    }
+    for hit in &fit.hits {
+        let [x, y, z] = hit.position.coords.into();
+        let frame = frames[hit.frame.min(frames.len() - 1)];
+        print_line(format_args!("hit before frame {frame}, t {:.3} s, x {x:.3}  y {y:.3}  z {z:.3} m", hit.time))?;
+    }
     if table {
         print_line("frame        t s        x        y        z m   ± cm   residual px")?;
         for (number, frame) in frames.iter().zip(&fit.frames) {

@@ -12,6 +12,7 @@ mod synth;
 mod train;
 
 use std::io::{self, Write as _};
+use std::process::ExitCode;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
@@ -39,20 +40,21 @@ enum Command {
 }
 
 impl Arguments {
-    /// Does what was asked for.
-    pub fn run(self) -> Result<()> {
-        match self.command {
+    /// Does what was asked for; the exit status says whether all of it came out.
+    pub fn run(self) -> Result<ExitCode> {
+        let done = match self.command {
+            Command::Fit(arguments) => return fit::run(arguments),
             Command::Localise(arguments) => localise::run(arguments),
             Command::Evaluate(arguments) => evaluate::run(arguments),
             Command::Saliency(arguments) => saliency::run(arguments),
             Command::Train(arguments) => train::run(arguments),
             Command::Forecast(arguments) => forecast::run(arguments),
-            Command::Fit(arguments) => fit::run(arguments),
             Command::Calibrate(arguments) => calibrate::run(arguments),
             Command::Synth(arguments) => synth::run(arguments),
             Command::Import(arguments) => import::run(arguments),
             Command::Label(arguments) => label::run(arguments),
-        }
+        };
+        done.map(|()| ExitCode::SUCCESS)
     }
 }
 

@@ -16,6 +16,26 @@ impl Parameter {
 }
 
 impl Fit {
+    /// What to think of it, in a sentence.
+    pub fn verdict(&self) -> String {
+        let count = |number: usize, what: &str| format!("{number} {what}{}", if number == 1 { "" } else { "s" });
+        let parts =
+            [count(self.flights.len(), "flight"), count(self.hits.len(), "hit"), count(self.impacts.len(), "bounce")]
+                .join(", ");
+        let wrong =
+            self.flights.iter().enumerate().filter_map(|(index, flight)| {
+                Some(format!("flight {} is not: {}", index + 1, flight.reason.as_ref()?))
+            });
+        let wrong: Vec<String> = wrong.collect();
+        match wrong.is_empty() {
+            true => format!("explained: {parts}"),
+            false if wrong.len() == self.flights.len() && wrong.len() == 1 => {
+                format!("not explained: {}", self.flights[0].reason.as_deref().unwrap_or_default())
+            }
+            false => format!("not all explained: {parts}; {}", wrong.join("; ")),
+        }
+    }
+
     /// The fit as a JSON object; metres, seconds and pixels.
     pub fn as_json(&self) -> Value {
         let frame = |frame: &FittedFrame| {
@@ -24,7 +44,7 @@ impl Fit {
             let mut fields = json!({"t": frame.time, "world": <[f64; 3]>::from(frame.state.position.coords),
                 "velocity": <[f64; 3]>::from(frame.state.velocity), "speed": frame.state.velocity.norm(),
                 "sigma": frame.sigma(), "covariance": covariance,
-                "residual_px": frame.residual_px.map(<[f64; 2]>::from), "outlier": frame.outlier});
+                "residual_px": frame.residual_px.map(<[f64; 2]>::from), "outlier": frame.outlier, "flight": frame.flight});
             if let Some(reason) = &frame.refused {
                 fields["refused"] = json!(reason);
             }
@@ -34,12 +54,21 @@ impl Fit {
             json!({"t": impact.time, "surface": impact.surface.to_string(),
                 "world": <[f64; 3]>::from(impact.position), "speed": impact.speed})
         });
+        let flights = self.flights.iter().map(|flight| {
+            json!({"start": flight.start, "end": flight.end, "speed_start": flight.speed[0], "speed_sigma": flight.speed[1],
+                "spin": flight.spin, "spin_sigma": flight.spin_sigma, "explained": flight.explained, "reason": flight.reason})
+        });
+        let hits = self
+            .hits
+            .iter()
+            .map(|hit| json!({"time": hit.time, "frame": hit.frame, "world": <[f64; 3]>::from(hit.position.coords)}));
         let estimates = self.estimates.iter().map(|estimate| {
             let value = json!({"value": estimate.value, "sigma": estimate.sigma});
             (estimate.parameter.name().to_string(), value)
         });
         json!({"frames": self.frames.iter().map(frame).collect::<Vec<_>>(), "noise_px": self.noise_px,
             "rms_px": self.rms_px, "explained": self.explained, "impacts": impacts.collect::<Vec<_>>(),
+            "flights": flights.collect::<Vec<_>>(), "hits": hits.collect::<Vec<_>>(), "notes": self.notes, "verdict": self.verdict(),
             "estimates": Value::Object(estimates.collect()), "spin": self.spin})
     }
 }

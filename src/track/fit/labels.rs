@@ -59,8 +59,10 @@ pub(super) fn noise_of(observations: &[Observation]) -> f64 {
             [sum.x.abs(), sum.y.abs()]
         })
         .collect();
-    // median of |N(0, σ)|
-    if sizes.is_empty() { 1.0 } else { median(sizes) / 0.6745 }
+    let mut sizes = sizes;
+    sizes.sort_by(f64::total_cmp);
+    // A third of |N(0, σ)| is below 0.43 σ; kinks make the larger ones larger still.
+    sizes.get(sizes.len() / 3).map_or(1.0, |size| size / 0.4307)
 }
 
 /// Noise of the labels around a trajectory, from the residuals' median, px; not smaller than is believed.

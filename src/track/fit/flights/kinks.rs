@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Point2, Vector2};
 /// Observations that a piece holds at most.
 const LONGEST: usize = 100;
 /// Fewest observations of a piece.
-const SHORTEST: usize = 3;
+const SHORTEST: usize = 2;
 /// Residual, in standard deviations, beyond which a label costs no more.
 const CAP: f64 = 4.0;
 /// What another piece costs, in squared standard deviations.

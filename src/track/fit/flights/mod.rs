@@ -12,7 +12,7 @@ mod result;
 mod search;
 mod task;
 
-use nalgebra::Point2;
+use nalgebra::{Point2, Point3};
 
 pub use self::motion::Laws;
 use self::search::searched;
@@ -85,6 +85,7 @@ pub fn fitted(
         laws,
         obstacles: &obstacles,
         camera,
+        eye: camera.world_from_camera(&Point3::origin()).coords,
         observations: &trusted,
         slips: slips.iter().map(|slip| (seen[slip.label].0, slip.frames * interval)).collect(),
         interval,

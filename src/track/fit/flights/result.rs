@@ -20,6 +20,10 @@ const FACTORS: [f64; 8] = [0.55, 0.67, 0.8, 0.9, 1.1, 1.25, 1.5, 1.8];
 const PINNED: f64 = 1e-3;
 /// Share of the distance beyond which a position is as good as unknown.
 const UNKNOWN: f64 = 0.06;
+/// By how much more the labels of a whole flight may be off together than their residuals show, which the trajectory has
+/// followed: a factor of variances, between rivals and of each.
+const DRIFT: f64 = 1.5;
+const OWN_DRIFT: f64 = 1.3;
 /// Strongest correlation of one residual with the next that is believed.
 const STRONGEST: f64 = 0.9;
 
@@ -40,7 +44,7 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Fit> {
     let times = task.times_of(&best);
     let residuals = task.residuals(&best, &path);
     let (parameters, positions) = task.covariances(&best, FINAL)?;
-    let inflation = correlation(&residuals, task.sigma);
+    let inflation = OWN_DRIFT * correlation(&residuals, task.sigma);
     let rivals = rivals(task, found, &best, &path, &positions, inflation);
     let all: f64 = rivals.iter().map(|(weight, _)| weight).sum();
     // Hits end flights; bounces do not.
@@ -179,7 +183,7 @@ fn rivals(
     inflation: f64,
 ) -> Vec<(f64, Vec<Moving>)> {
     let least = found[0].cost;
-    let weight = |cost: f64| (-0.5 * (cost - least) / inflation).exp().min(1.0);
+    let weight = |cost: f64| (-0.5 * (cost - least) / (DRIFT * inflation)).exp().min(1.0);
     let others = found.iter().map(|it| (weight(it.cost), it)).filter(|(weight, _)| *weight > 1e-4);
     let mut rivals: Vec<(f64, Vec<Moving>)> =
         others.map(|(weight, it)| (weight, task.path(&whole(task, &it.course)).frames)).collect();

@@ -18,6 +18,11 @@ const HIT_PRICE: f64 = 50.0;
 /// Nearest and farthest that a ball is looked for, m.
 const NEAREST: f64 = 0.1;
 const FARTHEST: f64 = 500.0;
+/// Rounds of search beside the best course, and by how much it must be bettered for another.
+const ROUNDS: usize = 4;
+const GAIN: f64 = 1.0;
+/// Events at the growing end whose flights are refined with it.
+const OPEN: usize = 3;
 const GROWING: Loss = Loss::Huber(2.5);
 pub const FINAL: Loss = Loss::Cauchy(2.5);
 
@@ -208,7 +213,9 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> 
             );
             next.extend(after(task, &rays, course, Kind::Hit, there.position, kink.time, begin..=end));
             for &(kind, at) in &options {
-                next.extend(after(task, &rays, course, kind, at, kink.time, begin..=end));
+                for aimed in aimed(task, course, at, kink.time) {
+                    next.extend(after(task, &rays, &aimed, kind, at, kink.time, begin..=end));
+                }
             }
         }
         let allowed = |found: &Found| hits.is_none_or(|most| count_hits(&found.course) <= most);
@@ -220,16 +227,126 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> 
         Some(Found { cost: cost + price(&course), course })
     };
     let mut all: Vec<Found> = beam.iter().take(4).filter_map(finished).collect();
-    // Events that are not worth their price.
-    if let Some(found) = best(all.clone(), 1).first() {
-        for index in 0..found.course.events.len() {
-            let mut fewer = found.course.clone();
+    improve(task, &rays, kinks, hits, &mut all);
+    best(all, BEAM)
+}
+
+/// Looks for better courses beside the best one, as long as there are any: with an event left out, of another kind, or where
+/// a kink has none. What went wrong at one kink is often told only by later ones.
+fn improve(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, all: &mut Vec<Found>) {
+    for _ in 0..ROUNDS {
+        let Some(best) = best(all.clone(), 1).pop() else { return };
+        let mut tried = vec![];
+        for index in 0..best.course.events.len() {
+            let mut fewer = best.course.clone();
             fewer.events.remove(index);
-            let fewer = kept(task, &fewer, 15);
-            all.extend(fewer.and_then(|found| finished(&found)));
+            tried.push(fewer);
+            tried.extend(anchored(task, rays, &best.course, index));
+        }
+        for kink in kinks {
+            let near = |event: &Event| (event.time - kink.time).abs() < 2.0 * task.interval;
+            if !best.course.events.iter().any(near) {
+                tried.extend(inserted(task, rays, &best.course, kink));
+            }
+        }
+        let allowed = |course: &Course| hits.is_none_or(|most| count_hits(course) <= most);
+        let refined = |course: &Course| {
+            let (course, cost) = task.refined(course, GROWING, 4)?;
+            Some(Found { cost: cost + price(&course), course })
+        };
+        let found: Vec<Found> = tried.iter().filter(|course| allowed(course)).filter_map(refined).collect();
+        let finished = |found: &Found| {
+            let (course, cost) = task.refined(&found.course, FINAL, 30)?;
+            Some(Found { cost: cost + price(&course), course })
+        };
+        let better: Vec<Found> = self::best(found, 3).iter().filter_map(finished).collect();
+        let improved = better.iter().any(|found| found.cost < best.cost - GAIN);
+        all.extend(better);
+        if !improved {
+            return;
         }
     }
-    best(all, BEAM)
+}
+
+/// The course with another event at a kink.
+fn inserted(task: &Task, rays: &Rays, course: &Course, kink: &Kink) -> Vec<Course> {
+    let times = task.times_of(course);
+    let index = course.events.partition_point(|event| event.time < kink.time);
+    let frame = times.partition_point(|&time| time <= kink.time).saturating_sub(1);
+    let path = task.path(course);
+    let Some(near) = frame.checked_sub(course.first).and_then(|at| path.frames.get(at)) else { return vec![] };
+    let there = task.laws.moved(near, kink.time - times[frame], &course.air);
+    let mut more = course.clone();
+    let (velocity, spin) = (there.velocity, there.spin);
+    more.events.insert(index, Event { kind: Kind::Hit, time: kink.time, velocity, spin });
+    if !more.in_order(&times) {
+        return vec![];
+    }
+    let mut all = anchored(task, rays, &more, index);
+    all.push(more);
+    all
+}
+
+/// The course with the hit of `index` as a bounce on whatever it can be: the flights before and after it are aimed anew.
+fn anchored(task: &Task, rays: &Rays, course: &Course, index: usize) -> Vec<Course> {
+    let event = course.events[index];
+    let (path, times) = (task.path(course), task.times_of(course));
+    let (Kind::Hit, Some(before)) = (event.kind, path.before.get(index)) else { return vec![] };
+    let Ok(image) = task.camera.image_from_world(&Point3::from(before.position)) else { return vec![] };
+    let gravity = *task.laws.gravity();
+    let aim = |from: &Vector3<f64>, to: &Vector3<f64>, lasting: f64, pull: f64| {
+        let velocity = (to - from) / lasting - gravity * (pull * lasting / 2.0);
+        (velocity, spin_for(task, gravity * (pull - 1.0), &velocity))
+    };
+    let mut all = vec![];
+    for (number, obstacle) in task.obstacles.iter().enumerate() {
+        let Some(at) = rays.contact(task, &image, obstacle) else { continue };
+        for pull in PULLS {
+            let mut next = course.clone();
+            next.events[index].kind = Kind::Bounce(number);
+            match index.checked_sub(1) {
+                Some(last) => {
+                    let (from, lasting) = (path.before[last].position, event.time - course.events[last].time);
+                    (next.events[last].velocity, next.events[last].spin) = aim(&from, &at, lasting, pull);
+                }
+                None => {
+                    let end = times.partition_point(|&time| time < event.time).saturating_sub(1);
+                    let found = rays.ballistic(course.first..=end, event.time, Some(at), gravity * pull);
+                    let Some(mut found) = found else { continue };
+                    found.spin = spin_for(task, gravity * (pull - 1.0), &found.velocity);
+                    next.start = task.laws.moved(&found, times[course.first] - event.time, &course.air);
+                }
+            }
+            let (to, when) = match (path.before.get(index + 1), course.events.get(index + 1)) {
+                (Some(moving), Some(event)) => (moving.position, event.time),
+                _ => (path.frames[path.frames.len() - 1].position, times[course.last]),
+            };
+            if when > event.time + 1e-3 {
+                (next.events[index].velocity, next.events[index].spin) = aim(&at, &to, when - event.time, 1.0);
+            }
+            all.push(next);
+        }
+    }
+    all
+}
+
+/// The course with its last flight aimed at a place that it reaches at `time`: after a hit nothing else tells how far away it
+/// leads, and its spin is as open as a first flight's. After a bounce as it is.
+fn aimed(task: &Task, course: &Course, at: Vector3<f64>, time: f64) -> Vec<Course> {
+    let Some(last) = course.events.last().filter(|event| event.kind == Kind::Hit) else { return vec![course.clone()] };
+    let lasting = time - last.time;
+    let path = task.path(course);
+    let (Some(from), true) = (path.before.last(), lasting > 0.0) else { return vec![] };
+    let gravity = *task.laws.gravity();
+    let aim = |pull: f64| {
+        let mut aimed = course.clone();
+        let velocity = (at - from.position) / lasting - gravity * (pull * lasting / 2.0);
+        if let Some(event) = aimed.events.last_mut() {
+            (event.velocity, event.spin) = (velocity, spin_for(task, gravity * (pull - 1.0), &velocity));
+        }
+        aimed
+    };
+    PULLS.into_iter().map(aim).collect()
 }
 
 /// The course with an event at `time`, at a place known roughly, and a flight on from there through the frames of `range`.
@@ -247,15 +364,20 @@ fn after(
         return None;
     }
     let moving = rays.ballistic(range.clone(), time, Some(at), *task.laws.gravity())?;
+    if let Kind::Bounce(obstacle) = kind
+        && task.obstacles[obstacle].nearest(&at).normal.dot(&moving.velocity) < -1.0
+    {
+        return None;
+    }
     let mut next = course.clone();
     next.last = *range.end();
     next.events.push(Event { kind, time, velocity: moving.velocity, spin: Vector3::zeros() });
     kept(task, &next, 8)
 }
 
-/// The course, refined, if it can be.
+/// The course, its last flights refined, if they can be.
 fn kept(task: &Task, course: &Course, steps: usize) -> Option<Found> {
-    let (course, cost) = task.refined(course, GROWING, steps)?;
+    let (course, cost) = task.refined_from(course.events.len().saturating_sub(OPEN), course, GROWING, steps)?;
     Some(Found { cost: cost + price(&course), course })
 }
 

@@ -17,14 +17,16 @@ const SURFACE: f64 = 3e-3;
 /// How deep a ball may seem to be in something, and how surely it is not deeper, m.
 const DEPTH: f64 = 5e-3;
 const DEPTH_SIGMA: f64 = 0.01;
+/// How much of the way to a ball that is seen may lie in something: the scene's edges are known no better, m.
+const HIDDEN_SIGMA: f64 = 0.05;
 /// How surely a bounce keeps the law at any speed, m/s.
 const SPEED: f64 = 0.1;
 /// Spin after a bounce: share of its change.
 const SPIN_SHARE: f64 = 0.4;
 /// Speed after a hit, m/s: what anybody reaches.
 const HIT_SPEED: f64 = 30.0;
-/// Rows of a frame (label, apparent size, depth in obstacles) and of an event (gap, velocity, spin).
-const OF_FRAME: usize = 4;
+/// Rows of a frame (label, apparent size, depth in obstacles, way to it through obstacles) and of an event (gap, velocity, spin).
+const OF_FRAME: usize = 5;
 const OF_CONTACT: usize = 8;
 /// Rows of the start's spin and the air.
 const TAIL: usize = 5;
@@ -78,6 +80,8 @@ pub struct Task<'a> {
     pub laws: Laws,
     pub obstacles: &'a [Obstacle],
     pub camera: &'a Camera,
+    /// Where the camera is, m.
+    pub eye: Vector3<f64>,
     pub observations: &'a [Observation],
     /// By their numbers, s.
     pub times: Vec<f64>,
@@ -103,6 +107,8 @@ struct Search<'a> {
     laxness: Vec<[f64; 3]>,
     loss: Loss,
     cost: f64,
+    /// The first flight that is searched; those before stay.
+    from: usize,
 }
 
 impl<'a> Task<'a> {
@@ -127,6 +133,11 @@ impl<'a> Task<'a> {
             let radius = self.laws.rigid.radius;
             let deepest = self.obstacles.iter().map(|it| radius - it.distance(&moving.position)).fold(0.0, f64::max);
             row[3] = (deepest - DEPTH).max(0.0) / DEPTH_SIGMA;
+            if self.observations[frame].image.is_some() {
+                // What is seen is not behind anything.
+                let hidden = self.obstacles.iter().map(|it| it.between(&self.eye, &moving.position)).sum::<f64>();
+                row[4] = hidden / HIDDEN_SIGMA;
+            }
         }
         for (index, ((event, before), [normal, across, turn])) in
             course.events.iter().zip(&path.before).zip(laxness).enumerate()
@@ -182,8 +193,8 @@ impl<'a> Task<'a> {
             let start = OF_FRAME * index;
             let row = &rows[start..start + OF_FRAME];
             let groups = [(0..2, row[0] * row[0] + row[1] * row[1], loss), (2..3, row[2] * row[2], loss)];
-            let depth = (3..4, row[3] * row[3], Loss::Huber(3.0));
-            for (range, square, loss) in groups.into_iter().chain([depth]) {
+            let inside = [3, 4].map(|at| (at..at + 1, row[at] * row[at], Loss::Huber(3.0)));
+            for (range, square, loss) in groups.into_iter().chain(inside) {
                 let (paid, weight) = loss.of(square);
                 cost += paid;
                 range.for_each(|at| weights[start + at] = weight);
@@ -206,7 +217,12 @@ impl<'a> Task<'a> {
 
     /// The course, or one near it that explains the track better, and its cost.
     pub fn refined(&self, course: &Course, loss: Loss, steps: usize) -> Option<(Course, f64)> {
-        let start = Search::new(self, course.clone(), loss)?;
+        self.refined_from(0, course, loss, steps)
+    }
+
+    /// The same with the flights before `from` left as they are.
+    pub fn refined_from(&self, from: usize, course: &Course, loss: Loss, steps: usize) -> Option<(Course, f64)> {
+        let start = Search { from, ..Search::new(self, course.clone(), loss)? };
         let Ok(found) = minimised(start, &Damping { steps, ..DAMPING });
         Some((found.course, found.cost))
     }
@@ -257,7 +273,7 @@ impl<'a> Search<'a> {
         let mut rows = vec![];
         task.fill(&course, &path, &laxness, 0, &mut rows)?;
         let (_, cost) = task.weighed(path.frames.len(), &rows, loss);
-        Some(Self { task, course, path, times, rows, laxness, loss, cost })
+        Some(Self { task, course, path, times, rows, laxness, loss, cost, from: 0 })
     }
 
     /// The path with one number changed a little, and by how much.
@@ -276,14 +292,22 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// J'WJ and J'Wr.
+    /// The numbers that are searched.
+    fn active(&self) -> Vec<usize> {
+        (0..self.course.count())
+            .filter(|&number| self.from == 0 || self.course.flight_of(number) >= self.from)
+            .collect()
+    }
+
+    /// J'WJ and J'Wr, by the numbers that are searched.
     fn normal(&self) -> Option<(DMatrix<f64>, DVector<f64>)> {
-        let count = self.course.count();
+        let active = self.active();
+        let count = active.len();
         let frames = self.path.frames.len();
         let (weights, _) = self.task.weighed(frames, &self.rows, self.loss);
         let mut jacobian = DMatrix::zeros(self.rows.len(), count);
         let mut rows = self.rows.clone();
-        for number in 0..count {
+        for (column, &number) in active.iter().enumerate() {
             let step = step_of(&self.course, number);
             let mut course = self.course.clone();
             *course.number(number) += step;
@@ -293,7 +317,7 @@ impl<'a> Search<'a> {
             rows[..OF_FRAME * from].copy_from_slice(&self.rows[..OF_FRAME * from]);
             self.task.fill(&course, &path, &self.laxness, from, &mut rows)?;
             for (out, ((new, old), weight)) in
-                jacobian.column_mut(number).iter_mut().zip(rows.iter().zip(&self.rows).zip(&weights))
+                jacobian.column_mut(column).iter_mut().zip(rows.iter().zip(&self.rows).zip(&weights))
             {
                 *out = (new - old) / step * weight.sqrt();
             }
@@ -341,14 +365,15 @@ impl LeastSquares for Search<'_> {
         let mut damped = normal.clone();
         (0..damped.nrows()).for_each(|at| damped[(at, at)] *= 1.0 + damping);
         let mut step = damped.cholesky()?.solve(&-gradient);
-        let longest = step.iter().enumerate().map(|(at, value)| value.abs() / LONGEST[kind_of(&self.course, at)]);
+        let active = self.active();
+        let longest = step.iter().zip(&active).map(|(value, &at)| value.abs() / LONGEST[kind_of(&self.course, at)]);
         step /= longest.fold(1.0, f64::max);
         step.iter().all(|value| value.is_finite()).then_some(step)
     }
 
     fn moved(&self, _: &Self::Normal, step: &DVector<f64>) -> Result<Option<Self>, Infallible> {
         let mut course = self.course.clone();
-        for (number, by) in step.iter().enumerate() {
+        for (number, by) in self.active().into_iter().zip(step.iter()) {
             *course.number(number) += by;
         }
         let times = self.task.times_of(&course);
