@@ -24,6 +24,7 @@ import {
   PlaneGeometry,
   Points,
   PointsMaterial,
+  Quaternion,
   SphereGeometry,
   TubeGeometry,
   Vector3,
@@ -44,12 +45,12 @@ export function placeOf({ floor, boxes = [], walls = [] }: Scene, centre: Vector
     grid.position.set(Math.round(centre.x / cell) * cell, Math.round(centre.y / cell) * cell, floor.height);
     group.add(grid);
   }
-  for (const { position, half_size, yaw = 0 } of boxes) {
+  for (const { position, half_size, yaw = 0, rotation } of boxes) {
     const geometry = new BoxGeometry(...new Vector3(...half_size).multiplyScalar(2).toArray());
     const box = new Mesh(geometry, new MeshLambertMaterial({ color: quiet, transparent: true, opacity: 0.28, depthWrite: false }));
     box.add(new LineSegments(new EdgesGeometry(geometry), new LineBasicMaterial({ color: quiet })));
     box.position.fromArray(position);
-    box.rotateZ(yaw);
+    box.quaternion.copy(orientationOf(rotation) ?? new Quaternion().setFromAxisAngle(UP, yaw));
     group.add(box);
   }
   for (const { point, normal } of walls) {
@@ -58,6 +59,19 @@ export function placeOf({ floor, boxes = [], walls = [] }: Scene, centre: Vector
     group.add(wallOf(new Plane().setFromNormalAndCoplanarPoint(new Vector3(...normal).normalize(), new Vector3(...point)), middle, span, height, quiet));
   }
   return group;
+}
+
+/** The orientation of a box that has more than a yaw. */
+function orientationOf(rotation: NonNullable<Scene["boxes"]>[number]["rotation"]): Quaternion | undefined {
+  if (!rotation) return undefined;
+  const [first, second, third] = rotation;
+  if (Array.isArray(first) && Array.isArray(second) && Array.isArray(third)) {
+    const [[a, b, c], [d, e, f], [g, h, i]] = [first, second, third];
+    const matrix = new Matrix4().set(a, b, c, 0, d, e, f, 0, g, h, i, 0, 0, 0, 0, 1);
+    return new Quaternion().setFromRotationMatrix(matrix);
+  }
+  const [w, x, y, z] = rotation as [number, number, number, number];
+  return new Quaternion(x, y, z, w).normalize();
 }
 
 function wallOf(plane: Plane, middle: Vector3, width: number, height: number, color: Color): Object3D {
