@@ -69,12 +69,16 @@ pub use self::localise::{Candidate, Localisation, LocaliseOptions, Localiser, Ma
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Potential, Scene, State};
 pub use self::size::Size;
-pub use self::track::{
-    Fit, FitOptions, Flight, Hit, LabelOptions, Observation, Parameter, Proposal, Track, propose_labels,
-};
+pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, propose_labels};
 pub use self::train::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
+
+/// The types of what results hold, for whoever has to name them.
+pub mod parts {
+    pub use crate::physics::{Cuboid, Impact};
+    pub use crate::track::{FittedFrame, Flight, Hit};
+}
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.
 #[doc(hidden)]

@@ -8,6 +8,7 @@ use clap::{Args, ValueEnum};
 use serde_json::Value;
 
 use super::print_line;
+use crate::report::{Flights, write_flights};
 use gravisight::internal::write_whole;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
 
@@ -49,6 +50,9 @@ pub struct Arguments {
     /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).
     #[arg(long, value_name = "TRAJECTORY.CSV")]
     out: Option<PathBuf>,
+    /// Write a page with the trajectory, the track and its residuals, flights and contacts; it needs nothing else.
+    #[arg(long, value_name = "OUT.HTML")]
+    plot: Option<PathBuf>,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
@@ -100,6 +104,11 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?;
     if let Some(out) = &arguments.out {
         write_whole(out, fit.to_csv(&frames)?.as_bytes())?;
+    }
+    if let Some(plot) = &arguments.plot {
+        let name = arguments.track.file_name().unwrap_or_default().to_string_lossy();
+        let flights = Flights { name: &name, camera: &camera, scene: &scene, observations: &observations, fit: &fit };
+        write_flights(plot, &flights)?;
     }
     match arguments.json {
         true => print_line(as_json(&frames, &fit))?,

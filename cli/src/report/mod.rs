@@ -1,5 +1,6 @@
 //! What an evaluation found, as one HTML file that needs nothing else: no network, no other file.
 
+mod flights;
 mod html;
 mod log;
 mod numbers;
@@ -12,6 +13,7 @@ use gravisight::internal::write_whole;
 use gravisight::{Bins, Clips, Error, Localiser, Metrics, Result, Sample};
 use std::path::Path;
 
+pub use flights::{Flights, write as write_flights};
 pub use log::Log;
 
 /// What a report is made of.

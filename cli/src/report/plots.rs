@@ -17,7 +17,7 @@ const FONT_SIZE: u32 = 16;
 /// Most labels of an axis.
 const LABELS: usize = 6;
 /// Colours by their name in the style sheet. A chart holds those of the light page; [`colour_rules`] does the rest.
-const QUIET: RGBColor = RGBColor(0x5a, 0x60, 0x75);
+pub const QUIET: RGBColor = RGBColor(0x5a, 0x60, 0x75);
 const GRID: RGBColor = RGBColor(0xdd, 0xe0, 0xea);
 pub const FOUND: RGBColor = RGBColor(0xe0, 0x16, 0x5f);
 pub const TRUTH: RGBColor = RGBColor(0x12, 0x80, 0x5c);
@@ -148,12 +148,20 @@ fn bar() -> ShapeStyle {
     ACCENT.mix(0.65).filled()
 }
 
-/// Two paths in the world frame (m, z up), with their shadows on the ground.
+/// A path in the world frame (m, z up).
+pub struct Path<'a> {
+    pub points: &'a [Point3<f64>],
+    pub colour: RGBColor,
+    /// Whether it has a shadow on the ground.
+    pub shadow: bool,
+}
+
+/// Paths in space.
 ///
 /// # Errors
 /// [`Error::Format`] where it cannot be drawn.
-pub fn space(truth: &[Point3<f64>], found: &[Point3<f64>]) -> Result<String> {
-    let [x, y, z] = cube(truth, found);
+pub fn space(paths: &[Path<'_>]) -> Result<String> {
+    let [x, y, z] = cube(paths);
     let ground = z.start;
     // plotters has y up and z towards the viewer.
     let away = -y.end..-y.start;
@@ -178,22 +186,22 @@ pub fn space(truth: &[Point3<f64>], found: &[Point3<f64>]) -> Result<String> {
             .z_formatter(&|y| format!("y {}", number(-y, 1)))
             .draw()
             .map_err(refused)?;
-        for (path, colour) in [(truth, TRUTH), (found, FOUND)] {
-            let shadow = path.iter().map(|point| (point.x, ground, -point.y));
+        for Path { points, colour, .. } in paths.iter().filter(|path| path.shadow) {
+            let shadow = points.iter().map(|point| (point.x, ground, -point.y));
             chart.draw_series(LineSeries::new(shadow, colour.mix(0.3).stroke_width(2))).map_err(refused)?;
         }
-        for (path, colour) in [(truth, TRUTH), (found, FOUND)] {
-            let path = path.iter().map(|point| (point.x, point.z, -point.y));
+        for Path { points, colour, .. } in paths {
+            let path = points.iter().map(|point| (point.x, point.z, -point.y));
             chart.draw_series(LineSeries::new(path, colour.stroke_width(2))).map_err(refused)?;
         }
         Ok(())
     })
 }
 
-/// The cube around two paths: one scale for all axes.
-fn cube(truth: &[Point3<f64>], found: &[Point3<f64>]) -> [Range<f64>; 3] {
+/// The cube around paths: one scale for all axes.
+fn cube(paths: &[Path<'_>]) -> [Range<f64>; 3] {
     let extent = |axis: usize| {
-        let values = || truth.iter().chain(found).map(|point| point[axis]);
+        let values = || paths.iter().flat_map(|path| path.points).map(|point| point[axis]);
         (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))
     };
     let half = (0..3).map(|axis| extent(axis).1 - extent(axis).0).fold(0.2, f64::max) * 0.525;

@@ -16,7 +16,9 @@ pub fn chapter(report: &Report<'_>) -> Result<String> {
     let Some((samples, mean)) = typical(report.samples) else { return Ok(String::new()) };
     let path =
         |of: fn(&Sample) -> Point3<f64>| -> Vec<Point3<f64>> { samples.iter().map(|sample| of(sample)).collect() };
-    let space = plots::space(&path(|sample| sample.truth), &path(|sample| sample.found))?;
+    let [truth, found] = [path(|sample| sample.truth), path(|sample| sample.found)];
+    let path = |points, colour| plots::Path { points, colour, shadow: true };
+    let space = plots::space(&[path(&truth, TRUTH), path(&found, FOUND)])?;
     let clip = &report.clips.clips[samples[0].place[0]];
     let depths = |of: fn(&Sample) -> Point3<f64>| -> Vec<(f64, f64)> {
         let depth = |sample: &&Sample| clip.camera.camera_from_world(&of(sample)).z;

@@ -1,0 +1,156 @@
+//! `fit` on recordings with 3D truth: `cargo bench --bench real -- FOLDER FPS [even|odd]`. The folder holds `camera.json`,
+//! `scene.json`, and of each shot `NNN.csv` (Frame,Visibility,X,Y) and `NNN.truth.csv` (Frame,x,y,z).
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+
+use gravisight::{Camera, Fit, FitOptions, Forecaster, Scene, Track};
+use nalgebra::{Point3, distance};
+use rayon::prelude::*;
+
+/// Error from which a position with a smaller 2σ is confident and wrong, m.
+const WRONG: f64 = 1.0;
+/// Median error of a shot that must not call itself explained, m.
+const BAD: f64 = 0.3;
+/// Edges of the histogram of error over σ.
+const EDGES: [f64; 7] = [0.5, 1.0, 1.5, 2.0, 3.0, 4.0, f64::INFINITY];
+
+struct Shot {
+    name: String,
+    fit: Fit,
+    /// Error and σ of each frame with truth, m.
+    errors: Vec<[f64; 2]>,
+    /// Error at each bounce, m.
+    bounces: Vec<f64>,
+    seconds: f64,
+}
+
+impl Shot {
+    fn median(&self) -> f64 {
+        quantile(self.errors.iter().map(|error| error[0]), 0.5)
+    }
+
+    fn is_confident_and_wrong(&self) -> bool {
+        self.errors.iter().any(|[error, sigma]| *error > WRONG && 2.0 * sigma < *error)
+    }
+}
+
+fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    let index = (share * values.len() as f64) as usize;
+    values.get(index.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
+}
+
+fn truth_of(path: &Path) -> BTreeMap<u64, Point3<f64>> {
+    let text = std::fs::read_to_string(path).unwrap();
+    let line = |line: &str| {
+        let numbers: Vec<f64> = line.split(',').map(|field| field.trim().parse().unwrap()).collect();
+        (numbers[0] as u64, Point3::new(numbers[1], numbers[2], numbers[3]))
+    };
+    text.lines().skip(1).map(line).collect()
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let [folder, fps, rest @ ..] = arguments.as_slice() else {
+        return println!("usage: cargo bench --bench real -- FOLDER FPS [even|odd]");
+    };
+    let (folder, fps): (&Path, f64) = (Path::new(folder), fps.parse().unwrap());
+    let wanted = |index: usize| match rest.first().map(String::as_str) {
+        Some("even") => index.is_multiple_of(2),
+        Some("odd") => !index.is_multiple_of(2),
+        _ => true,
+    };
+    let camera = Camera::from_file(&folder.join("camera.json")).unwrap();
+    let forecaster = Forecaster::new(&Scene::from_file(&folder.join("scene.json")).unwrap()).unwrap();
+    let files = std::fs::read_dir(folder).unwrap().filter_map(|entry| entry.unwrap().file_name().into_string().ok());
+    let mut names: Vec<String> = files.filter_map(|file| file.strip_suffix(".truth.csv").map(String::from)).collect();
+    names.sort();
+    let names: Vec<String> =
+        names.into_iter().enumerate().filter(|(index, _)| wanted(*index)).map(|(_, name)| name).collect();
+    let shot = |name: &String| {
+        let track = Track::from_file(&folder.join(format!("{name}.csv"))).unwrap();
+        let (frames, observations) = track.observations(Some(fps)).unwrap();
+        let truth = truth_of(&folder.join(format!("{name}.truth.csv")));
+        let began = Instant::now();
+        let fit = forecaster
+            .fit(&camera, &observations, &FitOptions::default())
+            .map_err(|error| (name.clone(), error.to_string()))?;
+        let seconds = began.elapsed().as_secs_f64();
+        let with_truth = frames.iter().zip(&fit.frames).filter_map(|(number, frame)| Some((frame, truth.get(number)?)));
+        let errors = with_truth.map(|(frame, truth)| [distance(&frame.state.position, truth), frame.sigma()]).collect();
+        let near = |time: f64| {
+            (0..frames.len())
+                .min_by(|&a, &b| (fit.frames[a].time - time).abs().total_cmp(&(fit.frames[b].time - time).abs()))
+        };
+        let at = fit.impacts.iter().filter_map(|impact| near(impact.time));
+        let bounces = at
+            .filter_map(|index| Some(distance(&fit.frames[index].state.position, truth.get(&frames[index])?)))
+            .collect();
+        Ok(Shot { name: name.clone(), fit, errors, bounces, seconds })
+    };
+    let fitted: Vec<Result<Shot, (String, String)>> = names.par_iter().map(shot).collect();
+    let (shots, refused): (Vec<_>, Vec<_>) = fitted.into_iter().partition(Result::is_ok);
+    for (name, reason) in refused.iter().filter_map(|it| it.as_ref().err()) {
+        println!("{name} refused: {reason}");
+    }
+    let mut shots: Vec<Shot> = shots.into_iter().flatten().collect();
+    let all: Vec<[f64; 2]> = shots.iter().flat_map(|shot| shot.errors.clone()).collect();
+    let errors = || all.iter().map(|error| error[0]);
+    let within = |sigmas: f64| {
+        100.0 * all.iter().filter(|[error, sigma]| *error < sigmas * sigma).count() as f64 / all.len() as f64
+    };
+    let explained = || shots.iter().filter(|shot| shot.fit.explained);
+    println!(
+        "shots {}, refused {}, explained {}, of those off by more than 30 cm in the median {}",
+        names.len(),
+        refused.len(),
+        explained().count(),
+        explained().filter(|shot| shot.median() > BAD).count()
+    );
+    println!(
+        "shots with a frame more than 1 m off and a 2-sigma below that: {}",
+        shots.iter().filter(|shot| shot.is_confident_and_wrong()).count()
+    );
+    println!(
+        "frames {}: error median {:.1}, mean {:.1}, p90 {:.1} cm",
+        all.len(),
+        100.0 * quantile(errors(), 0.5),
+        100.0 * errors().sum::<f64>() / all.len() as f64,
+        100.0 * quantile(errors(), 0.9)
+    );
+    println!("within 1 and 2 sigma: {:.0} %, {:.0} %", within(1.0), within(2.0));
+    let bounces = || shots.iter().flat_map(|shot| shot.bounces.iter().copied());
+    println!(
+        "at {} bounces: error median {:.1}, p90 {:.1} cm",
+        bounces().count(),
+        100.0 * quantile(bounces(), 0.5),
+        100.0 * quantile(bounces(), 0.9)
+    );
+    println!(
+        "seconds a shot: median {:.2}, most {:.2}",
+        quantile(shots.iter().map(|shot| shot.seconds), 0.5),
+        quantile(shots.iter().map(|shot| shot.seconds), 1.0)
+    );
+    let mut from = 0.0;
+    for to in EDGES {
+        let count = all.iter().filter(|[error, sigma]| (from..to).contains(&(error / sigma))).count();
+        let share = 100.0 * count as f64 / all.len() as f64;
+        println!("error/sigma {from:>3} to {to:<3} {share:5.1} % {}", "#".repeat(share.round() as usize));
+        from = to;
+    }
+    shots.sort_by(|a, b| b.median().total_cmp(&a.median()));
+    println!("worst:");
+    for shot in shots.iter().take(10) {
+        let sigma = quantile(shot.errors.iter().map(|error| error[1]), 0.5);
+        println!(
+            "{} median {:.0} cm, sigma {:.0} cm: {}",
+            shot.name,
+            100.0 * shot.median(),
+            100.0 * sigma,
+            shot.fit.verdict()
+        );
+    }
+}

@@ -1,0 +1,171 @@
+//! What a fit found, as one HTML file that needs nothing else.
+
+use std::path::Path;
+
+use gravisight::internal::write_whole;
+use gravisight::parts::{Cuboid, FittedFrame, Flight};
+use gravisight::{Camera, Fit, Observation, Result, Scene};
+use nalgebra::Point3;
+
+use super::plots::{self, ACCENT, Axis, FOUND, Mark, OTHER, QUIET, TRUTH};
+use super::{cm, html};
+
+/// Lines from a point to a point of a box's corners, by the corners' signs.
+const EDGES: [[usize; 2]; 12] =
+    [[0, 1], [1, 3], [3, 2], [2, 0], [4, 5], [5, 7], [7, 6], [6, 4], [0, 4], [1, 5], [2, 6], [3, 7]];
+
+/// A fit and what it is a fit of.
+pub struct Flights<'a> {
+    /// The track's name.
+    pub name: &'a str,
+    /// The camera that saw it.
+    pub camera: &'a Camera,
+    /// Where.
+    pub scene: &'a Scene,
+    /// What was seen.
+    pub observations: &'a [Observation],
+    /// What was made of it.
+    pub fit: &'a Fit,
+}
+
+/// Writes the page to `path`, whole.
+///
+/// # Errors
+/// [`gravisight::Error::Io`] for a file that cannot be written.
+pub fn write(path: &Path, flights: &Flights<'_>) -> Result<()> {
+    let fit = flights.fit;
+    let mut body =
+        format!("<header>\n{}{}</header>\n<main>\n", html::text("h1", flights.name), html::text("p", &fit.verdict()));
+    body += &fit.notes.iter().map(|note| html::text("p", note)).collect::<String>();
+    body += &html::tiles(&tiles(fit));
+    body +=
+        &html::section("The ball's way", "In the world's frame: metres, z up.", &html::row("", &in_space(flights)?));
+    body += &html::section("The track", "In the picture: pixels.", &html::row("", &in_the_picture(flights)?));
+    body += &html::section("Flights", "From hit to hit; bounces are within.", &table_of_flights(fit));
+    body += &html::section(
+        "Contacts",
+        "Bounces on what the scene holds, hits by what it does not.",
+        &table_of_contacts(fit),
+    );
+    body += "</main>\n";
+    write_whole(path, html::page(flights.name, &body).as_bytes())
+}
+
+fn tiles(fit: &Fit) -> Vec<[String; 3]> {
+    let mut sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();
+    sigmas.sort_by(f64::total_cmp);
+    let fastest =
+        fit.flights.iter().map(|flight| flight.speed).max_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or_default();
+    let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
+    vec![
+        ["Position, 1-σ".into(), format!("{} cm", cm(sigmas[sigmas.len() / 2])), "median of all frames".into()],
+        ["Fastest start".into(), format!("{:.1} m/s", fastest[0]), format!("± {:.1} m/s", fastest[1])],
+        [
+            "Flights".into(),
+            fit.flights.len().to_string(),
+            format!("{} hits, {} bounces", fit.hits.len(), fit.impacts.len()),
+        ],
+        [
+            "Residuals".into(),
+            format!("{:.2} px", fit.rms_px),
+            format!("labels' noise {:.2} px, {outliers} outliers", fit.noise_px),
+        ],
+    ]
+}
+
+/// The edges of the scene's boxes.
+fn edges(scene: &Scene) -> Vec<Vec<Point3<f64>>> {
+    let of = |cuboid: &Cuboid| {
+        let turn = cuboid.world_from_box();
+        let corner = |index: usize| {
+            let sign = |bit: usize| if index & bit == 0 { -1.0 } else { 1.0 };
+            let [x, y, z] = cuboid.half_size;
+            Point3::from(cuboid.position) + turn * nalgebra::Vector3::new(sign(1) * x, sign(2) * y, sign(4) * z)
+        };
+        EDGES.map(|[from, to]| vec![corner(from), corner(to)])
+    };
+    scene.boxes.iter().flat_map(of).collect()
+}
+
+fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
+    let fit = flights.fit;
+    let way: Vec<Point3<f64>> = fit.frames.iter().map(|frame| frame.state.position).collect();
+    let boxes = edges(flights.scene);
+    let mut paths: Vec<plots::Path<'_>> =
+        boxes.iter().map(|edge| plots::Path { points: edge, colour: QUIET, shadow: false }).collect();
+    paths.push(plots::Path { points: &way, colour: FOUND, shadow: true });
+    let space = plots::space(&paths)?;
+    let mut cards = vec![html::figure(&space, "In space, with its shadow on the ground", &[("found", "the ball")])];
+    for (axis, label) in ["x, m", "y, m", "z, m"].into_iter().enumerate() {
+        let at = |sigmas: f64| -> Vec<(f64, f64)> {
+            let value = |frame: &FittedFrame| {
+                (frame.time, frame.state.position[axis] + sigmas * frame.covariance[(axis, axis)].max(0.0).sqrt())
+            };
+            fit.frames.iter().map(value).collect()
+        };
+        let (low, middle, high) = (at(-1.0), at(0.0), at(1.0));
+        let x = Axis::around("time, s", middle.iter().map(|point| point.0));
+        let y = Axis::around(label, low.iter().chain(&high).map(|point| point.1));
+        let marks = [Mark::Line(low, OTHER), Mark::Line(high, OTHER), Mark::Line(middle, FOUND)];
+        let keys = [("found", "the ball"), ("other", "± 1-σ")];
+        cards.push(html::figure(&plots::chart(&x, &y, &marks)?, &format!("{} over time", &label[..1]), &keys));
+    }
+    Ok(cards)
+}
+
+fn in_the_picture(flights: &Flights<'_>) -> Result<Vec<String>> {
+    let fit = flights.fit;
+    let seen = || flights.observations.iter().zip(&fit.frames).filter_map(|(seen, frame)| Some((seen.image?, frame)));
+    let image = |frame: &FittedFrame| flights.camera.image_from_world(&frame.state.position).ok();
+    let way: Vec<(f64, f64)> = fit.frames.iter().filter_map(image).map(|at| (at.x, at.y)).collect();
+    let labels: Vec<(f64, f64)> = seen().map(|(at, _)| (at.x, at.y)).collect();
+    let outliers: Vec<(f64, f64)> = seen().filter(|(_, frame)| frame.outlier).map(|(at, _)| (at.x, at.y)).collect();
+    let size = flights.camera.size();
+    let x = Axis::new("x, px", 0.0..f64::from(size.width));
+    // Rows count downwards.
+    let y = Axis::new("y, px", f64::from(size.height)..0.0);
+    let marks = [Mark::Dots(labels, TRUTH), Mark::Dots(outliers, OTHER), Mark::Line(way, FOUND)];
+    let keys = [("truth", "labels"), ("other", "outliers"), ("found", "the trajectory's picture")];
+    let mut cards =
+        vec![html::figure(&plots::chart(&x, &y, &marks)?, "What was seen, and what should have been", &keys)];
+    let residual = |axis: usize| -> Vec<(f64, f64)> {
+        let of = |frame: &FittedFrame| Some((frame.time, frame.residual_px.filter(|_| !frame.outlier)?[axis]));
+        fit.frames.iter().filter_map(of).collect()
+    };
+    let (across, down) = (residual(0), residual(1));
+    let x = Axis::around("time, s", fit.frames.iter().map(|frame| frame.time));
+    let y = Axis::around("residual, px", across.iter().chain(&down).map(|point| point.1));
+    let marks = [Mark::Dots(across, ACCENT), Mark::Dots(down, OTHER)];
+    let keys = [("accent", "across"), ("other", "down")];
+    cards.push(html::figure(&plots::chart(&x, &y, &marks)?, "Residuals, outliers left out", &keys));
+    Ok(cards)
+}
+
+fn table_of_flights(fit: &Fit) -> String {
+    let turns = |spin: [f64; 3]| spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
+    let row = |(index, flight): (usize, &Flight)| {
+        vec![
+            (index + 1).to_string(),
+            format!("{:.3}", flight.start),
+            format!("{:.3}", flight.end),
+            format!("{:.2} ± {:.2}", flight.speed[0], flight.speed[1]),
+            format!("{:.0} ± {:.0}", turns(flight.spin), turns(flight.spin_sigma)),
+            flight.reason.clone().unwrap_or_else(|| "yes".into()),
+        ]
+    };
+    let rows: Vec<Vec<String>> = fit.flights.iter().enumerate().map(row).collect();
+    html::table(&["Flight", "from, s", "to, s", "speed at its start, m/s", "spin, rev/s", "explained"], &rows)
+}
+
+fn table_of_contacts(fit: &Fit) -> String {
+    let row = |time: f64, what: String, at: [f64; 3]| {
+        let place = at.map(|value| format!("{value:.3}"));
+        (time, [vec![what, format!("{time:.3}")], place.to_vec()].concat())
+    };
+    let bounces = fit.impacts.iter().map(|it| row(it.time, it.surface.to_string(), it.position.into()));
+    let hits = fit.hits.iter().map(|it| row(it.time, "hit".into(), it.position.coords.into()));
+    let mut rows: Vec<(f64, Vec<String>)> = bounces.chain(hits).collect();
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let rows: Vec<Vec<String>> = rows.into_iter().map(|(_, row)| row).collect();
+    html::table(&["What", "time, s", "x, m", "y, m", "z, m"], &rows)
+}
