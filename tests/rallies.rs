@@ -203,7 +203,7 @@ fn rallies_are_found_from_each_side() {
         said(name, &score);
         assert!(median(&score.flights) < most, "{name}");
         // From behind, a ball that is hit hardly bends its way in the picture.
-        let found = if name == "behind" { 0.6 } else { 0.9 };
+        let found = if name == "behind" { 0.6 } else { 0.85 };
         assert!(score.found as f64 >= found * score.hits as f64, "{name}: {} of {} hits", score.found, score.hits);
     }
 }
@@ -217,4 +217,41 @@ fn an_apparent_size_makes_rallies_surer() {
         assert!(score.within[1] > 0.8, "{name}");
         assert!(score.flights.iter().all(|&mean| mean < 1.0), "{name}");
     }
+}
+
+#[test]
+fn a_rolling_shutter_is_told() {
+    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
+    let forecaster = Forecaster::new(&scene).unwrap();
+    let global = camera(VIEWS[1].1);
+    let mut text = serde_json::to_value(&global).unwrap();
+    text["readout_s"] = 0.03.into();
+    let rolling = Camera::from_json(&text.to_string(), "camera").unwrap();
+    // Thrown up steeply, so that the rows' times matter.
+    let start = State {
+        position: Point3::new(0.2, -1.2, 0.3),
+        velocity: Vector3::new(-0.3, 2.0, 4.0),
+        spin: Vector3::new(60.0, 0.0, 20.0),
+    };
+    let frames: Vec<f64> = (0..45).map(|frame| f64::from(frame) / 40.0).collect();
+    let seen = |time: f64| {
+        let mut at = time;
+        for _ in 0..5 {
+            let state = forecaster.forecast(&start, &[at]).states[0];
+            at = time + rolling.row_time(rolling.image_from_world(&state.position).unwrap().y);
+        }
+        rolling.image_from_world(&forecaster.forecast(&start, &[at]).states[0].position).unwrap()
+    };
+    let observations: Vec<Observation> =
+        frames.iter().map(|&time| Observation { time, image: Some(seen(time)), radius: None }).collect();
+    let error = |camera: &Camera| {
+        let fit = forecaster.fit(camera, &observations, &FitOptions::default()).unwrap();
+        let times: Vec<f64> = fit.frames.iter().map(|frame| frame.time).collect();
+        let truth = forecaster.forecast(&start, &times);
+        let errors =
+            fit.frames.iter().zip(&truth.states).map(|(frame, truth)| (frame.state.position - truth.position).norm());
+        errors.sum::<f64>() / times.len() as f64
+    };
+    let (told, untold) = (error(&rolling), error(&global));
+    assert!(told < 0.02 && untold > 2.0 * told, "{told} m told, {untold} m untold");
 }

@@ -484,3 +484,63 @@ fn a_build_without_mujoco_says_how_to_get_one() {
     assert_eq!((refused.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
     assert!(errors.contains("scripts/mujoco") && !out.exists(), "{errors}");
 }
+
+/// A table tennis ball that bounces once, seen from the side: a scene in which its spin matters and is unknown.
+fn thrown(folder: &std::path::Path, bounces: bool) -> std::path::PathBuf {
+    let scene = r#"{"gravity": [0, 0, -9.81], "ball": {"radius": 0.02}, "floor": {"height": 0}}"#;
+    std::fs::write(folder.join("scene.json"), scene).unwrap();
+    let camera = r#"{"width": 1280, "height": 720, "intrinsic": [[1200, 0, 639.5], [0, 1200, 359.5], [0, 0, 1]],
+        "camera_from_world": [[1, 0, 0, 0], [0, 0, -1, 0.8], [0, 1, 0, 4], [0, 0, 0, 1]]}"#;
+    std::fs::write(folder.join("camera.json"), camera).unwrap();
+    let scene = gravisight::Scene::from_json(scene, "scene").unwrap().with_ball("table-tennis").unwrap();
+    let start = gravisight::State {
+        position: nalgebra::Point3::new(-1.3, 0.1, if bounces { 0.8 } else { 1.2 }),
+        velocity: nalgebra::Vector3::new(3.5, 0.2, 0.5),
+        spin: nalgebra::Vector3::new(0.0, 120.0, 30.0),
+    };
+    let times: Vec<f64> = (0..if bounces { 50 } else { 25 }).map(|frame| f64::from(frame) / 60.0).collect();
+    let forecast = gravisight::Forecaster::new(&scene).unwrap().forecast(&start, &times);
+    let camera = gravisight::Camera::from_json(camera, "camera").unwrap();
+    let mut track = String::from("Frame,Visibility,X,Y\n");
+    for (frame, state) in forecast.states.iter().enumerate() {
+        let at = camera.image_from_world(&state.position).unwrap();
+        track += &format!("{frame},1,{:.1},{:.1}\n", at.x, at.y);
+    }
+    std::fs::write(folder.join("track.csv"), track).unwrap();
+    folder.join("plot.html")
+}
+
+#[test]
+fn fit_of_an_unknown_spin_says_whether_it_knows_how_far_away_the_ball_is() {
+    let folder = scratch("fit-spin");
+    let fit = |more: &[&str]| {
+        let file = |name: &str| folder.join(name).to_str().unwrap().to_string();
+        let [track, camera, scene] = ["track.csv", "camera.json", "scene.json"].map(file);
+        let mut arguments = vec!["fit", "--track", &track, "--camera", &camera, "--scene", &scene, "--fps", "60"];
+        arguments.extend(["--ball", "table-tennis"]);
+        arguments.extend(more);
+        gravisight(&arguments)
+    };
+    let plot = thrown(&folder, true);
+    let output = fit(&["--json", "--plot", text(&plot)]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let found = json(&output);
+    assert_eq!(found["flights"].as_array().unwrap().len(), 1, "{found}");
+    assert_eq!(found["hits"].as_array().unwrap().len(), 0);
+    assert_eq!(found["impacts"][0]["surface"], "floor");
+    assert!(found["verdict"].as_str().unwrap().starts_with("explained"));
+    assert!(found["frames"].as_array().unwrap().iter().all(|frame| frame["flight"] == 0));
+    let page = std::fs::read_to_string(&plot).unwrap();
+    assert!(page.contains("<svg") && page.contains("floor") && page.ends_with("</html>\n"));
+    let words = String::from_utf8(fit(&[]).stdout).unwrap();
+    assert!(words.starts_with("explained: 1 flight, 0 hits, 1 bounce\n"), "{words}");
+    // Without a contact nothing tells: that is said, and the exit status says so.
+    thrown(&folder, false);
+    let output = fit(&["--json"]);
+    assert_eq!(output.status.code(), Some(3));
+    let found = json(&output);
+    assert_eq!(found["explained"], false);
+    assert!(found["flights"][0]["reason"].as_str().unwrap().contains("how far away"), "{found}");
+    let message = String::from_utf8(fit(&["--hits", "many"]).stderr).unwrap();
+    assert!(message.contains("auto"), "{message}");
+}

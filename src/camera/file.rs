@@ -28,6 +28,16 @@ struct CameraFile {
     /// Brown–Conrady, in OpenCV's order.
     #[serde(default, skip_serializing_if = "Distortion::is_none")]
     distortion: Distortion,
+    /// Of a rolling shutter: from the first row to the last, s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    readout_s: f64,
+}
+
+/// Longest time that reading a picture takes, s.
+const LONGEST_READOUT: f64 = 1.0;
+
+fn is_zero(seconds: &f64) -> bool {
+    *seconds == 0.0
 }
 
 impl TryFrom<CameraFile> for Camera {
@@ -40,13 +50,18 @@ impl TryFrom<CameraFile> for Camera {
             let reason = format!("must end with the row 0 0 0 1, not {:?}", file.camera_from_world[3]);
             return Err(Error::CameraValue { what: "camera".into(), field: "camera_from_world", reason });
         }
-        Camera::new(
+        if !(0.0..=LONGEST_READOUT).contains(&file.readout_s) {
+            let reason = format!("must be from 0 to {LONGEST_READOUT} s, not {}", file.readout_s);
+            return Err(Error::CameraValue { what: "camera".into(), field: "readout_s", reason });
+        }
+        let camera = Camera::new(
             Size::new(file.width, file.height),
             Matrix3::from_fn(|row, column| file.intrinsic[row][column]),
             file.distortion,
             extrinsic.fixed_view::<3, 3>(0, 0).into_owned(),
             extrinsic.fixed_view::<3, 1>(0, 3).into_owned(),
-        )
+        )?;
+        Ok(Camera { readout: file.readout_s, ..camera })
     }
 }
 
@@ -68,6 +83,7 @@ impl From<&Camera> for CameraFile {
             intrinsic: std::array::from_fn(|row| std::array::from_fn(|column| camera.intrinsic[(row, column)])),
             camera_from_world,
             distortion: camera.distortion,
+            readout_s: camera.readout,
         }
     }
 }

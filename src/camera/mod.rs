@@ -33,6 +33,8 @@ pub struct Camera {
     size: Size,
     intrinsic: Matrix3<f64>,
     distortion: Distortion,
+    /// From a picture's first row to its last, s.
+    readout: f64,
     range: Range,
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
@@ -71,9 +73,15 @@ impl Camera {
             intrinsic,
             range: Range::of(&distortion),
             distortion,
+            readout: 0.0,
             rotation,
             translation,
         })
+    }
+
+    /// How long after a picture's first row a row is read, s: a rolling shutter's `readout_s`; 0 for a global one.
+    pub fn row_time(&self, row: f64) -> f64 {
+        self.readout * ((row + 0.5) / f64::from(self.size.height)).clamp(0.0, 1.0)
     }
 
     /// Size of the pictures this camera speaks of.
@@ -202,7 +210,8 @@ impl Camera {
         let sx = f64::from(size.width) / f64::from(self.size.width);
         let sy = f64::from(size.height) / f64::from(self.size.height);
         let resize = Matrix3::new(sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0, 0.0, 0.0, 1.0);
-        Self::new(size, resize * self.intrinsic, self.distortion, self.rotation, self.translation)
+        let resized = Self::new(size, resize * self.intrinsic, self.distortion, self.rotation, self.translation)?;
+        Ok(Self { readout: self.readout, ..resized })
     }
 
     /// The camera of the part of the picture of `size` whose first pixel is `(left, top)`.
@@ -211,7 +220,8 @@ impl Camera {
     /// [`Error::CameraValue`] for a zero size.
     pub fn cropped(&self, [left, top]: [f64; 2], size: Size) -> Result<Self> {
         let shift = Matrix3::new(1.0, 0.0, -left, 0.0, 1.0, -top, 0.0, 0.0, 1.0);
-        Self::new(size, shift * self.intrinsic, self.distortion, self.rotation, self.translation)
+        let cropped = Self::new(size, shift * self.intrinsic, self.distortion, self.rotation, self.translation)?;
+        Ok(Self { readout: self.readout * f64::from(size.height) / f64::from(self.size.height), ..cropped })
     }
 
     /// The camera for a picture of size `picture`: itself, or itself scaled where the aspect

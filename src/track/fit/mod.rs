@@ -159,6 +159,11 @@ impl Forecaster {
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
         let (usable, refused) = within_lens(camera, observations);
+        if usable.windows(2).any(|pair| pair[1].time <= pair[0].time) {
+            let reason =
+                "the camera's readout_s is longer than frames are apart: rows of one would follow rows of the next";
+            return Err(Error::Fit { reason: reason.into() });
+        }
         check_seen(&usable, &refused)?;
         let numbers = !parameters::numbers(options).is_empty();
         if let Some(laws) = flights::laws(self.scene()).filter(|_| !numbers)
@@ -233,7 +238,10 @@ fn within_lens(camera: &Camera, observations: &[Observation]) -> (Vec<Observatio
     let usable = |observation: &Observation| {
         let refused = observation.image.and_then(|image| camera.camera_from_image(&image, 1.0).err());
         let image = observation.image.filter(|_| refused.is_none());
-        (Observation { image, ..*observation }, refused.map(|error| error.to_string()))
+        // The row's time; where there is none, the middle one's.
+        let row = image.map_or(f64::from(camera.size().height) / 2.0, |image| image.y);
+        let time = observation.time + camera.row_time(row);
+        (Observation { image, time, ..*observation }, refused.map(|error| error.to_string()))
     };
     observations.iter().map(usable).unzip()
 }

@@ -24,6 +24,8 @@ const UNKNOWN: f64 = 0.06;
 /// followed: a factor of variances, between rivals and of each.
 const DRIFT: f64 = 1.5;
 const OWN_DRIFT: f64 = 1.3;
+/// Least slip of the clock that is worth a word, frames.
+const NOTED: f64 = 0.5;
 /// Strongest correlation of one residual with the next that is believed.
 const STRONGEST: f64 = 0.9;
 
@@ -169,7 +171,8 @@ fn notes(task: &Task, course: &Course, times: &[f64]) -> Vec<String> {
             ),
         }
     };
-    task.slips.iter().zip(&course.slips).map(of).collect()
+    let slips = task.slips.iter().zip(&course.slips);
+    slips.filter(|(_, by)| by.abs() >= NOTED * task.interval).map(of).collect()
 }
 
 /// What may be true as well as the best, with weights: the other courses, by how much worse they explain the track (which
