@@ -198,7 +198,7 @@ fn count() -> u64 {
 
 #[test]
 fn rallies_are_found_from_each_side() {
-    for ((name, view), most) in VIEWS.into_iter().zip([0.10, 0.10, 0.35]) {
+    for ((name, view), most) in VIEWS.into_iter().zip([0.10, 0.10, 0.45]) {
         let score = scored(view, count(), false);
         said(name, &score);
         assert!(median(&score.flights) < most, "{name}");
