@@ -255,3 +255,38 @@ fn a_rolling_shutter_is_told() {
     let (told, untold) = (error(&rolling), error(&global));
     assert!(told < 0.02 && untold > 2.0 * told, "{told} m told, {untold} m untold");
 }
+
+#[test]
+fn a_pause_begins_anew_and_a_long_track_ends() {
+    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
+    let forecaster = Forecaster::new(&scene).unwrap();
+    let camera = camera(VIEWS[1].1);
+    let mut random = StdRng::seed_from_u64(7);
+    let (mut observations, mut world, mut begins, mut now) = (vec![], vec![], vec![], 0.0);
+    for _ in 0..3 {
+        let rally = rally(&forecaster, 2, &mut random);
+        begins.push(observations.len());
+        let seen = labels(&rally, &camera, true, &mut random);
+        observations.extend(seen.into_iter().map(|it| Observation { time: now + it.time, ..it }));
+        world.extend(rally.world);
+        now = observations[observations.len() - 1].time + 2.0;
+    }
+    let fit = forecaster.fit(&camera, &observations, &FitOptions::default()).unwrap();
+    assert_eq!(fit.frames.len(), observations.len());
+    assert!(fit.flights.len() >= 3 && fit.frames[begins[1]].flight > fit.frames[begins[1] - 1].flight);
+    assert!(fit.frames.windows(2).all(|pair| pair[0].time < pair[1].time && pair[0].flight <= pair[1].flight));
+    assert!(fit.hits.iter().all(|hit| fit.frames[hit.frame].time >= hit.time), "{:?}", fit.hits);
+    let errors: Vec<f64> =
+        fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm()).collect();
+    assert!(median(&errors) < 0.1, "{}", median(&errors));
+    // Labels without any sense are no flights; they are refused, or said not to be explained, within seconds.
+    let chaos: Vec<Observation> = (0..200)
+        .map(|frame| {
+            let image = Point2::new(random.random_range(0.0..SIZE[0]), random.random_range(0.0..SIZE[1]));
+            Observation { time: f64::from(frame) / 60.0, image: Some(image), radius: None }
+        })
+        .collect();
+    if let Ok(fit) = forecaster.fit(&camera, &chaos, &FitOptions::default()) {
+        assert!(!fit.explained, "{}", fit.verdict());
+    }
+}

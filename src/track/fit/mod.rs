@@ -29,6 +29,8 @@ use crate::physics::{Contact, Forecaster, Impact, State, part};
 const FEWEST: usize = 4;
 /// Residual, in standard deviations, of an outlier.
 const OUTLIER: f64 = 4.0;
+/// Largest noise of labels that is believed, as a share of the picture's width.
+const LARGEST_NOISE: f64 = 0.01;
 /// Standard deviation of a known spin, rad/s.
 const KNOWN_SPIN: f64 = 1e-3;
 /// Standard deviation of a spin that is to be estimated, rad/s.
@@ -166,9 +168,8 @@ impl Forecaster {
         }
         check_seen(&usable, &refused)?;
         let numbers = !parameters::numbers(options).is_empty();
-        if let Some(laws) = flights::laws(self.scene()).filter(|_| !numbers)
-            && let Some(mut fit) = flights::fitted(self, laws, camera, &usable, options)
-        {
+        if let Some(laws) = flights::laws(self.scene()).filter(|_| !numbers) {
+            let mut fit = flights::fitted(self, &laws, camera, &usable, options).ok_or_else(unexplained)?;
             for (frame, refused) in fit.frames.iter_mut().zip(refused) {
                 frame.outlier |= refused.is_some();
                 frame.refused = refused;
@@ -213,6 +214,11 @@ impl Forecaster {
         }
         Ok(fit)
     }
+}
+
+/// Noise of labels beyond which they are no labels of a ball, px.
+fn largest_noise(camera: &Camera) -> f64 {
+    LARGEST_NOISE * f64::from(camera.size().width)
 }
 
 fn unexplained() -> Error {
@@ -268,7 +274,7 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
     let covariances = best.covariances(problem, FINAL)?;
     let cost = best.total_cost(problem, FINAL);
     // Where even the best explains badly, its own covariance says little, and more of the others count.
-    let explained = excess < EXPLAINED * EXPLAINED;
+    let explained = excess < EXPLAINED * EXPLAINED && problem.sigma < largest_noise(problem.camera);
     let temperature = if explained { 1.0 } else { excess * excess };
     let others: Vec<(f64, &Chain<D>)> = chains
         .iter()

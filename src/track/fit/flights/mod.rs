@@ -12,13 +12,15 @@ mod result;
 mod search;
 mod task;
 
+use std::ops::Range;
+
 use nalgebra::{Point2, Point3};
 
 pub use self::motion::Laws;
 use self::search::searched;
 use self::task::{Priors, Task};
 use super::labels::{SMALLEST_NOISE, noise_of, trusted};
-use super::{Fit, FitOptions, Observation};
+use super::{Fit, FitOptions, FittedFrame, Hit, Observation};
 use crate::camera::{Camera, Outline};
 use crate::physics::{Contact, Forecaster, Obstacle, Scene};
 
@@ -55,8 +57,68 @@ impl Priors {
     }
 }
 
-/// The flights that explain the observations best.
+/// Time without a label after which a track begins anew, s, and labels after which it does at the latest: what happens then
+/// says nothing about what was before, and the search would take longer than it is worth.
+const PAUSE: f64 = 0.6;
+const LONGEST_PART: usize = 240;
+/// Fewest labels of a part.
+const SHORTEST_PART: usize = 6;
+
+/// The flights that explain the observations best, part by part where there are pauses or very many.
 pub fn fitted(
+    forecaster: &Forecaster,
+    laws: &Laws,
+    camera: &Camera,
+    observations: &[Observation],
+    options: &FitOptions,
+) -> Option<Fit> {
+    let mut whole: Option<Fit> = None;
+    for part in parts(observations) {
+        let first = part.start;
+        let fit = fitted_part(forecaster, laws.clone(), camera, &observations[part], options)?;
+        match &mut whole {
+            None => whole = Some(fit),
+            Some(whole) => append(whole, fit, first),
+        }
+    }
+    whole
+}
+
+/// Ranges of frames that are fitted each for itself.
+fn parts(observations: &[Observation]) -> Vec<Range<usize>> {
+    let seen: Vec<usize> = (0..observations.len()).filter(|&frame| observations[frame].image.is_some()).collect();
+    let (mut starts, mut count) = (vec![0], 1);
+    for (index, pair) in seen.windows(2).enumerate() {
+        let pause = observations[pair[1]].time - observations[pair[0]].time > PAUSE;
+        let left = seen.len() - index - 1;
+        if (pause || count >= LONGEST_PART) && count >= SHORTEST_PART && left >= SHORTEST_PART {
+            starts.push(pair[1]);
+            count = 0;
+        }
+        count += 1;
+    }
+    let ends = starts[1..].iter().copied().chain([observations.len()]);
+    starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
+}
+
+/// Adds what was found from frame `first` on.
+fn append(whole: &mut Fit, part: Fit, first: usize) {
+    let flights = whole.flights.len();
+    let counted = |fit: &Fit| fit.frames.iter().filter(|frame| frame.residual_px.is_some()).count() as f64;
+    let (before, after) = (counted(whole), counted(&part));
+    let mean = |a: f64, b: f64| ((a * a * before + b * b * after) / (before + after).max(1.0)).sqrt();
+    whole.noise_px = mean(whole.noise_px, part.noise_px);
+    whole.rms_px = mean(whole.rms_px, part.rms_px);
+    whole.explained &= part.explained;
+    whole.frames.extend(part.frames.into_iter().map(|frame| FittedFrame { flight: flights + frame.flight, ..frame }));
+    whole.hits.extend(part.hits.into_iter().map(|hit| Hit { frame: first + hit.frame, ..hit }));
+    whole.impacts.extend(part.impacts);
+    whole.flights.extend(part.flights);
+    whole.notes.extend(part.notes);
+}
+
+/// The flights that explain the observations of a part best.
+fn fitted_part(
     forecaster: &Forecaster,
     laws: Laws,
     camera: &Camera,

@@ -7,7 +7,7 @@ use super::motion::Moving;
 use super::search::{FINAL, Found, price};
 use super::task::Task;
 use crate::physics::{Impact, State};
-use crate::track::fit::{Fit, FittedFrame, Flight, Hit};
+use crate::track::fit::{Fit, FittedFrame, Flight, Hit, largest_noise};
 
 /// Residual, in standard deviations, of an outlier.
 const OUTLIER: f64 = 4.0;
@@ -139,6 +139,9 @@ fn unexplained(task: &Task, frames: &[&FittedFrame]) -> Option<String> {
     let seen: Vec<&&FittedFrame> = frames.iter().filter(|frame| frame.residual_px.is_some()).collect();
     if seen.is_empty() {
         return Some("the ball is not seen".into());
+    }
+    if task.sigma > largest_noise(task.camera) {
+        return Some(format!("its labels are off by {:.0} px from one to the next, which no ball's are", task.sigma));
     }
     let outliers = seen.iter().filter(|frame| frame.outlier).count();
     if outliers as f64 > MOST_OUTLIERS * seen.len() as f64 {
