@@ -9,6 +9,7 @@ use std::convert::Infallible;
 
 use nalgebra::{SMatrix, SVector, Vector2};
 
+use super::loss::Loss;
 use super::problem::Problem;
 use super::tridiagonal::Normal;
 use crate::least_squares::{Damping, LeastSquares, minimised};
@@ -29,36 +30,12 @@ const SHORTEST_FLIGHT: usize = 4;
 pub(super) const DAMPING: Damping =
     Damping { first: 1e-3, relax: 0.2, least: 1e-12, stiffen: 6.0, most: 1e8, steps: 0, converged: 1e-4 };
 
-/// What a large residual costs.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Loss {
-    /// Linear beyond this many standard deviations: pulls from afar; for labels trusted from the start.
-    Huber(f64),
-    /// Logarithmic beyond this many standard deviations: lets go of outliers.
-    Cauchy(f64),
-}
-
 impl Loss {
     /// The same kind of loss for the defect of an interval with a contact; one without costs its square.
     fn of_contact(self, square: f64) -> (f64, f64) {
         match self {
             Self::Huber(_) => Self::Huber(CONTACT_SCALE).of(square),
             Self::Cauchy(_) => Self::Cauchy(CONTACT_SCALE).of(square),
-        }
-    }
-
-    /// Cost of a squared residual, and its derivative.
-    fn of(self, square: f64) -> (f64, f64) {
-        match self {
-            Self::Huber(limit) if square > limit * limit => {
-                let size = square.sqrt();
-                (2.0 * limit * size - limit * limit, limit / size)
-            }
-            Self::Huber(_) => (square, 1.0),
-            Self::Cauchy(scale) => {
-                let ratio = square / (scale * scale);
-                (scale * scale * ratio.ln_1p(), 1.0 / (1.0 + ratio))
-            }
         }
     }
 }

@@ -8,6 +8,7 @@ mod chain;
 mod flights;
 mod json;
 mod labels;
+mod loss;
 mod parameters;
 mod problem;
 mod search;

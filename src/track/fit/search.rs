@@ -1,7 +1,8 @@
 //! The search for the right trajectory: growth from several starts, and the joining of what they found.
 
-use super::chain::{Chain, Contacts, Loss, Shift};
+use super::chain::{Chain, Contacts, Shift};
 use super::labels::residual_noise;
+use super::loss::Loss;
 use super::problem::{Problem, Slack};
 use super::{FitOptions, seed, unexplained};
 use crate::error::Result;

@@ -8,6 +8,7 @@ mod clock;
 mod course;
 mod kinks;
 mod motion;
+mod rays;
 mod result;
 mod search;
 mod task;

@@ -11,6 +11,7 @@ use crate::camera::Camera;
 use crate::least_squares::{Damping, LeastSquares, minimised};
 use crate::physics::Obstacle;
 use crate::track::fit::Observation;
+use crate::track::fit::loss::Loss;
 
 /// How far a contact is from where the scene puts its surface, m.
 const SURFACE: f64 = 3e-3;
@@ -47,32 +48,6 @@ pub struct Priors {
     /// Of the normal and the tangential velocity after a bounce, as shares of the closing speed.
     pub restitution: f64,
     pub friction: f64,
-}
-
-/// What a large residual of a label costs.
-#[derive(Debug, Clone, Copy)]
-pub enum Loss {
-    /// Linear beyond this many standard deviations.
-    Huber(f64),
-    /// Logarithmic beyond.
-    Cauchy(f64),
-}
-
-impl Loss {
-    /// Cost of a squared residual, and its derivative.
-    fn of(self, square: f64) -> (f64, f64) {
-        match self {
-            Self::Huber(limit) if square > limit * limit => {
-                let size = square.sqrt();
-                (2.0 * limit * size - limit * limit, limit / size)
-            }
-            Self::Huber(_) => (square, 1.0),
-            Self::Cauchy(scale) => {
-                let ratio = square / (scale * scale);
-                (scale * scale * ratio.ln_1p(), 1.0 / (1.0 + ratio))
-            }
-        }
-    }
 }
 
 /// A track to explain.
