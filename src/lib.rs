@@ -14,17 +14,17 @@
 //!
 //! What there is, by subject; everything else is private:
 //!
-//! - **camera**: [`Camera`], [`Distortion`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`],
+//! - **camera**: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`],
 //!   [`Calibration`]
 //! - **scene and forecast**: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`],
-//!   [`Integrator`], [`Potential`]
+//!   [`Integrator`]
 //! - **trajectory**: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
 //! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
-//!   [`Localisation`], [`Candidate`], [`Region`], [`Maps`], [`Saliency`]
-//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`Proposal`], [`propose_labels`]
+//!   [`Localisation`], [`Region`]
+//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`propose_labels`]
 //! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
-//! - **evaluation**: [`score`], [`Sample`], [`Metrics`], [`Statistic`], [`Bins`]
-//! - [`Error`], [`Result`]
+//! - **evaluation**: [`score`], [`Sample`], [`Metrics`]
+//! - [`Error`], [`Result`]; in [`parts`] the types of what these hold
 #![warn(missing_docs, clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 // What only the command and native training use; the native build says what nobody does.
@@ -60,24 +60,27 @@ mod testing;
 
 pub use burn::tensor::Device;
 
-pub use self::camera::{Calibration, Camera, Court, Distortion, Points, Unknowns, calibrate};
+pub use self::camera::{Calibration, Camera, Court, Points, Unknowns, calibrate};
 pub use self::clips::{Clip, Clips, Frame};
 pub use self::error::{Error, Result};
-pub use self::evaluate::{Bins, Metrics, Sample, Statistic, score};
+pub use self::evaluate::{Metrics, Sample, score};
 pub use self::image::Picture;
-pub use self::localise::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, Saliency};
+pub use self::localise::{Localisation, LocaliseOptions, Localiser, Region};
 pub use self::model::Card;
-pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Potential, Scene, State};
+pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::size::Size;
-pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Proposal, Track, propose_labels};
+pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Track, propose_labels};
 pub use self::train::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 
-/// The types of what results hold, for whoever has to name them.
+/// The types of what cameras, scenes and results hold, for whoever has to name them.
 pub mod parts {
-    pub use crate::physics::{Cuboid, Impact};
-    pub use crate::track::{FittedFrame, Flight, Hit};
+    pub use crate::camera::Distortion;
+    pub use crate::evaluate::{Bins, Statistic};
+    pub use crate::localise::{Candidate, Maps, Saliency};
+    pub use crate::physics::{Cuboid, Impact, Potential};
+    pub use crate::track::{FittedFrame, Flight, Hit, Proposal};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.

@@ -1,7 +1,8 @@
 //! Cameras from labelled points: `cargo test --release --test calibrate -- --nocapture` prints how far off they are.
 
 use gravisight::Camera;
-use gravisight::{Court, Distortion, Points, Size, Unknowns, calibrate};
+use gravisight::parts::Distortion;
+use gravisight::{Court, Points, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::Value;

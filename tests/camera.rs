@@ -4,7 +4,8 @@ mod common;
 
 use common::golden;
 use gravisight::Error;
-use gravisight::{Camera, Distortion, Size};
+use gravisight::parts::Distortion;
+use gravisight::{Camera, Size};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::{Value, json};

@@ -8,7 +8,8 @@ use common::{golden, root, tiny_card};
 use gravisight::Clips;
 use gravisight::Device;
 use gravisight::Localiser;
-use gravisight::{Bins, Metrics, Sample, Statistic, score};
+use gravisight::parts::{Bins, Statistic};
+use gravisight::{Metrics, Sample, score};
 use nalgebra::{Point2, Point3};
 
 fn sample(clip: &str, error: f64, depth: f64) -> Sample {

@@ -2,7 +2,8 @@
 
 use std::io::Cursor;
 
-use gravisight::{Error, Maps, Result, Saliency};
+use gravisight::parts::{Maps, Saliency};
+use gravisight::{Error, Result};
 use image::imageops::{self, FilterType};
 use image::{ImageBuffer, ImageFormat, Luma, Rgb, RgbImage};
 

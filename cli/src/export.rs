@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 
 use gravisight::internal::TrackPoint;
-use gravisight::{Error, Proposal, Result, Size, Track};
+use gravisight::parts::Proposal;
+use gravisight::{Error, Result, Size, Track};
 use serde::Serialize;
 
 /// CVAT's coordinates begin at the first pixel's corner, ours at its centre, px.

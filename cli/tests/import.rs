@@ -442,6 +442,28 @@ fn without_ffmpeg_a_video_is_refused_with_what_to_install() {
     assert!(!out.exists());
 }
 
+#[test]
+fn a_tracks_times_are_taken_for_pictures() {
+    let folder = scratch("times");
+    let from = fixtures().join("tracknet");
+    let text = std::fs::read_to_string(from.join("rally_ball.csv")).unwrap();
+    // 20 a second, one lost after the third; nothing is said of the fifth
+    let times = ["Time", "0.95", "1", "1.05", "1.15", "1.25"];
+    let lines: Vec<String> = text.lines().zip(times).map(|(line, time)| format!("{line},{time}\n")).collect();
+    std::fs::write(folder.join("rally_ball.csv"), lines.concat()).unwrap();
+    std::fs::create_dir(folder.join("rally")).unwrap();
+    for picture in std::fs::read_dir(from.join("rally")).unwrap() {
+        let path = picture.unwrap().path();
+        std::fs::copy(&path, folder.join("rally").join(path.file_name().unwrap())).unwrap();
+    }
+    let (output, out) = import_track(&folder, None);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let clip = Clips::read(&out).unwrap().clips.remove(0);
+    assert!((clip.fps - 20.0).abs() < 1e-9);
+    let times: Vec<f64> = clip.frames.iter().map(|frame| (frame.t * 1e9).round() / 1e9).collect();
+    assert_eq!(times, [1.0, 1.05, 1.15, 1.20, 1.25]);
+}
+
 /// Programs that answer as ffprobe and an old ffmpeg do.
 #[cfg(unix)]
 fn impostors(folder: &Path, times: &str) {

@@ -7,7 +7,8 @@ use std::path::Path;
 use common::{golden, root, scratch, tiny_card};
 use gravisight::Clips;
 use gravisight::Device;
-use gravisight::{Bins, score};
+use gravisight::parts::Bins;
+use gravisight::score;
 use gravisight::{Error, Localiser};
 use gravisight_cli::report::{self, Log, Report};
 

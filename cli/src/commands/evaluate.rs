@@ -10,7 +10,8 @@ use crate::progress::Progress;
 use crate::report::{self, Log, Report};
 use anyhow::{Result, bail};
 use clap::Args;
-use gravisight::{Bins, Card, Clips, Metrics, Statistic, score};
+use gravisight::parts::{Bins, Statistic};
+use gravisight::{Card, Clips, Metrics, score};
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
 #[derive(Args)]

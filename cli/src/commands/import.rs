@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use crate::import::{Format, ImportOptions, ImportReport, import};
 use anyhow::Result;
 use clap::{Args, ValueEnum};
-use gravisight::{Camera, Scene, Statistic};
+use gravisight::parts::Statistic;
+use gravisight::{Camera, Scene};
 use serde_json::{Value, json};
 
 use super::print_line;

@@ -10,7 +10,8 @@ use crate::import::video_frames;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use gravisight::internal::{NewFolder, write_whole};
-use gravisight::{Camera, Clip, Clips, Frame, LabelOptions, Picture, Proposal, Scene, propose_labels};
+use gravisight::parts::Proposal;
+use gravisight::{Camera, Clip, Clips, Frame, LabelOptions, Picture, Scene, propose_labels};
 use serde_json::json;
 
 use super::print_line;

@@ -9,7 +9,8 @@ use super::print_line;
 use crate::device::DeviceChoice;
 use crate::{draw, model};
 use gravisight::internal::write_whole;
-use gravisight::{Camera, Candidate, Localisation, LocaliseOptions, Picture, Region, Scene};
+use gravisight::parts::Candidate;
+use gravisight::{Camera, Localisation, LocaliseOptions, Picture, Region, Scene};
 
 /// Find the ball's 3D position in pictures.
 #[derive(Args)]

@@ -6,7 +6,8 @@ use crate::draw;
 use anyhow::{Context, Result};
 use clap::Args;
 use gravisight::internal::write_whole;
-use gravisight::{Camera, Localisation, LocaliseOptions, Saliency, Size};
+use gravisight::parts::Saliency;
+use gravisight::{Camera, Localisation, LocaliseOptions, Size};
 use serde_json::json;
 
 use super::localise::{check_png, open_picture};

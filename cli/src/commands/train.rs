@@ -6,7 +6,8 @@ use std::time::Instant;
 use anyhow::Result;
 use clap::Args;
 use gravisight::internal::{Supervision, TrainProgress, Validation};
-use gravisight::{Bins, Clips, Device, TrainConfig, TrainEvent, TrainSettings, score};
+use gravisight::parts::Bins;
+use gravisight::{Clips, Device, TrainConfig, TrainEvent, TrainSettings, score};
 
 use super::print_line;
 use crate::device::DeviceChoice;

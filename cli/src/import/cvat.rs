@@ -136,7 +136,7 @@ impl Annotations<'_> {
                         let reason = format!("holds a ball already ({other}); keep one, or give --category");
                         return Err(Error::value(what, format!("frame {frame}"), reason));
                     }
-                    _ => drop(labels.insert(frame, Labelled { what, image: label })),
+                    _ => drop(labels.insert(frame, Labelled { what, image: label, time: None })),
                 }
             }
         }

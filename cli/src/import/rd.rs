@@ -11,7 +11,8 @@ use super::pictures::{by_number, files_below, id_of, last_number, one_a_row, tai
 use gravisight::Picture;
 use gravisight::Scene;
 use gravisight::internal::{Row, Table};
-use gravisight::{Camera, Distortion, Size};
+use gravisight::parts::Distortion;
+use gravisight::{Camera, Size};
 use gravisight::{Error, Result};
 
 /// 2D labels, px of the resized pictures.

@@ -10,7 +10,8 @@ use super::{Format, ImportOptions};
 use gravisight::Picture;
 use gravisight::Scene;
 use gravisight::internal::Table;
-use gravisight::{Camera, Distortion, Size};
+use gravisight::parts::Distortion;
+use gravisight::{Camera, Size};
 use gravisight::{Error, Result};
 
 /// Largest mean distance of the labels from the projected positions, in widths of the picture: the published ones are

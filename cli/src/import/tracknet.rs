@@ -39,7 +39,7 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
 fn labels(path: &Path) -> Result<BTreeMap<u64, Labelled>> {
     let label = |point: &TrackPoint| {
         let what = format!("{}: frame {}", path.display(), point.frame);
-        (point.frame, Labelled { what, image: point.image() })
+        (point.frame, Labelled { what, image: point.image(), time: point.time })
     };
     Ok(Track::from_file(path)?.points.iter().map(label).collect())
 }

@@ -25,6 +25,8 @@ pub(super) struct Labelled {
     pub what: String,
     /// 2D label, px; none where the ball is not seen.
     pub image: Option<Point2<f64>>,
+    /// When the frame was taken, s, where the labels say it.
+    pub time: Option<f64>,
 }
 
 /// Where frames are.
@@ -90,18 +92,23 @@ pub(super) fn draft(
     let (Some(first), Some(last)) = (seen().next(), seen().next_back()) else {
         return Err(Error::Data { what, reason: "no frame of it has a label".into() });
     };
-    let frames = match media {
-        Media::Pictures(folder) => pictures(folder, [first, last], options.fps()?)?,
-        Media::Video(video) => decoded(video, [first, last], options.fps, scratch)?,
+    let clock = options.fps.is_none().then(|| Clock::of(labels)).flatten();
+    let fps = options.fps.or(clock.as_ref().map(Clock::fps));
+    let mut frames = match media {
+        Media::Pictures(folder) => pictures(folder, [first, last], fps.map_or_else(|| options.fps(), Ok)?)?,
+        Media::Video(video) => decoded(video, [first, last], fps, scratch)?,
     };
+    if let Some(clock) = clock {
+        frames.times = frames.pictures.keys().map(|&number| clock.at(number)).collect();
+    }
     let mut told = labels.range(first..=last);
     if let Some((number, label)) = told.find(|(number, _)| !frames.pictures.contains_key(number)) {
         let reason = format!("is not in {what}; check that both count frames alike");
         return Err(Error::value(&label.what, format!("frame {number}"), reason));
     }
-    let nothing = Labelled { what: what.clone(), image: None };
+    let nothing = Labelled { what: what.clone(), image: None, time: None };
     let shot = |((number, picture), t): ((u64, PathBuf), f64)| {
-        let Labelled { what, image } = labels.get(&number).unwrap_or(&nothing).clone();
+        let Labelled { what, image, .. } = labels.get(&number).unwrap_or(&nothing).clone();
         Shot { picture, what, t, image, world: None }
     };
     let numbers: Vec<u64> = frames.pictures.keys().copied().collect();
@@ -111,6 +118,30 @@ pub(super) fn draft(
         None => fps_of(&shots)?,
     };
     Ok(Draft { camera: camera.clone(), scene: options.scene.clone(), fps, shots })
+}
+
+/// The times that labels say, in place of the pictures' own.
+struct Clock(Vec<(u64, f64)>);
+
+impl Clock {
+    /// None where fewer than two labels say one.
+    fn of(labels: &BTreeMap<u64, Labelled>) -> Option<Self> {
+        let times: Vec<(u64, f64)> = labels.iter().filter_map(|(&number, label)| Some((number, label.time?))).collect();
+        (times.len() > 1).then_some(Self(times))
+    }
+
+    /// Frames a second, in the mean.
+    fn fps(&self) -> f64 {
+        let ((first, start), (last, end)) = (self.0[0], self.0[self.0.len() - 1]);
+        (last - first) as f64 / (end - start)
+    }
+
+    /// The time of a frame, s: between two that say theirs in proportion.
+    fn at(&self, number: u64) -> f64 {
+        let after = self.0.partition_point(|&(other, _)| other < number).clamp(1, self.0.len() - 1);
+        let ((one, start), (other, end)) = (self.0[after - 1], self.0[after]);
+        start + (end - start) * (number as f64 - one as f64) / (other - one) as f64
+    }
 }
 
 fn pictures(folder: &Path, [first, last]: [u64; 2], fps: f64) -> Result<Frames> {

@@ -10,7 +10,8 @@ mod plots;
 mod trajectory;
 
 use gravisight::internal::write_whole;
-use gravisight::{Bins, Clips, Error, Localiser, Metrics, Result, Sample};
+use gravisight::parts::Bins;
+use gravisight::{Clips, Error, Localiser, Metrics, Result, Sample};
 use std::path::Path;
 
 pub use flights::{Flights, write as write_flights};

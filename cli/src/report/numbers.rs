@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use super::paper::{Place, Score};
 use super::plots::{ACCENT, Axis, FOUND, Mark, OTHER, chart};
 use super::{Report, cm, html};
-use gravisight::{Metrics, Result, Sample, Statistic};
+use gravisight::parts::Statistic;
+use gravisight::{Metrics, Result, Sample};
 
 /// Bars of the histogram.
 const BARS: usize = 40;

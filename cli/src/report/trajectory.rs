@@ -6,7 +6,8 @@ use nalgebra::Point3;
 
 use super::plots::{self, Axis, FOUND, Mark, TRUTH};
 use super::{Report, cm, html};
-use gravisight::{Result, Sample, Statistic};
+use gravisight::parts::Statistic;
+use gravisight::{Result, Sample};
 
 const KEYS: [(&str, &str); 2] = [("found", "found"), ("truth", "true")];
 

@@ -6,9 +6,15 @@ use rand::rngs::StdRng;
 
 use super::super::recipe::Augmentation;
 
-/// Grid that crops are placed on, px: the compact backbone's largest stride, so that a crop sees
-/// the same pixels in the same cells as the whole picture.
-const CROP_GRID: u32 = 32;
+/// Squares that are cut out.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Crop {
+    /// Their side, px.
+    pub side: u32,
+    /// The grid that they are placed on, px: the network's largest stride, so that a crop sees the same pixels in the
+    /// same cells as the whole picture.
+    pub grid: u32,
+}
 
 /// A view of the network's input: a part of it, perhaps moved, turned, magnified or mirrored. All of it is what
 /// another camera at the same place would see: one with another principal point, rolled, or with a longer lens.
@@ -29,15 +35,15 @@ impl View {
     /// turned, magnified and mirrored within the configuration's bounds.
     pub fn random(
         size: [u32; 2],
-        crop: Option<u32>,
+        crop: Option<Crop>,
         centre: [f64; 2],
         config: &Augmentation,
         random: &mut StdRng,
     ) -> Self {
-        let size_of_view = crop.map_or(size, |side| [side, side]);
+        let size_of_view = crop.map_or(size, |crop| [crop.side, crop.side]);
         let mut corner = Vector2::zeros();
-        if let Some(side) = crop {
-            corner = Vector2::from([0, 1].map(|axis| f64::from(crop_start(centre[axis], size[axis], side, random))));
+        if let Some(crop) = crop {
+            corner = Vector2::from([0, 1].map(|axis| f64::from(crop_start(centre[axis], size[axis], crop, random))));
         }
         if config.shift > 0 {
             let most = i64::from(config.shift);
@@ -109,11 +115,11 @@ fn neighbours(at: f64, count: usize) -> (usize, usize) {
 }
 
 /// A random start on the grid such that `[start, start + side)` holds `centre` and lies in `0..size`.
-fn crop_start(centre: f64, size: u32, side: u32, random: &mut StdRng) -> u32 {
+fn crop_start(centre: f64, size: u32, Crop { side, grid }: Crop, random: &mut StdRng) -> u32 {
     let holds = |start: u32| (f64::from(start)..f64::from(start + side)).contains(&(centre + 0.5));
     // Beyond a picture that is smaller its edge goes on.
     let room = size.saturating_sub(side);
-    let starts: Vec<u32> = (0..=room).step_by(CROP_GRID as usize).filter(|&start| holds(start)).collect();
+    let starts: Vec<u32> = (0..=room).step_by(grid as usize).filter(|&start| holds(start)).collect();
     match starts.len() {
         // A label outside the picture, or between the grid's last start and the edge.
         0 => (centre - f64::from(side) / 2.0).clamp(0.0, f64::from(room)) as u32,

@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe, Supervision};
-use super::augment::{View, change_light};
+use super::augment::{Crop, View, change_light};
 use super::teacher::{forecaster, scene_of};
 use super::{Batch, Example, Examples, Labels, Pictures, Place, Target, Window};
 use crate::camera::Outline;
@@ -32,6 +32,8 @@ pub struct Sampler {
     forecasters: Vec<Arc<Forecaster>>,
     /// Whether it is apparent radii that are learned.
     reads_size: bool,
+    /// Grid of crops, px.
+    grid: u32,
 }
 
 /// One picture to be drawn.
@@ -66,8 +68,9 @@ impl Sampler {
                 forecasters.push(Arc::new(forecaster(scene_of(clip)?, recipe.future.numeric)?));
             }
         }
-        let reads_size = recipe.architecture(1.0).depth.is_size();
-        Ok(Self { recipe: recipe.clone(), examples, pictures, windows, forecasters, reads_size })
+        let architecture = recipe.architecture(1.0);
+        let (reads_size, grid) = (architecture.depth.is_size(), architecture.input_multiple());
+        Ok(Self { recipe: recipe.clone(), examples, pictures, windows, forecasters, reads_size, grid })
     }
 
     /// What it draws from.
@@ -217,6 +220,7 @@ impl Sampler {
         let scale = [0, 1].map(|axis| content[axis] / given[axis]);
         let size = [input.size.width, input.size.height];
         let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
+        let crop = crop.map(|side| Crop { side, grid: self.grid });
         let view = View::random(size, crop, in_input, &self.recipe.augmentation, random);
         let mut values = view.cut(&input.values, size);
         change_light(&mut values, view.size, &self.recipe.augmentation, random);
