@@ -12,6 +12,16 @@ pub(super) const SMALLEST_NOISE: f64 = 0.03;
 /// Distance from the neighbours' line, in units of its median, beyond which a label is not used to start with.
 const SUSPECT: f64 = 10.0;
 
+/// Noise, as a share of the picture's width, from which on labels may be of two balls.
+const ROUGH: f64 = 2e-3;
+/// Labels between two of the same ball, at most.
+const REACH: usize = 8;
+/// How far a label may be from where the two before it point: a share of the width, and of the way from the last.
+const START_FREE: f64 = 2e-3;
+const BEND: f64 = 0.3;
+/// What a turn costs, in labels.
+const TURN: f64 = 3.0;
+
 /// Observations without those that lie far off the line of their neighbours in the picture: a first look,
 /// for starts and growth. At the end all labels count, and the loss lets go of outliers.
 pub(super) fn trusted(observations: &[Observation]) -> Vec<Observation> {
@@ -36,6 +46,67 @@ pub(super) fn trusted(observations: &[Observation]) -> Vec<Observation> {
         out[seen[index]].image = None;
     }
     out
+}
+
+/// Indices of labels that follow another way than most: another ball's, say. None where all are near one smooth way, or where
+/// most follow none. `width` of the picture, px.
+pub(super) fn strays(observations: &[Observation], width: f64) -> Vec<usize> {
+    let noise = noise_of(&trusted(observations));
+    if noise < ROUGH * width {
+        return vec![];
+    }
+    let seen: Vec<(usize, f64, Point2<f64>)> =
+        observations.iter().enumerate().filter_map(|(index, it)| Some((index, it.time, it.image?))).collect();
+    let kept = longest_way(&seen, width);
+    let mut without = observations.to_vec();
+    let strays: Vec<usize> = seen.iter().map(|it| it.0).filter(|index| !kept.contains(index)).collect();
+    strays.iter().for_each(|&index| without[index].image = None);
+    let clear = 2 * kept.len() > seen.len() && noise_of(&without) < noise / 2.0;
+    if clear { strays } else { vec![] }
+}
+
+/// Indices of the most labels that one ball can have: each goes on from the two before it nearly as they did, or, at a price,
+/// turns. Dynamic programming over the pairs of labels that follow one another.
+fn longest_way(seen: &[(usize, f64, Point2<f64>)], width: f64) -> Vec<usize> {
+    // Of each label and each of those before it: labels so far, less prices, and how far back the one before that is.
+    let mut best: Vec<[(f64, usize); REACH]> = vec![[(f64::NEG_INFINITY, 0); REACH]; seen.len()];
+    for end in 0..seen.len() {
+        for back in 1..=REACH.min(end) {
+            let middle = end - back;
+            let (_, time, at) = seen[end];
+            let ((_, from_time, from), lasting) = (seen[middle], time - seen[middle].1);
+            best[end][back - 1] = (2.0, 0);
+            for before in 1..=REACH.min(middle) {
+                let (_, start_time, start) = seen[middle - before];
+                let velocity = (from - start) / (from_time - start_time);
+                let free = START_FREE * width + BEND * velocity.norm() * lasting;
+                let off = (from + velocity * lasting - at).norm();
+                let price = match off < free {
+                    true => 0.0,
+                    // A bounce or a hit changes the direction, and the speed by no more than this.
+                    false if (at - from).norm() < 2.0 * velocity.norm() * lasting + START_FREE * width => TURN,
+                    false => continue,
+                };
+                let score = best[middle][before - 1].0 + 1.0 - price;
+                if score > best[end][back - 1].0 {
+                    best[end][back - 1] = (score, before);
+                }
+            }
+        }
+    }
+    let ends = (0..seen.len()).flat_map(|end| (1..=REACH.min(end)).map(move |back| (end, back)));
+    let Some((mut end, mut back)) = ends.max_by(|a, b| best[a.0][a.1 - 1].0.total_cmp(&best[b.0][b.1 - 1].0)) else {
+        return vec![];
+    };
+    let mut kept = vec![seen[end].0];
+    while back > 0 {
+        let before = best[end][back - 1].1;
+        end -= back;
+        kept.push(seen[end].0);
+        back = before;
+    }
+    kept.reverse();
+    kept
 }
 
 fn median(mut values: Vec<f64>) -> f64 {

@@ -161,16 +161,21 @@ impl Forecaster {
     /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
-        let (usable, refused) = within_lens(camera, observations);
+        let (mut usable, mut refused) = within_lens(camera, observations);
         if usable.windows(2).any(|pair| pair[1].time <= pair[0].time) {
             let reason =
                 "the camera's readout_s is longer than frames are apart: rows of one would follow rows of the next";
             return Err(Error::Fit { reason: reason.into() });
         }
+        let strays = labels::strays(&usable, f64::from(camera.size().width));
+        for &stray in &strays {
+            usable[stray].image = None;
+            refused[stray] = Some("lies on another way than most labels: is it another ball's?".into());
+        }
         check_seen(&usable, &refused)?;
         let numbers = !parameters::numbers(options).is_empty();
         if let Some(laws) = flights::laws(self.scene()).filter(|_| !numbers) {
-            let mut fit = flights::fitted(self, &laws, camera, &usable, options).ok_or_else(unexplained)?;
+            let mut fit = flights::fitted(self, &laws, camera, &usable, options)?;
             for (frame, refused) in fit.frames.iter_mut().zip(refused) {
                 frame.outlier |= refused.is_some();
                 frame.refused = refused;

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::motion::{Air, Laws, Moving};
+use super::motion::{Laws, Moving, Off};
 
 /// What ends a flight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +24,7 @@ pub struct Event {
     pub spin: Vector3<f64>,
 }
 
-/// Flights over frames `first..=last`, and the air that they pass through.
+/// Flights over frames `first..=last`, and by what the forces and the clock are off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Course {
     pub first: usize,
@@ -32,15 +32,15 @@ pub struct Course {
     /// At the first frame.
     pub start: Moving,
     pub events: Vec<Event>,
-    pub air: Air,
+    pub off: Off,
     /// Seconds that the clock jumps by at each of the task's slips.
     pub slips: Vec<f64>,
 }
 
-/// Numbers that describe a start, an event, and the air.
+/// Numbers that describe a start, an event, and the forces.
 pub const OF_START: usize = 9;
 pub const OF_EVENT: usize = 7;
-pub const OF_AIR: usize = 2;
+pub const OF_FORCES: usize = 3;
 
 /// Where a course leads.
 #[derive(Debug, Clone)]
@@ -54,7 +54,7 @@ pub struct Path {
 impl Course {
     /// Numbers that describe it.
     pub fn count(&self) -> usize {
-        OF_START + OF_EVENT * self.events.len() + OF_AIR + self.slips.len()
+        OF_START + OF_EVENT * self.events.len() + OF_FORCES + self.slips.len()
     }
 
     /// The flight that a number describes first: earlier ones do not depend on it.
@@ -68,7 +68,7 @@ impl Course {
         }
     }
 
-    /// A number that describes it: position, velocity, spin of the start; time, velocity, spin of each event; the air.
+    /// A number that describes it: position, velocity, spin of the start; time, velocity, spin of each event; the forces; the clock.
     pub fn number(&mut self, index: usize) -> &mut f64 {
         let Some(beyond) = index.checked_sub(OF_START) else {
             let Moving { position, velocity, spin } = &mut self.start;
@@ -82,8 +82,8 @@ impl Course {
                 other => &mut event.spin[other - 4],
             },
             None => match beyond - OF_EVENT * events {
-                air if air < OF_AIR => &mut self.air[air],
-                slip => &mut self.slips[slip - OF_AIR],
+                force if force < OF_FORCES => &mut self.off[force],
+                slip => &mut self.slips[slip - OF_FORCES],
             },
         }
     }
@@ -139,12 +139,12 @@ impl Course {
         let mut events = self.events[flight..].iter().peekable();
         for &next in &times[self.first + path.frames.len()..=self.last] {
             while let Some(event) = events.next_if(|event| event.time <= next) {
-                at = laws.moved(&at, event.time - time, &self.air);
+                at = laws.moved(&at, event.time - time, &self.off);
                 path.before.push(at);
                 at = Moving { position: at.position, velocity: event.velocity, spin: event.spin };
                 time = event.time;
             }
-            at = if next > time { laws.moved(&at, next - time, &self.air) } else { at };
+            at = if next > time { laws.moved(&at, next - time, &self.off) } else { at };
             time = next;
             path.frames.push(at);
         }

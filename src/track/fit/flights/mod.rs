@@ -11,6 +11,7 @@ mod motion;
 mod rays;
 mod result;
 mod search;
+mod suspects;
 mod task;
 
 use std::ops::Range;
@@ -21,17 +22,19 @@ pub use self::motion::Laws;
 use self::search::searched;
 use self::task::{Priors, Task};
 use super::labels::{SMALLEST_NOISE, noise_of, trusted};
-use super::{Fit, FitOptions, FittedFrame, Hit, Observation};
+use super::{Fit, FitOptions, FittedFrame, Hit, Observation, unexplained};
 use crate::camera::{Camera, Outline};
+use crate::error::{Error, Result};
 use crate::physics::{Contact, Forecaster, Obstacle, Scene};
 
 /// Error of labels that differs little from frame to frame, px.
 const SLOW_NOISE: f64 = 0.5;
 /// Where the scene does not say more: speed of the ball's surface by a spin of one standard deviation, m/s; standard
-/// deviations of drag and lift, shares; of a bounce's normal and tangential speed, shares of the closing speed.
+/// deviations of drag, lift and gravity (which stands for the clock's rate and the scene's size), shares; of a bounce's normal and tangential speed, shares of the closing speed.
 const SPIN_SPEED: f64 = 4.0;
 const DRAG: f64 = 0.15;
 const LIFT: f64 = 0.1;
+const GRAVITY: f64 = 0.01;
 const RESTITUTION: f64 = 0.07;
 const FRICTION: f64 = 0.2;
 
@@ -51,7 +54,7 @@ impl Priors {
         };
         Self {
             spin: ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius),
-            air: [ball.drag_sigma.unwrap_or(DRAG), LIFT],
+            forces: [ball.drag_sigma.unwrap_or(DRAG), LIFT, GRAVITY],
             restitution: restitution.unwrap_or(RESTITUTION),
             friction: friction.unwrap_or(FRICTION),
         }
@@ -72,17 +75,17 @@ pub fn fitted(
     camera: &Camera,
     observations: &[Observation],
     options: &FitOptions,
-) -> Option<Fit> {
+) -> Result<Fit> {
     let mut whole: Option<Fit> = None;
     for part in parts(observations) {
         let first = part.start;
-        let fit = fitted_part(forecaster, laws.clone(), camera, &observations[part], options)?;
+        let fit = fitted_part(forecaster, laws, camera, &observations[part], options)?;
         match &mut whole {
             None => whole = Some(fit),
             Some(whole) => append(whole, fit, first),
         }
     }
-    whole
+    whole.ok_or_else(unexplained)
 }
 
 /// Ranges of frames that are fitted each for itself.
@@ -121,11 +124,46 @@ fn append(whole: &mut Fit, part: Fit, first: usize) {
 /// The flights that explain the observations of a part best.
 fn fitted_part(
     forecaster: &Forecaster,
-    laws: Laws,
+    laws: &Laws,
     camera: &Camera,
     observations: &[Observation],
     options: &FitOptions,
-) -> Option<Fit> {
+) -> Result<Fit> {
+    let solved = solve(forecaster, laws, camera, observations, options);
+    let odd = solved.as_ref().is_none_or(|Solved { fit, doubtful, .. }| {
+        *doubtful || !fit.hits.is_empty() && fit.hits.len() >= fit.impacts.len()
+    });
+    let suspected = odd.then(|| suspects::suspected(forecaster, laws, camera, observations, options, solved.as_ref()));
+    let suspected = suspected.flatten();
+    let Some(Solved { mut fit, .. }) = solved else {
+        return Err(suspected.map_or_else(unexplained, |reason| Error::Fit { reason }));
+    };
+    if let Some(reason) = suspected {
+        fit.explained = false;
+        for flight in &mut fit.flights {
+            (flight.explained, flight.reason) = (false, Some(reason.clone()));
+        }
+        fit.frames.iter_mut().for_each(|frame| result::widen(camera, frame));
+    }
+    Ok(fit)
+}
+
+/// What the search makes of a part.
+struct Solved {
+    fit: Fit,
+    /// Of its course, in squared standard deviations.
+    cost: f64,
+    /// Whether labels or laws do not fit; not merely that the distance is unknown.
+    doubtful: bool,
+}
+
+fn solve(
+    forecaster: &Forecaster,
+    laws: &Laws,
+    camera: &Camera,
+    observations: &[Observation],
+    options: &FitOptions,
+) -> Option<Solved> {
     let trusted = trusted(observations);
     let noise = options.noise_px.unwrap_or_else(|| noise_of(&trusted)).max(SMALLEST_NOISE);
     let sigma = noise.hypot(SLOW_NOISE);
@@ -145,7 +183,7 @@ fn fitted_part(
     let labels: Vec<(f64, Point2<f64>)> = seen.iter().map(|&(frame, at)| (times[frame], at)).collect();
     let slips = clock::slips(&labels, interval, sigma);
     let task = Task {
-        laws,
+        laws: laws.clone(),
         obstacles: &obstacles,
         camera,
         eye: camera.world_from_camera(&Point3::origin()).coords,

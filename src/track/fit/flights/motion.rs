@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::physics::{Contact, Rigid, Scene, air_coefficients};
 
 /// Longest step of the integration, s.
-const LONGEST_STEP: f64 = 0.01;
+const LONGEST_STEP: f64 = 0.02;
 
 /// A ball in flight: m, m/s, rad/s, in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,8 +27,8 @@ pub struct Laws {
     pub rigid: Rigid,
 }
 
-/// Logarithms of drag and lift over the scene's.
-pub type Air = [f64; 2];
+/// By what the forces differ from the scene's: logarithms of drag and lift, and gravity's share.
+pub type Off = [f64; 3];
 
 impl Laws {
     /// Of a scene whose contact model is `bounce` and in which nothing but gravity and the air acts; none else.
@@ -41,6 +41,11 @@ impl Laws {
         scene.spring.is_none().then_some(Self { gravity, drag, lift, spin_decay: ball.spin_decay, rigid })
     }
 
+    /// With gravity the other way.
+    pub fn turned(&self) -> Self {
+        Self { gravity: -self.gravity, ..self.clone() }
+    }
+
     pub fn gravity(&self) -> &Vector3<f64> {
         &self.gravity
     }
@@ -50,16 +55,21 @@ impl Laws {
         self.lift
     }
 
-    /// The air with drag and lift off by the factors of which `air` are the logarithms.
-    fn acceleration(&self, velocity: &Vector3<f64>, spin: &Vector3<f64>, [drag, lift]: [f64; 2]) -> Vector3<f64> {
-        self.gravity - drag * velocity.norm() * velocity + lift * spin.cross(velocity)
+    /// With these coefficients of gravity, drag and lift.
+    fn acceleration(
+        &self,
+        velocity: &Vector3<f64>,
+        spin: &Vector3<f64>,
+        [gravity, drag, lift]: [f64; 3],
+    ) -> Vector3<f64> {
+        gravity * self.gravity - drag * velocity.norm() * velocity + lift * spin.cross(velocity)
     }
 
     /// The ball `dt` s later (negative: earlier), by Runge and Kutta's fourth-order steps.
-    pub fn moved(&self, from: &Moving, dt: f64, air: &Air) -> Moving {
+    pub fn moved(&self, from: &Moving, dt: f64, off: &Off) -> Moving {
         let steps = (dt.abs() / LONGEST_STEP).ceil().max(1.0);
         let h = dt / steps;
-        let coefficients = [self.drag * air[0].exp(), self.lift * air[1].exp()];
+        let coefficients = [1.0 + off[2], self.drag * off[0].exp(), self.lift * off[1].exp()];
         let mut at = *from;
         for _ in 0..steps as usize {
             let slope = |velocity: &Vector3<f64>| self.acceleration(velocity, &at.spin, coefficients);

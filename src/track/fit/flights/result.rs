@@ -6,6 +6,8 @@ use super::course::{Course, Event, Kind, OF_EVENT, OF_START, Path};
 use super::motion::Moving;
 use super::search::{FINAL, Found, price};
 use super::task::Task;
+use super::{Solved, suspects};
+use crate::camera::Camera;
 use crate::physics::{Impact, State};
 use crate::track::fit::{Fit, FittedFrame, Flight, Hit, largest_noise};
 
@@ -18,8 +20,11 @@ const MOST_OUTLIERS: f64 = 0.25;
 const WELL_KNOWN: f64 = 0.03;
 const FACTORS: [f64; 8] = [0.55, 0.67, 0.8, 0.9, 1.1, 1.25, 1.5, 1.8];
 const PINNED: f64 = 1e-3;
-/// Share of the distance beyond which a position is as good as unknown.
+/// Share of the distance beyond which a position is as good as unknown, and that of the distance of what is not explained.
 const UNKNOWN: f64 = 0.06;
+const DISTANCE_UNKNOWN: f64 = 0.5;
+/// One case in a hundred, in standard deviations.
+const ODD: f64 = 2.33;
 /// By how much more the labels of a whole flight may be off together than their residuals show, which the trajectory has
 /// followed: a factor of variances, between rivals and of each.
 const DRIFT: f64 = 1.5;
@@ -33,14 +38,14 @@ const STRONGEST: f64 = 0.9;
 fn whole(task: &Task, course: &Course) -> Course {
     let times = task.times_of(course);
     let mut course = course.clone();
-    course.start = task.laws.moved(&course.start, times[0] - times[course.first], &course.air);
+    course.start = task.laws.moved(&course.start, times[0] - times[course.first], &course.off);
     course.first = 0;
     course.last = task.times.len() - 1;
     course
 }
 
 /// What the best of the courses `found` says, the others being what may be true as well; labels are noisy by `noise` px.
-pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Fit> {
+pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Solved> {
     let best = whole(task, &found.first()?.course);
     let path = task.path(&best);
     let times = task.times_of(&best);
@@ -69,7 +74,20 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Fit> {
             refused: None,
         }
     };
-    let frames: Vec<FittedFrame> = (0..path.frames.len()).map(frame).collect();
+    let mut frames: Vec<FittedFrame> = (0..path.frames.len()).map(frame).collect();
+    let strains = strains(task, &best, &hits)?;
+    let strained = strains.iter().any(|&strain| suspects::is_strained(strain));
+    let gravity = strained.then(|| suspects::gravity(task, &best, found[0].cost - price(&best))).flatten();
+    let doubts: Vec<Option<String>> = strains
+        .iter()
+        .enumerate()
+        .map(|(number, &strain)| {
+            let own: Vec<&FittedFrame> = frames.iter().filter(|frame| frame.flight == number).collect();
+            let gravity = gravity.clone().filter(|_| suspects::is_strained(strain));
+            gravity.or_else(|| unexplained(task, &own, strain))
+        })
+        .collect();
+    frames.iter_mut().filter(|frame| doubts[frame.flight].is_some()).for_each(|frame| widen(task.camera, frame));
     let end = |number: usize| hits.get(number).map_or(times[times.len() - 1], |&event| best.events[event].time);
     let flight = |number: usize| {
         let (start, first, moving) = match number.checked_sub(1) {
@@ -86,7 +104,8 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Fit> {
         let speed = parameters.fixed_view::<3, 3>(first, first);
         let speed = ((along.transpose() * speed * along)[(0, 0)] * inflation).max(0.0).sqrt();
         let own: Vec<&FittedFrame> = frames.iter().filter(|frame| frame.flight == number).collect();
-        let reason = unexplained(task, &own);
+        let doubt = doubts[number].clone();
+        let reason = doubt.or_else(|| unknown(task, &own));
         Flight {
             start,
             end: end(number),
@@ -111,7 +130,7 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Fit> {
         let (surface, position) = (obstacle.surface, before.position);
         Some(Impact { time: event.time, surface, position, speed, time_gradient: [0.0; 6] })
     };
-    Some(Fit {
+    let fit = Fit {
         noise_px: noise,
         rms_px: rms(frames.iter()),
         explained: flights.iter().all(|flight| flight.explained),
@@ -122,7 +141,30 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Fit> {
         estimates: vec![],
         spin: best.start.spin.into(),
         frames,
-    })
+    };
+    Some(Solved { fit, cost: found[0].cost, doubtful: doubts.iter().any(Option::is_some) })
+}
+
+/// Adds to a position's covariance that nobody knows where it is: the laws do not hold, or the camera is another.
+pub fn widen(camera: &Camera, frame: &mut FittedFrame) {
+    let off = DISTANCE_UNKNOWN * camera.camera_from_world(&frame.state.position).coords.norm();
+    frame.covariance += Matrix3::identity() * (off * off / 3.0);
+}
+
+/// Of each flight how far it is from what is known before, in squared standard deviations, and of how many numbers.
+fn strains(task: &Task, course: &Course, hits: &[usize]) -> Option<Vec<(f64, usize)>> {
+    let all = task.strains(course)?;
+    let [forces, start, events @ ..] = all.as_slice() else { return None };
+    let mut flights = vec![(forces.0 + start.0, forces.1 + start.1)];
+    for (index, event) in events.iter().enumerate() {
+        if hits.contains(&index) {
+            flights.push(*forces);
+        }
+        if let Some(flight) = flights.last_mut() {
+            *flight = (flight.0 + event.0, flight.1 + event.1);
+        }
+    }
+    Some(flights)
 }
 
 /// Root mean square residual of labels that are no outliers, px.
@@ -134,8 +176,8 @@ fn rms<'a>(frames: impl Iterator<Item = &'a FittedFrame>) -> f64 {
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
-/// Why a flight through `frames` is not explained, in words.
-fn unexplained(task: &Task, frames: &[&FittedFrame]) -> Option<String> {
+/// Why a flight through `frames`, its events and the forces `strain`ed so much, is not explained, in words.
+fn unexplained(task: &Task, frames: &[&FittedFrame], (strain, numbers): (f64, usize)) -> Option<String> {
     let seen: Vec<&&FittedFrame> = frames.iter().filter(|frame| frame.residual_px.is_some()).collect();
     if seen.is_empty() {
         return Some("the ball is not seen".into());
@@ -151,10 +193,23 @@ fn unexplained(task: &Task, frames: &[&FittedFrame]) -> Option<String> {
     if rms > EXPLAINED * task.sigma {
         return Some(format!("its labels are off by {rms:.2} px, though they are known to {:.2} px", task.sigma));
     }
+    (strain > largest_strain(numbers))
+        .then(|| format!("it takes spins and bounces that this ball has not (χ² {strain:.0} of {numbers})"))
+}
+
+/// What squares of so many standard deviations add up to once in a hundred times (Wilson and Hilferty 1931).
+pub fn largest_strain(numbers: usize) -> f64 {
+    let n = numbers as f64;
+    n * (1.0 - 2.0 / (9.0 * n) + ODD * (2.0 / (9.0 * n)).sqrt()).powi(3)
+}
+
+/// That a flight's distance is not known, in words.
+fn unknown(task: &Task, frames: &[&FittedFrame]) -> Option<String> {
+    let seen = frames.iter().filter(|frame| frame.residual_px.is_some());
     let depth = |frame: &FittedFrame| task.camera.camera_from_world(&frame.state.position).z.abs();
-    let mut shares: Vec<(f64, f64)> = seen.iter().map(|frame| (frame.sigma() / depth(frame), frame.sigma())).collect();
+    let mut shares: Vec<(f64, f64)> = seen.map(|frame| (frame.sigma() / depth(frame), frame.sigma())).collect();
     shares.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (share, sigma) = shares[shares.len() / 2];
+    let &(share, sigma) = shares.get(shares.len() / 2)?;
     (share > UNKNOWN).then(|| {
         format!(
             "how far away the ball is stays unknown (±{sigma:.1} m): its spin is, and it touches nothing of the scene"

@@ -69,7 +69,7 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> 
             continue;
         };
         start.spin = spin_for(task, gravity * (pull - 1.0), &start.velocity);
-        let course = Course { first, last: end, start, events: vec![], air: [0.0; 2], slips: slips.clone() };
+        let course = Course { first, last: end, start, events: vec![], off: [0.0; 3], slips: slips.clone() };
         beam.extend(kept(task, &course, 10));
     }
     for (index, kink) in kinks.iter().enumerate() {
@@ -86,8 +86,8 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> 
                     continue;
                 };
                 before.spin = spin_for(task, gravity * (pull - 1.0), &before.velocity);
-                let start = task.laws.moved(&before, times[first] - kink.time, &[0.0; 2]);
-                let fresh = Course { first, last: begin, start, events: vec![], air: [0.0; 2], slips: slips.clone() };
+                let start = task.laws.moved(&before, times[first] - kink.time, &[0.0; 3]);
+                let fresh = Course { first, last: begin, start, events: vec![], off: [0.0; 3], slips: slips.clone() };
                 if beam.iter().all(|found| !found.course.events.is_empty()) && index > 0 {
                     continue;
                 }
@@ -101,7 +101,7 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> 
             let there = task.laws.moved(
                 &task.path(course).frames[course.last - course.first],
                 kink.time - times[course.last],
-                &course.air,
+                &course.off,
             );
             next.extend(after(task, &rays, course, Kind::Hit, there.position, kink.time, begin..=end));
             for &(kind, at) in &options {
@@ -167,7 +167,7 @@ fn inserted(task: &Task, rays: &Rays, course: &Course, kink: &Kink) -> Vec<Cours
     let frame = times.partition_point(|&time| time <= kink.time).saturating_sub(1);
     let path = task.path(course);
     let Some(near) = frame.checked_sub(course.first).and_then(|at| path.frames.get(at)) else { return vec![] };
-    let there = task.laws.moved(near, kink.time - times[frame], &course.air);
+    let there = task.laws.moved(near, kink.time - times[frame], &course.off);
     let mut more = course.clone();
     let (velocity, spin) = (there.velocity, there.spin);
     more.events.insert(index, Event { kind: Kind::Hit, time: kink.time, velocity, spin });
@@ -206,7 +206,7 @@ fn anchored(task: &Task, rays: &Rays, course: &Course, index: usize) -> Vec<Cour
                     let found = rays.ballistic(course.first..=end, event.time, Some(at), gravity * pull);
                     let Some(mut found) = found else { continue };
                     found.spin = spin_for(task, gravity * (pull - 1.0), &found.velocity);
-                    next.start = task.laws.moved(&found, times[course.first] - event.time, &course.air);
+                    next.start = task.laws.moved(&found, times[course.first] - event.time, &course.off);
                 }
             }
             let (to, when) = match (path.before.get(index + 1), course.events.get(index + 1)) {

@@ -4,7 +4,7 @@ use std::convert::Infallible;
 
 use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
 
-use super::course::{Course, Event, Kind, OF_AIR, OF_EVENT, OF_START, Path};
+use super::course::{Course, Event, Kind, OF_EVENT, OF_FORCES, OF_START, Path};
 use super::motion::{Laws, Moving};
 use super::result::{Covariances, of_place};
 use crate::camera::Camera;
@@ -29,8 +29,8 @@ const HIT_SPEED: f64 = 30.0;
 /// Rows of a frame (label, apparent size, depth in obstacles, way to it through obstacles) and of an event (gap, velocity, spin).
 const OF_FRAME: usize = 5;
 const OF_CONTACT: usize = 8;
-/// Rows of the start's spin and the air.
-const TAIL: usize = 5;
+/// Rows of the start's spin and the forces.
+const TAIL: usize = 3 + OF_FORCES;
 /// How well the picture alone tells by how much the clock slips, frames.
 const SLIP: f64 = 0.3;
 /// Longest steps of a search: m, m/s, rad/s, s, logarithm.
@@ -43,8 +43,8 @@ const DAMPING: Damping =
 pub struct Priors {
     /// Standard deviation of each component of the spin, rad/s.
     pub spin: f64,
-    /// Of the logarithms of drag and lift.
-    pub air: [f64; 2],
+    /// Of the logarithms of drag and lift, and of gravity's share.
+    pub forces: [f64; 3],
     /// Of the normal and the tangential velocity after a bounce, as shares of the closing speed.
     pub restitution: f64,
     pub friction: f64,
@@ -139,7 +139,7 @@ impl<'a> Task<'a> {
         }
         let tail = rows.len() - TAIL - course.slips.len();
         (0..3).for_each(|axis| rows[tail + axis] = course.start.spin[axis] / self.priors.spin);
-        (0..2).for_each(|which| rows[tail + 3 + which] = course.air[which] / self.priors.air[which]);
+        (0..OF_FORCES).for_each(|which| rows[tail + 3 + which] = course.off[which] / self.priors.forces[which]);
         for (index, (slip, (_, seems))) in course.slips.iter().zip(&self.slips).enumerate() {
             rows[tail + TAIL + index] = (slip - seems) / (SLIP * self.interval);
         }
@@ -211,10 +211,33 @@ impl<'a> Task<'a> {
         path.frames.iter().enumerate().map(of).collect()
     }
 
+    /// How far a course is from what is known before anything is seen, in squared standard deviations, and of how many
+    /// numbers: of its forces, of what begins its first flight, of each event.
+    pub fn strains(&self, course: &Course) -> Option<Vec<(f64, usize)>> {
+        let search = Search::new(self, course.clone(), Loss::Huber(1.0))?;
+        let square = |rows: &[f64]| rows.iter().map(|row| row * row).sum::<f64>();
+        let (events, tail) =
+            search.rows[OF_FRAME * search.path.frames.len()..].split_at(OF_CONTACT * course.events.len());
+        let of = |(event, rows): (&Event, &[f64])| match event.kind {
+            Kind::Bounce(_) => (square(rows), 7), // velocity across the normal has two numbers in three rows
+            Kind::Hit => (square(rows), 3),
+        };
+        let forces = (square(&tail[3..TAIL]), OF_FORCES);
+        let events = course.events.iter().zip(events.chunks(OF_CONTACT)).map(of);
+        Some([forces, (square(&tail[..3]), 3)].into_iter().chain(events).collect())
+    }
+
     /// The same task with other depths.
     pub fn with_depths(&self, depths: Vec<Option<[f64; 2]>>) -> Task<'_> {
         let (laws, times, slips) = (self.laws.clone(), self.times.clone(), self.slips.clone());
         Task { depths, laws, times, slips, ..*self }
+    }
+
+    /// The same task with another standard deviation of gravity's share.
+    pub fn with_gravity(&self, sigma: f64) -> Task<'_> {
+        let mut task = self.with_depths(self.depths.clone());
+        task.priors.forces[2] = sigma;
+        task
     }
 
     /// Covariances of the numbers that describe a course, and of its position at each frame.
@@ -310,7 +333,7 @@ fn kind_of(course: &Course, number: usize) -> usize {
     let Some(beyond) = number.checked_sub(OF_START) else { return number / 3 };
     match beyond < OF_EVENT * course.events.len() {
         true => [3, 1, 1, 1, 2, 2, 2][beyond % OF_EVENT],
-        false if beyond - OF_EVENT * course.events.len() < OF_AIR => 4,
+        false if beyond - OF_EVENT * course.events.len() < OF_FORCES => 4,
         false => 3,
     }
 }
