@@ -111,21 +111,42 @@ impl Course {
     /// The way of the ball at `times` (of all frames).
     pub fn path(&self, laws: &Laws, times: &[f64]) -> Path {
         let mut path = Path { frames: Vec::with_capacity(self.last - self.first + 1), before: vec![] };
-        self.follow(laws, times, 0, &mut path);
+        self.follow(laws, times, 0, self.events.len(), self.last, &mut path);
         path
     }
 
-    /// `path` with the flights from `flight` on worked out again, and the index of the first frame that it changes.
-    pub fn changed(&self, laws: &Laws, times: &[f64], flight: usize, path: &Path) -> (Path, usize) {
-        let Some(last) = flight.checked_sub(1) else { return (self.path(laws, times), 0) };
-        let kept = times[self.first..=self.last].partition_point(|&time| time < self.events[last].time);
-        let mut changed = Path { frames: path.frames[..kept].to_vec(), before: path.before[..flight].to_vec() };
-        self.follow(laws, times, flight, &mut changed);
+    /// The way of a course that differs from that of `path` in one number, and the index of the first frame that does.
+    pub fn changed(&self, laws: &Laws, times: &[f64], number: usize, path: &Path) -> (Path, usize) {
+        let first = self.flight_of(number);
+        let last = match number.checked_sub(OF_START) {
+            Some(beyond) if beyond >= OF_EVENT * self.events.len() => return (self.path(laws, times), 0),
+            // When a flight begins changes how long it lasts.
+            Some(beyond) if beyond % OF_EVENT == 0 => first + 1,
+            _ => first,
+        };
+        let start_of = |flight: usize| match flight.checked_sub(1) {
+            None => 0,
+            Some(event) => times[self.first..=self.last].partition_point(|&time| time < self.events[event].time),
+        };
+        let kept = start_of(first);
+        let mut changed = Path { frames: path.frames[..kept].to_vec(), before: path.before[..first].to_vec() };
+        if last == self.events.len() {
+            self.follow(laws, times, first, last, self.last, &mut changed);
+            return (changed, kept);
+        }
+        let rest = start_of(last + 1);
+        self.follow(laws, times, first, last, self.first + rest - 1, &mut changed);
+        // The flights after it begin elsewhere and are the same otherwise: nothing depends on the place.
+        let by = changed.before[last].position - path.before[last].position;
+        let elsewhere = |moving: &Moving| Moving { position: moving.position + by, ..*moving };
+        changed.frames.extend(path.frames[rest..].iter().map(elsewhere));
+        changed.before.extend(path.before[last + 1..].iter().map(elsewhere));
         (changed, kept)
     }
 
-    /// Works out the flights from `flight` on, of which `path` holds what comes before.
-    fn follow(&self, laws: &Laws, times: &[f64], flight: usize, path: &mut Path) {
+    /// Works out the flights from `flight` to `until`, up to the frame `last` and the event that ends them; `path` holds
+    /// what comes before.
+    fn follow(&self, laws: &Laws, times: &[f64], flight: usize, until: usize, last: usize, path: &mut Path) {
         let (mut at, mut time) = match flight.checked_sub(1) {
             None => (self.start, times[self.first]),
             Some(last) => {
@@ -136,17 +157,22 @@ impl Course {
                 )
             }
         };
-        let mut events = self.events[flight..].iter().peekable();
-        for &next in &times[self.first + path.frames.len()..=self.last] {
+        let ends = &self.events[flight..self.events.len().min(until + 1)];
+        let mut events = ends.iter().peekable();
+        let mut end = |at: &mut Moving, time: &mut f64, event: &Event, path: &mut Path| {
+            *at = laws.moved(at, event.time - *time, &self.off);
+            path.before.push(*at);
+            *at = Moving { position: at.position, velocity: event.velocity, spin: event.spin };
+            *time = event.time;
+        };
+        for &next in &times[self.first + path.frames.len()..=last] {
             while let Some(event) = events.next_if(|event| event.time <= next) {
-                at = laws.moved(&at, event.time - time, &self.off);
-                path.before.push(at);
-                at = Moving { position: at.position, velocity: event.velocity, spin: event.spin };
-                time = event.time;
+                end(&mut at, &mut time, event, path);
             }
             at = if next > time { laws.moved(&at, next - time, &self.off) } else { at };
             time = next;
             path.frames.push(at);
         }
+        events.for_each(|event| end(&mut at, &mut time, event, path));
     }
 }

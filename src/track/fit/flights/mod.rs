@@ -129,7 +129,7 @@ fn fitted_part(
     observations: &[Observation],
     options: &FitOptions,
 ) -> Result<Fit> {
-    let solved = solve(forecaster, laws, camera, observations, options);
+    let solved = solve(forecaster, laws, camera, observations, options, f64::INFINITY);
     let odd = solved.as_ref().is_none_or(|Solved { fit, doubtful, .. }| {
         *doubtful || !fit.hits.is_empty() && fit.hits.len() >= fit.impacts.len()
     });
@@ -157,12 +157,14 @@ struct Solved {
     doubtful: bool,
 }
 
+/// The flights that explain the observations of a part best; none where that costs more than `limit`, or nothing does.
 fn solve(
     forecaster: &Forecaster,
     laws: &Laws,
     camera: &Camera,
     observations: &[Observation],
     options: &FitOptions,
+    limit: f64,
 ) -> Option<Solved> {
     let trusted = trusted(observations);
     let noise = options.noise_px.unwrap_or_else(|| noise_of(&trusted)).max(SMALLEST_NOISE);
@@ -197,7 +199,7 @@ fn solve(
     };
     let slipped = search::slipped(&task);
     let labels: Vec<(f64, Point2<f64>)> = seen.iter().map(|&(frame, at)| (slipped[frame], at)).collect();
-    let found = searched(&task, &kinks::kinks(&labels, sigma), options.hits);
+    let found = searched(&task, &kinks::kinks(&labels, sigma), options.hits, limit);
     // In the end all labels count, and the loss lets go of outliers.
     result::fit_of(&Task { observations, ..task }, &found, noise)
 }

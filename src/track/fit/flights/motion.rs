@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::physics::{Contact, Rigid, Scene, air_coefficients};
 
 /// Longest step of the integration, s.
-const LONGEST_STEP: f64 = 0.02;
+const LONGEST_STEP: f64 = 0.05;
 
 /// A ball in flight: m, m/s, rad/s, in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -20,6 +20,8 @@ const ROUNDS: usize = 4;
 const GAIN: f64 = 1.0;
 /// Events at the growing end whose flights are refined with it.
 const OPEN: usize = 3;
+/// A growing course's cost over that of the finished one, whose loss lets go of outliers, at most.
+const SLACK: f64 = 1.5;
 const GROWING: Loss = Loss::Huber(2.5);
 pub const FINAL: Loss = Loss::Cauchy(2.5);
 
@@ -50,8 +52,9 @@ fn spin_for(task: &Task, acceleration: Vector3<f64>, velocity: &Vector3<f64>) ->
     spin * (longest / spin.norm().max(longest))
 }
 
-/// Courses of at most so many `hits` that may explain the track, the best first. Only frames from the first label to the last.
-pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> {
+/// Courses of at most so many `hits` that may explain the track, the best first; none where it is clear that they cost more
+/// than `limit`. Only frames from the first label to the last.
+pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>, limit: f64) -> Vec<Found> {
     let rays = Rays::of(task);
     let times = slipped(task);
     let seen: Vec<usize> = (0..task.times.len()).filter(|&frame| rays.ideal[frame].is_some()).collect();
@@ -111,7 +114,7 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>) -> Vec<Found> 
             }
         }
         let allowed = |found: &Found| hits.is_none_or(|most| count_hits(&found.course) <= most);
-        next.retain(allowed);
+        next.retain(|found| allowed(found) && found.cost < SLACK * limit);
         beam = best(next, BEAM);
     }
     let finished = |found: &Found| {

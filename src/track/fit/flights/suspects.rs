@@ -82,6 +82,7 @@ pub fn suspected(
 ) -> Option<String> {
     let hits = given.map_or(0, |given| given.fit.hits.len());
     let doubtful = given.is_none_or(|given| given.doubtful);
+    let limit = given.map_or(f64::INFINITY, |given| given.cost - GAIN);
     let tried = |suspect: Suspect| {
         // A track that is explained may at most be mirrored: its bounces would look like hits.
         if !doubtful && suspect != Suspect::Mirrored {
@@ -95,9 +96,8 @@ pub fn suspected(
         let observations: Vec<Observation> = observations.iter().map(righted).collect();
         let laws = if suspect == Suspect::GravityUp { laws.turned() } else { laws.clone() };
         let options = FitOptions { hits: Some(hits.saturating_sub(1)), ..options.clone() };
-        let found = solve(forecaster, &laws, camera, &observations, &options)?;
-        (found.fit.explained && given.is_none_or(|given| given.cost - found.cost > GAIN))
-            .then_some((found.cost, suspect))
+        let found = solve(forecaster, &laws, camera, &observations, &options, limit)?;
+        (found.fit.explained && found.cost < limit).then_some((found.cost, suspect))
     };
     let found = Suspect::all().filter_map(tried).min_by(|a, b| a.0.total_cmp(&b.0));
     found.map(|(_, suspect)| suspect.words())

@@ -33,6 +33,8 @@ const OF_CONTACT: usize = 8;
 const TAIL: usize = 3 + OF_FORCES;
 /// How well the picture alone tells by how much the clock slips, frames.
 const SLIP: f64 = 0.3;
+/// Step of a frame's differences, m.
+const NEAR: f64 = 1e-6;
 /// Longest steps of a search: m, m/s, rad/s, s, logarithm.
 const LONGEST: [f64; 5] = [1.0, 10.0, 400.0, 0.02, 0.3];
 const DAMPING: Damping =
@@ -87,38 +89,44 @@ struct Search<'a> {
 }
 
 impl<'a> Task<'a> {
-    /// Residuals, in standard deviations, of the frames from `from` on (those before are left as `rows` has them) and of all
-    /// else; none where the ball is behind the camera.
-    fn fill(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], from: usize, rows: &mut Vec<f64>) -> Option<()> {
+    /// Residuals, in standard deviations; none where the ball is behind the camera.
+    fn fill(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], rows: &mut Vec<f64>) -> Option<()> {
         let frames = path.frames.len();
         rows.resize(OF_FRAME * frames + OF_CONTACT * course.events.len() + TAIL + course.slips.len(), 0.0);
-        for (index, moving) in path.frames.iter().enumerate().skip(from) {
-            let row = &mut rows[OF_FRAME * index..OF_FRAME * (index + 1)];
-            row.fill(0.0);
-            let frame = course.first + index;
-            let point = Point3::from(moving.position);
-            if let Some(label) = self.observations[frame].image {
-                let image = self.camera.image_from_world(&point).ok()?;
-                let off = (image - label) / self.sigma;
-                (row[0], row[1]) = (off.x, off.y);
-            }
-            if let Some([depth, sigma]) = self.depths[frame] {
-                row[2] = (self.camera.camera_from_world(&point).z - depth) / sigma;
-            }
-            let radius = self.laws.rigid.radius;
-            let deepest = self.obstacles.iter().map(|it| radius - it.distance(&moving.position)).fold(0.0, f64::max);
-            row[3] = (deepest - DEPTH).max(0.0) / DEPTH_SIGMA;
-            if self.observations[frame].image.is_some() {
-                // What is seen is not behind anything.
-                let hidden = self.obstacles.iter().map(|it| it.between(&self.eye, &moving.position)).sum::<f64>();
-                row[4] = hidden / HIDDEN_SIGMA;
-            }
+        for (index, moving) in path.frames.iter().enumerate() {
+            let row = self.frame(course.first + index, &moving.position)?;
+            rows[OF_FRAME * index..OF_FRAME * (index + 1)].copy_from_slice(&row);
         }
+        self.events(course, path, laxness, &mut rows[OF_FRAME * frames..]);
+        rows.iter().all(|row| row.is_finite()).then_some(())
+    }
+
+    /// Residuals of a frame with the ball at `position`.
+    fn frame(&self, frame: usize, position: &Vector3<f64>) -> Option<[f64; OF_FRAME]> {
+        let mut row = [0.0; OF_FRAME];
+        let point = Point3::from(*position);
+        if let Some(label) = self.observations[frame].image {
+            let off = (self.camera.image_from_world(&point).ok()? - label) / self.sigma;
+            (row[0], row[1]) = (off.x, off.y);
+            // What is seen is not behind anything.
+            let hidden = self.obstacles.iter().map(|it| it.between(&self.eye, position)).sum::<f64>();
+            row[4] = hidden / HIDDEN_SIGMA;
+        }
+        if let Some([depth, sigma]) = self.depths[frame] {
+            row[2] = (self.camera.camera_from_world(&point).z - depth) / sigma;
+        }
+        let radius = self.laws.rigid.radius;
+        let deepest = self.obstacles.iter().map(|it| radius - it.distance(position)).fold(0.0, f64::max);
+        row[3] = (deepest - DEPTH).max(0.0) / DEPTH_SIGMA;
+        Some(row)
+    }
+
+    /// Residuals of the events, of the start's spin, the forces and the clock.
+    fn events(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], rows: &mut [f64]) {
         for (index, ((event, before), [normal, across, turn])) in
             course.events.iter().zip(&path.before).zip(laxness).enumerate()
         {
-            let start = OF_FRAME * frames + OF_CONTACT * index;
-            let row = &mut rows[start..start + OF_CONTACT];
+            let row = &mut rows[OF_CONTACT * index..OF_CONTACT * (index + 1)];
             row.fill(0.0);
             let (gap, velocity, spin) = match event.kind {
                 Kind::Bounce(obstacle) => {
@@ -143,7 +151,6 @@ impl<'a> Task<'a> {
         for (index, (slip, (_, seems))) in course.slips.iter().zip(&self.slips).enumerate() {
             rows[tail + TAIL + index] = (slip - seems) / (SLIP * self.interval);
         }
-        rows.iter().all(|row| row.is_finite()).then_some(())
     }
 
     /// How loosely each event keeps the law.
@@ -269,7 +276,7 @@ impl<'a> Search<'a> {
         let path = course.path(&task.laws, &times);
         let laxness = task.laxness(&course, &path);
         let mut rows = vec![];
-        task.fill(&course, &path, &laxness, 0, &mut rows)?;
+        task.fill(&course, &path, &laxness, &mut rows)?;
         let (_, cost) = task.weighed(path.frames.len(), &rows, loss);
         Some(Self { task, course, path, times, rows, laxness, loss, cost, from: 0 })
     }
@@ -285,7 +292,7 @@ impl<'a> Search<'a> {
     /// The path of a course that differs in one number, and the index of the first frame that differs.
     fn path_of(&self, course: &Course, number: usize) -> (Path, usize) {
         match course.slips == self.course.slips {
-            true => course.changed(&self.task.laws, &self.times, course.flight_of(number), &self.path),
+            true => course.changed(&self.task.laws, &self.times, number, &self.path),
             false => (self.task.path(course), 0),
         }
     }
@@ -300,11 +307,27 @@ impl<'a> Search<'a> {
     /// J'WJ and J'Wr, by the numbers that are searched.
     fn normal(&self) -> Option<(DMatrix<f64>, DVector<f64>)> {
         let active = self.active();
-        let count = active.len();
         let frames = self.path.frames.len();
         let (weights, _) = self.task.weighed(frames, &self.rows, self.loss);
-        let mut jacobian = DMatrix::zeros(self.rows.len(), count);
-        let mut rows = self.rows.clone();
+        // Rows of frames that say something, and how they depend on the place.
+        let mut used = vec![];
+        for (index, moving) in self.path.frames.iter().enumerate() {
+            let at = OF_FRAME * index;
+            let says: Vec<usize> = (0..OF_FRAME).filter(|&which| self.rows[at + which] != 0.0).collect();
+            if says.is_empty() {
+                continue;
+            }
+            let mut slopes = [[0.0; 3]; OF_FRAME];
+            for axis in 0..3 {
+                let row = self.task.frame(self.course.first + index, &(moving.position + Vector3::ith(axis, NEAR)))?;
+                (0..OF_FRAME).for_each(|which| slopes[which][axis] = (row[which] - self.rows[at + which]) / NEAR);
+            }
+            used.extend(says.into_iter().map(|which| (index, Vector3::from(slopes[which]), at + which)));
+        }
+        let rest = OF_FRAME * frames;
+        let others = self.rows.len() - rest;
+        let mut jacobian = DMatrix::zeros(used.len() + others, active.len());
+        let mut events = vec![0.0; others];
         for (column, &number) in active.iter().enumerate() {
             let step = step_of(&self.course, number);
             let mut course = self.course.clone();
@@ -312,19 +335,23 @@ impl<'a> Search<'a> {
             let (path, from) = self.path_of(&course, number);
             // An event that moves across a frame's time changes the frame before it, too.
             let from = from.saturating_sub(1);
-            rows[..OF_FRAME * from].copy_from_slice(&self.rows[..OF_FRAME * from]);
-            self.task.fill(&course, &path, &self.laxness, from, &mut rows)?;
-            for (out, ((new, old), weight)) in
-                jacobian.column_mut(column).iter_mut().zip(rows.iter().zip(&self.rows).zip(&weights))
-            {
-                *out = (new - old) / step * weight.sqrt();
+            let mut out = jacobian.column_mut(column);
+            let first = used.partition_point(|&(frame, ..)| frame < from);
+            for (line, (frame, slope, row)) in used.iter().enumerate().skip(first) {
+                let by = (path.frames[*frame].position - self.path.frames[*frame].position) / step;
+                out[line] = slope.dot(&by) * weights[*row].sqrt();
+            }
+            self.task.events(&course, &path, &self.laxness, &mut events);
+            for (index, new) in events.iter().enumerate() {
+                out[used.len() + index] = (new - self.rows[rest + index]) / step;
             }
         }
-        let weighted =
-            DVector::from_iterator(rows.len(), self.rows.iter().zip(&weights).map(|(row, weight)| row * weight.sqrt()));
-        let mut normal = jacobian.tr_mul(&jacobian);
-        (0..count).for_each(|at| normal[(at, at)] += 1e-9);
-        Some((normal, jacobian.tr_mul(&weighted)))
+        let weighted = used.iter().map(|&(.., row)| self.rows[row] * weights[row].sqrt());
+        let weighted: Vec<f64> = weighted.chain(self.rows[rest..].iter().copied()).collect();
+        let transposed = jacobian.transpose();
+        let mut normal = &transposed * &jacobian;
+        (0..active.len()).for_each(|at| normal[(at, at)] += 1e-9);
+        Some((normal, transposed * DVector::from_vec(weighted)))
     }
 }
 
@@ -354,7 +381,7 @@ impl LeastSquares for Search<'_> {
 
     fn linearised(&mut self) -> Result<Option<Self::Normal>, Infallible> {
         self.laxness = self.task.laxness(&self.course, &self.path);
-        let filled = self.task.fill(&self.course, &self.path, &self.laxness, 0, &mut self.rows);
+        let filled = self.task.fill(&self.course, &self.path, &self.laxness, &mut self.rows);
         self.cost = self.task.weighed(self.path.frames.len(), &self.rows, self.loss).1;
         Ok(filled.and_then(|()| self.normal()))
     }
@@ -380,7 +407,7 @@ impl LeastSquares for Search<'_> {
         }
         let path = course.path(&self.task.laws, &times);
         let mut rows = vec![];
-        let filled = self.task.fill(&course, &path, &self.laxness, 0, &mut rows);
+        let filled = self.task.fill(&course, &path, &self.laxness, &mut rows);
         Ok(filled.map(|()| {
             let (_, cost) = self.task.weighed(path.frames.len(), &rows, self.loss);
             Self { course, path, times, rows, laxness: self.laxness.clone(), cost, ..*self }
