@@ -9,7 +9,7 @@ const SHORTEST: usize = 2;
 /// Residual, in standard deviations, beyond which a label costs no more.
 const CAP: f64 = 4.0;
 /// What another piece costs, in squared standard deviations.
-const PRICE: f64 = 40.0;
+const PRICE: f64 = 25.0;
 /// Observations from which on a piece is a polynomial of degree 2, 3, 4.
 const DEGREES: [usize; 3] = [4, 9, 24];
 

@@ -10,6 +10,8 @@ use crate::physics::Obstacle;
 /// Nearest and farthest that a ball is looked for, m.
 const NEAREST: f64 = 0.1;
 const FARTHEST: f64 = 500.0;
+/// By how much a ray may miss what the ball met, m: labels are noisy, and edges are edges.
+const MISSED: f64 = 0.05;
 
 /// The camera's rays.
 pub struct Rays {
@@ -104,8 +106,11 @@ impl Rays {
             if gap(a) < gap(b) { high = b } else { low = a }
         }
         let least = (low + high) / 2.0;
-        if gap(least) > 0.0 || gap(NEAREST) < 0.0 {
+        if gap(least) > MISSED || gap(NEAREST) < 0.0 {
             return None;
+        }
+        if gap(least) > 0.0 {
+            return Some(at(least));
         }
         let (mut outside, mut inside) = (NEAREST, least);
         for _ in 0..60 {
