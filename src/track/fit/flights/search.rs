@@ -4,6 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::course::{Course, Event, Kind};
 use super::kinks::Kink;
+use super::motion::Moving;
 use super::rays::Rays;
 use super::task::Task;
 use crate::track::fit::loss::Loss;
@@ -15,6 +16,8 @@ const BEAM: usize = 6;
 /// What another event costs, in squared standard deviations of a label.
 const BOUNCE_PRICE: f64 = 10.0;
 const HIT_PRICE: f64 = 50.0;
+/// Where a hit that is not seen is tried, as shares of the way to the next event.
+const SPLITS: [f64; 2] = [0.35, 0.7];
 /// Rounds of search beside the best course, and by how much it must be bettered for another.
 const ROUNDS: usize = 4;
 const GAIN: f64 = 1.0;
@@ -137,6 +140,7 @@ fn improve(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, all: &
             fewer.events.remove(index);
             tried.push(fewer);
             tried.extend(anchored(task, rays, &best.course, index));
+            tried.extend(split(task, rays, &best.course, index));
         }
         for kink in kinks {
             let near = |event: &Event| (event.time - kink.time).abs() < 2.0 * task.interval;
@@ -163,20 +167,48 @@ fn improve(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, all: &
     }
 }
 
-/// The course with another event at a kink.
-fn inserted(task: &Task, rays: &Rays, course: &Course, kink: &Kink) -> Vec<Course> {
-    let times = task.times_of(course);
-    let index = course.events.partition_point(|event| event.time < kink.time);
-    let frame = times.partition_point(|&time| time <= kink.time).saturating_sub(1);
-    let path = task.path(course);
-    let Some(near) = frame.checked_sub(course.first).and_then(|at| path.frames.get(at)) else { return vec![] };
-    let there = task.laws.moved(near, kink.time - times[frame], &course.off);
-    let mut more = course.clone();
-    let (velocity, spin) = (there.velocity, there.spin);
-    more.events.insert(index, Event { kind: Kind::Hit, time: kink.time, velocity, spin });
-    if !more.in_order(&times) {
+/// The course with the hit of `index` as a bounce and a hit before or after it that bends the track too little to be seen:
+/// of a ball that flies away from the camera, say.
+fn split(task: &Task, rays: &Rays, course: &Course, index: usize) -> Vec<Course> {
+    let event = course.events[index];
+    if event.kind != Kind::Hit {
         return vec![];
     }
+    let times = task.times_of(course);
+    let before = index.checked_sub(1).map_or(times[course.first], |last| course.events[last].time);
+    let after = course.events.get(index + 1).map_or(times[course.last], |next| next.time);
+    let with_hit = |other: f64, share: f64| {
+        let time = event.time + share * (other - event.time);
+        let more = with_hit(task, course, time)?;
+        Some(anchored(task, rays, &more, index + usize::from(other < event.time)))
+    };
+    let others = [before, after].into_iter().flat_map(|other| SPLITS.map(|share| (other, share)));
+    others.filter_map(|(other, share)| with_hit(other, share)).flatten().collect()
+}
+
+/// The course with a hit that changes nothing at a time.
+fn with_hit(task: &Task, course: &Course, time: f64) -> Option<Course> {
+    let times = task.times_of(course);
+    let index = course.events.partition_point(|event| event.time < time);
+    let frame = times.partition_point(|&other| other <= time).saturating_sub(1);
+    let path = task.path(course);
+    let near = path.frames.get(frame.checked_sub(course.first)?)?;
+    let (mut from, mut at) = (times[frame], *near);
+    if let Some((event, moving)) = index.checked_sub(1).map(|last| (&course.events[last], path.before[last]))
+        && event.time > from
+    {
+        (from, at) = (event.time, Moving { position: moving.position, velocity: event.velocity, spin: event.spin });
+    }
+    let there = task.laws.moved(&at, time - from, &course.off);
+    let mut more = course.clone();
+    more.events.insert(index, Event { kind: Kind::Hit, time, velocity: there.velocity, spin: there.spin });
+    more.in_order(&times).then_some(more)
+}
+
+/// The course with another event at a kink.
+fn inserted(task: &Task, rays: &Rays, course: &Course, kink: &Kink) -> Vec<Course> {
+    let Some(more) = with_hit(task, course, kink.time) else { return vec![] };
+    let index = more.events.partition_point(|event| event.time < kink.time);
     let mut all = anchored(task, rays, &more, index);
     all.push(more);
     all
