@@ -8,8 +8,9 @@ const LONGEST: usize = 100;
 const SHORTEST: usize = 2;
 /// Residual, in standard deviations, beyond which a label costs no more.
 const CAP: f64 = 4.0;
-/// What another piece costs, in squared standard deviations.
-const PRICE: f64 = 25.0;
+/// What another piece costs, in squared standard deviations, where only clear kinks are wanted, and where faint ones are.
+pub const CLEAR: f64 = 40.0;
+pub const FAINT: f64 = 25.0;
 /// Observations from which on a piece is a polynomial of degree 2, 3, 4.
 const DEGREES: [usize; 3] = [4, 9, 24];
 
@@ -74,8 +75,8 @@ impl Piece {
     }
 }
 
-/// The kinks of a track of `labels` (s, px) whose smooth part is known to `sigma` px.
-pub fn kinks(labels: &[(f64, Point2<f64>)], sigma: f64) -> Vec<Kink> {
+/// The kinks of a track of `labels` (s, px) whose smooth part is known to `sigma` px and of which another piece costs `price`.
+pub fn kinks(labels: &[(f64, Point2<f64>)], sigma: f64, price: f64) -> Vec<Kink> {
     let count = labels.len();
     // Least cost of the first `n` labels, and where its last piece begins.
     let mut best: Vec<(f64, usize)> = vec![(0.0, 0)];
@@ -83,7 +84,7 @@ pub fn kinks(labels: &[(f64, Point2<f64>)], sigma: f64) -> Vec<Kink> {
         let starts = end.saturating_sub(LONGEST)..=end.saturating_sub(SHORTEST);
         let through = |start: usize| {
             let piece = Piece::of(&labels[start..end], sigma)?;
-            Some((best[start].0 + piece.cost + PRICE, start))
+            Some((best[start].0 + piece.cost + price, start))
         };
         let found = starts.filter_map(through).min_by(|a, b| a.0.total_cmp(&b.0));
         best.push(found.unwrap_or((f64::INFINITY, end.saturating_sub(1))));

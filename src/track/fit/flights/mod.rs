@@ -199,7 +199,12 @@ fn solve(
     };
     let slipped = search::slipped(&task);
     let labels: Vec<(f64, Point2<f64>)> = seen.iter().map(|&(frame, at)| (slipped[frame], at)).collect();
-    let found = searched(&task, &kinks::kinks(&labels, sigma), options.hits, limit);
+    let found = searched(
+        &task,
+        [kinks::CLEAR, kinks::FAINT].map(|price| kinks::kinks(&labels, sigma, price)),
+        options.hits,
+        limit,
+    );
     // In the end all labels count, and the loss lets go of outliers.
     result::fit_of(&Task { observations, ..task }, &found, noise)
 }

@@ -15,7 +15,7 @@ const PULLS: [f64; 3] = [0.6, 1.0, 1.4];
 const BEAM: usize = 6;
 /// What another event costs, in squared standard deviations of a label.
 const BOUNCE_PRICE: f64 = 10.0;
-const HIT_PRICE: f64 = 50.0;
+const HIT_PRICE: f64 = 70.0;
 /// Where a hit that is not seen is tried, as shares of the way to the next event.
 const SPLITS: [f64; 2] = [0.35, 0.7];
 /// Rounds of search beside the best course, and by how much it must be bettered for another.
@@ -56,9 +56,20 @@ fn spin_for(task: &Task, acceleration: Vector3<f64>, velocity: &Vector3<f64>) ->
 }
 
 /// Courses of at most so many `hits` that may explain the track, the best first; none where it is clear that they cost more
-/// than `limit`. Only frames from the first label to the last.
-pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>, limit: f64) -> Vec<Found> {
+/// than `limit`. Courses grow along the clear ones of the `kinks`, and along all, the faint ones too. Only frames from the first label to the last.
+pub fn searched(task: &Task, kinks: [Vec<Kink>; 2], hits: Option<usize>, limit: f64) -> Vec<Found> {
     let rays = Rays::of(task);
+    let [clear, all] = &kinks;
+    let mut found = grown(task, &rays, all, hits, limit);
+    if clear.len() < all.len() {
+        found.extend(grown(task, &rays, clear, hits, limit));
+    }
+    improve(task, &rays, all, hits, &mut found);
+    best(found, BEAM)
+}
+
+/// The best courses along these kinks.
+fn grown(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, limit: f64) -> Vec<Found> {
     let times = slipped(task);
     let seen: Vec<usize> = (0..task.times.len()).filter(|&frame| rays.ideal[frame].is_some()).collect();
     let (Some(&first), Some(&last)) = (seen.first(), seen.last()) else { return vec![] };
@@ -97,7 +108,7 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>, limit: f64) ->
                 if beam.iter().all(|found| !found.course.events.is_empty()) && index > 0 {
                     continue;
                 }
-                next.extend(after(task, &rays, &fresh, kind, at, kink.time, begin..=end));
+                next.extend(after(task, rays, &fresh, kind, at, kink.time, begin..=end));
             }
         }
         for Found { course, .. } in &beam {
@@ -109,10 +120,10 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>, limit: f64) ->
                 kink.time - times[course.last],
                 &course.off,
             );
-            next.extend(after(task, &rays, course, Kind::Hit, there.position, kink.time, begin..=end));
+            next.extend(after(task, rays, course, Kind::Hit, there.position, kink.time, begin..=end));
             for &(kind, at) in &options {
                 for aimed in aimed(task, course, at, kink.time) {
-                    next.extend(after(task, &rays, &aimed, kind, at, kink.time, begin..=end));
+                    next.extend(after(task, rays, &aimed, kind, at, kink.time, begin..=end));
                 }
             }
         }
@@ -124,9 +135,7 @@ pub fn searched(task: &Task, kinks: &[Kink], hits: Option<usize>, limit: f64) ->
         let (course, cost) = task.refined(&found.course, FINAL, 30)?;
         Some(Found { cost: cost + price(&course), course })
     };
-    let mut all: Vec<Found> = beam.iter().take(4).filter_map(finished).collect();
-    improve(task, &rays, kinks, hits, &mut all);
-    best(all, BEAM)
+    beam.iter().take(4).filter_map(finished).collect()
 }
 
 /// Looks for better courses beside the best one, as long as there are any: with an event left out, of another kind, or where
