@@ -18,6 +18,8 @@ const BOUNCE_PRICE: f64 = 10.0;
 const HIT_PRICE: f64 = 70.0;
 /// Where a hit that is not seen is tried, as shares of the way to the next event.
 const SPLITS: [f64; 2] = [0.35, 0.7];
+/// Of the courses tried in a round, those that are refined to the end.
+const FINISHED: usize = 6;
 /// Rounds of search beside the best course, and by how much it must be bettered for another.
 const ROUNDS: usize = 4;
 const GAIN: f64 = 1.0;
@@ -61,7 +63,7 @@ pub fn searched(task: &Task, kinks: [Vec<Kink>; 2], hits: Option<usize>, limit: 
     let rays = Rays::of(task);
     let [clear, all] = &kinks;
     let mut found = grown(task, &rays, all, hits, limit);
-    if clear.len() < all.len() {
+    if !clear.iter().map(|kink| kink.time).eq(all.iter().map(|kink| kink.time)) {
         found.extend(grown(task, &rays, clear, hits, limit));
     }
     improve(task, &rays, all, hits, &mut found);
@@ -167,7 +169,7 @@ fn improve(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, all: &
             let (course, cost) = task.refined(&found.course, FINAL, 30)?;
             Some(Found { cost: cost + price(&course), course })
         };
-        let better: Vec<Found> = self::best(found, 3).iter().filter_map(finished).collect();
+        let better: Vec<Found> = self::best(found, FINISHED).iter().filter_map(finished).collect();
         let improved = better.iter().any(|found| found.cost < best.cost - GAIN);
         all.extend(better);
         if !improved {
