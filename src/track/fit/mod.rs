@@ -32,6 +32,8 @@ const FEWEST: usize = 4;
 const OUTLIER: f64 = 4.0;
 /// Largest noise of labels that is believed, as a share of the picture's width.
 const LARGEST_NOISE: f64 = 0.01;
+/// How far outside the picture a label may be that a tracker has made up there, a share of the side.
+const OUTSIDE: f64 = 0.05;
 /// Standard deviation of a known spin, rad/s.
 const KNOWN_SPIN: f64 = 1e-3;
 /// Standard deviation of a spin that is to be estimated, rad/s.
@@ -145,7 +147,8 @@ pub struct Fit {
     pub hits: Vec<Hit>,
     /// What is odd about the track, in words.
     pub notes: Vec<String>,
-    /// The numbers of the scene that were to be estimated.
+    /// The numbers of the scene that were to be estimated; where the spin is unknown also what is known to some percent
+    /// only, drag and restitution.
     pub estimates: Vec<Estimate>,
     /// Spin at the first frame, rad/s: the scene's, or the one found.
     pub spin: [f64; 3],
@@ -161,6 +164,7 @@ impl Forecaster {
     /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
+        check_inside(camera, observations)?;
         let (mut usable, mut refused) = within_lens(camera, observations);
         if usable.windows(2).any(|pair| pair[1].time <= pair[0].time) {
             let reason =
@@ -243,6 +247,26 @@ fn check(observations: &[Observation]) -> Result<()> {
         true => Ok(()),
         false => refuse("the track holds NaN or infinity".into()),
     }
+}
+
+/// Refuses tracks of which a good part lies outside the picture.
+fn check_inside(camera: &Camera, observations: &[Observation]) -> Result<()> {
+    let [width, height] = camera.size().xy();
+    let inside = |image: &Point2<f64>| {
+        let within = |at: f64, side: f64| (-OUTSIDE * side..(1.0 + OUTSIDE) * side).contains(&at);
+        within(image.x, width) && within(image.y, height)
+    };
+    let labels: Vec<Point2<f64>> = observations.iter().filter_map(|seen| seen.image).collect();
+    let outside = labels.iter().filter(|label| !inside(label)).count();
+    if 4 * outside <= labels.len() {
+        return Ok(());
+    }
+    let reason = format!(
+        "{outside} of {} labels lie outside the camera's picture of {width}×{height} px: is the track of a video in \
+         another resolution?",
+        labels.len()
+    );
+    Err(Error::Fit { reason })
 }
 
 /// The observations without the labels that the camera's lens model does not reach, and why they are left out.

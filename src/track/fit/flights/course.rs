@@ -159,7 +159,7 @@ impl Course {
         };
         let ends = &self.events[flight..self.events.len().min(until + 1)];
         let mut events = ends.iter().peekable();
-        let mut end = |at: &mut Moving, time: &mut f64, event: &Event, path: &mut Path| {
+        let end = |at: &mut Moving, time: &mut f64, event: &Event, path: &mut Path| {
             *at = laws.moved(at, event.time - *time, &self.off);
             path.before.push(*at);
             *at = Moving { position: at.position, velocity: event.velocity, spin: event.spin };

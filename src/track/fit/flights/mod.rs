@@ -153,6 +153,8 @@ struct Solved {
     fit: Fit,
     /// Of its course, in squared standard deviations.
     cost: f64,
+    /// The same with another gravity, where that is far less.
+    gravity: Option<f64>,
     /// Whether labels or laws do not fit; not merely that the distance is unknown.
     doubtful: bool,
 }

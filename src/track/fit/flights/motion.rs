@@ -24,6 +24,7 @@ pub struct Laws {
     /// Of ω×v.
     lift: f64,
     spin_decay: f64,
+    drag_coefficient: f64,
     pub rigid: Rigid,
 }
 
@@ -38,7 +39,14 @@ impl Laws {
         let [drag, lift] = air_coefficients(ball);
         let rigid = Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor };
         let gravity = Vector3::from(scene.gravity);
-        scene.spring.is_none().then_some(Self { gravity, drag, lift, spin_decay: ball.spin_decay, rigid })
+        scene.spring.is_none().then_some(Self {
+            gravity,
+            drag,
+            lift,
+            spin_decay: ball.spin_decay,
+            drag_coefficient: ball.drag_coefficient,
+            rigid,
+        })
     }
 
     /// With gravity the other way.
@@ -48,6 +56,11 @@ impl Laws {
 
     pub fn gravity(&self) -> &Vector3<f64> {
         &self.gravity
+    }
+
+    /// The scene's.
+    pub fn drag_coefficient(&self) -> f64 {
+        self.drag_coefficient
     }
 
     /// Of the Magnus acceleration, of ω×v.

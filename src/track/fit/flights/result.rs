@@ -9,7 +9,7 @@ use super::task::Task;
 use super::{Solved, suspects};
 use crate::camera::Camera;
 use crate::physics::{Impact, State};
-use crate::track::fit::{Fit, FittedFrame, Flight, Hit, largest_noise};
+use crate::track::fit::{Estimate, Fit, FittedFrame, Flight, Hit, Parameter, largest_noise};
 
 /// Residual, in standard deviations, of an outlier.
 const OUTLIER: f64 = 4.0;
@@ -23,6 +23,11 @@ const PINNED: f64 = 1e-3;
 /// Share of the distance beyond which a position is as good as unknown, and that of the distance of what is not explained.
 const UNKNOWN: f64 = 0.06;
 const DISTANCE_UNKNOWN: f64 = 0.5;
+/// Difference of the distances by size and by all else that is worth a word, a share, and fewest sizes for it.
+const SIZE_OFF: f64 = 0.02;
+const FEWEST_SIZES: usize = 8;
+/// Slowest bounce that says what the restitution is, m/s.
+const SLOWEST: f64 = 0.5;
 /// One case in a hundred, in standard deviations.
 const ODD: f64 = 2.33;
 /// By how much more the labels of a whole flight may be off together than their residuals show, which the trajectory has
@@ -83,7 +88,7 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Solved> {
         .enumerate()
         .map(|(number, &strain)| {
             let own: Vec<&FittedFrame> = frames.iter().filter(|frame| frame.flight == number).collect();
-            let gravity = gravity.clone().filter(|_| suspects::is_strained(strain));
+            let gravity = gravity.as_ref().filter(|_| suspects::is_strained(strain)).map(|it| it.0.clone());
             gravity.or_else(|| unexplained(task, &own, strain))
         })
         .collect();
@@ -136,13 +141,14 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Solved> {
         explained: flights.iter().all(|flight| flight.explained),
         impacts: best.events.iter().zip(&path.before).filter_map(impact).collect(),
         hits: hits.iter().map(hit).collect(),
-        notes: notes(task, &best, &times),
+        notes: notes(task, &best, &path, &times),
         flights,
-        estimates: vec![],
+        estimates: estimates(task, &best, &path, &parameters, inflation),
         spin: best.start.spin.into(),
         frames,
     };
-    Some(Solved { fit, cost: found[0].cost, doubtful: doubts.iter().any(Option::is_some) })
+    let gravity = gravity.map(|(_, cost)| cost + price(&best));
+    Some(Solved { fit, cost: found[0].cost, gravity, doubtful: doubts.iter().any(Option::is_some) })
 }
 
 /// Adds to a position's covariance that nobody knows where it is: the laws do not hold, or the camera is another.
@@ -217,8 +223,34 @@ fn unknown(task: &Task, frames: &[&FittedFrame]) -> Option<String> {
     })
 }
 
+/// What the track says of drag and, where the ball bounces, of restitution: the laws' own, as far as it says no more.
+fn estimates(task: &Task, course: &Course, path: &Path, covariance: &DMatrix<f64>, inflation: f64) -> Vec<Estimate> {
+    let drag = task.laws.drag_coefficient() * course.off[0].exp();
+    let at = OF_START + OF_EVENT * course.events.len();
+    let drag_sigma = drag * (covariance[(at, at)] * inflation).max(0.0).sqrt();
+    let mut found = vec![Estimate { parameter: Parameter::Drag, value: drag, sigma: drag_sigma }];
+    let (mut sum, mut weights) = (0.0, 0.0);
+    for (index, (event, before)) in course.events.iter().zip(&path.before).enumerate() {
+        let Kind::Bounce(obstacle) = event.kind else { continue };
+        let normal = task.obstacles[obstacle].nearest(&before.position).normal;
+        let closing = -normal.dot(&before.velocity);
+        let first = OF_START + OF_EVENT * index + 1;
+        let velocity = covariance.fixed_view::<3, 3>(first, first);
+        let variance = (normal.transpose() * velocity * normal)[(0, 0)] * inflation / (closing * closing);
+        if closing > SLOWEST && variance > 0.0 {
+            sum += normal.dot(&event.velocity) / closing / variance;
+            weights += 1.0 / variance;
+        }
+    }
+    if weights > 0.0 {
+        let (value, sigma) = (sum / weights, weights.sqrt().recip());
+        found.push(Estimate { parameter: Parameter::Restitution, value, sigma });
+    }
+    found
+}
+
 /// What is odd about the track.
-fn notes(task: &Task, course: &Course, times: &[f64]) -> Vec<String> {
+fn notes(task: &Task, course: &Course, path: &Path, times: &[f64]) -> Vec<String> {
     let of = |((frame, _), by): (&(usize, f64), &f64)| {
         let (frames, at) = (by / task.interval, times[*frame]);
         match frames > 0.0 {
@@ -230,7 +262,27 @@ fn notes(task: &Task, course: &Course, times: &[f64]) -> Vec<String> {
         }
     };
     let slips = task.slips.iter().zip(&course.slips);
-    slips.filter(|(_, by)| by.abs() >= NOTED * task.interval).map(of).collect()
+    let sizes = sizes(task, path);
+    sizes.into_iter().chain(slips.filter(|(_, by)| by.abs() >= NOTED * task.interval).map(of)).collect()
+}
+
+/// That the ball's apparent size says another distance than all else, in words.
+fn sizes(task: &Task, path: &Path) -> Option<String> {
+    let share = |(moving, depth): (&Moving, &Option<[f64; 2]>)| {
+        let (depth, own) = ((*depth)?[0], task.camera.camera_from_world(&Point3::from(moving.position)).z);
+        Some(depth / own - 1.0)
+    };
+    let mut shares: Vec<f64> = path.frames.iter().zip(&task.depths).filter_map(share).collect();
+    shares.sort_by(f64::total_cmp);
+    let median = *shares.get(shares.len() / 2)?;
+    (median.abs() > SIZE_OFF && shares.len() >= FEWEST_SIZES).then(|| {
+        format!(
+            "by its apparent size the ball is {:.0} % {} than its flight and contacts say: check the heights of the scene, \
+             the ball's radius, the camera and the frame rate",
+            100.0 * median.abs(),
+            if median > 0.0 { "farther" } else { "nearer" }
+        )
+    })
 }
 
 /// What may be true as well as the best, with weights: the other courses, by how much worse they explain the track (which

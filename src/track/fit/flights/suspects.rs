@@ -50,6 +50,11 @@ impl Suspect {
         }
     }
 
+    /// How many times as large it makes the picture.
+    fn scale(self) -> f64 {
+        if let Self::Resolution(factor) = self { factor } else { 1.0 }
+    }
+
     fn words(self) -> String {
         match self {
             Self::Mirrored => {
@@ -82,7 +87,9 @@ pub fn suspected(
 ) -> Option<String> {
     let hits = given.map_or(0, |given| given.fit.hits.len());
     let doubtful = given.is_none_or(|given| given.doubtful);
-    let limit = given.map_or(f64::INFINITY, |given| given.cost - GAIN);
+    // Another gravity is the simpler explanation, if it is as good.
+    let by_gravity = given.and_then(|given| given.gravity).unwrap_or(f64::INFINITY);
+    let limit = given.map_or(f64::INFINITY, |given| given.cost.min(by_gravity) - GAIN);
     let tried = |suspect: Suspect| {
         // A track that is explained may at most be mirrored: its bounces would look like hits.
         if !doubtful && suspect != Suspect::Mirrored {
@@ -91,7 +98,8 @@ pub fn suspected(
         let righted = |seen: &Observation| {
             let image = seen.image.map(|label| suspect.righted(label, camera));
             let image = image.filter(|image| camera.camera_from_image(image, 1.0).is_ok());
-            Observation { image, radius: None, ..*seen }
+            let radius = seen.radius.map(|radius| radius.map(|size| size * suspect.scale()));
+            Observation { image, radius, ..*seen }
         };
         let observations: Vec<Observation> = observations.iter().map(righted).collect();
         let laws = if suspect == Suspect::GravityUp { laws.turned() } else { laws.clone() };
@@ -103,15 +111,15 @@ pub fn suspected(
     found.map(|(_, suspect)| suspect.words())
 }
 
-/// What gravity seems to be if that explains a course of `cost` far better, in words.
-pub fn gravity(task: &Task, course: &Course, cost: f64) -> Option<String> {
+/// What gravity seems to be if that explains a course of `cost` far better, in words, and the cost then.
+pub fn gravity(task: &Task, course: &Course, cost: f64) -> Option<(String, f64)> {
     let (freed, less) = task.with_gravity(FREE).refined(course, FINAL, 30)?;
     let share = 1.0 + freed.off[2];
     if cost - less < GRAVITY_GAIN || freed.off[2].abs() < GRAVITY_OFF {
         return None;
     }
     let rate = task.interval.recip();
-    Some(match share > 0.1 {
+    let words = match share > 0.1 {
         true => format!(
             "gravity would have to be {share:.2} times the scene's: are these {:.0} instead of {rate:.0} frames a second, \
              or are the scene's heights, or the camera, off?",
@@ -120,7 +128,8 @@ pub fn gravity(task: &Task, course: &Course, cost: f64) -> Option<String> {
         false => "gravity would have to be none, or point the other way: check the scene's gravity and the camera's \
                   world axes"
             .into(),
-    })
+    };
+    Some((words, less))
 }
 
 /// Whether a strain is enough to look for what is wrong.

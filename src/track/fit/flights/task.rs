@@ -317,12 +317,14 @@ impl<'a> Search<'a> {
             if says.is_empty() {
                 continue;
             }
-            let mut slopes = [[0.0; 3]; OF_FRAME];
-            for axis in 0..3 {
-                let row = self.task.frame(self.course.first + index, &(moving.position + Vector3::ith(axis, NEAR)))?;
-                (0..OF_FRAME).for_each(|which| slopes[which][axis] = (row[which] - self.rows[at + which]) / NEAR);
-            }
-            used.extend(says.into_iter().map(|which| (index, Vector3::from(slopes[which]), at + which)));
+            let beside =
+                |axis| self.task.frame(self.course.first + index, &(moving.position + Vector3::ith(axis, NEAR)));
+            let [along_x, along_y, along_z] = [beside(0)?, beside(1)?, beside(2)?];
+            let slope = |which: usize| {
+                let row = Vector3::new(along_x[which], along_y[which], along_z[which]);
+                row.add_scalar(-self.rows[at + which]) / NEAR
+            };
+            used.extend(says.into_iter().map(|which| (index, slope(which), at + which)));
         }
         let rest = OF_FRAME * frames;
         let others = self.rows.len() - rest;
