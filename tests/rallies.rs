@@ -398,3 +398,19 @@ fn the_larger_part_of_a_track_of_two_balls_is_fitted() {
         fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm()).collect();
     assert!(median(&errors) < 0.1, "{:.2} m; {}", median(&errors), fit.verdict());
 }
+
+#[test]
+fn repeated_frames_are_left_out_and_told() {
+    // 50 pictures a second as 60: every sixth shows the one before.
+    let (world, taken) = shot(5, false);
+    let shown = |frame: usize| 5 * frame / 6;
+    let observations: Vec<Observation> =
+        (0..83).map(|frame| Observation { time: frame as f64 / 120.0, ..taken[shown(frame)] }).collect();
+    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
+    let fit = Forecaster::new(&scene).unwrap().fit(&rolled(), &observations, &FitOptions::default()).unwrap();
+    assert!(fit.notes.iter().any(|note| note.contains("again")), "{:?}", fit.notes);
+    assert!(fit.explained, "{}", fit.verdict());
+    let errors = fit.frames.iter().enumerate().filter(|(_, frame)| frame.refused.is_none());
+    let errors: Vec<f64> = errors.map(|(index, frame)| (frame.state.position - world[shown(index)]).norm()).collect();
+    assert!(median(&errors) < 0.05, "{} m", median(&errors));
+}

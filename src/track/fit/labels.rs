@@ -12,6 +12,10 @@ pub(super) const SMALLEST_NOISE: f64 = 0.03;
 /// Distance from the neighbours' line, in units of its median, beyond which a label is not used to start with.
 const SUSPECT: f64 = 10.0;
 
+/// Steps between labels of a repeated frame and of those beside it, as shares of the usual step, and fewest repeated frames.
+const STILL: f64 = 0.03;
+const MOVES: f64 = 0.4;
+const FEWEST_REPEATS: usize = 3;
 /// Noise, as a share of the picture's width, from which on labels may be of two balls.
 const ROUGH: f64 = 2e-3;
 /// Labels between two of the same ball, at most.
@@ -46,6 +50,48 @@ pub(super) fn trusted(observations: &[Observation]) -> Vec<Observation> {
         out[seen[index]].image = None;
     }
     out
+}
+
+/// Frames that show the one before again: a video whose rate was raised.
+pub(super) struct Repeats {
+    /// Their indices.
+    pub frames: Vec<usize>,
+    /// When the others were taken, s, where frames are repeated regularly: evenly over the track. Of all frames, rising.
+    pub times: Option<Vec<f64>>,
+}
+
+/// Repeated frames of a moving ball; none where there are too few to tell.
+pub(super) fn repeats(observations: &[Observation]) -> Option<Repeats> {
+    let step = |index: usize| Some((observations[index].image? - observations[index - 1].image?).norm());
+    let steps: Vec<Option<f64>> = (1..observations.len()).map(step).collect();
+    let usual = median(steps.iter().flatten().copied().collect());
+    let moves = |index: usize| steps.get(index).copied().flatten().is_some_and(|step| step > MOVES * usual);
+    let still = |index: usize| steps[index].is_some_and(|step| step < STILL * usual);
+    let frames: Vec<usize> = (1..steps.len().saturating_sub(1))
+        .filter(|&index| still(index) && moves(index - 1) && moves(index + 1))
+        .map(|index| index + 1)
+        .collect();
+    if frames.len() < FEWEST_REPEATS || usual == 0.0 {
+        return None;
+    }
+    let gaps: Vec<usize> = frames.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let every = median(gaps.iter().map(|&gap| gap as f64).collect()) as usize;
+    // A label may be missing where a frame is repeated.
+    let regular = gaps.iter().all(|gap| gap % every == 0);
+    let times = regular.then(|| {
+        let last = observations.len() - 1;
+        let phase = frames[0] % every;
+        let repeated = |index: usize| index > 0 && index % every == phase;
+        let new = (1..=last).filter(|&index| !repeated(index)).count() as f64;
+        let pace = (observations[last].time - observations[0].time) / new.max(1.0);
+        let mut shown = 0.0;
+        let time = |index: usize| {
+            shown += if index == 0 || repeated(index) { 0.0 } else { 1.0 };
+            observations[0].time + pace * (shown + if repeated(index) { 0.5 } else { 0.0 })
+        };
+        (0..=last).map(time).collect()
+    });
+    Some(Repeats { frames, times })
 }
 
 /// Indices of labels that follow another way than most: another ball's, say. None where all are near one smooth way, or where

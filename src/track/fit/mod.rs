@@ -166,6 +166,19 @@ impl Forecaster {
         check(observations)?;
         check_inside(camera, observations)?;
         let (mut usable, mut refused) = within_lens(camera, observations);
+        let mut notes = vec![];
+        if let Some(repeats) = labels::repeats(&usable) {
+            for &frame in &repeats.frames {
+                usable[frame].image = None;
+                refused[frame] = Some("shows the frame before it again".into());
+            }
+            let mut note = format!("{} frames show the one before again: they are left out", repeats.frames.len());
+            if let Some(times) = repeats.times {
+                usable.iter_mut().zip(times).for_each(|(seen, time)| seen.time = time);
+                note += ", and the others' times spread evenly, as if the video's rate had been raised";
+            }
+            notes.push(note);
+        }
         if usable.windows(2).any(|pair| pair[1].time <= pair[0].time) {
             let reason =
                 "the camera's readout_s is longer than frames are apart: rows of one would follow rows of the next";
@@ -184,6 +197,7 @@ impl Forecaster {
                 frame.outlier |= refused.is_some();
                 frame.refused = refused;
             }
+            fit.notes.splice(0..0, notes);
             return Ok(fit);
         }
         // The spin matters where air or friction turns it into forces.
@@ -197,6 +211,7 @@ impl Forecaster {
             frame.outlier |= refused.is_some();
             frame.refused = refused;
         }
+        fit.notes.splice(0..0, notes);
         Ok(fit)
     }
 
