@@ -1,9 +1,8 @@
-/** What the fit says, in words, and where the ball bounced. */
+/** What the fit says, in words: flights, hits, where the ball bounced, and what is odd. */
 import type { Trajectory } from "gravisight";
 import { make } from "../dom";
 
-const NOT_EXPLAINED =
-  "Gravity, drag and the scene’s surfaces do not explain this track: do not trust the curve. Often the scene is not the real one (drop a scene.json), the camera has moved, or more than one throw is in it.";
+const NOT_EXPLAINED = "Do not trust the curve where it is not explained. Often the scene is not the real one (drop a scene.json), or the camera has moved.";
 
 export class FitResult {
   readonly #place: HTMLElement;
@@ -12,15 +11,19 @@ export class FitResult {
     this.#place = place;
   }
 
-  show({ explained, rmsPx, points, bounces }: Trajectory): void {
+  show({ explained, verdict, notes, rmsPx, points, bounces, flights, hits }: Trajectory): void {
     this.#place.dataset.tone = explained ? "good" : "bad";
     const speeds = points.map(({ speed }) => speed);
     const outliers = points.filter(({ outlier }) => outlier).length;
     const left = outliers ? ` ${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.` : "";
     const range = speeds.length ? `, ${Math.min(...speeds).toFixed(1)} to ${Math.max(...speeds).toFixed(1)} m/s` : "";
-    const words = explained ? `Physics explains the track${range}: the curve misses the sightings by ${rmsPx.toFixed(2)} px (rms).` : `${NOT_EXPLAINED} It misses the sightings by ${rmsPx.toFixed(2)} px (rms).`;
+    const off = `the curve misses the sightings by ${rmsPx.toFixed(2)} px (rms).`;
+    const words = explained ? `Physics explains the track${range}: ${off}` : `${sentence(verdict)} ${NOT_EXPLAINED} ${sentence(off)}`;
     const parts: HTMLElement[] = [make("p", { text: words + left, part: "video-fit-words" })];
-    if (bounces.length) parts.push(tableOf(bounces));
+    for (const note of notes) parts.push(make("p", { text: sentence(note), part: "video-fit-note" }));
+    if (hits.length) parts.push(flightsTable(flights), hitsTable(hits));
+    else if (flights[0]) parts.push(make("p", { text: `At first ${speedWords(flights[0])}${spinWords(flights[0])}.`, part: "video-fit-start" }));
+    if (bounces.length) parts.push(bouncesTable(bounces));
     else parts.push(make("p", { text: "No bounces." }));
     const stale = make("p", { text: "Frames came after this fit: fit again to take them in.", part: "video-fit-stale" });
     stale.hidden = true;
@@ -38,21 +41,51 @@ export class FitResult {
   }
 }
 
-function tableOf(bounces: Trajectory["bounces"]): HTMLElement {
-  const table = make("table", { part: "video-bounces" }, make("caption", { text: bounces.length === 1 ? "1 bounce" : `${bounces.length} bounces` }));
-  const head = make("tr");
-  for (const text of ["Time", "On", "Speed"]) {
+/** A table with a caption; each row's cells in words. */
+function tableOf(part: string, caption: string, head: string[], rows: string[][]): HTMLElement {
+  const titles = head.map((text) => {
     const cell = make("th", { text });
     cell.scope = "col";
-    head.append(cell);
-  }
-  table.append(make("thead", {}, head));
-  const rows = bounces.map(({ timestampMs, surface, speed }) => {
-    const texts = [`${(timestampMs / 1000).toFixed(2)} s`, surfaceWords(surface), `${speed.toFixed(1)} m/s`];
-    return make("tr", { part: "video-bounce" }, ...texts.map((text) => make("td", { text })));
+    return cell;
   });
-  table.append(make("tbody", {}, ...rows));
-  return table;
+  const lines = rows.map((texts) => make("tr", { part }, ...texts.map((text) => make("td", { text }))));
+  return make("table", { part: `${part}s` }, make("caption", { text: caption }), make("thead", {}, make("tr", {}, ...titles)), make("tbody", {}, ...lines));
+}
+
+const counted = (count: number, what: string, many = `${what}s`) => `${count} ${count === 1 ? what : many}`;
+const seconds = (ms: number) => `${(ms / 1000).toFixed(2)} s`;
+const sentence = (words: string) => `${words.charAt(0).toUpperCase()}${words.slice(1)}${/[.?!]$/.test(words) ? "" : "."}`;
+
+function bouncesTable(bounces: Trajectory["bounces"]): HTMLElement {
+  const rows = bounces.map(({ timestampMs, surface, speed }) => [seconds(timestampMs), surfaceWords(surface), `${speed.toFixed(1)} m/s`]);
+  return tableOf("video-bounce", counted(bounces.length, "bounce"), ["Time", "On", "Speed"], rows);
+}
+
+function hitsTable(hits: Trajectory["hits"]): HTMLElement {
+  const rows = hits.map(({ timestampMs, world }) => [seconds(timestampMs), world.map((metres) => metres.toFixed(2)).join(", ")]);
+  return tableOf("video-hit", counted(hits.length, "hit"), ["Time", "At x, y, z (m)"], rows);
+}
+
+function flightsTable(flights: Trajectory["flights"]): HTMLElement {
+  const rows = flights.map((flight) => [
+    `${seconds(flight.startMs)} to ${seconds(flight.endMs)}`,
+    `${speedWords(flight)}${spinWords(flight)}`,
+    flight.explained ? "explained" : (flight.reason ?? "not explained"),
+  ]);
+  return tableOf("video-flight", counted(flights.length, "flight"), ["Flight", "At its start", ""], rows);
+}
+
+type Flight = Trajectory["flights"][number];
+
+function speedWords({ speedStart, speedSigma }: Flight): string {
+  return `${speedStart.toFixed(1)} ± ${speedSigma.toFixed(1)} m/s`;
+}
+
+/** The spin in turns a second, where more is known of it than that there may be one. */
+function spinWords({ spin, spinSigma }: Flight): string {
+  const turns = (values: number[]) => Math.hypot(...values) / (2 * Math.PI);
+  const [size, sigma] = [turns(spin), turns(spinSigma)];
+  return size > sigma && sigma > 0 ? `, ${size.toFixed(0)} ± ${sigma.toFixed(0)} turns/s` : "";
 }
 
 /** The core counts from nought, people from one. */

@@ -29,7 +29,7 @@ export class Plots {
     const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 || 1 : Math.max(last, from + 1);
     const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
     const points = (fit?.points ?? []).filter(({ timestampMs }) => timestampMs / 1000 >= from);
-    const marks = (fit?.bounces ?? []).map(({ timestampMs }) => timestampMs / 1000).filter((t) => t >= from);
+    const marks = [...(fit?.bounces ?? []), ...(fit?.hits ?? [])].map(({ timestampMs }) => timestampMs / 1000).filter((t) => t >= from);
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
         seen.filter(({ confidence }) => confidence >= threshold === isSure).map(({ timeMs, world }): [number, number] => [timeMs / 1000, world[axis] ?? 0]);
