@@ -414,3 +414,29 @@ fn repeated_frames_are_left_out_and_told() {
     let errors: Vec<f64> = errors.map(|(index, frame)| (frame.state.position - world[shown(index)]).norm()).collect();
     assert!(median(&errors) < 0.05, "{} m", median(&errors));
 }
+
+#[test]
+fn a_cameras_uncertainty_enters_sigma() {
+    // Farther from everything by so much, m.
+    let with_distance = |by: f64| {
+        let mut value = serde_json::to_value(rolled()).unwrap();
+        value["camera_from_world"][2][3] = (value["camera_from_world"][2][3].as_f64().unwrap() + by).into();
+        Camera::from_json(&value.to_string(), "camera").unwrap()
+    };
+    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
+    let forecaster = Forecaster::new(&scene).unwrap();
+    // One standard deviation of 30 cm, and the camera is off by as much.
+    let (taken, moved) = (with_distance(0.3), with_distance(0.6));
+    let mut worse = [0, 0];
+    for seed in 0..6 {
+        let (world, observations) = shot(seed, false);
+        for (told, worse) in [false, true].into_iter().zip(&mut worse) {
+            let cameras = if told { vec![moved.clone()] } else { vec![] };
+            let fit = forecaster.fit(&taken, &observations, &FitOptions { cameras, ..FitOptions::default() }).unwrap();
+            let errors = fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm());
+            *worse += errors.zip(&fit.frames).filter(|(error, frame)| *error > 2.0 * frame.sigma()).count();
+        }
+    }
+    let [untold, told] = worse;
+    assert!(10 * told < 420 && untold > 2 * told, "of 420 frames beyond two sigma: {untold} untold, {told} told");
+}

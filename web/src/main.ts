@@ -1,9 +1,8 @@
-/** Reads the address: `?device=cpu|webgpu|auto` and `?model=URL of a JSON card`. */
+/** Reads the address: `?device=cpu|webgpu|auto`, and in the step's files `?model=URL of a JSON card`. */
 import type { DeviceChoice } from "gravisight";
 import { element } from "./dom";
 import { startLive } from "./live";
 import { keepForOffline } from "./offline";
-import { MODEL } from "./shared/core";
 import { startTabs } from "./tabs";
 import { App, type Settings } from "./try";
 
@@ -11,12 +10,12 @@ const DEVICES: readonly string[] = ["cpu", "webgpu", "auto"] satisfies DeviceCho
 
 function settingsFrom(query: URLSearchParams): Settings {
   const device = query.get("device") ?? "cpu";
-  return { model: MODEL, device: DEVICES.includes(device) ? (device as DeviceChoice) : "cpu" };
+  return { device: DEVICES.includes(device) ? (device as DeviceChoice) : "cpu" };
 }
 
 startTabs();
 const settings = settingsFrom(new URLSearchParams(location.search));
-const app = new App(settings);
+const app = new App();
 // Below the fold: after what is seen first.
 setTimeout(() => startLive(element("live"), () => app.localiser));
 await app.start(settings);

@@ -1,6 +1,6 @@
 //! `gravisight fit`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
@@ -29,6 +29,9 @@ pub struct Arguments {
     /// The camera that saw it (camera.json).
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: PathBuf,
+    /// What `calibrate --json` printed of that camera: its uncertainty enters σ.
+    #[arg(long, value_name = "CALIBRATION.JSON")]
+    camera_sigma: Option<PathBuf>,
     /// The place and its ball (scene.json).
     #[arg(long, value_name = "SCENE.JSON")]
     scene: PathBuf,
@@ -99,8 +102,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         }
         estimate.push(parameter);
     }
+    let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
     let options =
-        FitOptions { noise_px: arguments.noise_px, estimate, hits: arguments.hits.0, ..FitOptions::default() };
+        FitOptions { cameras, noise_px: arguments.noise_px, estimate, hits: arguments.hits.0, ..FitOptions::default() };
     let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?;
     if let Some(out) = &arguments.out {
         write_whole(out, fit.to_csv(&frames)?.as_bytes())?;
@@ -122,6 +126,18 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         fit.verdict()
     );
     Ok(ExitCode::from(PARTLY))
+}
+
+/// The cameras that are off by one standard deviation, of what `calibrate --json` prints.
+fn one_sigma(path: &Path) -> Result<Vec<Camera>> {
+    #[derive(serde::Deserialize)]
+    struct Calibrated {
+        one_sigma: Vec<Camera>,
+    }
+    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let found: Calibrated = serde_json::from_str(&text)
+        .with_context(|| format!("{}: is no JSON object as `gravisight calibrate --json` prints it", path.display()))?;
+    Ok(found.one_sigma)
 }
 
 /// The fit with the frames' numbers in the track.

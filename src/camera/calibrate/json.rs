@@ -40,6 +40,7 @@ impl Calibration {
             "outliers": outliers.collect::<Vec<_>>(),
             "sigma": {"rotation": <[f64; 3]>::from(self.sigma_rotation), "centre": <[f64; 3]>::from(self.sigma_centre),
                 "focal_px": self.sigma_focal_px},
+            "one_sigma": self.one_sigma,
             "point_sigma": {"image": <[f64; 2]>::from(image), "depth": depth,
                 "world": <[f64; 3]>::from(self.point_sigma(&image, depth)?)},
         }))

@@ -67,6 +67,10 @@ pub struct Calibration {
     pub sigma_centre: Vector3<f64>,
     /// 1-σ of the focal length, px; 0 where it was given.
     pub sigma_focal_px: f64,
+    /// The camera moved by one standard deviation along each independent direction of what the points leave open: what
+    /// depends on the camera is off by the root of the sum of the squares of what these change. See
+    /// [`FitOptions::cameras`](crate::FitOptions::cameras).
+    pub one_sigma: Vec<Camera>,
     /// The parameters' covariance, and the camera with each of them moved up and down a little.
     covariance: DMatrix<f64>,
     steps: Vec<f64>,
@@ -328,6 +332,9 @@ impl Problem<'_> {
             } else {
                 0.0
             },
+            one_sigma: (refined.guess.one_sigma(&self.unknowns, &(&unit * variance)).iter())
+                .map(|moved| moved.camera(size))
+                .collect::<Result<_>>()?,
             covariance: unit.clone(),
             steps,
             neighbours,

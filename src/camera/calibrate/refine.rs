@@ -172,6 +172,14 @@ impl Guess {
     }
 }
 
+impl Guess {
+    /// The camera moved by one standard deviation along each of as many independent directions as there are unknowns.
+    pub(super) fn one_sigma(&self, unknowns: &Unknowns, covariance: &DMatrix<f64>) -> Vec<Self> {
+        let Some(cholesky) = covariance.clone().cholesky() else { return vec![] };
+        cholesky.l().column_iter().map(|by| self.moved(unknowns, by.into_owned().as_slice())).collect()
+    }
+}
+
 /// The end of a refinement.
 #[derive(Debug, Clone)]
 pub(super) struct Refined {

@@ -61,11 +61,15 @@ pub struct FitOptions {
     pub estimate: Vec<Parameter>,
     /// Most hits (of a racket, a foot, a hand) that the track may hold; as many as explain it where `None`.
     pub hits: Option<usize>,
+    /// The camera moved by one standard deviation along each independent direction of its uncertainty
+    /// ([`Calibration::one_sigma`](crate::Calibration::one_sigma)): what that changes enters σ. Where the spin is unknown
+    /// only; empty: the camera is right.
+    pub cameras: Vec<Camera>,
 }
 
 impl Default for FitOptions {
     fn default() -> Self {
-        Self { noise_px: None, starts: 24, estimate: vec![], hits: None }
+        Self { noise_px: None, starts: 24, estimate: vec![], hits: None, cameras: vec![] }
     }
 }
 

@@ -20,15 +20,18 @@ export function launch({ webgpu = true, args = [] } = {}) {
 
 /**
  * Opens a page at `url`; console errors and uncaught errors are added to `complaints`. Without the service worker unless asked
- * for: requests that it makes cannot be routed.
+ * for: requests that it makes cannot be routed. With the model of the samples' scenes, unless the address or `anyBall` says
+ * otherwise: what most tests expect is known of that one.
  */
-export async function open(browser, url, complaints, options = {}) {
+export async function open(browser, url, complaints, { anyBall = false, ...options } = {}) {
   const page = await browser.newPage({ viewport: { width: 1280, height: 860 }, serviceWorkers: "block", ...options });
   page.on("console", (message) => {
     if (message.type() === "error") complaints.push(`console: ${message.text()} (${message.location().url})`);
   });
   page.on("pageerror", (error) => complaints.push(`uncaught: ${error.stack ?? error}`));
-  await page.goto(url);
+  const address = new URL(url);
+  if (!anyBall && address.pathname === "/" && !address.searchParams.has("model")) address.searchParams.set("model", "models/sd-l.json");
+  await page.goto(address.href);
   return page;
 }
 

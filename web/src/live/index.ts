@@ -2,7 +2,7 @@
 import type { Localiser, Simulator, Vector } from "gravisight";
 import { contextOf } from "../dom";
 import { overlayOf, type Pixel } from "../shared/canvas";
-import { tools } from "../shared/core";
+import { SAMPLE_BALL, tools } from "../shared/core";
 import { drawFound, drawTruth, stroke } from "../shared/marks";
 import { Alert, fill, type Parts } from "../shared/panel";
 import type { View3d } from "../shared/view3d";
@@ -163,7 +163,7 @@ class Live {
       // Frames that are late are left out, as a camera's would be.
       if (performance.now() - began > (index + 1) * (1000 / FPS) && index % 2 === 1) continue;
       const picture = await this.#draw(centre);
-      const answer = await localiser.localise(picture, { camera: simulator.camera, truth: centre, signal });
+      const answer = await localiser.localise(picture, { ball: SAMPLE_BALL, camera: simulator.camera, truth: centre, signal });
       found.push(answer.world);
       [sum, count, spent] = [sum + (answer.dtg ?? 0), count + 1, spent + answer.milliseconds];
       this.#mark(answer.image, images[index] ?? undefined);

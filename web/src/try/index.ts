@@ -2,6 +2,7 @@
 import { GravisightError, type DeviceChoice, type Localiser } from "gravisight";
 import { element, wordsOf } from "../dom";
 import type { Layer } from "../shared/maps";
+import { chosenModel, MODELS, OWN_MODEL, type ModelName } from "../shared/core";
 import { Drop } from "./drop";
 import { LoadingLine } from "./loading";
 import { showModelNote } from "./model-note";
@@ -13,12 +14,13 @@ import type { Subject } from "./subject";
 import "./style.css";
 
 export interface Settings {
-  model: string;
   device: DeviceChoice;
 }
 
 export class App {
-  readonly #session: Session;
+  readonly #session = new Session();
+  /** The model that is not chosen, to compare with. */
+  readonly #other = new Session();
   readonly #stage = new Stage();
   readonly #result = new ResultPanel();
   readonly #loading = new LoadingLine();
@@ -35,9 +37,16 @@ export class App {
   /** Of the run that is wanted; aborted by the next one. */
   #run = new AbortController();
 
-  constructor({ model }: Settings) {
-    this.#session = new Session(model);
+  constructor() {
     this.#listenForLayer();
+    element("model").hidden = OWN_MODEL !== null;
+    for (const input of radios("model")) {
+      input.addEventListener("change", () => {
+        this.#other.discard();
+        void this.#load(this.#session.choice ?? "cpu");
+      });
+    }
+    element<HTMLInputElement>("ball").addEventListener("change", () => void this.#localise());
     for (const input of radios("device")) {
       input.addEventListener("change", () => void this.#load(input.value as DeviceChoice));
     }
@@ -67,11 +76,12 @@ export class App {
     this.#say("");
     this.#loading.set("loading");
     try {
-      if (!(await this.#session.load(device, (progress) => this.#loading.progress(progress)))) return;
+      if (!(await this.#session.load(chosenModel(), device, (progress) => this.#loading.progress(progress)))) return;
       const localiser = this.#session.localiser;
       if (localiser) {
         this.#result.showDevice(localiser.device.name, localiser.device.reason);
         showModelNote(localiser.card);
+        element("ball-field").hidden = localiser.card.depth_from !== "size";
       }
       this.#showState();
       await this.#localise();
@@ -138,12 +148,25 @@ export class App {
       const result = await localiser.localise(subject.picture, options(subject, signal));
       this.#result.show(result, subject);
       this.#stage.showResult(result, subject.truth?.image);
+      if (subject.truth && OWN_MODEL === null) void this.#compare(subject, signal);
     } catch (thrown) {
       if (signal.aborted) return;
       this.#refuse(`${subject.name}: ${wordsOf(thrown)}`);
       this.#afterFailure(thrown, subject);
     }
     if (!signal.aborted) this.#showState();
+  }
+
+  /** Shows how far off the other model is on a sample; nothing where it cannot be loaded. */
+  async #compare(subject: Subject, signal: AbortSignal): Promise<void> {
+    const name: ModelName = chosenModel() === MODELS.any ? "sd-l" : "any";
+    try {
+      if (!this.#other.localiser && !(await this.#other.load(MODELS[name], "cpu", () => {}))) return;
+      const result = await this.#other.localiser?.localise(subject.picture, { ...options(subject, signal), heatmap: false, depthMap: false });
+      if (result && !signal.aborted) this.#result.showOther(name, result);
+    } catch {
+      // The comparison is beside the point of what was asked for.
+    }
   }
 
   /** What the core refused must not spoil what comes next. */
@@ -192,7 +215,8 @@ export class App {
 }
 
 function options(subject: Subject, signal: AbortSignal): Parameters<Localiser["localise"]>[1] {
-  const common = { camera: subject.camera, heatmap: true, depthMap: true, signal };
+  const ball = subject.ball ?? { radius: Number(element<HTMLInputElement>("ball").value) / 200 };
+  const common = { ball, camera: subject.camera, heatmap: true, depthMap: true, signal };
   return subject.truth ? { ...common, truth: subject.truth.world } : common;
 }
 

@@ -15,6 +15,9 @@ export class ResultPanel {
   readonly #time = number("time");
   readonly #true = number("true-xyz");
   readonly #error = number("error-cm");
+  readonly #other = number("other-error-cm");
+  readonly #otherName = make("dt", { text: "" });
+  readonly #otherRow = make("div", { class: "row" }, this.#otherName, make("dd", {}, this.#other, make("span", { class: "unit", text: "cm" })));
   readonly #device = make("span", { text: NOTHING });
   readonly #reason = make("small", { part: "device-reason" });
   readonly #notes = make("ul", { class: "notes", part: "notes" });
@@ -36,6 +39,7 @@ export class ResultPanel {
         "dl",
         {},
         error,
+        this.#otherRow,
         truth,
         row("Depth", this.#depth, "m"),
         row("In the picture", this.#image, "px"),
@@ -64,13 +68,22 @@ export class ResultPanel {
     set(this.#true, subject.truth?.world ?? [], 3);
     set(this.#error, result.dtg === undefined ? [] : [100 * result.dtg], 1);
     for (const sampleRow of this.#sampleRows) sampleRow.hidden = !subject.truth;
+    this.#otherRow.hidden = true;
     this.#notes.replaceChildren(...result.notes.map((text) => make("li", { text })));
+  }
+
+  /** The same picture's error by the other model. */
+  showOther(model: string, { dtg }: Localisation): void {
+    this.#otherName.textContent = `Error of ${model}`;
+    set(this.#other, dtg === undefined ? [] : [100 * dtg], 1);
+    this.#otherRow.hidden = dtg === undefined;
   }
 
   clear(): void {
     const all = [...this.#world, ...this.#camera, this.#image, this.#depth, this.#confidence, this.#time, this.#true, this.#error];
     for (const each of all) set(each, [], 0);
     for (const sampleRow of this.#sampleRows) sampleRow.hidden = true;
+    this.#otherRow.hidden = true;
     this.#notes.replaceChildren();
   }
 }

@@ -2,6 +2,7 @@
 import type { Camera } from "gravisight";
 import { make } from "../dom";
 import { fetchOk } from "../shared/files";
+import { SAMPLE_BALL } from "../shared/core";
 import type { Subject } from "./subject";
 
 interface Sample {
@@ -83,5 +84,5 @@ export class Samples {
 async function subjectOf(sample: Sample): Promise<Subject> {
   const response = await fetchOk(FOLDER + sample.file);
   const { name, camera, world, image } = sample;
-  return { name, picture: await response.blob(), camera, truth: { world, image } };
+  return { name, picture: await response.blob(), camera, ball: SAMPLE_BALL, truth: { world, image } };
 }

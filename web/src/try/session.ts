@@ -2,14 +2,9 @@
 import { Localiser, type DeviceChoice, type Progress } from "gravisight";
 
 export class Session {
-  readonly #model: string;
   #localiser: Localiser | undefined;
   #choice: DeviceChoice | undefined;
   #loading: AbortController | undefined;
-
-  constructor(model: string) {
-    this.#model = model;
-  }
 
   /** The localiser that is ready, if there is one. */
   get localiser(): Localiser | undefined {
@@ -25,13 +20,13 @@ export class Session {
     return this.#loading !== undefined;
   }
 
-  /** Loads for a device; false where a later choice overtook this one. */
-  async load(device: DeviceChoice, onProgress: (progress: Progress) => void): Promise<boolean> {
+  /** Loads a model for a device; false where a later choice overtook this one. */
+  async load(model: string, device: DeviceChoice, onProgress: (progress: Progress) => void): Promise<boolean> {
     this.#loading?.abort();
     const loading = new AbortController();
     this.#loading = loading;
     try {
-      const localiser = await Localiser.create({ model: this.#model, device, signal: loading.signal, onProgress });
+      const localiser = await Localiser.create({ model, device, signal: loading.signal, onProgress });
       this.discard();
       this.#localiser = localiser;
       this.#choice = device;

@@ -123,7 +123,8 @@ export class Looker {
     const { localiser } = model;
     const { camera } = place;
     if (!localiser || !camera) throw new Error("there is no model or no camera");
-    const options: LocaliseOptions = { camera, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
+    const ball = { radius: place.scene.ball.radius };
+    const options: LocaliseOptions = { ball, camera, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
     if (layer !== "saliency") return localiser.localise(frame.picture, options);
     return job.run("Looking for what the depth depends on…", ({ signal }) => localiser.localise(frame.picture, { ...options, saliency: true, signal }));
   }

@@ -1,6 +1,6 @@
 /** The model of this step: loaded when it is first needed, gone when the video is closed. */
 import { Localiser, type DeviceChoice } from "gravisight";
-import { MODEL } from "../shared/core";
+import { chosenModel } from "../shared/core";
 import type { Watch } from "../shared/job";
 
 /** Where the card says nothing. */
@@ -10,19 +10,23 @@ export class Model {
   /** Found with less confidence, a position is not to be trusted. It stays when the model goes, as what was found does. */
   threshold = USUAL_THRESHOLD;
   #localiser: Localiser | undefined;
+  #loaded: string | undefined;
 
   get localiser(): Localiser | undefined {
     return this.#localiser;
   }
 
   async load({ signal, progress }: Watch): Promise<void> {
-    if (this.#localiser) return;
+    const model = chosenModel();
+    if (this.#localiser && this.#loaded === model) return;
+    this.dispose();
     this.#localiser = await Localiser.create({
-      model: MODEL,
+      model,
       device: chosenDevice(),
       signal,
       onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total),
     });
+    this.#loaded = model;
     this.threshold = this.#localiser.card.confidence_threshold ?? USUAL_THRESHOLD;
   }
 

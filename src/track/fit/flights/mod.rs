@@ -208,5 +208,5 @@ fn solve(
         limit,
     );
     // In the end all labels count, and the loss lets go of outliers.
-    result::fit_of(&Task { observations, ..task }, &found, noise)
+    result::fit_of(&Task { observations, ..task }, &found, noise, &options.cameras)
 }

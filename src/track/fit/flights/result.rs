@@ -50,7 +50,8 @@ fn whole(task: &Task, course: &Course) -> Course {
 }
 
 /// What the best of the courses `found` says, the others being what may be true as well; labels are noisy by `noise` px.
-pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Solved> {
+/// The camera may as well be one of `cameras`.
+pub fn fit_of(task: &Task, found: &[Found], noise: f64, cameras: &[Camera]) -> Option<Solved> {
     let best = whole(task, &found.first()?.course);
     let path = task.path(&best);
     let times = task.times_of(&best);
@@ -58,6 +59,11 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Solved> {
     let (parameters, positions) = task.covariances(&best, FINAL)?;
     let inflation = OWN_DRIFT * correlation(&residuals, task.sigma);
     let rivals = rivals(task, found, &best, &path, &positions, inflation);
+    // Where each frame is by a camera that is off.
+    let shifted: Vec<Vec<Moving>> = cameras
+        .iter()
+        .filter_map(|camera| Some(task.path(&task.with_camera(camera).refined(&best, FINAL, 20)?.0).frames))
+        .collect();
     let all: f64 = rivals.iter().map(|(weight, _)| weight).sum();
     // Hits end flights; bounces do not.
     let hits: Vec<usize> = (0..best.events.len()).filter(|&event| best.events[event].kind == Kind::Hit).collect();
@@ -67,6 +73,10 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64) -> Option<Solved> {
         for (weight, frames) in &rivals {
             let off = frames[index].position - position;
             covariance += off * off.transpose() * (weight / all);
+        }
+        for frames in &shifted {
+            let off = frames[index].position - position;
+            covariance += off * off.transpose();
         }
         let residual_px: Option<Vector2<f64>> = residuals[index];
         FittedFrame {

@@ -240,6 +240,12 @@ impl<'a> Task<'a> {
         Task { depths, laws, times, slips, ..*self }
     }
 
+    /// The same task with another camera.
+    pub fn with_camera<'b>(&'b self, camera: &'b Camera) -> Task<'b> {
+        let eye = camera.world_from_camera(&Point3::origin()).coords;
+        Task { camera, eye, ..self.with_depths(self.depths.clone()) }
+    }
+
     /// The same task with another standard deviation of gravity's share.
     pub fn with_gravity(&self, sigma: f64) -> Task<'_> {
         let mut task = self.with_depths(self.depths.clone());
