@@ -144,6 +144,32 @@ test("the page never scrolls sideways on a phone", async () => {
   await phone.close();
 });
 
+test("any ball is what the page looks for by default, the scenes' own model is beside it and can be chosen", async () => {
+  const other = await open(browser, server.url, complaints, { anyBall: true, viewport: { width: 390, height: 844 } });
+  await located(other);
+  assert.match(await other.getByTestId("model-note").textContent(), /^Model any:/);
+  assert.match(await other.getByTestId("depth").textContent(), /±/);
+  const compared = other.getByTestId("other-error-cm");
+  await compared.waitFor();
+  assert.match(await other.getByTestId("other-error-cm").locator("xpath=../..").textContent(), /Error of sd-l/);
+  const [any, own] = [await shown(other, "error-cm"), await shown(other, "other-error-cm")];
+  assert.ok(any[0] < 200 && own[0] < 15, `${any} cm, ${own} cm`);
+  // An own picture of a ball that is said to be half as large: half as far.
+  const [depth] = await shown(other, "depth");
+  await other.getByTestId("ball").fill("20");
+  await forget(other);
+  await drop(other, pngFile("own.png", pictureOf(samples[0])), jsonFile(samples[0].camera));
+  await located(other);
+  near(await shown(other, "depth"), [depth / 2], 0.01 * depth, "depth of a smaller ball");
+  await other.getByTestId("model-sd-l").check({ force: true });
+  await other.getByTestId("model-note").filter({ hasText: "Model sd-l:" }).waitFor();
+  assert.ok(await other.getByTestId("ball").isHidden());
+  await press(other, 0);
+  near(await shown(other, "error-cm"), own, 0.05, "the same error by the same model");
+  assert.ok(await other.evaluate(() => document.documentElement.scrollWidth <= innerWidth));
+  await other.close();
+});
+
 test("a model that is not there is said in words", async () => {
   const lost = await open(browser, `${server.url}?model=models/none.json`, complaints);
   await lost.waitForFunction(() => document.querySelector('[data-part="alert"]').textContent !== "");
