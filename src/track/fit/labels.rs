@@ -16,8 +16,9 @@ const SUSPECT: f64 = 10.0;
 const STILL: f64 = 0.03;
 const MOVES: f64 = 0.4;
 const FEWEST_REPEATS: usize = 3;
-/// Noise, as a share of the picture's width, from which on labels may be of two balls.
+/// Noise, as a share of the picture's width, from which on labels may be of two balls, and the least, px.
 const ROUGH: f64 = 2e-3;
+const LEAST_ROUGH: f64 = 1.0;
 /// Labels between two of the same ball, at most.
 const REACH: usize = 8;
 /// How far a label may be from where the two before it point: a share of the width, and of the way from the last.
@@ -98,7 +99,7 @@ pub(super) fn repeats(observations: &[Observation]) -> Option<Repeats> {
 /// most follow none. `width` of the picture, px.
 pub(super) fn strays(observations: &[Observation], width: f64) -> Vec<usize> {
     let noise = noise_of(&trusted(observations));
-    if noise < ROUGH * width {
+    if noise < (ROUGH * width).max(LEAST_ROUGH) {
         return vec![];
     }
     let seen: Vec<(usize, f64, Point2<f64>)> =
@@ -125,7 +126,7 @@ fn longest_way(seen: &[(usize, f64, Point2<f64>)], width: f64) -> Vec<usize> {
             for before in 1..=REACH.min(middle) {
                 let (_, start_time, start) = seen[middle - before];
                 let velocity = (from - start) / (from_time - start_time);
-                let free = START_FREE * width + BEND * velocity.norm() * lasting;
+                let free = (START_FREE * width).max(LEAST_ROUGH) + BEND * velocity.norm() * lasting;
                 let off = (from + velocity * lasting - at).norm();
                 let price = match off < free {
                     true => 0.0,
