@@ -24,7 +24,7 @@ after(async () => {
 });
 
 test("the page finds the first sample's ball where the command finds it, and every step opens", async () => {
-  const demo = await openInFirefox(browser, server.url, complaints);
+  const demo = await openInFirefox(browser, `${server.url}?model=models/sd-l.json`, complaints);
   await demo.waitForFunction(() => document.querySelector('[data-part="world-x"]')?.getAttribute("value"), { timeout: 120_000 });
   for (const [axis, name] of ["x", "y", "z"].entries()) {
     const value = Number(await demo.$eval(`[data-part="world-${name}"]`, (output) => output.getAttribute("value")));

@@ -13,12 +13,16 @@ test("opened once, the page finds balls and has all of its steps with no server 
   const server = await serve();
   const browser = await launch({ webgpu: false });
   try {
-    const page = await open(browser, server.url, complaints, { serviceWorkers: "allow" });
+    const page = await open(browser, server.url, complaints, { serviceWorkers: "allow", anyBall: true });
     await page.waitForFunction(() => document.querySelector('[data-part="offline-note"]').textContent !== "");
+    await page.getByTestId("other-error-cm").waitFor();
     await server.close();
     await page.context().setOffline(true);
     await page.goto(`${server.url}?device=auto`);
     await located(page);
+    assert.match(await page.getByTestId("model-note").textContent(), /^Model any:/);
+    await page.getByTestId("model-sd-l").check({ force: true });
+    await page.getByTestId("model-note").filter({ hasText: "Model sd-l:" }).waitFor();
     await press(page, 2);
     const world = await shown(page, "world-x", "world-y", "world-z");
     golden[samples[2].file].world.forEach((value, axis) => assert.ok(Math.abs(value - world[axis]) < 2e-3, `${world}`));

@@ -1,5 +1,6 @@
 /** Keeps the page in the browser, so that it opens without a network the next time. */
 import { coreFiles } from "gravisight";
+import { MODELS, OWN_MODEL } from "./shared/core";
 
 /** Resolves once all that the page needs is kept; never where the browser, or a development server, keeps nothing. */
 export async function keepForOffline(): Promise<void> {
@@ -9,7 +10,9 @@ export async function keepForOffline(): Promise<void> {
   if (!container.controller) await new Promise((resolve) => container.addEventListener("controllerchange", resolve, { once: true }));
   // What was fetched before the service worker was there.
   const seen = performance.getEntriesByType("resource").map(({ name }) => name);
-  const files = new Set([location.href, ...seen, ...(await coreFiles())]);
+  // Their weights keep themselves, by sha256, once they are loaded.
+  const models = OWN_MODEL === null ? Object.values(MODELS) : [];
+  const files = new Set([location.href, ...seen, ...models.map((file) => new URL(file, location.href).href), ...(await coreFiles())]);
   for (const file of files) {
     const isOurs = new URL(file).origin === location.origin;
     if (isOurs && !(await caches.match(file, { ignoreSearch: true }))) await (await fetch(file)).arrayBuffer();

@@ -157,8 +157,9 @@ export class App {
     if (!signal.aborted) this.#showState();
   }
 
-  /** Shows how far off the other model is on a sample; nothing where it cannot be loaded. */
+  /** Shows how far off the other model is on a sample; nothing without a network, or where it cannot be loaded. */
   async #compare(subject: Subject, signal: AbortSignal): Promise<void> {
+    if (!navigator.onLine) return;
     const name: ModelName = chosenModel() === MODELS.any ? "sd-l" : "any";
     try {
       if (!this.#other.localiser && !(await this.#other.load(MODELS[name], "cpu", () => {}))) return;
