@@ -161,7 +161,9 @@ test("any ball is what the page looks for by default, the scenes' own model is b
   await drop(other, pngFile("own.png", pictureOf(samples[0])), jsonFile(samples[0].camera));
   await located(other);
   near(await shown(other, "depth"), [depth / 2], 0.01 * depth, "depth of a smaller ball");
+  await forget(other);
   await other.getByTestId("model-sd-l").check({ force: true });
+  await located(other);
   await other.getByTestId("model-note").filter({ hasText: "Model sd-l:" }).waitFor();
   assert.ok(await other.getByTestId("ball").isHidden());
   await press(other, 0);
