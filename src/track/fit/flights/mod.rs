@@ -9,6 +9,7 @@ mod course;
 mod kinks;
 mod motion;
 mod rays;
+mod refine;
 mod result;
 mod search;
 mod suspects;

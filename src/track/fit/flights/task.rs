@@ -1,14 +1,10 @@
-//! How well a course explains a track, and the nearest one that explains it best.
+//! How well a course explains a track: residuals of its labels, and of what is known before anything is seen.
 
-use std::convert::Infallible;
+use nalgebra::{Point3, Vector2, Vector3};
 
-use nalgebra::{DMatrix, DVector, Point3, Vector2, Vector3};
-
-use super::course::{Course, Event, Kind, OF_EVENT, OF_FORCES, OF_START, Path};
+use super::course::{Course, Event, Kind, OF_FORCES, Path};
 use super::motion::{Laws, Moving};
-use super::result::{Covariances, of_place};
 use crate::camera::Camera;
-use crate::least_squares::{Damping, LeastSquares, minimised};
 use crate::physics::Obstacle;
 use crate::track::fit::Observation;
 use crate::track::fit::loss::Loss;
@@ -27,18 +23,12 @@ const SPIN_SHARE: f64 = 0.4;
 /// Speed after a hit, m/s: what anybody reaches.
 const HIT_SPEED: f64 = 30.0;
 /// Rows of a frame (label, apparent size, depth in obstacles, way to it through obstacles) and of an event (gap, velocity, spin).
-const OF_FRAME: usize = 5;
-const OF_CONTACT: usize = 8;
+pub const OF_FRAME: usize = 5;
+pub const OF_CONTACT: usize = 8;
 /// Rows of the start's spin and the forces.
-const TAIL: usize = 3 + OF_FORCES;
+pub const TAIL: usize = 3 + OF_FORCES;
 /// How well the picture alone tells by how much the clock slips, frames.
 const SLIP: f64 = 0.3;
-/// Step of a frame's differences, m.
-const NEAR: f64 = 1e-6;
-/// Longest steps of a search: m, m/s, rad/s, s, logarithm.
-const LONGEST: [f64; 5] = [1.0, 10.0, 400.0, 0.02, 0.3];
-const DAMPING: Damping =
-    Damping { first: 1e-3, relax: 0.2, least: 1e-9, stiffen: 5.0, most: 1e6, steps: 0, converged: 1e-3 };
 
 /// What is known before anything is seen.
 #[derive(Debug, Clone, Copy)]
@@ -73,24 +63,9 @@ pub struct Task<'a> {
     pub priors: Priors,
 }
 
-/// A course on its way to the least cost.
-struct Search<'a> {
-    task: &'a Task<'a>,
-    course: Course,
-    path: Path,
-    times: Vec<f64>,
-    rows: Vec<f64>,
-    /// Of each event the standard deviations of the law's normal and tangential velocity and of its spin.
-    laxness: Vec<[f64; 3]>,
-    loss: Loss,
-    cost: f64,
-    /// The first flight that is searched; those before stay.
-    from: usize,
-}
-
 impl<'a> Task<'a> {
     /// Residuals, in standard deviations; none where the ball is behind the camera.
-    fn fill(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], rows: &mut Vec<f64>) -> Option<()> {
+    pub fn fill(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], rows: &mut Vec<f64>) -> Option<()> {
         let frames = path.frames.len();
         rows.resize(OF_FRAME * frames + OF_CONTACT * course.events.len() + TAIL + course.slips.len(), 0.0);
         for (index, moving) in path.frames.iter().enumerate() {
@@ -102,7 +77,7 @@ impl<'a> Task<'a> {
     }
 
     /// Residuals of a frame with the ball at `position`.
-    fn frame(&self, frame: usize, position: &Vector3<f64>) -> Option<[f64; OF_FRAME]> {
+    pub fn frame(&self, frame: usize, position: &Vector3<f64>) -> Option<[f64; OF_FRAME]> {
         let mut row = [0.0; OF_FRAME];
         let point = Point3::from(*position);
         if let Some(label) = self.observations[frame].image {
@@ -122,7 +97,7 @@ impl<'a> Task<'a> {
     }
 
     /// Residuals of the events, of the start's spin, the forces and the clock.
-    fn events(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], rows: &mut [f64]) {
+    pub fn events(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], rows: &mut [f64]) {
         for (index, ((event, before), [normal, across, turn])) in
             course.events.iter().zip(&path.before).zip(laxness).enumerate()
         {
@@ -154,7 +129,7 @@ impl<'a> Task<'a> {
     }
 
     /// How loosely each event keeps the law.
-    fn laxness(&self, course: &Course, path: &Path) -> Vec<[f64; 3]> {
+    pub fn laxness(&self, course: &Course, path: &Path) -> Vec<[f64; 3]> {
         let of = |(event, before): (&Event, &Moving)| {
             let Kind::Bounce(obstacle) = event.kind else { return [1.0; 3] };
             let normal = self.obstacles[obstacle].nearest(&before.position).normal;
@@ -168,7 +143,7 @@ impl<'a> Task<'a> {
     }
 
     /// Weight of each residual's square, and the cost.
-    fn weighed(&self, frames: usize, rows: &[f64], loss: Loss) -> (Vec<f64>, f64) {
+    pub fn weighed(&self, frames: usize, rows: &[f64], loss: Loss) -> (Vec<f64>, f64) {
         let mut weights = vec![1.0; rows.len()];
         let mut cost = 0.0;
         for index in 0..frames {
@@ -197,18 +172,6 @@ impl<'a> Task<'a> {
         course.path(&self.laws, &self.times_of(course))
     }
 
-    /// The course, or one near it that explains the track better, and its cost.
-    pub fn refined(&self, course: &Course, loss: Loss, steps: usize) -> Option<(Course, f64)> {
-        self.refined_from(0, course, loss, steps)
-    }
-
-    /// The same with the flights before `from` left as they are.
-    pub fn refined_from(&self, from: usize, course: &Course, loss: Loss, steps: usize) -> Option<(Course, f64)> {
-        let start = Search { from, ..Search::new(self, course.clone(), loss)? };
-        let Ok(found) = minimised(start, &Damping { steps, ..DAMPING });
-        Some((found.course, found.cost))
-    }
-
     /// Residuals of the labels, px, frame by frame.
     pub fn residuals(&self, course: &Course, path: &Path) -> Vec<Option<Vector2<f64>>> {
         let of = |(index, moving): (usize, &Moving)| {
@@ -216,22 +179,6 @@ impl<'a> Task<'a> {
             Some(self.camera.image_from_world(&Point3::from(moving.position)).ok()? - label)
         };
         path.frames.iter().enumerate().map(of).collect()
-    }
-
-    /// How far a course is from what is known before anything is seen, in squared standard deviations, and of how many
-    /// numbers: of its forces, of what begins its first flight, of each event.
-    pub fn strains(&self, course: &Course) -> Option<Vec<(f64, usize)>> {
-        let search = Search::new(self, course.clone(), Loss::Huber(1.0))?;
-        let square = |rows: &[f64]| rows.iter().map(|row| row * row).sum::<f64>();
-        let (events, tail) =
-            search.rows[OF_FRAME * search.path.frames.len()..].split_at(OF_CONTACT * course.events.len());
-        let of = |(event, rows): (&Event, &[f64])| match event.kind {
-            Kind::Bounce(_) => (square(rows), 7), // velocity across the normal has two numbers in three rows
-            Kind::Hit => (square(rows), 3),
-        };
-        let forces = (square(&tail[3..TAIL]), OF_FORCES);
-        let events = course.events.iter().zip(events.chunks(OF_CONTACT)).map(of);
-        Some([forces, (square(&tail[..3]), 3)].into_iter().chain(events).collect())
     }
 
     /// The same task with other depths.
@@ -251,174 +198,5 @@ impl<'a> Task<'a> {
         let mut task = self.with_depths(self.depths.clone());
         task.priors.forces[2] = sigma;
         task
-    }
-
-    /// Covariances of the numbers that describe a course, and of its position at each frame.
-    pub fn covariances(&self, course: &Course, loss: Loss) -> Option<Covariances> {
-        let search = Search::new(self, course.clone(), loss)?;
-        let (normal, _) = search.normal()?;
-        let covariance = normal.cholesky()?.inverse();
-        let mut columns: Vec<Vec<Vector3<f64>>> = Vec::with_capacity(course.count());
-        for number in 0..course.count() {
-            let (changed, step) = search.stepped(number)?;
-            let by = |(a, b): (&Moving, &Moving)| (a.position - b.position) / step;
-            columns.push(changed.frames.iter().zip(&search.path.frames).map(by).collect());
-        }
-        let at = |frame: usize| {
-            let own: Vec<Vector3<f64>> = columns.iter().map(|column| column[frame]).collect();
-            of_place(&own, &covariance)
-        };
-        let positions = (0..search.path.frames.len()).map(at).collect();
-        Some((covariance, positions))
-    }
-}
-
-impl<'a> Search<'a> {
-    fn new(task: &'a Task<'a>, course: Course, loss: Loss) -> Option<Self> {
-        let times = task.times_of(&course);
-        if !course.in_order(&times) {
-            return None;
-        }
-        let path = course.path(&task.laws, &times);
-        let laxness = task.laxness(&course, &path);
-        let mut rows = vec![];
-        task.fill(&course, &path, &laxness, &mut rows)?;
-        let (_, cost) = task.weighed(path.frames.len(), &rows, loss);
-        Some(Self { task, course, path, times, rows, laxness, loss, cost, from: 0 })
-    }
-
-    /// The path with one number changed a little, and by how much.
-    fn stepped(&self, number: usize) -> Option<(Path, f64)> {
-        let step = step_of(&self.course, number);
-        let mut course = self.course.clone();
-        *course.number(number) += step;
-        Some((self.path_of(&course, number).0, step))
-    }
-
-    /// The path of a course that differs in one number, and the index of the first frame that differs.
-    fn path_of(&self, course: &Course, number: usize) -> (Path, usize) {
-        match course.slips == self.course.slips {
-            true => course.changed(&self.task.laws, &self.times, number, &self.path),
-            false => (self.task.path(course), 0),
-        }
-    }
-
-    /// The numbers that are searched.
-    fn active(&self) -> Vec<usize> {
-        (0..self.course.count())
-            .filter(|&number| self.from == 0 || self.course.flight_of(number) >= self.from)
-            .collect()
-    }
-
-    /// J'WJ and J'Wr, by the numbers that are searched.
-    fn normal(&self) -> Option<(DMatrix<f64>, DVector<f64>)> {
-        let active = self.active();
-        let frames = self.path.frames.len();
-        let (weights, _) = self.task.weighed(frames, &self.rows, self.loss);
-        // Rows of frames that say something, and how they depend on the place.
-        let mut used = vec![];
-        for (index, moving) in self.path.frames.iter().enumerate() {
-            let at = OF_FRAME * index;
-            let says: Vec<usize> = (0..OF_FRAME).filter(|&which| self.rows[at + which] != 0.0).collect();
-            if says.is_empty() {
-                continue;
-            }
-            let beside =
-                |axis| self.task.frame(self.course.first + index, &(moving.position + Vector3::ith(axis, NEAR)));
-            let [along_x, along_y, along_z] = [beside(0)?, beside(1)?, beside(2)?];
-            let slope = |which: usize| {
-                let row = Vector3::new(along_x[which], along_y[which], along_z[which]);
-                row.add_scalar(-self.rows[at + which]) / NEAR
-            };
-            used.extend(says.into_iter().map(|which| (index, slope(which), at + which)));
-        }
-        let rest = OF_FRAME * frames;
-        let others = self.rows.len() - rest;
-        let mut jacobian = DMatrix::zeros(used.len() + others, active.len());
-        let mut events = vec![0.0; others];
-        for (column, &number) in active.iter().enumerate() {
-            let step = step_of(&self.course, number);
-            let mut course = self.course.clone();
-            *course.number(number) += step;
-            let (path, from) = self.path_of(&course, number);
-            // An event that moves across a frame's time changes the frame before it, too.
-            let from = from.saturating_sub(1);
-            let mut out = jacobian.column_mut(column);
-            let first = used.partition_point(|&(frame, ..)| frame < from);
-            for (line, (frame, slope, row)) in used.iter().enumerate().skip(first) {
-                let by = (path.frames[*frame].position - self.path.frames[*frame].position) / step;
-                out[line] = slope.dot(&by) * weights[*row].sqrt();
-            }
-            self.task.events(&course, &path, &self.laxness, &mut events);
-            for (index, new) in events.iter().enumerate() {
-                out[used.len() + index] = (new - self.rows[rest + index]) / step;
-            }
-        }
-        let weighted = used.iter().map(|&(.., row)| self.rows[row] * weights[row].sqrt());
-        let weighted: Vec<f64> = weighted.chain(self.rows[rest..].iter().copied()).collect();
-        let transposed = jacobian.transpose();
-        let mut normal = &transposed * &jacobian;
-        (0..active.len()).for_each(|at| normal[(at, at)] += 1e-9);
-        Some((normal, transposed * DVector::from_vec(weighted)))
-    }
-}
-
-/// Which kind of number it is: position, velocity, spin, time, logarithm.
-fn kind_of(course: &Course, number: usize) -> usize {
-    let Some(beyond) = number.checked_sub(OF_START) else { return number / 3 };
-    match beyond < OF_EVENT * course.events.len() {
-        true => [3, 1, 1, 1, 2, 2, 2][beyond % OF_EVENT],
-        false if beyond - OF_EVENT * course.events.len() < OF_FORCES => 4,
-        false => 3,
-    }
-}
-
-/// Step of a number's differences.
-fn step_of(course: &Course, number: usize) -> f64 {
-    [1e-6, 1e-5, 1e-2, 1e-7, 1e-5][kind_of(course, number)]
-}
-
-impl LeastSquares for Search<'_> {
-    type Normal = (DMatrix<f64>, DVector<f64>);
-    type Step = DVector<f64>;
-    type Error = Infallible;
-
-    fn cost(&self) -> f64 {
-        self.cost
-    }
-
-    fn linearised(&mut self) -> Result<Option<Self::Normal>, Infallible> {
-        self.laxness = self.task.laxness(&self.course, &self.path);
-        let filled = self.task.fill(&self.course, &self.path, &self.laxness, &mut self.rows);
-        self.cost = self.task.weighed(self.path.frames.len(), &self.rows, self.loss).1;
-        Ok(filled.and_then(|()| self.normal()))
-    }
-
-    fn step(&self, (normal, gradient): &Self::Normal, damping: f64) -> Option<DVector<f64>> {
-        let mut damped = normal.clone();
-        (0..damped.nrows()).for_each(|at| damped[(at, at)] *= 1.0 + damping);
-        let mut step = damped.cholesky()?.solve(&-gradient);
-        let active = self.active();
-        let longest = step.iter().zip(&active).map(|(value, &at)| value.abs() / LONGEST[kind_of(&self.course, at)]);
-        step /= longest.fold(1.0, f64::max);
-        step.iter().all(|value| value.is_finite()).then_some(step)
-    }
-
-    fn moved(&self, _: &Self::Normal, step: &DVector<f64>) -> Result<Option<Self>, Infallible> {
-        let mut course = self.course.clone();
-        for (number, by) in self.active().into_iter().zip(step.iter()) {
-            *course.number(number) += by;
-        }
-        let times = self.task.times_of(&course);
-        if !course.in_order(&times) {
-            return Ok(None);
-        }
-        let path = course.path(&self.task.laws, &times);
-        let mut rows = vec![];
-        let filled = self.task.fill(&course, &path, &self.laxness, &mut rows);
-        Ok(filled.map(|()| {
-            let (_, cost) = self.task.weighed(path.frames.len(), &rows, self.loss);
-            Self { course, path, times, rows, laxness: self.laxness.clone(), cost, ..*self }
-        }))
     }
 }
