@@ -2,6 +2,7 @@
 //!
 //! The only room that knows both model and camera.
 
+mod closer;
 mod saliency;
 mod size;
 #[cfg(test)]

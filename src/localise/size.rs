@@ -5,6 +5,7 @@ use image::RgbImage;
 use image::imageops::FilterType;
 use nalgebra::{Matrix3, Point2, Point3};
 
+use super::closer::LOOKED_AT;
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, device_name};
 use crate::camera::{Camera, Outline};
 use crate::error::{Error, Result};
@@ -29,7 +30,7 @@ const PLACES: usize = 5;
 const CELLS: f64 = 4096.0;
 /// Standard deviation of log(radius) over the scale of its Laplace distribution: between that distribution's own, √2, and
 /// the 1.15 that hold 68 % of it.
-const SIGMA_OF_SCALE: f64 = 1.3;
+pub(super) const SIGMA_OF_SCALE: f64 = 1.3;
 /// Standard deviation of the centre along each axis over that of the radius, as of a circle laid through noisy points.
 const CENTRE_OF_RADIUS: f64 = std::f64::consts::SQRT_2;
 /// Largest radius that is taken for one in metres, m.
@@ -49,10 +50,10 @@ pub(crate) struct Reading {
 }
 
 /// Maps of a part of a picture, row-major.
-struct Field {
+pub(super) struct Field {
     columns: usize,
     stride: usize,
-    logits: Vec<f32>,
+    pub(super) logits: Vec<f32>,
     radius: Vec<f32>,
     log_scale: Vec<f32>,
 }
@@ -181,7 +182,7 @@ impl Localiser {
             found.extend(apart);
         }
         found.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        found.truncate(count);
+        found.truncate(count.max(LOOKED_AT));
         let readings = found.into_iter().map(|peak| Reading {
             outline: Outline {
                 centre: Point2::new(peak.image[0] + f64::from(left), peak.image[1] + f64::from(top)),
@@ -190,7 +191,7 @@ impl Localiser {
             log_sigma: SIGMA_OF_SCALE * peak.log_scale,
             confidence: peak.confidence,
         });
-        Ok((readings.collect(), maps))
+        Ok((self.look_closer(picture.rgb(), readings.collect(), count).await?, maps))
     }
 
     /// The network's maps of a part of a picture: at once, or tile by tile.
@@ -231,7 +232,7 @@ impl Localiser {
     }
 
     /// The network's maps of the part of `size` that begins at (`left`, `top`).
-    async fn one_field(&self, rgb: &RgbImage, left: u32, top: u32, size: Size) -> Result<Field> {
+    pub(super) async fn one_field(&self, rgb: &RgbImage, left: u32, top: u32, size: Size) -> Result<Field> {
         let values = tile(rgb, [left, top], size, &self.card.normalisation);
         let output = self.runner(size).run(values);
         let [_, _, columns] = output.depth.dims();
@@ -272,7 +273,7 @@ impl Localiser {
 }
 
 /// Softmax, in f64: hundreds of thousands of cells.
-fn softmax(logits: &[f32]) -> Vec<f32> {
+pub(super) fn softmax(logits: &[f32]) -> Vec<f32> {
     let most = logits.iter().copied().fold(f32::NEG_INFINITY, f32::max);
     let powers: Vec<f32> = logits.iter().map(|logit| (logit - most).exp()).collect();
     let sum: f64 = powers.iter().map(|&power| f64::from(power)).sum();
@@ -281,7 +282,7 @@ fn softmax(logits: &[f32]) -> Vec<f32> {
 
 /// The likeliest places. Their confidence is the share of a place's mass in that of all places and of what lies around, of
 /// which a large picture has more than the network was taught with.
-fn peaks(field: &Field, probability: Vec<f32>, count: usize) -> Vec<Peak> {
+pub(super) fn peaks(field: &Field, probability: Vec<f32>, count: usize) -> Vec<Peak> {
     let cells = probability.len() as f64;
     let maps = model::Maps {
         width: field.columns,

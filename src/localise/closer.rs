@@ -1,0 +1,111 @@
+//! A second look: a place where the ball may be, enlarged (or made smaller) until the ball has the radius that the network
+//! reads best, and read again. A third of the first look's error is left, and what is no ball is told better.
+
+use image::RgbImage;
+use image::imageops::FilterType;
+use nalgebra::Point2;
+
+use super::Localiser;
+use super::size::{Reading, peaks, softmax};
+use crate::camera::Outline;
+use crate::error::Result;
+use crate::size::Size;
+
+/// Side of what is looked at again, px of the network's input.
+const SIDE: u32 = 128;
+/// Radii that the ball is brought to, one after the other, px of the network's input; the mean of the readings counts, for the
+/// network reads each size a little too large or too small.
+const RADII: [f64; 2] = [20.0, 26.0];
+/// Strongest enlargement: beyond it there is nothing more to be seen.
+const MOST_ENLARGED: f64 = 6.0;
+/// Places that are looked at again at most, and the share of the first one's confidence that makes a place worth it.
+pub(super) const LOOKED_AT: usize = 4;
+const WORTH: f64 = 0.2;
+/// What is left of the confidence in a place where a second look shows no ball.
+const NOT_SEEN: f64 = 0.5;
+/// Places of the enlarged part among which the ball is looked for.
+const PLACES: usize = 3;
+/// Largest ratio of the second look's radius to the first's, or the inverse.
+const SAME_SIZE: f64 = 2.0;
+
+/// A square part of a picture.
+struct View {
+    start: [u32; 2],
+    side: u32,
+    /// Px of the network's input to one of the picture's.
+    enlarged: f64,
+}
+
+impl View {
+    /// The part in which the ball of `outline` has about the `radius`, in the middle where the picture's edges allow it.
+    fn around(outline: &Outline, radius: f64, rgb: &RgbImage) -> Self {
+        let enlarged = (radius / outline.radius).min(MOST_ENLARGED);
+        let (width, height) = rgb.dimensions();
+        let side = ((f64::from(SIDE) / enlarged).round() as u32).clamp(1, width.min(height));
+        let start = |at: f64, all: u32| ((at + 0.5 - f64::from(side) / 2.0).round().max(0.0) as u32).min(all - side);
+        let start = [start(outline.centre.x, width), start(outline.centre.y, height)];
+        Self { start, side, enlarged: f64::from(SIDE) / f64::from(side) }
+    }
+
+    fn of(&self, rgb: &RgbImage) -> RgbImage {
+        let [left, top] = self.start;
+        let part = image::imageops::crop_imm(rgb, left, top, self.side, self.side).to_image();
+        image::imageops::resize(&part, SIDE, SIDE, FilterType::CatmullRom)
+    }
+
+    /// An outline in this view, in the picture.
+    fn in_picture(&self, image: [f64; 2], radius: f64) -> Outline {
+        let at = |axis: usize| (image[axis] + 0.5) / self.enlarged - 0.5 + f64::from(self.start[axis]);
+        Outline { centre: Point2::new(at(0), at(1)), radius: radius / self.enlarged }
+    }
+}
+
+impl Localiser {
+    /// The `readings` of the picture `rgb`, the likeliest first, after a second look at those that may be the ball: the
+    /// likeliest `count` first.
+    pub(super) async fn look_closer(
+        &self,
+        rgb: &RgbImage,
+        readings: Vec<Reading>,
+        count: usize,
+    ) -> Result<Vec<Reading>> {
+        let worth = readings.first().map_or(0.0, |first| WORTH * first.confidence);
+        let mut seen = Vec::with_capacity(readings.len());
+        for (place, reading) in readings.into_iter().enumerate() {
+            let look = place < count || reading.confidence >= worth;
+            seen.push(if look { self.closer(rgb, reading).await? } else { reading });
+        }
+        seen.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+        seen.truncate(count);
+        Ok(seen)
+    }
+
+    /// `reading` after a second look.
+    async fn closer(&self, rgb: &RgbImage, reading: Reading) -> Result<Reading> {
+        let mut seen = Vec::with_capacity(RADII.len());
+        for radius in RADII {
+            let view = View::around(&reading.outline, radius, rgb);
+            let field = self.one_field(&view.of(rgb), 0, 0, Size::square(SIDE)).await?;
+            let same = |outline: &Outline| {
+                let ratio = outline.radius / reading.outline.radius;
+                (outline.centre - reading.outline.centre).norm() < reading.outline.radius
+                    && (SAME_SIZE.recip()..SAME_SIZE).contains(&ratio)
+            };
+            let found = peaks(&field, softmax(&field.logits), PLACES).into_iter();
+            let mut found = found.map(|peak| (view.in_picture(peak.image, peak.radius), peak));
+            let Some((outline, peak)) = found.find(|(outline, _)| same(outline)) else {
+                return Ok(Reading { confidence: NOT_SEEN * reading.confidence, ..reading });
+            };
+            seen.push((outline, peak));
+        }
+        let mean = |value: &dyn Fn(&(Outline, crate::model::Peak)) -> f64| {
+            seen.iter().map(value).sum::<f64>() / seen.len() as f64
+        };
+        let centre = Point2::new(mean(&|it| it.0.centre.x), mean(&|it| it.0.centre.y));
+        Ok(Reading {
+            outline: Outline { centre, radius: mean(&|it| it.0.radius.ln()).exp() },
+            log_sigma: super::size::SIGMA_OF_SCALE * mean(&|it| it.1.log_scale),
+            confidence: (reading.confidence * mean(&|it| it.1.confidence)).sqrt(),
+        })
+    }
+}
