@@ -7,10 +7,13 @@ mod commands;
 mod device;
 mod draw;
 mod export;
+mod footage;
 pub mod import;
 mod model;
+mod overlay;
 mod progress;
 pub mod report;
+mod video;
 
 use std::io;
 use std::process::ExitCode;

@@ -6,9 +6,10 @@ use image::imageops::FilterType;
 use nalgebra::Point2;
 
 use super::Localiser;
-use super::size::{Reading, peaks, softmax};
+use super::size::{Reading, SIGMA_OF_SCALE, peaks, softmax};
 use crate::camera::Outline;
 use crate::error::Result;
+use crate::model::Peak;
 use crate::size::Size;
 
 /// Side of what is looked at again, px of the network's input.
@@ -25,6 +26,8 @@ const WORTH: f64 = 0.2;
 const NOT_SEEN: f64 = 0.5;
 /// Places of the enlarged part among which the ball is looked for.
 const PLACES: usize = 3;
+/// Largest share of a view's side from its middle to where the ball may be.
+const MOST_REACH: f64 = 0.36;
 /// Largest ratio of the second look's radius to the first's, or the inverse.
 const SAME_SIZE: f64 = 2.0;
 
@@ -82,30 +85,38 @@ impl Localiser {
 
     /// `reading` after a second look.
     async fn closer(&self, rgb: &RgbImage, reading: Reading) -> Result<Reading> {
+        let seen = self.look_at(rgb, &reading.outline, reading.outline.radius).await?;
+        Ok(match seen {
+            Some(seen) => Reading { confidence: (reading.confidence * seen.confidence).sqrt(), ..seen },
+            None => Reading { confidence: NOT_SEEN * reading.confidence, ..reading },
+        })
+    }
+
+    /// The ball that is at most `reach` px from the middle of `outline` and about as large; none where each look does not show
+    /// it.
+    pub(super) async fn look_at(&self, rgb: &RgbImage, outline: &Outline, reach: f64) -> Result<Option<Reading>> {
         let mut seen = Vec::with_capacity(RADII.len());
         for radius in RADII {
-            let view = View::around(&reading.outline, radius, rgb);
+            // All of what may be the ball is to be in view.
+            let view = View::around(outline, radius.min(outline.radius * MOST_REACH * f64::from(SIDE) / reach), rgb);
             let field = self.one_field(&view.of(rgb), 0, 0, Size::square(SIDE)).await?;
-            let same = |outline: &Outline| {
-                let ratio = outline.radius / reading.outline.radius;
-                (outline.centre - reading.outline.centre).norm() < reading.outline.radius
-                    && (SAME_SIZE.recip()..SAME_SIZE).contains(&ratio)
+            let same = |found: &Outline| {
+                (found.centre - outline.centre).norm() < reach
+                    && (SAME_SIZE.recip()..SAME_SIZE).contains(&(found.radius / outline.radius))
             };
             let found = peaks(&field, softmax(&field.logits), PLACES).into_iter();
             let mut found = found.map(|peak| (view.in_picture(peak.image, peak.radius), peak));
-            let Some((outline, peak)) = found.find(|(outline, _)| same(outline)) else {
-                return Ok(Reading { confidence: NOT_SEEN * reading.confidence, ..reading });
-            };
-            seen.push((outline, peak));
+            match found.find(|(outline, _)| same(outline)) {
+                Some(found) => seen.push(found),
+                None => return Ok(None),
+            }
         }
-        let mean = |value: &dyn Fn(&(Outline, crate::model::Peak)) -> f64| {
-            seen.iter().map(value).sum::<f64>() / seen.len() as f64
-        };
+        let mean = |value: &dyn Fn(&(Outline, Peak)) -> f64| seen.iter().map(value).sum::<f64>() / seen.len() as f64;
         let centre = Point2::new(mean(&|it| it.0.centre.x), mean(&|it| it.0.centre.y));
-        Ok(Reading {
+        Ok(Some(Reading {
             outline: Outline { centre, radius: mean(&|it| it.0.radius.ln()).exp() },
-            log_sigma: super::size::SIGMA_OF_SCALE * mean(&|it| it.1.log_scale),
-            confidence: (reading.confidence * mean(&|it| it.1.confidence)).sqrt(),
-        })
+            log_sigma: SIGMA_OF_SCALE * mean(&|it| it.1.log_scale),
+            confidence: mean(&|it| it.1.confidence),
+        }))
     }
 }

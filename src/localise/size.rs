@@ -49,6 +49,21 @@ pub(crate) struct Reading {
     pub confidence: f64,
 }
 
+/// A ball in a picture, by [`Localiser::measure`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// Centre of its outline, px.
+    pub image: [f64; 2],
+    /// Semi-minor axis of its outline, px.
+    pub radius_px: f64,
+    /// Standard deviation of that, px.
+    pub radius_sigma_px: f64,
+    /// Standard deviation of the centre along each axis, px.
+    pub sigma_px: f64,
+    /// How sure the network is that this is a ball, 0 to 1.
+    pub confidence: f64,
+}
+
 /// Maps of a part of a picture, row-major.
 pub(super) struct Field {
     columns: usize,
@@ -134,6 +149,33 @@ impl Localiser {
             notes,
             maps,
         })
+    }
+
+    /// Measures the ball that something else found at `image` with about the radius `radius_px`; `reach_px` from its middle it may
+    /// still be (half a streak's length). None where the network sees no such ball.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where the model reads no sizes; [`Error::OutputNotFinite`] and [`Error::Device`].
+    pub async fn measure(
+        &self,
+        picture: &Picture,
+        image: [f64; 2],
+        radius_px: f64,
+        reach_px: f64,
+    ) -> Result<Option<Measured>> {
+        if !self.reads_size() {
+            let reason = format!("must read sizes, as `any` does; `{}` knows one scene", self.card.name);
+            return Err(Error::value("model", "depth_from", reason));
+        }
+        let outline = Outline { centre: image.into(), radius: radius_px };
+        let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px)).await?;
+        Ok(found.map(|Reading { outline, log_sigma, confidence }| Measured {
+            image: outline.centre.coords.into(),
+            radius_px: outline.radius,
+            radius_sigma_px: log_sigma * outline.radius,
+            sigma_px: CENTRE_OF_RADIUS * log_sigma * outline.radius,
+            confidence,
+        }))
     }
 
     /// The likeliest `count` places of the ball in (a `region` of) `picture`, without any camera; where asked for, also the

@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn every_ball_makes_a_scene() {
-        assert_eq!(Scene::ball_names().len(), 7);
+        assert_eq!(Scene::ball_names().len(), 9);
         for name in Scene::ball_names() {
             let scene = Scene::new([0.0, 0.0, -9.81], 0.1).with_ball(name).unwrap();
             scene.check(name).unwrap();

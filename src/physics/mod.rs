@@ -10,6 +10,7 @@ mod contact;
 mod force;
 mod forecast;
 mod obstacle;
+mod places;
 mod scene;
 mod state;
 #[cfg(test)]

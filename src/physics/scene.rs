@@ -33,6 +33,12 @@ pub struct Scene {
     /// A linear spring between the ball's centre and a fixed point.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spring: Option<Spring>,
+    /// Lines on the ground and on walls, from a point to a point, m: to be drawn, and to calibrate by.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lines: Vec<[[f64; 3]; 2]>,
+    /// The upper edge of a net, from post to post, m: to be drawn. What it does to the ball is a hit.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub net: Vec<[f64; 3]>,
 }
 
 /// The ball's own properties.
@@ -275,7 +281,17 @@ impl Scene {
             drag_sigma: None,
             inertia_factor: solid_ball(),
         };
-        Self { gravity, ball, contact: Contact::default(), floor: None, walls: vec![], boxes: vec![], spring: None }
+        Self {
+            gravity,
+            ball,
+            contact: Contact::default(),
+            floor: None,
+            walls: vec![],
+            boxes: vec![],
+            spring: None,
+            lines: vec![],
+            net: vec![],
+        }
     }
 
     /// A start (m, m/s) with the scene's spin.
@@ -388,6 +404,10 @@ impl Scene {
                 positive(format!("boxes[{index}].half_size"), half)?;
             }
         }
+        for (index, [from, to]) in self.lines.iter().enumerate() {
+            finite(format!("lines[{index}]"), &[*from, *to].concat())?;
+        }
+        finite("net".into(), &self.net.concat())?;
         if let Some(spring) = &self.spring {
             not_negative("spring.stiffness".into(), spring.stiffness)?;
             finite("spring.anchor".into(), &spring.anchor)?;

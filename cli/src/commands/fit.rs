@@ -13,7 +13,7 @@ use gravisight::internal::write_whole;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
 
 /// Exit status where some flight is not explained.
-const PARTLY: u8 = 3;
+pub(super) const PARTLY: u8 = 3;
 /// 1-σ of a position that counts as sure, m.
 const SURE: f64 = 0.1;
 
@@ -70,9 +70,16 @@ enum Unknown {
 
 /// How many hits there may be; as many as explain the track where none is said.
 #[derive(Debug, Clone, Copy)]
-struct Hits(Option<usize>);
+pub(super) struct Hits(Option<usize>);
 
-fn hits(text: &str) -> Result<Hits, String> {
+impl Hits {
+    /// Most that there may be, where it is said.
+    pub fn most(self) -> Option<usize> {
+        self.0
+    }
+}
+
+pub(super) fn hits(text: &str) -> Result<Hits, String> {
     match text {
         "auto" => Ok(Hits(None)),
         number => number.parse().map(|most| Hits(Some(most))).map_err(|_| "must be `auto` or a number".into()),
@@ -82,7 +89,7 @@ fn hits(text: &str) -> Result<Hits, String> {
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
     ensure!(arguments.noise_px.is_none_or(|noise| noise.is_finite() && noise > 0.0), "--noise-px must be positive");
     let camera = Camera::from_file(&arguments.camera)?;
-    let scene = Scene::from_file(&arguments.scene)?;
+    let scene = Scene::open(&arguments.scene)?;
     let scene = match &arguments.ball {
         Some(name) => scene.with_ball(name)?,
         None => scene,
@@ -103,8 +110,13 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         estimate.push(parameter);
     }
     let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
-    let options =
-        FitOptions { cameras, noise_px: arguments.noise_px, estimate, hits: arguments.hits.0, ..FitOptions::default() };
+    let options = FitOptions {
+        cameras,
+        noise_px: arguments.noise_px,
+        estimate,
+        hits: arguments.hits.most(),
+        ..FitOptions::default()
+    };
     let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?;
     if let Some(out) = &arguments.out {
         write_whole(out, fit.to_csv(&frames)?.as_bytes())?;
@@ -112,7 +124,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if let Some(plot) = &arguments.plot {
         let name = arguments.track.file_name().unwrap_or_default().to_string_lossy();
         let flights = Flights { name: &name, camera: &camera, scene: &scene, observations: &observations, fit: &fit };
-        write_flights(plot, &flights)?;
+        write_flights(plot, &[flights])?;
     }
     match arguments.json {
         true => print_line(as_json(&frames, &fit))?,
@@ -129,7 +141,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
 }
 
 /// The cameras that are off by one standard deviation, of what `calibrate --json` prints.
-fn one_sigma(path: &Path) -> Result<Vec<Camera>> {
+pub(super) fn one_sigma(path: &Path) -> Result<Vec<Camera>> {
     #[derive(serde::Deserialize)]
     struct Calibrated {
         one_sigma: Vec<Camera>,

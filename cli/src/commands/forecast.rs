@@ -79,7 +79,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let (Numbers(state), Numbers(times)) =
         arguments.state.zip(arguments.times).context("--state and --times are missing")?;
     let &[x, y, z, vx, vy, vz] = state.as_slice() else { bail!("--state takes six numbers") };
-    let forecaster = Forecaster::new(&Scene::from_file(path)?)?.with_options(options)?;
+    let forecaster = Forecaster::new(&Scene::open(path)?)?.with_options(options)?;
     let start = forecaster.scene().start(Point3::new(x, y, z), Vector3::new(vx, vy, vz));
     let forecast = match arguments.jacobian {
         true => forecaster.forecast_with_jacobians(&start, &times),

@@ -99,7 +99,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     let options = ImportOptions {
         camera: arguments.camera.as_deref().map(Camera::from_file).transpose()?,
-        scene: arguments.scene.as_deref().map(Scene::from_file).transpose()?,
+        scene: arguments.scene.as_deref().map(Scene::open).transpose()?,
         fps: arguments.fps,
         clip_frames: arguments.clip_frames.map(|frames| frames as usize),
         category: arguments.category.clone(),

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::export::{cvat_xml, labels_csv, track_of_labels};
-use crate::import::video_frames;
+use crate::import::{left_out, pictures_in, video_frames};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use gravisight::internal::{NewFolder, write_whole};
@@ -17,13 +17,10 @@ use serde_json::json;
 use super::print_line;
 use crate::progress::Progress;
 
-/// Endings of the pictures that a folder of frames is searched for.
-const PICTURES: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
-
 /// Propose the ball's 2D label in every frame, for correction by hand.
 #[derive(Args)]
 pub struct Arguments {
-    /// A clips folder (labels in it are not read), a folder of frames (by name), or a video (needs ffmpeg).
+    /// A clips folder (labels in it are not read), a folder of frames (in the order of their numbers), or a video (needs ffmpeg).
     #[arg(value_name = "DIR|VIDEO")]
     input: PathBuf,
     /// New folder for the labelled clips.
@@ -121,11 +118,12 @@ fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<Source>> {
     let Some(camera) = &arguments.camera else {
         bail!("{}: --camera camera.json is needed where there is no clips.jsonl", input.display());
     };
-    let (camera, scene) = (Camera::from_file(camera)?, arguments.scene.as_deref().map(Scene::from_file).transpose()?);
+    let (camera, scene) = (Camera::from_file(camera)?, arguments.scene.as_deref().map(Scene::open).transpose()?);
     ensure!(arguments.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps must be positive");
     let (pictures, times, fps) = if input.is_dir() {
         let Some(fps) = arguments.fps else { bail!("{}: --fps is needed for a folder of frames", input.display()) };
-        let pictures = pictures_in(input)?;
+        let pictures = pictures_in(input).with_context(|| "neither frames nor a clips.jsonl")?;
+        note_left_out(&pictures);
         let times = (0..pictures.len()).map(|frame| frame as f64 / fps).collect();
         (pictures, times, fps)
     } else {
@@ -140,6 +138,18 @@ fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<Source>> {
     let id = id.file_stem().map_or_else(|| "clip".into(), |name| name.to_string_lossy().into_owned());
     let clip = Clip { frames: vec![], id: id.clone(), fps, camera, scene };
     Ok(vec![Source::new(clip, file_name(&id), pictures, times)])
+}
+
+/// Says which numbers a folder of frames lacks: their times are missing, too.
+pub(super) fn note_left_out(pictures: &[PathBuf]) {
+    let numbers = left_out(pictures);
+    if let (Some(first), Some(last)) = (numbers.first(), numbers.last()) {
+        eprintln!(
+            "gravisight: note: {} numbers between {first} and {last} have no picture: frames are taken as if none were \
+             missing; give those that are",
+            numbers.len()
+        );
+    }
 }
 
 fn of_clips(clips: Clips) -> Result<Vec<Source>> {
@@ -176,21 +186,6 @@ fn file_name(id: &str) -> String {
     let plain = |c: char| if c.is_alphanumeric() || c == '-' || c == '_' { c } else { '_' };
     let name: String = id.chars().map(plain).collect();
     if name.is_empty() { "clip".into() } else { name }
-}
-
-/// The pictures in a folder, by name.
-fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
-    let mut pictures = Vec::new();
-    for entry in std::fs::read_dir(folder).with_context(|| folder.display().to_string())? {
-        let path = entry.with_context(|| folder.display().to_string())?.path();
-        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
-        if ending.is_some_and(|ending| PICTURES.contains(&ending.as_str())) && path.is_file() {
-            pictures.push(path);
-        }
-    }
-    pictures.sort();
-    ensure!(!pictures.is_empty(), "{}: no PNG, JPEG or WebP pictures in it, nor a clips.jsonl", folder.display());
-    Ok(pictures)
 }
 
 fn write(folder: &NewFolder, format: Format, sources: &mut [Source], labels: &[Vec<Option<Proposal>>]) -> Result<()> {

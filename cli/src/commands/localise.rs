@@ -54,7 +54,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         check_png("--overlay", out)?;
     }
     let camera = Camera::from_file(&arguments.camera)?;
-    let of_scene = arguments.scene.as_deref().map(Scene::from_file).transpose()?.map(|scene| scene.ball.radius);
+    let of_scene = arguments.scene.as_deref().map(Scene::open).transpose()?.map(|scene| scene.ball.radius);
     let ball_radius = arguments.ball_radius.or(of_scene);
     let localiser = model::open(arguments.model.as_deref(), ball_radius, &arguments.device.open()?)?;
     for path in &arguments.images {

@@ -8,7 +8,9 @@ mod import;
 mod label;
 mod localise;
 mod saliency;
+mod scene;
 mod synth;
+mod track;
 mod train;
 
 use std::io::{self, Write as _};
@@ -28,7 +30,9 @@ pub struct Arguments {
 #[derive(Subcommand)]
 enum Command {
     Localise(localise::Arguments),
+    Track(track::Arguments),
     Calibrate(calibrate::Arguments),
+    Scene(scene::Arguments),
     Label(label::Arguments),
     Import(import::Arguments),
     Synth(synth::Arguments),
@@ -44,6 +48,8 @@ impl Arguments {
     pub fn run(self) -> Result<ExitCode> {
         let done = match self.command {
             Command::Fit(arguments) => return fit::run(arguments),
+            Command::Track(arguments) => return track::run(arguments),
+            Command::Scene(arguments) => scene::run(arguments),
             Command::Localise(arguments) => localise::run(arguments),
             Command::Evaluate(arguments) => evaluate::run(arguments),
             Command::Saliency(arguments) => saliency::run(arguments),

@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 const MAX_DEPTH: usize = 8;
 /// Extensions of pictures.
 const PICTURES: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
+/// Most numbers that are told to be left out in one place.
+const MOST_LEFT_OUT: u64 = 1000;
 
 /// The text of a UTF-8 file, without a byte order mark.
 pub(super) fn read_text(path: &Path) -> Result<String> {
@@ -39,6 +41,31 @@ pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut entries: Vec<PathBuf> = entries.map_err(Error::io(folder))?;
     entries.sort_by(|one, other| natural(&one.to_string_lossy(), &other.to_string_lossy()));
     Ok(entries)
+}
+
+/// The pictures of a folder, in natural order: `9.png` before `10.png`.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Data`] where there are none.
+pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut pictures = entries(folder)?;
+    pictures.retain(|path| has_extension(path, &PICTURES) && path.is_file());
+    match pictures.is_empty() {
+        true => Err(Error::Data {
+            what: folder.display().to_string(),
+            reason: "no PNG, JPEG or WebP pictures in it".into(),
+        }),
+        false => Ok(pictures),
+    }
+}
+
+/// Numbers that are left out between pictures whose names end with ascending numbers; none where they do not.
+pub fn left_out(pictures: &[PathBuf]) -> Vec<u64> {
+    let number = |path: &PathBuf| last_number(&path.file_stem()?.to_string_lossy());
+    let Some(numbers) = pictures.iter().map(number).collect::<Option<Vec<u64>>>() else { return vec![] };
+    let rising = numbers.windows(2).all(|pair| pair[0] < pair[1]);
+    let between = |pair: &[u64]| pair[0] + 1..pair[1].min(pair[0] + MOST_LEFT_OUT);
+    if rising { numbers.windows(2).flat_map(between).collect() } else { vec![] }
 }
 
 /// The files below `root` that `wanted` wants, in natural order.

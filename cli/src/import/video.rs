@@ -1,16 +1,14 @@
 //! Labels by frame number, and the folder of frames or the video that they speak of.
-//! Videos are read by ffmpeg and ffprobe, programs that the user installs.
 
 use std::collections::BTreeMap;
-use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 
 use nalgebra::Point2;
 
 use super::ImportOptions;
 use super::draft::{Draft, Shot, fps_of, fps_of_numbers};
 use super::pictures::by_number;
+use crate::video::{extract, frame_times};
 use gravisight::{Camera, Error, Result};
 
 /// Extensions of videos.
@@ -184,68 +182,4 @@ fn decoded(video: &Path, [first, last]: [u64; 2], fps: Option<f64>, scratch: &Pa
         return Err(refuse(reason));
     }
     Ok(Frames { pictures, times })
-}
-
-/// The time of every frame, s, as ffprobe reads it; none where the file says nothing.
-fn frame_times(video: &Path) -> Result<Vec<Option<f64>>> {
-    let arguments = [
-        "-v",
-        "error",
-        "-select_streams",
-        "v:0",
-        "-show_entries",
-        "frame=best_effort_timestamp_time",
-        "-of",
-        "csv=p=0",
-    ];
-    let mut command = Command::new("ffprobe");
-    command.args(arguments).arg(file_url(video)?);
-    let text = output(command, "ffprobe", video)?;
-    let time = |line: &str| line.trim().trim_end_matches(',').parse::<f64>().ok().filter(|time| time.is_finite());
-    Ok(text.lines().filter(|line| !line.trim().is_empty()).map(time).collect())
-}
-
-/// Writes the frames from the first to the last, both included, as `NUMBER.png`, each once.
-fn extract(video: &Path, [first, last]: [u64; 2], folder: &Path) -> Result<()> {
-    let select = format!("select=between(n\\,{first}\\,{last})");
-    let start = first.to_string();
-    let run = |passthrough: [&str; 2]| {
-        let mut command = Command::new("ffmpeg");
-        // Run where the frames go: a `%` in a folder's name would count.
-        command.current_dir(folder).args(["-v", "error", "-nostdin", "-i"]).arg(file_url(video)?);
-        command.args(["-map", "0:v:0", "-vf", &select]).args(passthrough);
-        command.args(["-pix_fmt", "rgb24", "-start_number", &start, "%06d.png"]);
-        output(command, "ffmpeg", video)
-    };
-    // The option's name since ffmpeg 5.1, and before.
-    match run(["-fps_mode", "passthrough"]) {
-        Err(Error::Data { reason, .. }) if reason.contains("fps_mode") => run(["-vsync", "0"]).map(drop),
-        other => other.map(drop),
-    }
-}
-
-/// What a program prints.
-fn output(mut command: Command, program: &str, video: &Path) -> Result<String> {
-    let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
-    let output = command.output().map_err(|error| match error.kind() {
-        std::io::ErrorKind::NotFound => refuse(format!(
-            "videos are read by `{program}`, which is not installed; install ffmpeg (apt install ffmpeg, brew install \
-             ffmpeg, winget install ffmpeg), or give a folder of frames with --pictures"
-        )),
-        _ => refuse(format!("`{program}` cannot be run: {error}")),
-    })?;
-    if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        let said: Vec<&str> = said.lines().map(str::trim).collect();
-        return Err(refuse(format!("`{program}` cannot read it: {}", said.join("; "))));
-    }
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
-}
-
-/// The path as ffmpeg takes it: never an option, never a protocol.
-fn file_url(video: &Path) -> Result<OsString> {
-    let path = std::path::absolute(video).map_err(Error::io(video))?;
-    let mut url = OsString::from("file:");
-    url.push::<&OsStr>(path.as_ref());
-    Ok(url)
 }

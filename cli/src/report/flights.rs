@@ -28,15 +28,33 @@ pub struct Flights<'a> {
     pub fit: &'a Fit,
 }
 
-/// Writes the page to `path`, whole.
+/// Writes the page to `path`, whole: of one fit, or of a video's one after the other.
 ///
 /// # Errors
 /// [`gravisight::Error::Io`] for a file that cannot be written.
-pub fn write(path: &Path, flights: &Flights<'_>) -> Result<()> {
+pub fn write(path: &Path, all: &[Flights<'_>]) -> Result<()> {
+    let name = all.first().map_or("", |flights| flights.name);
+    let mut body = format!("<header>\n{}", html::text("h1", name));
+    for (number, flights) in all.iter().enumerate() {
+        let verdict = flights.fit.verdict();
+        body += &html::text("p", &if all.len() > 1 { format!("{}: {verdict}", number + 1) } else { verdict });
+    }
+    body += "</header>\n<main>\n";
+    for (number, flights) in all.iter().enumerate() {
+        if all.len() > 1 {
+            let [from, to] = [flights.observations.first(), flights.observations.last()]
+                .map(|seen| seen.map_or(0.0, |seen| seen.time));
+            body += &html::text("h2", &format!("{}: {from:.2} to {to:.2} s", number + 1));
+        }
+        body += &stretch(flights)?;
+    }
+    body += "</main>\n";
+    write_whole(path, html::page(name, &body).as_bytes())
+}
+
+fn stretch(flights: &Flights<'_>) -> Result<String> {
     let fit = flights.fit;
-    let mut body =
-        format!("<header>\n{}{}</header>\n<main>\n", html::text("h1", flights.name), html::text("p", &fit.verdict()));
-    body += &fit.notes.iter().map(|note| html::text("p", note)).collect::<String>();
+    let mut body: String = fit.notes.iter().map(|note| html::text("p", note)).collect();
     body += &html::tiles(&tiles(fit));
     body +=
         &html::section("The ball's way", "In the world's frame: metres, z up.", &html::row("", &in_space(flights)?));
@@ -47,8 +65,7 @@ pub fn write(path: &Path, flights: &Flights<'_>) -> Result<()> {
         "Bounces on what the scene holds, hits by what it does not.",
         &table_of_contacts(fit),
     );
-    body += "</main>\n";
-    write_whole(path, html::page(flights.name, &body).as_bytes())
+    Ok(body)
 }
 
 fn tiles(fit: &Fit) -> Vec<[String; 3]> {
@@ -87,12 +104,23 @@ fn edges(scene: &Scene) -> Vec<Vec<Point3<f64>>> {
     scene.boxes.iter().flat_map(of).collect()
 }
 
+/// What is painted on the ground, and the net's upper edge.
+fn scene_lines(scene: &Scene) -> Vec<Vec<Point3<f64>>> {
+    let lines = scene.lines.iter().map(|line| line.map(Point3::from).to_vec());
+    lines
+        .chain([scene.net.iter().copied().map(Point3::from).collect()])
+        .filter(|line: &Vec<_>| line.len() > 1)
+        .collect()
+}
+
 fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
     let fit = flights.fit;
     let way: Vec<Point3<f64>> = fit.frames.iter().map(|frame| frame.state.position).collect();
     let boxes = edges(flights.scene);
     let mut paths: Vec<plots::Path<'_>> =
         boxes.iter().map(|edge| plots::Path { points: edge, colour: QUIET, shadow: false }).collect();
+    let lines: Vec<Vec<Point3<f64>>> = scene_lines(flights.scene);
+    paths.extend(lines.iter().map(|line| plots::Path { points: line, colour: QUIET, shadow: false }));
     paths.push(plots::Path { points: &way, colour: FOUND, shadow: true });
     let space = plots::space(&paths)?;
     let mut cards = vec![html::figure(&space, "In space, with its shadow on the ground", &[("found", "the ball")])];

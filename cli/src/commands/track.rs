@@ -1,0 +1,402 @@
+//! `gravisight track`.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, Result, bail, ensure};
+use clap::Args;
+use gravisight::internal::{TrackPoint, write_whole};
+use gravisight::parts::FollowedFrame;
+use gravisight::{
+    Camera, Fit, FitOptions, Follower, Forecaster, Localiser, Observation, Picture, Scene, Track, stretches,
+};
+use image::RgbImage;
+use serde_json::{Value, json};
+
+use super::fit::{Hits, PARTLY, hits, one_sigma};
+use super::print_line;
+use crate::device::DeviceChoice;
+use crate::footage::Footage;
+use crate::model;
+use crate::overlay;
+use crate::progress::Progress;
+use crate::report::{Flights, write_flights};
+
+/// Confidence of the network below which what it measures is not taken.
+const SEEN: f64 = 0.3;
+/// Length over width of a streak from which its width is no ball's radius.
+const STREAK: f64 = 2.5;
+/// Standard deviation of a place that the network did not see, px, and a share of its reach.
+const PLACE_PX: f64 = 0.7;
+const PLACE_OF_REACH: f64 = 0.08;
+/// m/s to km/h.
+const KMH: f64 = 3.6;
+
+/// Follow the ball through a video: its flights, bounces and hits in metres.
+///
+/// The camera must stand still. Without --camera and --scene only the 2D track comes out. Exit status: 0 where every flight is
+/// explained, 3 where some are not (the output is written all the same), 1 where nothing can be said.
+#[derive(Args)]
+pub struct Arguments {
+    /// A video (needs ffmpeg), a folder of frames, or frames in order.
+    #[arg(required = true, value_name = "VIDEO|FRAMES")]
+    input: Vec<PathBuf>,
+    /// The camera that took it (camera.json).
+    #[arg(long, value_name = "CAMERA.JSON", requires = "scene")]
+    camera: Option<PathBuf>,
+    /// What `calibrate --json` printed of that camera: its uncertainty enters σ.
+    #[arg(long, value_name = "CALIBRATION.JSON", requires = "camera")]
+    camera_sigma: Option<PathBuf>,
+    /// The place and its ball: scene.json, or the name of a sport (`gravisight scene` lists them).
+    #[arg(long, value_name = "SCENE.JSON|NAME", requires = "camera")]
+    scene: Option<PathBuf>,
+    /// The ball in place of the scene's: of a sport, or its radius in metres.
+    #[arg(long, value_name = "NAME|M")]
+    ball: Option<String>,
+    /// Frames a second [default: the video's own times].
+    #[arg(long, value_name = "F")]
+    fps: Option<f64>,
+    /// The ball as you see it, in one frame: its number from 0, and px. May be given several times.
+    #[arg(long, value_name = "FRAME,X,Y", value_parser = seed)]
+    seed_label: Vec<Seed>,
+    /// Most hits of a racket, a foot or a hand between two pauses.
+    #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = hits)]
+    hits: Hits,
+    /// Model that measures the ball [default: the built-in `any`].
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
+    /// Device to run on.
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceChoice,
+    /// Write the 2D track (CSV: Frame,Visibility,X,Y,Time,Radius,RadiusSigma,Sigma), which `fit` takes.
+    #[arg(long, value_name = "TRACK.CSV")]
+    out: Option<PathBuf>,
+    /// Write the video with the ball marked.
+    #[arg(long, value_name = "OUT.MP4")]
+    overlay: Option<PathBuf>,
+    /// Write a page with trajectories, speeds and contacts; it needs nothing else.
+    #[arg(long, value_name = "OUT.HTML", requires = "camera")]
+    report: Option<PathBuf>,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A frame and a place in it, px.
+#[derive(Debug, Clone, Copy)]
+struct Seed(usize, [f64; 2]);
+
+fn seed(text: &str) -> Result<Seed, String> {
+    let wrong = || format!("`{text}` is not FRAME,X,Y, such as 12,640.5,360");
+    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    let &[frame, x, y] = parts.as_slice() else { return Err(wrong()) };
+    let number = |text: &str| text.parse::<f64>().ok().filter(|value| value.is_finite()).ok_or_else(wrong);
+    Ok(Seed(frame.parse().map_err(|_| wrong())?, [number(x)?, number(y)?]))
+}
+
+/// The ball in a frame, of the picture.
+#[derive(Debug, Clone, Copy)]
+struct Sight {
+    point: TrackPoint,
+    confidence: f64,
+}
+
+/// What was fitted of a stretch of frames.
+struct Part {
+    frames: Range<usize>,
+    observations: Vec<Observation>,
+    /// Why nothing could be said of it, in words.
+    fit: Result<Fit, String>,
+}
+
+pub fn run(arguments: Arguments) -> Result<ExitCode> {
+    let place = place(&arguments)?;
+    let localiser = model::open(arguments.model.as_deref(), Some(1.0), &arguments.device.open()?)?;
+    let footage = Footage::open(&arguments.input, arguments.fps)?;
+    let name = || footage.name();
+    let mut progress = Progress::new();
+    let frames = followed(&footage, &arguments, &mut progress).with_context(name)?;
+    let sights = measured(&footage, &frames, &localiser, &mut progress).with_context(name)?;
+    progress.finish();
+    let track = Track { points: sights.iter().map(|sight| sight.point).collect() };
+    if let Some(out) = &arguments.out {
+        write_whole(out, track.to_csv()?.as_bytes())?;
+    }
+    let parts = match &place {
+        Some(place) => place.fitted(&track, &footage, &arguments)?,
+        None => vec![],
+    };
+    if let Some(out) = &arguments.overlay {
+        let seen: Vec<Option<[f64; 3]>> = sights.iter().map(Sight::circle).collect();
+        overlay::write(out, &footage, &seen)?;
+    }
+    if let (Some(out), Some(place)) = (&arguments.report, &place) {
+        report(out, &footage, place, &parts)?;
+    }
+    let found = sights.iter().filter(|sight| sight.point.visibility > 0).count();
+    let verdict = verdict(found, &frames, &parts, place.is_some());
+    match arguments.json {
+        true => print_line(as_json(&sights, &parts, &verdict))?,
+        false => print(&verdict, &parts)?,
+    }
+    let explained = |part: &Part| part.fit.as_ref().is_ok_and(|fit| fit.explained);
+    Ok(match () {
+        () if found == 0 || (place.is_some() && parts.iter().all(|part| part.fit.is_err())) => ExitCode::FAILURE,
+        () if parts.iter().all(explained) => ExitCode::SUCCESS,
+        () => ExitCode::from(PARTLY),
+    })
+}
+
+/// What is known of the place.
+struct Place {
+    camera: Camera,
+    cameras: Vec<Camera>,
+    forecaster: Forecaster,
+}
+
+fn place(arguments: &Arguments) -> Result<Option<Place>> {
+    let (Some(camera), Some(scene)) = (&arguments.camera, &arguments.scene) else {
+        ensure!(arguments.ball.is_none(), "--ball is for metres: give --camera and --scene");
+        return Ok(None);
+    };
+    let mut scene = Scene::open(scene)?;
+    if let Some(ball) = &arguments.ball {
+        match ball.parse::<f64>() {
+            Ok(radius) => {
+                scene.ball.radius = radius;
+                scene.check("--ball")?;
+                ensure!(radius < 1.0, "--ball is a radius in metres, {radius} is too large: {} mm?", radius);
+            }
+            Err(_) => scene = scene.with_ball(ball)?,
+        }
+    }
+    let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
+    Ok(Some(Place { camera: Camera::from_file(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
+}
+
+/// Follows what flies, first once through the footage.
+fn followed(footage: &Footage, arguments: &Arguments, progress: &mut Progress) -> Result<Vec<FollowedFrame>> {
+    let mut follower = Follower::new();
+    let all = footage.times().len();
+    footage.each(0..all, &mut |frame: usize, rgb: RgbImage| {
+        follower.watch(&rgb, footage.times()[frame])?;
+        progress.set(frame as u64 + 1, all as u64, "frames watched");
+        Ok(())
+    })?;
+    let seeds: Vec<(usize, [f64; 2])> = arguments.seed_label.iter().map(|Seed(frame, at)| (*frame, *at)).collect();
+    Ok(follower.finish(&seeds)?)
+}
+
+/// Measures the ball where it was followed, once more through the footage.
+fn measured(
+    footage: &Footage,
+    frames: &[FollowedFrame],
+    localiser: &Localiser,
+    progress: &mut Progress,
+) -> Result<Vec<Sight>> {
+    let mut sights: Vec<Sight> = frames.iter().enumerate().map(|(number, frame)| Sight::of(number, frame)).collect();
+    let seen = || frames.iter().enumerate().filter(|(_, frame)| frame.ball.is_some()).map(|(number, _)| number);
+    let (Some(first), Some(last)) = (seen().next(), seen().next_back()) else { return Ok(sights) };
+    let all = seen().count() as u64;
+    progress.restart();
+    let mut done = 0;
+    footage.each(first..last + 1, &mut |number: usize, rgb: RgbImage| {
+        let Some(ball) = frames.get(number).and_then(|frame| frame.ball) else { return Ok(()) };
+        let picture = Picture::from_rgb(rgb);
+        let found = pollster::block_on(localiser.measure(&picture, ball.image, ball.radius_px, ball.reach_px))?;
+        if let Some(found) = found.filter(|found| found.confidence >= SEEN) {
+            let Sight { point, confidence } = &mut sights[number];
+            (point.x, point.y) = (Some(found.image[0]), Some(found.image[1]));
+            point.sigma = Some(found.sigma_px);
+            if ball.reach_px < STREAK * ball.radius_px {
+                (point.radius, point.radius_sigma) = (Some(found.radius_px), Some(found.radius_sigma_px));
+            }
+            *confidence = confidence.max(found.confidence * *confidence);
+        }
+        done += 1;
+        progress.set(done, all, "balls measured");
+        Ok(())
+    })?;
+    Ok(sights)
+}
+
+impl Sight {
+    fn of(number: usize, frame: &FollowedFrame) -> Self {
+        let nothing = TrackPoint { frame: number as u64, time: Some(frame.time), ..TrackPoint::default() };
+        match frame.ball {
+            None => Self { point: nothing, confidence: 0.0 },
+            Some(ball) => {
+                let [x, y] = ball.image.map(Some);
+                let sigma = Some(PLACE_PX + PLACE_OF_REACH * ball.reach_px);
+                Self { point: TrackPoint { visibility: 1, x, y, sigma, ..nothing }, confidence: ball.confidence }
+            }
+        }
+    }
+
+    /// Centre and radius, px; a small one where the radius is not known.
+    fn circle(&self) -> Option<[f64; 3]> {
+        let at = self.point.image()?;
+        Some([at.x, at.y, self.point.radius.unwrap_or(4.0)])
+    }
+}
+
+impl Place {
+    /// The flights, stretch by stretch.
+    fn fitted(&self, track: &Track, footage: &Footage, arguments: &Arguments) -> Result<Vec<Part>> {
+        let camera = match footage.size() {
+            Some(size) => self.camera.for_picture(size)?,
+            None => self.camera.clone(),
+        };
+        let options =
+            FitOptions { cameras: self.cameras.clone(), hits: arguments.hits.most(), ..FitOptions::default() };
+        let (_, observations) = track.observations(None)?;
+        let part = |frames: Range<usize>| {
+            let observations = observations[frames.clone()].to_vec();
+            let fit = self.forecaster.fit(&camera, &observations, &options).map_err(|error| error.to_string());
+            Part { frames, observations, fit }
+        };
+        Ok(stretches(&observations).into_iter().map(part).collect())
+    }
+}
+
+fn verdict(found: usize, frames: &[FollowedFrame], parts: &[Part], metres: bool) -> String {
+    let repeated = frames.iter().filter(|frame| frame.repeated).count();
+    let repeated = match repeated {
+        0 => String::new(),
+        count => format!(" ({count} more show the one before again)"),
+    };
+    let all = frames.iter().filter(|frame| !frame.repeated).count();
+    if found == 0 {
+        return format!("no ball: nothing flies in these {all} frames{repeated}");
+    }
+    let seen = format!("the ball is seen in {found} of {all} frames{repeated}");
+    if !metres {
+        return seen;
+    }
+    if parts.is_empty() {
+        return format!("{seen}, nowhere long enough to say more");
+    }
+    let of = |part: &Part| match &part.fit {
+        Ok(fit) => fit.verdict(),
+        Err(error) => format!("not explained: {error}"),
+    };
+    if let [part] = parts {
+        return format!("{}; {seen}", of(part));
+    }
+    let explained = parts.iter().filter(|part| part.fit.as_ref().is_ok_and(|fit| fit.explained)).count();
+    let wrong = parts.iter().enumerate().filter(|(_, part)| !part.fit.as_ref().is_ok_and(|fit| fit.explained));
+    let wrong: Vec<String> = wrong.map(|(number, part)| format!("stretch {}: {}", number + 1, of(part))).collect();
+    let head = if wrong.is_empty() { "explained" } else { "not all explained" };
+    let tail = if wrong.is_empty() { String::new() } else { format!("; {}", wrong.join("; ")) };
+    format!("{head}: {explained} of {} stretches; {seen}{tail}", parts.len())
+}
+
+/// A stretch's flight, hits and bounces count on from those before.
+fn as_json(sights: &[Sight], parts: &[Part], verdict: &str) -> Value {
+    let frame = |(number, sight): (usize, &Sight)| {
+        let seen = sight.point.visibility > 0;
+        json!({"frame": number, "time": sight.point.time, "image": sight.point.image().map(|at| [at.x, at.y]),
+            "radius_px": sight.point.radius, "world": null, "sigma": null, "flight": null,
+            "confidence": if seen { json!(sight.confidence) } else { json!(0.0) }})
+    };
+    let mut frames: Vec<Value> = sights.iter().enumerate().map(frame).collect();
+    let (mut flights, mut hits, mut bounces, mut notes) = (vec![], vec![], vec![], vec![]);
+    for Part { frames: range, fit, .. } in parts {
+        let Ok(fit) = fit else { continue };
+        let mut said = fit.as_json();
+        for (frame, fitted) in frames[range.clone()].iter_mut().zip(&fit.frames) {
+            frame["world"] = json!(<[f64; 3]>::from(fitted.state.position.coords));
+            frame["sigma"] = json!(fitted.sigma());
+            frame["flight"] = json!(flights.len() + fitted.flight);
+            frame["speed"] = json!(fitted.state.velocity.norm());
+        }
+        for (value, hit) in said["hits"].as_array_mut().into_iter().flatten().zip(&fit.hits) {
+            value["frame"] = json!(range.start + hit.frame);
+            hits.push(value.take());
+        }
+        flights.extend(said["flights"].as_array_mut().into_iter().flatten().map(Value::take));
+        bounces.extend(fit.impacts.iter().map(|impact| {
+            json!({"time": impact.time, "surface": impact.surface.to_string(),
+                "world": <[f64; 3]>::from(impact.position), "speed": impact.speed, "sigma": sigma_at(fit, impact.time)})
+        }));
+        notes.extend(fit.notes.iter().cloned());
+    }
+    json!({"verdict": verdict, "frames": frames, "flights": flights, "hits": hits, "bounces": bounces, "notes": notes})
+}
+
+/// 1-σ of the position in the frame next to a time, m.
+fn sigma_at(fit: &Fit, time: f64) -> Option<f64> {
+    let near = fit.frames.iter().min_by(|a, b| (a.time - time).abs().total_cmp(&(b.time - time).abs()));
+    near.map(|frame| frame.sigma())
+}
+
+fn print(verdict: &str, parts: &[Part]) -> Result<()> {
+    print_line(verdict)?;
+    let mut number = 0;
+    for part in parts {
+        let Ok(fit) = &part.fit else { continue };
+        for note in &fit.notes {
+            print_line(format_args!("note: {note}"))?;
+        }
+        for flight in &fit.flights {
+            number += 1;
+            let [speed, sigma] = flight.speed;
+            let spin = flight.spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
+            print_line(format_args!(
+                "flight {number}: {:.2} to {:.2} s, starts at {speed:.1} ± {sigma:.1} m/s ({:.0} km/h), spin {spin:.0} rev/s{}",
+                flight.start,
+                flight.end,
+                KMH * speed,
+                if flight.explained { "" } else { "  (not explained)" }
+            ))?;
+        }
+        let mut contacts: Vec<(f64, String)> = Vec::new();
+        for impact in &fit.impacts {
+            let [x, y, z] = impact.position.into();
+            let sigma = 100.0 * sigma_at(fit, impact.time).unwrap_or_default();
+            contacts.push((
+                impact.time,
+                format!("touches {} at x {x:.2}  y {y:.2}  z {z:.2} m, ± {sigma:.0} cm", impact.surface),
+            ));
+        }
+        for hit in &fit.hits {
+            let [x, y, z] = hit.position.coords.into();
+            contacts.push((hit.time, format!("hit at x {x:.2}  y {y:.2}  z {z:.2} m")));
+        }
+        contacts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        for (time, what) in contacts {
+            print_line(format_args!("{time:.2} s: {what}"))?;
+        }
+        let mut sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();
+        sigmas.sort_by(f64::total_cmp);
+        print_line(format_args!(
+            "frames {} to {}: positions ± {:.0} cm (1-σ, median)",
+            part.frames.start,
+            part.frames.end - 1,
+            100.0 * sigmas[sigmas.len() / 2]
+        ))?;
+    }
+    Ok(())
+}
+
+fn report(out: &Path, footage: &Footage, place: &Place, parts: &[Part]) -> Result<()> {
+    let name = footage.name();
+    let flights: Vec<Flights<'_>> = parts
+        .iter()
+        .filter_map(|part| {
+            let fit = part.fit.as_ref().ok()?;
+            Some(Flights {
+                name: &name,
+                camera: &place.camera,
+                scene: place.forecaster.scene(),
+                observations: &part.observations,
+                fit,
+            })
+        })
+        .collect();
+    if flights.is_empty() {
+        bail!("--report: no flight could be fitted, so there is nothing to show");
+    }
+    Ok(write_flights(out, &flights)?)
+}

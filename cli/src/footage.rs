@@ -1,0 +1,120 @@
+//! The frames of a video, or pictures that are one.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use gravisight::{Picture, Size};
+use image::RgbImage;
+
+use crate::import::{left_out, pictures_in};
+use crate::video::{Stream, packet_times};
+
+/// Frames in order, read one by one as often as wanted.
+pub struct Footage {
+    media: Media,
+    times: Vec<f64>,
+    size: Option<Size>,
+}
+
+enum Media {
+    Video(PathBuf),
+    Pictures(Vec<PathBuf>),
+}
+
+impl Footage {
+    /// A video, a folder of frames, or frames in order; `fps` in place of a video's own times.
+    ///
+    /// # Errors
+    /// What is wrong with the input, in words.
+    pub fn open(input: &[PathBuf], fps: Option<f64>) -> Result<Self> {
+        ensure!(fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps must be positive");
+        let media = match input {
+            [folder] if folder.is_dir() => Media::Pictures(pictures_in(folder)?),
+            [file] if !is_picture(file) => {
+                ensure!(file.exists(), "{}: no such video or folder", file.display());
+                Media::Video(file.clone())
+            }
+            pictures => Media::Pictures(pictures.to_vec()),
+        };
+        let evenly = |count: usize, fps: f64| (0..count).map(|frame| frame as f64 / fps).collect();
+        let times = match (&media, fps) {
+            (Media::Video(video), fps) => {
+                let times = packet_times(video)?;
+                fps.map_or(times.clone(), |fps| evenly(times.len(), fps))
+            }
+            (Media::Pictures(pictures), Some(fps)) => {
+                let numbers = left_out(pictures);
+                if let (Some(first), Some(last)) = (numbers.first(), numbers.last()) {
+                    eprintln!(
+                        "gravisight: note: {} numbers between {first} and {last} have no picture: the others are taken as \
+                         if none were missing",
+                        numbers.len()
+                    );
+                }
+                evenly(pictures.len(), fps)
+            }
+            (Media::Pictures(_), None) => bail!("--fps is needed for frames: how many were taken a second"),
+        };
+        let mut footage = Self { media, times, size: None };
+        let mut size = None;
+        footage.each(0..1, &mut |_, rgb| {
+            size = Some(Size::new(rgb.width(), rgb.height()));
+            Ok(())
+        })?;
+        footage.size = size;
+        Ok(footage)
+    }
+
+    /// Its name, for people.
+    pub fn name(&self) -> String {
+        let path = match &self.media {
+            Media::Video(path) => Some(path.as_path()),
+            Media::Pictures(pictures) => pictures.first().and_then(|first| first.parent()),
+        };
+        path.unwrap_or(Path::new("")).display().to_string()
+    }
+
+    /// When the frames were taken, s.
+    pub fn times(&self) -> &[f64] {
+        &self.times
+    }
+
+    /// Of its frames.
+    pub fn size(&self) -> Option<Size> {
+        self.size
+    }
+
+    /// Shows the frames of a range, one after the other.
+    ///
+    /// # Errors
+    /// What a frame cannot be read for, and what `visit` returns.
+    pub fn each(&self, range: Range<usize>, visit: &mut dyn FnMut(usize, RgbImage) -> Result<()>) -> Result<()> {
+        match &self.media {
+            Media::Video(video) => {
+                let mut stream = Stream::open(video)?;
+                let mut number = 0;
+                // Some files end before or after what their packets say.
+                while number < range.end.min(self.times.len()) {
+                    let Some(rgb) = stream.read()? else { break };
+                    if range.contains(&number) {
+                        visit(number, rgb)?;
+                    }
+                    number += 1;
+                }
+            }
+            Media::Pictures(pictures) => {
+                for (number, path) in pictures.iter().enumerate().take(range.end).skip(range.start) {
+                    let picture = Picture::open(path).with_context(|| path.display().to_string())?;
+                    visit(number, picture.rgb().clone())?;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+fn is_picture(path: &Path) -> bool {
+    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
+    ["png", "jpg", "jpeg", "webp"].contains(&extension.as_str())
+}

@@ -1,0 +1,187 @@
+//! Videos: read by ffmpeg and ffprobe, programs that the user installs.
+
+use std::ffi::{OsStr, OsString};
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::path::Path;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::thread::JoinHandle;
+
+use gravisight::{Error, Result};
+use image::RgbImage;
+
+/// Longest line of a picture's header.
+const HEADER: u64 = 64;
+
+/// The time of every frame, s, as ffprobe reads it; none where the file says nothing.
+pub fn frame_times(video: &Path) -> Result<Vec<Option<f64>>> {
+    let arguments = [
+        "-v",
+        "error",
+        "-select_streams",
+        "v:0",
+        "-show_entries",
+        "frame=best_effort_timestamp_time",
+        "-of",
+        "csv=p=0",
+    ];
+    let mut command = Command::new("ffprobe");
+    command.args(arguments).arg(file_url(video)?);
+    let text = output(command, "ffprobe", video)?;
+    let time = |line: &str| line.trim().trim_end_matches(',').parse::<f64>().ok().filter(|time| time.is_finite());
+    Ok(text.lines().filter(|line| !line.trim().is_empty()).map(time).collect())
+}
+
+/// Writes the frames from the first to the last, both included, as `NUMBER.png`, each once.
+pub fn extract(video: &Path, [first, last]: [u64; 2], folder: &Path) -> Result<()> {
+    let select = format!("select=between(n\\,{first}\\,{last})");
+    let start = first.to_string();
+    let mut command = Command::new("ffmpeg");
+    // Run where the frames go: a `%` in a folder's name would count.
+    command.current_dir(folder).args(["-v", "error", "-nostdin", "-i"]).arg(file_url(video)?);
+    command.args(["-map", "0:v:0", "-vf", &select]).args(passthrough(video)?);
+    command.args(["-pix_fmt", "rgb24", "-start_number", &start, "%06d.png"]);
+    output(command, "ffmpeg", video).map(drop)
+}
+
+/// What a program prints.
+fn output(mut command: Command, program: &str, video: &Path) -> Result<String> {
+    let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
+    let output = command.output().map_err(|error| cannot_run(program, &error, video))?;
+    if !output.status.success() {
+        let said = String::from_utf8_lossy(&output.stderr);
+        let said: Vec<&str> = said.lines().map(str::trim).collect();
+        return Err(refuse(format!("`{program}` cannot read it: {}", said.join("; "))));
+    }
+    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// The path as ffmpeg takes it: never an option, never a protocol.
+fn file_url(video: &Path) -> Result<OsString> {
+    let path = std::path::absolute(video).map_err(Error::io(video))?;
+    let mut url = OsString::from("file:");
+    url.push::<&OsStr>(path.as_ref());
+    Ok(url)
+}
+
+/// The option by which each frame comes once: its name since ffmpeg 5.1, and before.
+fn passthrough(video: &Path) -> Result<[&'static str; 2]> {
+    let mut command = Command::new("ffmpeg");
+    command.arg("-version");
+    let text = output(command, "ffmpeg", video)?;
+    let version = text.split_whitespace().nth(2).unwrap_or_default();
+    let mut numbers = version.split(|c: char| !c.is_ascii_digit()).map(str::parse::<u32>);
+    match (numbers.next(), numbers.next()) {
+        (Some(Ok(major)), Some(Ok(minor))) if (major, minor) < (5, 1) => Ok(["-vsync", "0"]),
+        _ => Ok(["-fps_mode", "passthrough"]),
+    }
+}
+
+fn cannot_run(program: &str, error: &std::io::Error, video: &Path) -> Error {
+    let reason = match error.kind() {
+        std::io::ErrorKind::NotFound => format!(
+            "videos are read by `{program}`, which is not installed; install ffmpeg (apt install ffmpeg, brew install \
+             ffmpeg, winget install ffmpeg), or give a folder of frames"
+        ),
+        _ => format!("`{program}` cannot be run: {error}"),
+    };
+    Error::Data { what: video.display().to_string(), reason }
+}
+
+/// The times of a video's frames, s, from the first one's, ascending, as its packets say them: nothing is decoded.
+///
+/// # Errors
+/// [`Error::Data`] where ffprobe is not installed, cannot read it, or finds no times.
+pub fn packet_times(video: &Path) -> Result<Vec<f64>> {
+    let arguments = ["-v", "error", "-select_streams", "v:0", "-show_entries", "packet=pts_time", "-of", "csv=p=0"];
+    let mut command = Command::new("ffprobe");
+    command.args(arguments).arg(file_url(video)?);
+    let text = output(command, "ffprobe", video)?;
+    let times = text.lines().filter_map(|line| line.trim().trim_end_matches(',').parse::<f64>().ok());
+    let mut times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
+    times.sort_by(f64::total_cmp);
+    times.dedup();
+    let Some(&first) = times.first() else {
+        let reason = "has no picture, or says no times of its frames; give --fps".into();
+        return Err(Error::Data { what: video.display().to_string(), reason });
+    };
+    times.iter_mut().for_each(|time| *time -= first);
+    Ok(times)
+}
+
+/// The pictures of a video, one after the other: none is kept.
+pub struct Stream {
+    program: Child,
+    pictures: BufReader<ChildStdout>,
+    /// What ffmpeg says, read beside.
+    said: Option<JoinHandle<String>>,
+    what: String,
+}
+
+impl Stream {
+    /// From a video's first frame on.
+    ///
+    /// # Errors
+    /// [`Error::Data`] where ffmpeg is not installed.
+    pub fn open(video: &Path) -> Result<Self> {
+        let what = video.display().to_string();
+        let mut command = Command::new("ffmpeg");
+        command.args(["-v", "error", "-nostdin", "-i"]).arg(file_url(video)?);
+        // Each frame once; pictures with a header of their own: of a film that is turned, they are turned.
+        command.args(["-map", "0:v:0"]).args(passthrough(video)?);
+        command.args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "-"]);
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut program = command.spawn().map_err(|error| cannot_run("ffmpeg", &error, video))?;
+        let (Some(pictures), Some(errors)) = (program.stdout.take(), program.stderr.take()) else {
+            return Err(Error::Data { what, reason: "ffmpeg has no output".into() });
+        };
+        let said = std::thread::spawn(move || {
+            let lines = BufReader::new(errors).lines().map_while(std::result::Result::ok);
+            // A damaged film has a line a frame.
+            lines.fold(String::new(), |said, line| if said.len() < 500 { said + line.trim() + "; " } else { said })
+        });
+        Ok(Self { program, pictures: BufReader::with_capacity(1 << 20, pictures), said: Some(said), what })
+    }
+
+    /// The next frame; none after the last.
+    ///
+    /// # Errors
+    /// [`Error::Data`] with what ffmpeg says.
+    pub fn read(&mut self) -> Result<Option<RgbImage>> {
+        let mut words = Vec::new();
+        while words.len() < 4 {
+            let mut line = String::new();
+            let count = (&mut self.pictures).take(HEADER).read_line(&mut line);
+            match count {
+                Ok(0) if words.is_empty() => return self.ended(),
+                Ok(1..) => words.extend(line.split_whitespace().map(str::to_owned)),
+                _ => return Err(self.refuse("its pictures break off")),
+            }
+        }
+        let numbers: Vec<u32> = words[1..].iter().filter_map(|word| word.parse().ok()).collect();
+        let &[width, height, 255] = numbers.as_slice() else { return Err(self.refuse("ffmpeg gave no picture")) };
+        let mut bytes = vec![0; 3 * width as usize * height as usize];
+        self.pictures.read_exact(&mut bytes).map_err(|_| self.refuse("its pictures break off"))?;
+        Ok(RgbImage::from_raw(width, height, bytes))
+    }
+
+    fn ended(&mut self) -> Result<Option<RgbImage>> {
+        let status = self.program.wait();
+        let said = self.said.take().and_then(|said| said.join().ok()).unwrap_or_default();
+        match status {
+            Ok(status) if status.success() => Ok(None),
+            _ => Err(self.refuse(&format!("`ffmpeg` cannot read it: {}", said.trim_end_matches("; ")))),
+        }
+    }
+
+    fn refuse(&self, reason: &str) -> Error {
+        Error::Data { what: self.what.clone(), reason: reason.into() }
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        // Whoever stops before the end needs no more of it.
+        let _ = self.program.kill();
+        let _ = self.program.wait();
+    }
+}

@@ -1,0 +1,365 @@
+//! Which blobs are one thing in flight: on a way through the picture that bends as slowly as a ball's does.
+
+use super::blobs::Blob;
+
+/// Largest way between two frames, a share of the picture's width.
+const FASTEST: f64 = 0.12;
+/// Change of the way from one frame to the next that is possible, a share of it and px.
+const TURN_SHARE: f64 = 0.2;
+const TURN_PX: f64 = 3.0;
+/// Largest ratio of the radii of one ball's blobs.
+const ALIKE: f64 = 2.2;
+/// Standard deviation of a blob's place, px, and a share of its reach and of the way from the frame before.
+const PLACE_PX: f64 = 0.7;
+const PLACE_OF_REACH: f64 = 0.08;
+const PLACE_OF_STEP: f64 = 0.02;
+/// Deviations from where the arc leads within which a blob belongs to it.
+const GATE: f64 = 3.5;
+/// Frames in a row that an arc goes on unseen.
+const UNSEEN: usize = 4;
+/// Frames from an arc's first or last blob to the next beyond which that one is chance.
+const LONELY: usize = 2;
+/// How far a seed may be from its blob's end, px, and what it gains an arc.
+const SEED_PX: f64 = 6.0;
+const SEED_GAIN: f64 = 1000.0;
+/// Blobs that tell where an arc leads next.
+const RECENT: usize = 7;
+/// Fewest blobs of an arc.
+const FEWEST: usize = 5;
+/// Least way of an arc from its first to its last blob, in radii and px.
+const LEAST_WAY: f64 = 3.0;
+const LEAST_WAY_PX: f64 = 8.0;
+/// Gain below which an arc is chance, and cost of a frame in which the ball is not seen.
+const LEAST_GAIN: f64 = 14.0;
+const COST_UNSEEN: f64 = 1.5;
+/// Distance (px) and frames within which other blobs tell how crowded a place is.
+const CROWD_PX: f64 = 80.0;
+const CROWD_FRAMES: usize = 6;
+/// Gain of an arc that begins where and when another ends, frames between them, and the distance, px and shares of a step.
+const GOES_ON: f64 = 6.0;
+const BETWEEN: usize = 8;
+const MEETS_PX: f64 = 12.0;
+const MEETS_STEP: f64 = 1.5;
+/// Frames that two arcs may share.
+const SHARED: usize = 1;
+
+/// Blobs of a frame, and when it was taken, s.
+pub(super) struct Seen {
+    pub time: f64,
+    pub blobs: Vec<Blob>,
+}
+
+/// A way through the picture.
+#[derive(Debug, Clone)]
+pub(super) struct Arc {
+    /// Frames and blobs' numbers, ascending.
+    pub members: Vec<(usize, usize)>,
+    /// How much it is more than chance, log of odds.
+    pub gain: f64,
+}
+
+impl Arc {
+    fn first(&self) -> usize {
+        self.members[0].0
+    }
+
+    fn last(&self) -> usize {
+        self.members[self.members.len() - 1].0
+    }
+}
+
+/// The arcs of one ball, in order: through the `seeds`, frames and places, where there are some.
+pub(super) fn ball(frames: &[Seen], width: f64, area: f64, seeds: &[(usize, [f64; 2])]) -> Vec<Arc> {
+    let search = Search { frames, width, area, seeds };
+    chain(&search, search.arcs())
+}
+
+struct Search<'a> {
+    frames: &'a [Seen],
+    width: f64,
+    area: f64,
+    seeds: &'a [(usize, [f64; 2])],
+}
+
+impl Search<'_> {
+    fn blob(&self, (frame, index): (usize, usize)) -> &Blob {
+        &self.frames[frame].blobs[index]
+    }
+
+    /// All arcs that are more than chance; those of most gain first, each blob in one of them.
+    fn arcs(&self) -> Vec<Arc> {
+        let mut grown: Vec<Arc> = Vec::new();
+        let mut used: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
+        for frame in 0..self.frames.len() {
+            for seed in self.seeds(frame) {
+                // What a strong arc has taken starts no other.
+                if seed.iter().all(|&(frame, index)| used[frame][index]) {
+                    continue;
+                }
+                let Some(arc) = self.grow(seed) else { continue };
+                arc.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
+                grown.push(arc);
+            }
+        }
+        grown.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let mut taken: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
+        let mut kept = Vec::new();
+        for arc in grown {
+            let free = arc.members.iter().filter(|&&(frame, index)| !taken[frame][index]).count();
+            if 2 * free < arc.members.len() {
+                continue;
+            }
+            arc.members.iter().for_each(|&(frame, index)| taken[frame][index] = true);
+            kept.push(arc);
+        }
+        kept
+    }
+
+    /// Three blobs in frames that follow one another (one may be left out) that may be one thing's.
+    fn seeds(&self, frame: usize) -> Vec<[(usize, usize); 3]> {
+        let mut seeds = Vec::new();
+        let most = FASTEST * self.width;
+        for (a, first) in self.frames[frame].blobs.iter().enumerate() {
+            for second_frame in frame + 1..(frame + 3).min(self.frames.len()) {
+                let steps = (second_frame - frame) as f64;
+                for (b, second) in self.frames[second_frame].blobs.iter().enumerate() {
+                    let way = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
+                    let length = way[0].hypot(way[1]);
+                    if length > most * steps
+                        || length < 0.5 * steps
+                        || !alike(first, second)
+                        || !along(first, way)
+                        || !along(second, way)
+                    {
+                        continue;
+                    }
+                    let before = self.frames[second_frame].time - self.frames[frame].time;
+                    for third_frame in second_frame + 1..(second_frame + 3).min(self.frames.len()) {
+                        let share = (self.frames[third_frame].time - self.frames[second_frame].time) / before;
+                        let allowed = TURN_PX + TURN_SHARE * length * share;
+                        let to = [second.at[0] + share * way[0], second.at[1] + share * way[1]];
+                        for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
+                            let off = (third.at[0] - to[0]).hypot(third.at[1] - to[1]);
+                            if off <= allowed && alike(second, third) {
+                                seeds.push([(frame, a), (second_frame, b), (third_frame, c)]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        seeds
+    }
+
+    /// The arc that goes through `seed` as far as it can be followed, if it is more than chance.
+    fn grow(&self, seed: [(usize, usize); 3]) -> Option<Arc> {
+        let mut members = seed.to_vec();
+        for forward in [true, false] {
+            while let Some(next) = self.next(&members, forward) {
+                match forward {
+                    true => members.push(next),
+                    false => members.insert(0, next),
+                }
+            }
+        }
+        trim(&mut members);
+        if members.len() < FEWEST {
+            return None;
+        }
+        let [first, last] = [self.blob(members[0]), self.blob(members[members.len() - 1])];
+        let way = members.iter().map(|&member| {
+            let at = self.blob(member).at;
+            (at[0] - first.at[0]).hypot(at[1] - first.at[1])
+        });
+        let way = way.fold(0.0, f64::max);
+        if way < LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)) {
+            return None;
+        }
+        let gain = self.gain(&members) + self.told(&members)?;
+        (gain >= LEAST_GAIN).then_some(Arc { members, gain })
+    }
+
+    /// What the seeds say for an arc; none where one says that the ball was elsewhere then.
+    fn told(&self, members: &[(usize, usize)]) -> Option<f64> {
+        let mut gain = 0.0;
+        for &(frame, [x, y]) in self.seeds {
+            if let Some(&member) = members.iter().find(|member| member.0 == frame) {
+                let blob = self.blob(member);
+                let off = (blob.at[0] - x).hypot(blob.at[1] - y);
+                if off > SEED_PX + blob.reach {
+                    return None;
+                }
+                gain += SEED_GAIN;
+            }
+        }
+        Some(gain)
+    }
+
+    /// The blob by which an arc goes on.
+    fn next(&self, members: &[(usize, usize)], forward: bool) -> Option<(usize, usize)> {
+        let recent: Vec<(usize, usize)> = match forward {
+            true => members.iter().rev().take(RECENT).copied().collect(),
+            false => members.iter().take(RECENT).copied().collect(),
+        };
+        let (end, before) = (recent[0], recent[1]);
+        let way = Way::through(self, &recent)?;
+        let last = self.blob(end);
+        let step = {
+            let earlier = self.blob(before);
+            (last.at[0] - earlier.at[0]).hypot(last.at[1] - earlier.at[1]) / end.0.abs_diff(before.0) as f64
+        };
+        for gap in 1..=UNSEEN + 1 {
+            let frame = if forward { end.0.checked_add(gap)? } else { end.0.checked_sub(gap)? };
+            let seen = self.frames.get(frame)?;
+            let (to, unsure) = way.at(seen.time);
+            let near =
+                seen.blobs.iter().enumerate().filter(|(_, blob)| alike(last, blob)).filter_map(|(index, blob)| {
+                    let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]);
+                    let sigma = deviation(blob, step).hypot(unsure);
+                    (off <= GATE * sigma).then_some((index, off / sigma + 2.0 * (blob.radius / last.radius).ln().abs()))
+                });
+            if let Some((index, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                return Some((frame, index));
+            }
+        }
+        None
+    }
+
+    /// How much more likely an arc's blobs are as one thing's than as chance: of each but the first three, the density of a
+    /// blob where the others lead over that of blobs in general.
+    fn gain(&self, members: &[(usize, usize)]) -> f64 {
+        let mut gain = 0.0;
+        for (number, &member) in members.iter().enumerate() {
+            let near = number.saturating_sub(RECENT / 2)..(number + RECENT / 2 + 1).min(members.len());
+            let others: Vec<(usize, usize)> = members[near].iter().filter(|&&other| other != member).copied().collect();
+            let Some(way) = Way::through(self, &others) else { continue };
+            let (to, unsure) = way.at(self.frames[member.0].time);
+            let blob = self.blob(member);
+            let neighbour = self.blob(members[if number == 0 { 1 } else { number - 1 }]);
+            let step = (blob.at[0] - neighbour.at[0]).hypot(blob.at[1] - neighbour.at[1]);
+            let sigma = deviation(blob, step).hypot(unsure);
+            let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]) / sigma;
+            let density = (-0.5 * off * off).exp() / (std::f64::consts::TAU * sigma * sigma);
+            gain += (density / self.crowd(member)).ln().max(-4.0);
+        }
+        let (first, last) = (members[0].0, members[members.len() - 1].0);
+        // Three blobs make any way.
+        gain *= (members.len() as f64 - 3.0) / members.len() as f64;
+        gain - COST_UNSEEN * (last - first + 1 - members.len()) as f64
+    }
+
+    /// Blobs a px² about a blob, in the frames around its.
+    fn crowd(&self, (frame, index): (usize, usize)) -> f64 {
+        let at = self.frames[frame].blobs[index].at;
+        let frames = frame.saturating_sub(CROWD_FRAMES)..(frame + CROWD_FRAMES + 1).min(self.frames.len());
+        let count = frames.len() as f64;
+        // Its own thing's blobs: one a frame is no crowd.
+        let near = |seen: &Seen| {
+            let near = seen.blobs.iter().filter(|blob| (blob.at[0] - at[0]).hypot(blob.at[1] - at[1]) < CROWD_PX);
+            near.count().saturating_sub(1)
+        };
+        let others: usize = self.frames[frames].iter().map(near).sum();
+        others as f64 / count / (std::f64::consts::PI * CROWD_PX * CROWD_PX) + 1.0 / self.area
+    }
+}
+
+/// Leaves out single blobs at an arc's ends that frames without any divide from the others.
+fn trim(members: &mut Vec<(usize, usize)>) {
+    while members.len() > 2 && members[1].0 - members[0].0 > LONELY {
+        members.remove(0);
+    }
+    while members.len() > 2 && members[members.len() - 1].0 - members[members.len() - 2].0 > LONELY {
+        members.pop();
+    }
+}
+
+/// Whether two blobs may be one ball's.
+fn alike(a: &Blob, b: &Blob) -> bool {
+    (ALIKE.recip()..=ALIKE).contains(&(a.radius / b.radius))
+}
+
+/// Whether a streak lies along the way of the ball.
+fn along(blob: &Blob, way: [f64; 2]) -> bool {
+    let turn = (way[1].atan2(way[0]) - blob.direction).sin().abs();
+    blob.reach < 2.0 * blob.radius || turn < 0.5
+}
+
+/// Standard deviation of a blob's place on the way of its ball, px.
+fn deviation(blob: &Blob, step: f64) -> f64 {
+    PLACE_PX + PLACE_OF_REACH * blob.reach + PLACE_OF_STEP * step
+}
+
+/// Where blobs lead: a parabola through them (a line through three), in time.
+struct Way {
+    middle: f64,
+    /// Coefficients of each coordinate.
+    of: [nalgebra::DVector<f64>; 2],
+    /// (AᵀA)⁻¹.
+    covariance: nalgebra::DMatrix<f64>,
+    sigma: f64,
+}
+
+impl Way {
+    fn through(search: &Search, members: &[(usize, usize)]) -> Option<Self> {
+        let degree = if members.len() > 3 { 2 } else { 1 };
+        let times: Vec<f64> = members.iter().map(|&(frame, _)| search.frames[frame].time).collect();
+        let middle = times.iter().sum::<f64>() / times.len() as f64;
+        let columns = degree + 1;
+        let matrix =
+            nalgebra::DMatrix::from_fn(times.len(), columns, |row, column| (times[row] - middle).powi(column as i32));
+        let covariance = (matrix.transpose() * &matrix).try_inverse()?;
+        let of = [0, 1].map(|axis| {
+            let values = nalgebra::DVector::from_iterator(
+                times.len(),
+                members.iter().map(|&member| search.blob(member).at[axis]),
+            );
+            &covariance * matrix.transpose() * values
+        });
+        let sigma =
+            members.iter().map(|&member| deviation(search.blob(member), 0.0)).sum::<f64>() / members.len() as f64;
+        Some(Self { middle, of, covariance, sigma })
+    }
+
+    /// Where it is at a time, px, and how far that may be off.
+    fn at(&self, time: f64) -> ([f64; 2], f64) {
+        let columns = self.covariance.nrows();
+        let powers = nalgebra::DVector::from_fn(columns, |column, _| (time - self.middle).powi(column as i32));
+        let at = [0, 1].map(|axis| self.of[axis].dot(&powers));
+        let spread = (powers.transpose() * &self.covariance * &powers)[0];
+        // A line is not yet a flight: what bends it is unknown.
+        let bend = if columns == 2 { TURN_PX } else { 0.0 };
+        (at, (self.sigma * spread.sqrt()).hypot(bend))
+    }
+}
+
+/// The arcs that one ball can fly, one after the other, of most gain together.
+fn chain(search: &Search, mut arcs: Vec<Arc>) -> Vec<Arc> {
+    arcs.sort_by_key(|arc| arc.last());
+    let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(arcs.len());
+    for (index, arc) in arcs.iter().enumerate() {
+        let before =
+            (0..index).filter(|&other| arcs[other].last() < arc.first() + SHARED && arcs[other].first() < arc.first());
+        let ways = before.map(|other| (best[other].0 + link(search, &arcs[other], arc), Some(other)));
+        let (gain, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
+        best.push((gain + arc.gain, from));
+    }
+    let mut at = (0..arcs.len()).max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
+    let mut chosen = Vec::new();
+    while let Some(index) = at {
+        chosen.push(arcs[index].clone());
+        at = best[index].1;
+    }
+    chosen.reverse();
+    chosen
+}
+
+/// What it gains that one arc goes on where another ended.
+fn link(search: &Search, from: &Arc, to: &Arc) -> f64 {
+    let between = to.first().saturating_sub(from.last());
+    let (end, start) = (search.blob(from.members[from.members.len() - 1]), search.blob(to.members[0]));
+    let before = search.blob(from.members[from.members.len() - 2]);
+    let step = (end.at[0] - before.at[0]).hypot(end.at[1] - before.at[1]);
+    let off = (end.at[0] - start.at[0]).hypot(end.at[1] - start.at[1]);
+    let meets = off <= MEETS_PX + MEETS_STEP * step * between.max(1) as f64;
+    if between <= BETWEEN && meets && alike(end, start) { GOES_ON } else { 0.0 }
+}

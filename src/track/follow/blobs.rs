@@ -1,0 +1,144 @@
+//! Connected parts of a picture that differ, as discs and streaks.
+
+/// Fewest pixels of a part.
+const FEWEST_PIXELS: usize = 4;
+/// Longest streak, in its widths.
+const LONGEST: f64 = 12.0;
+/// Least share of the ellipse with its moments that a part fills.
+const LEAST_FILLED: f64 = 0.6;
+/// Most parts of a frame that are kept.
+const MOST: usize = 60;
+
+/// A part of a frame that may be the ball: a disc, or a streak that it left while the shutter was open.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Blob {
+    /// Its middle, px.
+    pub at: [f64; 2],
+    /// Half its width, px.
+    pub radius: f64,
+    /// From its middle to either end, px.
+    pub reach: f64,
+    /// Direction of its length, from -π/2 to π/2.
+    pub direction: f64,
+    /// Mean difference, levels.
+    pub contrast: f64,
+    /// Its pixels over those of the ellipse with its moments.
+    pub filled: f64,
+}
+
+/// Pixels of one row.
+struct Run {
+    row: usize,
+    start: usize,
+    end: usize,
+    part: usize,
+}
+
+/// Sums over the pixels of a part, with the differences as weights.
+#[derive(Default, Clone, Copy)]
+struct Sums {
+    pixels: usize,
+    weight: f64,
+    first: [f64; 2],
+    second: [f64; 3],
+}
+
+/// The parts of `differences` above `contrast` with radii in `radii`, px: those of most contrast.
+pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, radii: [f64; 2]) -> Vec<Blob> {
+    let (runs, parts) = connected(differences, width, contrast);
+    let mut sums = vec![Sums::default(); parts];
+    for Run { row, start, end, part } in runs {
+        let sums = &mut sums[part];
+        let y = row as f64;
+        for (x, &difference) in (start..end).zip(&differences[row * width + start..row * width + end]) {
+            let (weight, x) = (f64::from(difference), x as f64);
+            sums.pixels += 1;
+            sums.weight += weight;
+            sums.first[0] += weight * x;
+            sums.first[1] += weight * y;
+            sums.second[0] += weight * x * x;
+            sums.second[1] += weight * x * y;
+            sums.second[2] += weight * y * y;
+        }
+    }
+    let mut found: Vec<Blob> = sums.iter().filter_map(Sums::blob).collect();
+    found.retain(|blob| (radii[0]..=radii[1]).contains(&blob.radius));
+    found.sort_by(|a, b| (b.contrast * b.filled).total_cmp(&(a.contrast * a.filled)));
+    found.truncate(MOST);
+    found
+}
+
+/// The runs of pixels above `contrast`, with the number of the connected part (corners count) that each belongs to, and how
+/// many parts there are.
+fn connected(differences: &[u8], width: usize, contrast: u8) -> (Vec<Run>, usize) {
+    let mut runs: Vec<Run> = Vec::new();
+    // The part that a part was joined to, or itself.
+    let mut joined: Vec<usize> = Vec::new();
+    let mut above = 0..0;
+    for (row, pixels) in differences.chunks_exact(width).enumerate() {
+        let first = runs.len();
+        let mut x = 0;
+        while let Some(skipped) = pixels[x..].iter().position(|&difference| difference > contrast) {
+            let start = x + skipped;
+            let end = pixels[start..].iter().position(|&it| it <= contrast).map_or(width, |length| start + length);
+            let mut part = None;
+            for other in &runs[above.clone()] {
+                if other.start <= end && start <= other.end {
+                    let root = root(&mut joined, other.part);
+                    match part {
+                        None => part = Some(root),
+                        Some(own) if own != root => {
+                            joined[own.max(root)] = own.min(root);
+                            part = Some(own.min(root));
+                        }
+                        Some(_) => {}
+                    }
+                }
+            }
+            let part = part.unwrap_or_else(|| {
+                joined.push(joined.len());
+                joined.len() - 1
+            });
+            runs.push(Run { row, start, end, part });
+            x = end;
+        }
+        above = first..runs.len();
+    }
+    for run in &mut runs {
+        run.part = root(&mut joined, run.part);
+    }
+    (runs, joined.len())
+}
+
+fn root(joined: &mut [usize], mut part: usize) -> usize {
+    while joined[part] != part {
+        joined[part] = joined[joined[part]];
+        part = joined[part];
+    }
+    part
+}
+
+impl Sums {
+    fn blob(&self) -> Option<Blob> {
+        if self.pixels < FEWEST_PIXELS {
+            return None;
+        }
+        let at = self.first.map(|sum| sum / self.weight);
+        // A pixel is a square, not a point.
+        let of_pixel = 1.0 / 12.0;
+        let xx = self.second[0] / self.weight - at[0] * at[0] + of_pixel;
+        let xy = self.second[1] / self.weight - at[0] * at[1];
+        let yy = self.second[2] / self.weight - at[1] * at[1] + of_pixel;
+        let (middle, off) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
+        let (long, short) = (2.0 * (middle + off).sqrt(), 2.0 * (middle - off).max(0.0).sqrt());
+        let filled = self.pixels as f64 / (std::f64::consts::PI * long * short);
+        (short > 0.0 && long <= LONGEST * short && filled >= LEAST_FILLED).then(|| Blob {
+            at,
+            radius: short,
+            reach: long,
+            direction: (0.5 * (2.0 * xy).atan2(xx - yy)),
+            contrast: self.weight / self.pixels as f64,
+            filled,
+        })
+    }
+}

@@ -1,0 +1,302 @@
+//! A ball through a video: what moves, and of that what flies.
+//!
+//! ```text
+//! frames ─► differences (background, frame before, frame after) ─► blobs ─► arcs ─► one ball's chain of arcs
+//! ```
+//!
+//! No network: a camera that stands still, and a ball that is small and flies. Frames come one after the other and are not
+//! kept; of each some blobs are.
+
+mod arcs;
+mod blobs;
+mod planes;
+mod stretches;
+
+use image::RgbImage;
+
+use self::arcs::Seen;
+use self::blobs::Blob;
+use self::planes::{Background, FIRST_FRAMES, Planes, contrast_of};
+pub use self::stretches::stretches;
+use crate::error::{Error, Result};
+
+/// Smallest radius that is looked for, px, and the largest, as a share of the picture's shorter side.
+const LEAST_RADIUS: f64 = 1.0;
+const MOST_RADIUS: f64 = 1.0 / 8.0;
+/// Distance of two blobs' middles, in radii, within which they are one.
+const SAME: f64 = 0.7;
+/// Share of the pixels that differ from the frame before, of what usually do, below which a frame is that one again.
+const REPEATED: f64 = 0.02;
+/// Share of a picture's pixels that differ from the background where the camera moved, or another took over.
+const MOVED: f64 = 0.35;
+/// Such frames in a row after which the background is made anew.
+const MOVING_FRAMES: usize = 3;
+/// Change of a level that is counted to find repeated frames, and frames that tell how much usually changes.
+const LEAST_CHANGE: u8 = 2;
+const USUAL_FRAMES: usize = 50;
+/// Fewest frames of which a background is made.
+const FEWEST_FRAMES: usize = 5;
+/// Gain of an arc that is as likely the ball as not, and how much of it changes the odds by e.
+const EVEN_GAIN: f64 = 18.0;
+const GAIN_SPREAD: f64 = 6.0;
+
+/// Where the ball is in a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Followed {
+    /// Middle of the ball, or of the streak that it left, px.
+    pub image: [f64; 2],
+    /// Half the width of that, px.
+    pub radius_px: f64,
+    /// Half its length, px.
+    pub reach_px: f64,
+    /// Number of its arc.
+    pub arc: usize,
+    /// Probability that this is the ball.
+    pub confidence: f64,
+}
+
+/// Follows the ball through frames that come one after the other.
+pub struct Follower {
+    /// Frames that wait for a background, with their times.
+    waiting: Vec<(Planes, f64)>,
+    background: Option<Background>,
+    /// The last frame that was not a repeated one.
+    before: Option<Planes>,
+    now: Option<Now>,
+    kept: Vec<Kept>,
+    /// Blobs of the frames that are not repeated.
+    seen: Vec<Seen>,
+    /// Shares of the pixels that changed from frame to frame, lately.
+    changed: Vec<f64>,
+    /// Frames in a row that hardly show the background.
+    moving: usize,
+    /// Where the background was another from then on.
+    cuts: Vec<usize>,
+    size: [usize; 2],
+}
+
+/// A frame that waits for the next one.
+struct Now {
+    planes: Planes,
+    time: f64,
+    /// Its differences from the frame before.
+    since: Option<Vec<u8>>,
+}
+
+/// A frame of a video that was followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FollowedFrame {
+    /// When it was taken, s; where frames are repeated regularly, of the true rate.
+    pub time: f64,
+    /// Whether it shows the frame before again.
+    pub repeated: bool,
+    /// The ball, where it is seen.
+    pub ball: Option<Followed>,
+}
+
+/// What a frame was like besides its blobs.
+struct Kept {
+    time: f64,
+    repeated: bool,
+}
+
+impl Default for Follower {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Follower {
+    /// Without any frame yet.
+    pub fn new() -> Self {
+        Self {
+            waiting: vec![],
+            background: None,
+            before: None,
+            now: None,
+            kept: vec![],
+            seen: vec![],
+            changed: vec![],
+            moving: 0,
+            cuts: vec![],
+            size: [0; 2],
+        }
+    }
+
+    /// Takes the next frame, of `time` s.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for a frame of another size than the first.
+    pub fn watch(&mut self, rgb: &RgbImage, time: f64) -> Result<()> {
+        let planes = Planes::of(rgb);
+        let size = [planes.width, planes.height];
+        if self.kept.is_empty() {
+            self.size = size;
+        }
+        if size != self.size {
+            let [[width, height], [first_width, first_height]] = [size, self.size];
+            let reason =
+                format!("is {width}×{height} px, the first {first_width}×{first_height}: a video has one size");
+            return Err(Error::Data { what: format!("frame {}", self.kept.len()), reason });
+        }
+        let repeated = self.is_repeated(&planes);
+        self.kept.push(Kept { time, repeated });
+        if repeated {
+            return Ok(());
+        }
+        self.before = Some(planes.clone());
+        if self.background.is_some() {
+            self.step(planes, time);
+            return Ok(());
+        }
+        self.waiting.push((planes, time));
+        if self.waiting.len() == FIRST_FRAMES {
+            self.begin();
+        }
+        Ok(())
+    }
+
+    /// Whether a frame shows the one before again.
+    fn is_repeated(&mut self, planes: &Planes) -> bool {
+        let Some(before) = &self.before else { return false };
+        let differences = planes.difference(before);
+        let share = differences.iter().filter(|&&it| it > LEAST_CHANGE).count() as f64 / differences.len() as f64;
+        let mut known = self.changed.clone();
+        known.sort_by(f64::total_cmp);
+        let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
+        let repeated = known.len() > 2 && share < REPEATED * usual;
+        if !repeated {
+            self.changed.push(share);
+            if self.changed.len() > USUAL_FRAMES {
+                self.changed.remove(0);
+            }
+        }
+        repeated
+    }
+
+    /// Looks at the frames that waited for a background.
+    fn begin(&mut self) {
+        let waiting = std::mem::take(&mut self.waiting);
+        let (planes, times): (Vec<Planes>, Vec<f64>) = waiting.into_iter().unzip();
+        self.background = Background::of(&planes);
+        self.now = None;
+        for (planes, time) in planes.into_iter().zip(times) {
+            self.step(planes, time);
+        }
+    }
+
+    /// Looks at the frame before this one, which is its next.
+    fn step(&mut self, next: Planes, time: f64) {
+        let until = self.now.as_ref().map(|now| now.planes.difference(&next));
+        if let Some(now) = self.now.take() {
+            self.look(&now, until.as_deref());
+        }
+        self.now = Some(Now { planes: next, time, since: until });
+    }
+
+    /// The blobs of a frame that has one before and one after it; without either they are what differs from the background.
+    fn look(&mut self, now: &Now, until: Option<&[u8]>) {
+        let Some(background) = &mut self.background else { return };
+        let differences = background.difference(&now.planes);
+        background.follow(&now.planes);
+        let contrast = contrast_of(now.since.as_deref().or(until).unwrap_or(&differences));
+        let shorter = self.size[0].min(self.size[1]) as f64;
+        let radii = [LEAST_RADIUS, MOST_RADIUS * shorter];
+        let differ = differences.iter().filter(|&&it| it > contrast).count() as f64 / differences.len() as f64;
+        if differ > MOVED {
+            self.moving += 1;
+            self.seen.push(Seen { time: now.time, blobs: vec![] });
+            if self.moving >= MOVING_FRAMES {
+                // Another camera, or this one elsewhere.
+                self.cuts.push(self.seen.len());
+                (self.background, self.moving) = (None, 0);
+            }
+            return;
+        }
+        self.moving = 0;
+        let width = self.size[0];
+        let mut found = blobs::blobs(&differences, width, contrast, radii);
+        if let (Some(since), Some(until)) = (&now.since, until) {
+            let moves = |blob: &Blob| {
+                let steps = [-0.7, 0.0, 0.7];
+                let at = |x: f64, y: f64| {
+                    let (x, y) = (x.round().max(0.0) as usize, y.round().max(0.0) as usize);
+                    y * width + x.min(width - 1)
+                };
+                steps.iter().flat_map(|u| steps.iter().map(move |v| (u, v))).any(|(u, v)| {
+                    let index = at(blob.at[0] + u * blob.radius, blob.at[1] + v * blob.radius);
+                    since.get(index).is_some_and(|&it| it > contrast)
+                        || until.get(index).is_some_and(|&it| it > contrast)
+                })
+            };
+            found.retain(moves);
+            let both: Vec<u8> = since.iter().zip(until).map(|(a, b)| *a.min(b)).collect();
+            for blob in blobs::blobs(&both, width, contrast, radii) {
+                let known = |other: &Blob| {
+                    let off = (other.at[0] - blob.at[0]).hypot(other.at[1] - blob.at[1]);
+                    off < SAME * blob.radius.max(1.5) && other.radius < 1.5 * blob.radius
+                };
+                if !found.iter().any(known) {
+                    found.push(blob);
+                }
+            }
+        }
+        self.seen.push(Seen { time: now.time, blobs: found });
+    }
+
+    /// The ball in every frame that was watched. `seeds` are frames and places (px) in which a person saw it: what flies through
+    /// them is the ball.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
+    pub fn finish(mut self, seeds: &[(usize, [f64; 2])]) -> Result<Vec<FollowedFrame>> {
+        let seeds = self.seeds(seeds)?;
+        if self.background.is_none() && self.waiting.len() >= FEWEST_FRAMES {
+            self.begin();
+        }
+        if let Some(now) = self.now.take() {
+            self.look(&now, None);
+        }
+        // Frames that nothing could be compared with.
+        self.seen.extend(self.waiting.drain(..).map(|(_, time)| Seen { time, blobs: vec![] }));
+        let [width, height] = self.size.map(|side| side as f64);
+        let arcs = arcs::ball(&self.seen, width, width * height, &seeds);
+        let mut balls: Vec<Option<Followed>> = vec![None; self.seen.len()];
+        for (number, arc) in arcs.iter().enumerate() {
+            let confidence = 1.0 / (1.0 + (-(arc.gain - EVEN_GAIN) / GAIN_SPREAD).exp());
+            for &(frame, index) in &arc.members {
+                let blob = self.seen[frame].blobs[index];
+                balls[frame] = Some(Followed {
+                    image: blob.at,
+                    radius_px: blob.radius,
+                    reach_px: blob.reach,
+                    arc: number,
+                    confidence,
+                });
+            }
+        }
+        let mut balls = balls.into_iter();
+        let frame = |kept: &Kept| {
+            let ball = if kept.repeated { None } else { balls.next().flatten() };
+            FollowedFrame { time: kept.time, repeated: kept.repeated, ball }
+        };
+        Ok(self.kept.iter().map(frame).collect())
+    }
+
+    /// The seeds by the frames that are not repeated.
+    fn seeds(&self, seeds: &[(usize, [f64; 2])]) -> Result<Vec<(usize, [f64; 2])>> {
+        let seed = |&(frame, [x, y]): &(usize, [f64; 2])| {
+            let [width, height] = self.size.map(|side| side as f64);
+            let refuse = |reason: String| Err(Error::value("track", "seed", reason));
+            if frame >= self.kept.len() {
+                return refuse(format!("is in frame {frame}, the last is {}", self.kept.len().saturating_sub(1)));
+            }
+            if !((0.0..width).contains(&x) && (0.0..height).contains(&y)) {
+                return refuse(format!("({x}, {y}) px is outside the picture of {width}×{height} px"));
+            }
+            let before = self.kept[..=frame].iter().filter(|kept| !kept.repeated).count();
+            Ok((before.saturating_sub(1), [x, y]))
+        };
+        seeds.iter().map(seed).collect()
+    }
+}
