@@ -82,7 +82,7 @@ pub mod parts {
     pub use crate::evaluate::{Bins, Statistic};
     pub use crate::localise::{Candidate, Maps, Measured, Saliency};
     pub use crate::physics::{Cuboid, Impact, Potential};
-    pub use crate::track::{FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal};
+    pub use crate::track::{FittedFrame, Flight, Flying, Followed, FollowedFrame, Hit, Proposal};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.
@@ -93,7 +93,7 @@ pub mod internal {
     pub use crate::image::Normalisation;
     pub use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, save, sha256_hex};
     pub use crate::physics::Case;
-    pub use crate::synth::{Apparent, RandomScenes};
+    pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
     pub use crate::synth::{Engine, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::TrackPoint;

@@ -5,6 +5,8 @@
 //! Both engines draw the same starts. One whose ball leaves the picture is drawn again; there the engines' paths,
 //! millimetres apart (after many bounces centimetres), may in rare cases disagree, and a clip differ.
 
+#[cfg(not(target_arch = "wasm32"))]
+mod broadcast;
 #[cfg(all(feature = "mujoco", libmujoco))]
 mod mujoco;
 mod random;
@@ -23,6 +25,8 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use sha2::{Digest, Sha256};
 
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::broadcast::{Film, Filmed, Kind};
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
 #[cfg(not(target_arch = "wasm32"))]

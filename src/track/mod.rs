@@ -9,4 +9,4 @@ mod follow;
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub use self::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
-pub use self::follow::{Followed, FollowedFrame, Follower, stretches};
+pub use self::follow::{Flying, Followed, FollowedFrame, Follower, stretches};

@@ -2,6 +2,7 @@
 
 mod calibrate;
 mod evaluate;
+mod film;
 mod fit;
 mod forecast;
 mod import;

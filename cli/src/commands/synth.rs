@@ -11,7 +11,7 @@ use nalgebra::Point3;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde_json::{Value, json};
 
-use super::print_line;
+use super::{film, print_line};
 use crate::progress::Progress;
 use gravisight::internal::{NewFolder, write_whole};
 use gravisight::internal::{Set, Shot, Split, Studio};
@@ -22,7 +22,7 @@ const SETTINGS: &str = "synth.json";
 /// A clip's line, in its own folder from when it is whole.
 const LINE: &str = "clip.json";
 
-/// Make the paper's synthetic data sets.
+/// Make the paper's synthetic data sets, or footage of sports.
 #[derive(Args)]
 pub struct Arguments {
     /// Which set: sd-s is a part of sd-m, and sd-m of sd-l.
@@ -54,6 +54,8 @@ enum SetName {
     SdM,
     SdL,
     Spring,
+    /// Sports as people film them, as videos (needs ffmpeg): --clips of each of four kinds.
+    Broadcast,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -97,16 +99,17 @@ impl Engine {
 
 pub fn run(arguments: Arguments) -> Result<()> {
     ensure!(arguments.clips > 0, "--clips must be at least 1");
+    let split = match arguments.split {
+        SplitName::Train => Split::Train,
+        SplitName::Val => Split::Val,
+        SplitName::Test => Split::Test,
+    };
     let set = match arguments.set {
         SetName::SdS => Set::SdS,
         SetName::SdM => Set::SdM,
         SetName::SdL => Set::SdL,
         SetName::Spring => Set::Spring,
-    };
-    let split = match arguments.split {
-        SplitName::Train => Split::Train,
-        SplitName::Val => Split::Val,
-        SplitName::Test => Split::Test,
+        SetName::Broadcast => return film::run(&arguments.out, split, arguments.clips, arguments.seed, arguments.json),
     };
     let out = &arguments.out;
     let shots = set.shots(split);

@@ -1,5 +1,6 @@
 //! `gravisight track`.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -7,7 +8,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
-use gravisight::parts::FollowedFrame;
+use gravisight::parts::{Flying, Followed, FollowedFrame, Measured};
 use gravisight::{
     Camera, Fit, FitOptions, Follower, Forecaster, Localiser, Observation, Picture, Scene, Track, stretches,
 };
@@ -116,8 +117,8 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let footage = Footage::open(&arguments.input, arguments.fps)?;
     let name = || footage.name();
     let mut progress = Progress::new();
-    let frames = followed(&footage, &arguments, &mut progress).with_context(name)?;
-    let sights = measured(&footage, &frames, &localiser, &mut progress).with_context(name)?;
+    let flying = flying(&footage, &arguments, &mut progress).with_context(name)?;
+    let (frames, sights) = measured(&footage, flying, &localiser, &mut progress).with_context(name)?;
     progress.finish();
     let track = Track { points: sights.iter().map(|sight| sight.point).collect() };
     if let Some(out) = &arguments.out {
@@ -175,8 +176,8 @@ fn place(arguments: &Arguments) -> Result<Option<Place>> {
     Ok(Some(Place { camera: Camera::from_file(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
 }
 
-/// Follows what flies, first once through the footage.
-fn followed(footage: &Footage, arguments: &Arguments, progress: &mut Progress) -> Result<Vec<FollowedFrame>> {
+/// What flies: once through the footage.
+fn flying(footage: &Footage, arguments: &Arguments, progress: &mut Progress) -> Result<Flying> {
     let mut follower = Follower::new();
     let all = footage.times().len();
     footage.each(0..all, &mut |frame: usize, rgb: RgbImage| {
@@ -188,50 +189,59 @@ fn followed(footage: &Footage, arguments: &Arguments, progress: &mut Progress) -
     Ok(follower.finish(&seeds)?)
 }
 
-/// Measures the ball where it was followed, once more through the footage.
+/// Measures what flies, once more through the footage, and says which of it is the ball.
 fn measured(
     footage: &Footage,
-    frames: &[FollowedFrame],
+    mut flying: Flying,
     localiser: &Localiser,
     progress: &mut Progress,
-) -> Result<Vec<Sight>> {
-    let mut sights: Vec<Sight> = frames.iter().enumerate().map(|(number, frame)| Sight::of(number, frame)).collect();
-    let seen = || frames.iter().enumerate().filter(|(_, frame)| frame.ball.is_some()).map(|(number, _)| number);
-    let (Some(first), Some(last)) = (seen().next(), seen().next_back()) else { return Ok(sights) };
-    let all = seen().count() as u64;
+) -> Result<(Vec<FollowedFrame>, Vec<Sight>)> {
+    let all = footage.times().len();
+    let in_frames: Vec<Vec<Followed>> = (0..all).map(|frame| flying.in_frame(frame)).collect();
+    let first = in_frames.iter().position(|flying| !flying.is_empty()).unwrap_or(all);
+    let last = in_frames.iter().rposition(|flying| !flying.is_empty()).unwrap_or(0);
+    let mut measured: BTreeMap<(usize, usize), Measured> = BTreeMap::new();
     progress.restart();
-    let mut done = 0;
-    footage.each(first..last + 1, &mut |number: usize, rgb: RgbImage| {
-        let Some(ball) = frames.get(number).and_then(|frame| frame.ball) else { return Ok(()) };
+    footage.each(first..(last + 1).max(first), &mut |number: usize, rgb: RgbImage| {
         let picture = Picture::from_rgb(rgb);
-        let found = pollster::block_on(localiser.measure(&picture, ball.image, ball.radius_px, ball.reach_px))?;
-        if let Some(found) = found.filter(|found| found.confidence >= SEEN) {
-            let Sight { point, confidence } = &mut sights[number];
-            (point.x, point.y) = (Some(found.image[0]), Some(found.image[1]));
-            point.sigma = Some(found.sigma_px);
-            if ball.reach_px < STREAK * ball.radius_px {
-                (point.radius, point.radius_sigma) = (Some(found.radius_px), Some(found.radius_sigma_px));
-            }
-            *confidence = confidence.max(found.confidence * *confidence);
+        for it in &in_frames[number] {
+            let found = pollster::block_on(localiser.measure(&picture, it.image, it.radius_px, it.reach_px))?;
+            let found = found.filter(|found| found.confidence >= SEEN);
+            flying.tell(number, it, found.is_some());
+            found.map(|found| measured.insert((number, it.arc), found));
         }
-        done += 1;
-        progress.set(done, all, "balls measured");
+        progress.set((number + 1 - first) as u64, (last + 1 - first) as u64, "frames measured");
         Ok(())
     })?;
-    Ok(sights)
+    let frames = flying.frames();
+    let sight = |(number, frame): (usize, &FollowedFrame)| {
+        let found = frame.ball.and_then(|ball| measured.get(&(number, ball.arc)));
+        Sight::of(number, frame, found)
+    };
+    let sights = frames.iter().enumerate().map(sight).collect();
+    Ok((frames, sights))
 }
 
 impl Sight {
-    fn of(number: usize, frame: &FollowedFrame) -> Self {
+    fn of(number: usize, frame: &FollowedFrame, found: Option<&Measured>) -> Self {
         let nothing = TrackPoint { frame: number as u64, time: Some(frame.time), ..TrackPoint::default() };
-        match frame.ball {
-            None => Self { point: nothing, confidence: 0.0 },
-            Some(ball) => {
-                let [x, y] = ball.image.map(Some);
-                let sigma = Some(PLACE_PX + PLACE_OF_REACH * ball.reach_px);
-                Self { point: TrackPoint { visibility: 1, x, y, sigma, ..nothing }, confidence: ball.confidence }
+        let Some(ball) = frame.ball else { return Self { point: nothing, confidence: 0.0 } };
+        let at = |[x, y]: [f64; 2], sigma| TrackPoint {
+            visibility: 1,
+            x: Some(x),
+            y: Some(y),
+            sigma: Some(sigma),
+            ..nothing
+        };
+        let point = match found {
+            None => at(ball.image, PLACE_PX + PLACE_OF_REACH * ball.reach_px),
+            Some(found) => {
+                let sized = ball.reach_px < STREAK * ball.radius_px;
+                let [radius, radius_sigma] = [found.radius_px, found.radius_sigma_px].map(|it| sized.then_some(it));
+                TrackPoint { radius, radius_sigma, ..at(found.image, found.sigma_px) }
             }
-        }
+        };
+        Self { point, confidence: frame.confidence }
     }
 
     /// Centre and radius, px; a small one where the radius is not known.

@@ -4,8 +4,8 @@
 
 mod background;
 mod ball;
-mod canvas;
-mod noise;
+pub(super) mod canvas;
+pub(super) mod noise;
 mod sensor;
 #[cfg(test)]
 mod tests;

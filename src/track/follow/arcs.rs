@@ -40,7 +40,7 @@ const GOES_ON: f64 = 6.0;
 const BETWEEN: usize = 8;
 const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
-/// Frames that two arcs may share.
+/// Frames that two arcs may share at no cost: one's last and the other's first.
 const SHARED: usize = 1;
 
 /// Blobs of a frame, and when it was taken, s.
@@ -66,19 +66,46 @@ impl Arc {
     fn last(&self) -> usize {
         self.members[self.members.len() - 1].0
     }
+
+    /// Whether a ball can fly this and then the other.
+    fn goes_before(&self, other: &Self) -> bool {
+        self.first() < other.first() && self.last() < other.last()
+    }
+
+    /// What two arcs gain together less than each, for a ball is in one place: the less of theirs in the frames of both.
+    fn shared_with(&self, later: &Self) -> f64 {
+        let shared = (self.last() + 1).saturating_sub(later.first());
+        let each = |arc: &Self| arc.gain / (arc.last() - arc.first() + 1) as f64;
+        shared.saturating_sub(SHARED) as f64 * each(self).min(each(later))
+    }
+
+    /// The parts of an arc that begin where `cuts` says, of two members at least, each with its share of the gain and `more`,
+    /// what its members gain besides.
+    pub fn pieces(&self, cuts: &[bool], more: &[f64]) -> Vec<Self> {
+        let mut pieces = Vec::new();
+        let mut start = 0;
+        for end in 1..=self.members.len() {
+            if end == self.members.len() || cuts[end] {
+                let share = (end - start) as f64 / self.members.len() as f64;
+                let gain = self.gain * share + more[start..end].iter().sum::<f64>();
+                if end - start > 1 {
+                    pieces.push(Self { members: self.members[start..end].to_vec(), gain });
+                }
+                start = end;
+            }
+        }
+        pieces
+    }
 }
 
-/// The arcs of one ball, in order: through the `seeds`, frames and places, where there are some.
-pub(super) fn ball(frames: &[Seen], width: f64, area: f64, seeds: &[(usize, [f64; 2])]) -> Vec<Arc> {
-    let search = Search { frames, width, area, seeds };
-    chain(&search, search.arcs())
-}
-
-struct Search<'a> {
-    frames: &'a [Seen],
-    width: f64,
-    area: f64,
-    seeds: &'a [(usize, [f64; 2])],
+/// What arcs are searched in.
+pub(super) struct Search<'a> {
+    pub frames: &'a [Seen],
+    /// Of the picture, px, and its pixels.
+    pub width: f64,
+    pub area: f64,
+    /// Frames and places in which a person saw the ball.
+    pub seeds: &'a [(usize, [f64; 2])],
 }
 
 impl Search<'_> {
@@ -87,7 +114,7 @@ impl Search<'_> {
     }
 
     /// All arcs that are more than chance; those of most gain first, each blob in one of them.
-    fn arcs(&self) -> Vec<Arc> {
+    pub fn arcs(&self) -> Vec<Arc> {
         let mut grown: Vec<Arc> = Vec::new();
         let mut used: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
         for frame in 0..self.frames.len() {
@@ -332,32 +359,37 @@ impl Way {
     }
 }
 
-/// The arcs that one ball can fly, one after the other, of most gain together.
-fn chain(search: &Search, mut arcs: Vec<Arc>) -> Vec<Arc> {
-    arcs.sort_by_key(|arc| arc.last());
-    let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(arcs.len());
-    for (index, arc) in arcs.iter().enumerate() {
-        let before =
-            (0..index).filter(|&other| arcs[other].last() < arc.first() + SHARED && arcs[other].first() < arc.first());
-        let ways = before.map(|other| (best[other].0 + link(search, &arcs[other], arc), Some(other)));
+/// The arcs, by number, that one ball can fly, one after the other: those of most gain together.
+pub(super) fn chain(frames: &[Seen], arcs: &[Arc]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..arcs.len()).filter(|&index| arcs[index].gain > 0.0).collect();
+    order.sort_by_key(|&index| arcs[index].last());
+    let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(order.len());
+    for (place, &index) in order.iter().enumerate() {
+        let arc = &arcs[index];
+        let before = (0..place).filter(|&other| arcs[order[other]].goes_before(arc));
+        let ways = before.map(|other| {
+            let earlier = &arcs[order[other]];
+            (best[other].0 + link(frames, earlier, arc) - earlier.shared_with(arc), Some(other))
+        });
         let (gain, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
         best.push((gain + arc.gain, from));
     }
-    let mut at = (0..arcs.len()).max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
+    let mut at = (0..order.len()).max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
     let mut chosen = Vec::new();
-    while let Some(index) = at {
-        chosen.push(arcs[index].clone());
-        at = best[index].1;
+    while let Some(place) = at {
+        chosen.push(order[place]);
+        at = best[place].1;
     }
     chosen.reverse();
     chosen
 }
 
 /// What it gains that one arc goes on where another ended.
-fn link(search: &Search, from: &Arc, to: &Arc) -> f64 {
+fn link(frames: &[Seen], from: &Arc, to: &Arc) -> f64 {
+    let blob = |(frame, index): (usize, usize)| &frames[frame].blobs[index];
     let between = to.first().saturating_sub(from.last());
-    let (end, start) = (search.blob(from.members[from.members.len() - 1]), search.blob(to.members[0]));
-    let before = search.blob(from.members[from.members.len() - 2]);
+    let (end, start) = (blob(from.members[from.members.len() - 1]), blob(to.members[0]));
+    let before = blob(from.members[from.members.len() - 2]);
     let step = (end.at[0] - before.at[0]).hypot(end.at[1] - before.at[1]);
     let off = (end.at[0] - start.at[0]).hypot(end.at[1] - start.at[1]);
     let meets = off <= MEETS_PX + MEETS_STEP * step * between.max(1) as f64;

@@ -1,21 +1,25 @@
 //! A ball through a video: what moves, and of that what flies.
 //!
 //! ```text
-//! frames ─► differences (background, frame before, frame after) ─► blobs ─► arcs ─► one ball's chain of arcs
+//! frames ─► differences (background, frame before, frame after) ─► blobs ─► arcs ─► the ball's chain of arcs
+//!                                                                              ▲
+//!                                            what a network says of their blobs ┘
 //! ```
 //!
-//! No network: a camera that stands still, and a ball that is small and flies. Frames come one after the other and are not
+//! Without a network, too: a camera that stands still, and a ball that is small and flies; a shadow flies as well as a ball. Frames come one after the other and are not
 //! kept; of each some blobs are.
 
 mod arcs;
 mod blobs;
+mod flying;
 mod planes;
 mod stretches;
 
 use image::RgbImage;
 
-use self::arcs::Seen;
+use self::arcs::{Search, Seen};
 use self::blobs::Blob;
+pub use self::flying::{Flying, Followed, FollowedFrame};
 use self::planes::{Background, FIRST_FRAMES, Planes, contrast_of};
 pub use self::stretches::stretches;
 use crate::error::{Error, Result};
@@ -36,25 +40,6 @@ const LEAST_CHANGE: u8 = 2;
 const USUAL_FRAMES: usize = 50;
 /// Fewest frames of which a background is made.
 const FEWEST_FRAMES: usize = 5;
-/// Gain of an arc that is as likely the ball as not, and how much of it changes the odds by e.
-const EVEN_GAIN: f64 = 18.0;
-const GAIN_SPREAD: f64 = 6.0;
-
-/// Where the ball is in a frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Followed {
-    /// Middle of the ball, or of the streak that it left, px.
-    pub image: [f64; 2],
-    /// Half the width of that, px.
-    pub radius_px: f64,
-    /// Half its length, px.
-    pub reach_px: f64,
-    /// Number of its arc.
-    pub arc: usize,
-    /// Probability that this is the ball.
-    pub confidence: f64,
-}
-
 /// Follows the ball through frames that come one after the other.
 pub struct Follower {
     /// Frames that wait for a background, with their times.
@@ -81,17 +66,6 @@ struct Now {
     time: f64,
     /// Its differences from the frame before.
     since: Option<Vec<u8>>,
-}
-
-/// A frame of a video that was followed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FollowedFrame {
-    /// When it was taken, s; where frames are repeated regularly, of the true rate.
-    pub time: f64,
-    /// Whether it shows the frame before again.
-    pub repeated: bool,
-    /// The ball, where it is seen.
-    pub ball: Option<Followed>,
 }
 
 /// What a frame was like besides its blobs.
@@ -244,12 +218,12 @@ impl Follower {
         self.seen.push(Seen { time: now.time, blobs: found });
     }
 
-    /// The ball in every frame that was watched. `seeds` are frames and places (px) in which a person saw it: what flies through
+    /// What flew in the frames that were watched. `seeds` are frames and places (px) in which a person saw it: what flies through
     /// them is the ball.
     ///
     /// # Errors
     /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
-    pub fn finish(mut self, seeds: &[(usize, [f64; 2])]) -> Result<Vec<FollowedFrame>> {
+    pub fn finish(mut self, seeds: &[(usize, [f64; 2])]) -> Result<Flying> {
         let seeds = self.seeds(seeds)?;
         if self.background.is_none() && self.waiting.len() >= FEWEST_FRAMES {
             self.begin();
@@ -260,27 +234,9 @@ impl Follower {
         // Frames that nothing could be compared with.
         self.seen.extend(self.waiting.drain(..).map(|(_, time)| Seen { time, blobs: vec![] }));
         let [width, height] = self.size.map(|side| side as f64);
-        let arcs = arcs::ball(&self.seen, width, width * height, &seeds);
-        let mut balls: Vec<Option<Followed>> = vec![None; self.seen.len()];
-        for (number, arc) in arcs.iter().enumerate() {
-            let confidence = 1.0 / (1.0 + (-(arc.gain - EVEN_GAIN) / GAIN_SPREAD).exp());
-            for &(frame, index) in &arc.members {
-                let blob = self.seen[frame].blobs[index];
-                balls[frame] = Some(Followed {
-                    image: blob.at,
-                    radius_px: blob.radius,
-                    reach_px: blob.reach,
-                    arc: number,
-                    confidence,
-                });
-            }
-        }
-        let mut balls = balls.into_iter();
-        let frame = |kept: &Kept| {
-            let ball = if kept.repeated { None } else { balls.next().flatten() };
-            FollowedFrame { time: kept.time, repeated: kept.repeated, ball }
-        };
-        Ok(self.kept.iter().map(frame).collect())
+        let search = Search { frames: &self.seen, width, area: width * height, seeds: &seeds };
+        let arcs = search.arcs();
+        Ok(Flying::new(self.kept, self.seen, arcs))
     }
 
     /// The seeds by the frames that are not repeated.

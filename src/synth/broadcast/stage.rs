@@ -1,0 +1,196 @@
+//! What is seen besides the ball: ground, lines, net, people, a crowd.
+
+use nalgebra::{Point2, Point3};
+use rand::RngExt;
+use rand::rngs::StdRng;
+
+use super::super::random::canvas::{Canvas, Colour, Ellipse, Line, Polygon, mix};
+use super::super::random::noise::smooth;
+use super::Kind;
+use crate::camera::Camera;
+use crate::physics::Scene;
+use crate::size::Size;
+
+/// Half a line's width, m, and the least, px.
+const HALF_LINE: f64 = 0.03;
+const LEAST_HALF: f64 = 0.4;
+/// Opacity of a net.
+const NET: f32 = 0.35;
+/// A person's height, m.
+const TALL: f64 = 1.8;
+
+/// A person who walks about.
+pub(super) struct Person {
+    /// Where they are in the middle of their way, m.
+    home: [f64; 2],
+    /// How far they go, m, how often a second, and from where on.
+    reach: [f64; 2],
+    rate: f64,
+    phase: f64,
+    /// Shirt, trousers, skin.
+    colours: [Colour; 3],
+}
+
+fn colour(random: &mut StdRng) -> Colour {
+    std::array::from_fn(|_| random.random_range(0.08..0.9))
+}
+
+impl Person {
+    pub fn draw(home: [f64; 2], random: &mut StdRng) -> Self {
+        Self {
+            home,
+            reach: [random.random_range(0.2..1.6), random.random_range(0.1..0.8)],
+            rate: random.random_range(0.15..0.5),
+            phase: random.random_range(0.0..std::f64::consts::TAU),
+            colours: [
+                colour(random),
+                colour(random),
+                mix([0.85, 0.65, 0.5], [0.35, 0.22, 0.15], random.random_range(0.0..1.0)),
+            ],
+        }
+    }
+
+    /// Where the feet are, m, at a time, s.
+    pub fn feet(&self, time: f64) -> Point3<f64> {
+        let turn = self.phase + std::f64::consts::TAU * self.rate * time;
+        Point3::new(self.home[0] + self.reach[0] * turn.sin(), self.home[1] + self.reach[1] * (0.7 * turn).cos(), 0.0)
+    }
+
+    /// Lays them over a picture; the place and radius of the parts that can hide a ball, px.
+    pub fn paint(&self, canvas: &mut Canvas, camera: &Camera, time: f64) -> Vec<[f32; 3]> {
+        let feet = self.feet(time);
+        let at = |height: f64, aside: f64| -> Option<[f32; 2]> {
+            let point = camera.camera_from_world(&Point3::new(feet.x + aside, feet.y, height));
+            if point.z < 0.5 {
+                return None;
+            }
+            camera.image_from_camera(&point).ok().map(|at| [at.x as f32, at.y as f32])
+        };
+        let stride = 0.3 * (8.0 * self.rate * time * std::f64::consts::TAU + self.phase).sin();
+        let arm = 0.45 * (5.0 * self.rate * time * std::f64::consts::TAU).cos();
+        let parts = [
+            (at(0.9, 0.0), at(0.05, stride), 0.075, 1),
+            (at(0.9, 0.0), at(0.05, -stride), 0.075, 1),
+            (at(0.95, 0.0), at(1.45, 0.0), 0.19, 0),
+            (at(1.4, 0.0), at(1.05, arm), 0.055, 2),
+            (at(1.4, 0.0), at(1.1, -0.3), 0.055, 2),
+            (at(TALL - 0.2, 0.0), at(TALL - 0.1, 0.0), 0.1, 2),
+        ];
+        let depth = camera.camera_from_world(&feet).z;
+        let focal = camera.intrinsic()[(0, 0)];
+        let mut hides = Vec::new();
+        for (from, to, half, of) in parts {
+            let (Some(from), Some(to)) = (from, to) else { continue };
+            let half = (half * focal / depth) as f32;
+            canvas.fill(&Line { from, to, half }, 1.5, 1.0, |_, _| self.colours[of]);
+            hides.extend([
+                [from[0], from[1], half],
+                [(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0, half],
+                [to[0], to[1], half],
+            ]);
+        }
+        hides
+    }
+}
+
+/// The picture without anything that moves.
+pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, random: &mut StdRng) -> Canvas {
+    let size = camera.size();
+    let mut canvas = Canvas::new(size, [0.5; 3]);
+    let (inner, outer, far) = (colour(random), colour(random), colour(random));
+    let texture = smooth(&canvas, 40.0, 5, 0.7, random);
+    let crowd = smooth(&canvas, 9.0, 2, 0.9, random);
+    let [half_width, half_length] = kind.court();
+    let back = kind.wall();
+    let width = size.width as usize;
+    for row in 0..size.height as usize {
+        for column in 0..width {
+            let index = row * width + column;
+            let ground = on_plane(camera, column, row, 0.0).filter(|point| point.y < back);
+            let shade = 0.85 + 0.3 * texture[index];
+            let of = match ground {
+                Some(point) if point.x.abs() < half_width && point.y.abs() < half_length => inner,
+                Some(_) => outer,
+                None => mix(far, [0.05, 0.05, 0.06], 0.6 * crowd[index]),
+            };
+            (0..3).for_each(|channel| canvas.planes[channel][index] = (of[channel] * shade).clamp(0.0, 1.0));
+        }
+    }
+    for cuboid in &scene.boxes {
+        let [x, y, z] = cuboid.half_size;
+        let top = cuboid.position[2] + z;
+        let corners = [[-x, -y], [x, -y], [x, y], [-x, y]].map(|[dx, dy]| {
+            camera.image_from_world(&Point3::new(cuboid.position[0] + dx, cuboid.position[1] + dy, top)).ok()
+        });
+        let corners: Vec<[f32; 2]> = corners.into_iter().flatten().map(|at| [at.x as f32, at.y as f32]).collect();
+        if corners.len() == 4 {
+            let surface = mix(inner, [0.1, 0.2, 0.4], 0.7);
+            canvas.fill(&Polygon::new(&corners), 1.5, 1.0, |_, _| surface);
+        }
+    }
+    let image = |point: [f64; 3]| -> Option<(Point2<f64>, f64)> {
+        let seen = camera.camera_from_world(&point.into());
+        (seen.z > 0.3).then(|| camera.image_from_camera(&seen).ok().map(|at| (at, seen.z))).flatten()
+    };
+    let focal = camera.intrinsic()[(0, 0)];
+    for [from, to] in &scene.lines {
+        // In short pieces: a line's width is another at either end, and its end may be behind the camera.
+        let piece =
+            |share: f64| -> [f64; 3] { std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis])) };
+        for part in 0..20 {
+            let ends = [part, part + 1].map(|number| image(piece(f64::from(number) / 20.0)));
+            if let [Some((a, depth)), Some((b, _))] = ends {
+                let half = (HALF_LINE * focal / depth * 0.7).max(LEAST_HALF) as f32;
+                let line = Line { from: [a.x as f32, a.y as f32], to: [b.x as f32, b.y as f32], half };
+                canvas.fill(&line, 1.2, 0.9, |_, _| [0.93, 0.93, 0.9]);
+            }
+        }
+    }
+    let surface = scene.boxes.iter().map(|cuboid| cuboid.position[2] + cuboid.half_size[2]).fold(0.0, f64::max);
+    let surface = if kind == Kind::TableTennis { surface } else { 0.0 };
+    for pair in scene.net.windows(2) {
+        let foot = |top: [f64; 3]| [top[0], top[1], if kind == Kind::Volleyball { top[2] - 1.0 } else { surface }];
+        let corners = [pair[0], pair[1], foot(pair[1]), foot(pair[0])].map(image);
+        let corners: Vec<[f32; 2]> = corners.into_iter().flatten().map(|(at, _)| [at.x as f32, at.y as f32]).collect();
+        if corners.len() == 4 {
+            canvas.fill(&Polygon::new(&corners), 1.5, NET, |_, _| [0.1; 3]);
+            canvas.fill(&Line { from: corners[0], to: corners[1], half: 1.2 }, 1.5, 0.9, |_, _| [0.95; 3]);
+        }
+    }
+    canvas
+}
+
+/// The point of the level at `height` that a pixel shows, m.
+fn on_plane(camera: &Camera, column: usize, row: usize, height: f64) -> Option<Point3<f64>> {
+    let near = camera.world_from_image(&Point2::new(column as f64, row as f64), 1.0).ok()?;
+    let eye = camera.world_from_camera(&Point3::origin());
+    let way = near - eye;
+    let share = (height - eye.z) / way.z;
+    (share > 0.0 && share < 1e4).then(|| eye + way * share)
+}
+
+/// Lays the ball over a picture as the shutter saw it: its places (centre and radius, px) while that was open.
+pub(super) fn ball(canvas: &mut Canvas, places: &[[f32; 3]], paint: Colour, light: [f32; 2]) {
+    let share = 1.0 / places.len() as f32;
+    let size = Size::new(canvas.width as u32, canvas.height as u32);
+    let mut covered: std::collections::BTreeMap<usize, (f32, Colour)> = std::collections::BTreeMap::new();
+    for &[x, y, radius] in places {
+        let disc = Ellipse { centre: [x, y], semi: [radius, radius], axis: [1.0, 0.0] };
+        let within = |at: f32, side: u32| at.clamp(0.0, side as f32) as usize;
+        for row in within(y - radius - 1.0, size.height)..within(y + radius + 2.0, size.height) {
+            for column in within(x - radius - 1.0, size.width)..within(x + radius + 2.0, size.width) {
+                let cover = share * disc.coverage(column as f32, row as f32);
+                if cover > 0.0 {
+                    let [u, v] = disc.local(column as f32, row as f32);
+                    let lit = 0.72 + 0.28 * (u * light[0] + v * light[1]).clamp(-1.0, 1.0);
+                    let (sum, colour) = covered.entry(row * canvas.width + column).or_default();
+                    *sum += cover;
+                    (0..3).for_each(|channel| colour[channel] += cover * paint[channel] * lit);
+                }
+            }
+        }
+    }
+    for (index, (cover, colour)) in covered {
+        canvas.blend(index, colour.map(|value| value / cover), cover.min(1.0));
+    }
+}
