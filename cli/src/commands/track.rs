@@ -31,6 +31,9 @@ const STREAK: f64 = 2.5;
 /// Standard deviation of a place that the network did not see, px, and a share of its reach.
 const PLACE_PX: f64 = 0.7;
 const PLACE_OF_REACH: f64 = 0.08;
+/// Share of the variance of a measured radius that frames have in common which are less than so many seconds apart.
+const COMMON: f64 = 0.7;
+const DOUBT_LASTS: f64 = 0.5;
 /// m/s to km/h.
 const KMH: f64 = 3.6;
 
@@ -218,8 +221,22 @@ fn measured(
         let found = frame.ball.and_then(|ball| measured.get(&(number, ball.arc)));
         Sight::of(number, frame, found)
     };
-    let sights = frames.iter().enumerate().map(sight).collect();
+    let mut sights: Vec<Sight> = frames.iter().enumerate().map(sight).collect();
+    share_doubt(&mut sights);
     Ok((frames, sights))
+}
+
+/// Makes the radii of neighbouring frames as unsure together as one of them is: what a network reads wrong in one, it reads
+/// wrong in the next.
+fn share_doubt(sights: &mut [Sight]) {
+    let sized: Vec<f64> =
+        sights.iter().filter(|sight| sight.point.radius.is_some()).filter_map(|sight| sight.point.time).collect();
+    for Sight { point, .. } in sights {
+        let (Some(sigma), Some(time)) = (&mut point.radius_sigma, point.time) else { continue };
+        let near = sized.partition_point(|&other| other < time + DOUBT_LASTS)
+            - sized.partition_point(|&other| other < time - DOUBT_LASTS);
+        *sigma *= (1.0 - COMMON + COMMON * near.max(1) as f64).sqrt();
+    }
 }
 
 impl Sight {

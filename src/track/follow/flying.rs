@@ -125,7 +125,22 @@ impl Flying {
             index > 0 && [true, false].iter().any(|&good| lasts(index, good) && (gains[index - 1] > 0.0) != good)
         };
         let cuts: Vec<bool> = (0..gains.len()).map(cut).collect();
-        arc.pieces(&cuts, &gains)
+        let mut pieces = arc.pieces(&cuts, &gains);
+        pieces.iter_mut().for_each(|piece| piece.gain -= self.doubt(number, piece));
+        pieces
+    }
+
+    /// What a part of an arc loses whose things are large enough to be seen as balls and are not: that it flies speaks for it
+    /// only as far as the network sees it.
+    fn doubt(&self, number: usize, piece: &Arc) -> f64 {
+        let told = piece.members.iter().filter_map(|&(place, index)| {
+            let large = self.seen[place].blobs[index].radius >= SMALL;
+            self.told.get(&(number, self.numbers[place])).filter(|_| large)
+        });
+        let (count, seen) =
+            told.fold((0.0, 0.0), |(count, seen), &told| (count + 1.0, seen + f64::from(u8::from(told))));
+        let unseen = 1.0 - (seen + 1.0) / (count + 2.0);
+        if count > 0.0 { piece.gain.max(0.0) * count / piece.members.len() as f64 * unseen } else { 0.0 }
     }
 
     fn followed(&self, arc: usize, (frame, index): (usize, usize)) -> Followed {

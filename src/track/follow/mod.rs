@@ -165,7 +165,11 @@ impl Follower {
         if let Some(now) = self.now.take() {
             self.look(&now, until.as_deref());
         }
-        self.now = Some(Now { planes: next, time, since: until });
+        match self.background {
+            Some(_) => self.now = Some(Now { planes: next, time, since: until }),
+            // The look found another camera's picture: this frame is the first that waits for a new background.
+            None => self.waiting.push((next, time)),
+        }
     }
 
     /// The blobs of a frame that has one before and one after it; without either they are what differs from the background.
