@@ -11,7 +11,7 @@ use super::print_line;
 use crate::video::Encoder;
 
 /// x264's qualities that clips are compressed with, by turns: good phones', broadcasts', bad streams'.
-const QUALITIES: [u8; 3] = [20, 26, 32];
+const QUALITIES: [u8; 3] = [18, 23, 28];
 /// Clips of a part of the set.
 const PART: u64 = 1_000_000;
 

@@ -182,7 +182,6 @@ impl Film {
         let camera = looking(eye, target, focal, size)?;
         let fps = kind.fps(random);
         let play = Play::draw(kind, &forecaster, random)?;
-        let empty = stage::empty(kind, &camera, &scene, random);
         let mut people = Vec::new();
         if kind != Kind::Toss {
             let [_, length] = kind.court();
@@ -200,6 +199,7 @@ impl Film {
             Kind::Volleyball => paints[random.random_range(1..4)],
             Kind::Toss => paints[random.random_range(0..5)],
         };
+        let empty = stage::empty(kind, &camera, &scene, paint, random);
         let second = random.random_bool(SECOND_BALL).then(|| {
             let [x, y] = kind.court().map(|half| random.random_range(-half..half));
             Point3::new(x, y, scene.ball.radius)

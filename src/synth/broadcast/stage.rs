@@ -16,6 +16,8 @@ const HALF_LINE: f64 = 0.03;
 const LEAST_HALF: f64 = 0.4;
 /// Opacity of a net.
 const NET: f32 = 0.35;
+/// Least distance of a ground's colour from the ball's.
+const UNLIKE: f32 = 0.4;
 /// A person's height, m.
 const TALL: f64 = 1.8;
 
@@ -33,6 +35,16 @@ pub(super) struct Person {
 
 fn colour(random: &mut StdRng) -> Colour {
     std::array::from_fn(|_| random.random_range(0.08..0.9))
+}
+
+/// One before which a ball of the colour `paint` is seen.
+fn unlike(paint: Colour, random: &mut StdRng) -> Colour {
+    loop {
+        let found = colour(random);
+        if (0..3).map(|channel| (found[channel] - paint[channel]).powi(2)).sum::<f32>() > UNLIKE * UNLIKE {
+            return found;
+        }
+    }
 }
 
 impl Person {
@@ -94,10 +106,10 @@ impl Person {
 }
 
 /// The picture without anything that moves.
-pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, random: &mut StdRng) -> Canvas {
+pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: Colour, random: &mut StdRng) -> Canvas {
     let size = camera.size();
     let mut canvas = Canvas::new(size, [0.5; 3]);
-    let (inner, outer, far) = (colour(random), colour(random), colour(random));
+    let [inner, outer, far] = std::array::from_fn(|_| unlike(paint, random));
     let texture = smooth(&canvas, 40.0, 5, 0.7, random);
     let crowd = smooth(&canvas, 9.0, 2, 0.9, random);
     let [half_width, half_length] = kind.court();

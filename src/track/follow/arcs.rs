@@ -36,10 +36,12 @@ const COST_UNSEEN: f64 = 1.5;
 const CROWD_PX: f64 = 80.0;
 const CROWD_FRAMES: usize = 6;
 /// Gain of an arc that begins where and when another ends, frames between them, and the distance, px and shares of a step.
-const GOES_ON: f64 = 6.0;
+const GOES_ON: f64 = 15.0;
 const BETWEEN: usize = 8;
 const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
+/// Gain of an arc by itself that is as likely the ball as not: limbs, shadows and flicker make arcs, too.
+pub(super) const EVEN: f64 = 27.0;
 /// Frames that two arcs may share at no cost: one's last and the other's first.
 const SHARED: usize = 1;
 
@@ -52,6 +54,8 @@ pub(super) struct Seen {
 /// A way through the picture.
 #[derive(Debug, Clone)]
 pub(super) struct Arc {
+    /// Number of the arc, which its pieces share.
+    pub number: usize,
     /// Frames and blobs' numbers, ascending.
     pub members: Vec<(usize, usize)>,
     /// How much it is more than chance, log of odds.
@@ -89,7 +93,7 @@ impl Arc {
                 let share = (end - start) as f64 / self.members.len() as f64;
                 let gain = self.gain * share + more[start..end].iter().sum::<f64>();
                 if end - start > 1 {
-                    pieces.push(Self { members: self.members[start..end].to_vec(), gain });
+                    pieces.push(Self { number: self.number, members: self.members[start..end].to_vec(), gain });
                 }
                 start = end;
             }
@@ -137,7 +141,7 @@ impl Search<'_> {
                 continue;
             }
             arc.members.iter().for_each(|&(frame, index)| taken[frame][index] = true);
-            kept.push(arc);
+            kept.push(Arc { number: kept.len(), ..arc });
         }
         kept
     }
@@ -203,7 +207,7 @@ impl Search<'_> {
             return None;
         }
         let gain = self.gain(&members) + self.told(&members)?;
-        (gain >= LEAST_GAIN).then_some(Arc { members, gain })
+        (gain >= LEAST_GAIN).then_some(Arc { number: 0, members, gain })
     }
 
     /// What the seeds say for an arc; none where one says that the ball was elsewhere then.
@@ -372,9 +376,10 @@ pub(super) fn chain(frames: &[Seen], arcs: &[Arc]) -> Vec<usize> {
             (best[other].0 + link(frames, earlier, arc) - earlier.shared_with(arc), Some(other))
         });
         let (gain, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
-        best.push((gain + arc.gain, from));
+        best.push((gain + arc.gain - EVEN, from));
     }
-    let mut at = (0..order.len()).max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
+    let ends = (0..order.len()).filter(|&place| best[place].0 > 0.0);
+    let mut at = ends.max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
     let mut chosen = Vec::new();
     while let Some(place) = at {
         chosen.push(order[place]);
@@ -386,6 +391,10 @@ pub(super) fn chain(frames: &[Seen], arcs: &[Arc]) -> Vec<usize> {
 
 /// What it gains that one arc goes on where another ended.
 fn link(frames: &[Seen], from: &Arc, to: &Arc) -> f64 {
+    if from.number == to.number {
+        // Pieces of one arc.
+        return EVEN;
+    }
     let blob = |(frame, index): (usize, usize)| &frames[frame].blobs[index];
     let between = to.first().saturating_sub(from.last());
     let (end, start) = (blob(from.members[from.members.len() - 1]), blob(to.members[0]));

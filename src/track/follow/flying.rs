@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::Kept;
-use super::arcs::{Arc, Seen, chain};
+use super::arcs::{Arc, EVEN, Seen, chain};
 
 /// What it gains an arc that a network sees a ball in a frame of it, and what it costs that it sees none there; of small ones
 /// that costs less, for networks miss them.
@@ -14,8 +14,7 @@ const SMALL_NOT_SEEN: f64 = 0.3;
 const RUN: usize = 3;
 /// Radius below which a ball is small, px.
 const SMALL: f64 = 3.0;
-/// Gain of an arc that is as likely the ball as not, and how much of it changes the odds by e.
-const EVEN_GAIN: f64 = 18.0;
+/// How much of an arc's gain changes the odds that it is the ball by e.
 const GAIN_SPREAD: f64 = 6.0;
 
 /// Something that flies, in a frame.
@@ -85,7 +84,9 @@ impl Flying {
         let arcs: Vec<Arc> = pieces.iter().map(|(_, piece)| piece.clone()).collect();
         for index in chain(&self.seen, &arcs) {
             let (number, arc) = &pieces[index];
-            let confidence = 1.0 / (1.0 + (-(arc.gain - EVEN_GAIN) / GAIN_SPREAD).exp());
+            let whole: f64 =
+                arcs.iter().filter(|piece| piece.number == arc.number).map(|piece| piece.gain.max(0.0)).sum();
+            let confidence = 1.0 / (1.0 + (-(whole - EVEN) / GAIN_SPREAD).exp());
             for &member in &arc.members {
                 let frame = &mut frames[self.numbers[member.0]];
                 // Where two arcs share frames, the network's word decides.
