@@ -80,7 +80,7 @@ fn cannot_run(program: &str, error: &std::io::Error, video: &Path) -> Error {
     let reason = match error.kind() {
         std::io::ErrorKind::NotFound => format!(
             "videos are read by `{program}`, which is not installed; install ffmpeg (apt install ffmpeg, brew install \
-             ffmpeg, winget install ffmpeg), or give a folder of frames"
+             ffmpeg, winget install ffmpeg), or give a folder of frames (to import with --pictures)"
         ),
         _ => format!("`{program}` cannot be run: {error}"),
     };

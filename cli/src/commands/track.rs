@@ -118,6 +118,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let place = place(&arguments)?;
     let localiser = model::open(arguments.model.as_deref(), Some(1.0), &arguments.device.open()?)?;
     let footage = Footage::open(&arguments.input, arguments.fps)?;
+    if let (Some(place), Some(size)) = (&place, footage.size()) {
+        place.camera.for_picture(size)?;
+    }
     let name = || footage.name();
     let mut progress = Progress::new();
     let flying = flying(&footage, &arguments, &mut progress).with_context(name)?;

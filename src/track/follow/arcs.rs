@@ -9,6 +9,8 @@ const TURN_SHARE: f64 = 0.2;
 const TURN_PX: f64 = 3.0;
 /// Largest ratio of the radii of one ball's blobs.
 const ALIKE: f64 = 2.2;
+/// The same to the mean of those before it.
+const USUAL: f64 = 1.8;
 /// Standard deviation of a blob's place, px, and a share of its reach and of the way from the frame before.
 const PLACE_PX: f64 = 0.7;
 const PLACE_OF_REACH: f64 = 0.08;
@@ -235,6 +237,8 @@ impl Search<'_> {
         let (end, before) = (recent[0], recent[1]);
         let way = Way::through(self, &recent)?;
         let last = self.blob(end);
+        let logs = recent.iter().map(|&member| self.blob(member).radius.ln());
+        let usual = (logs.sum::<f64>() / recent.len() as f64).exp();
         let step = {
             let earlier = self.blob(before);
             (last.at[0] - earlier.at[0]).hypot(last.at[1] - earlier.at[1]) / end.0.abs_diff(before.0) as f64
@@ -243,12 +247,12 @@ impl Search<'_> {
             let frame = if forward { end.0.checked_add(gap)? } else { end.0.checked_sub(gap)? };
             let seen = self.frames.get(frame)?;
             let (to, unsure) = way.at(seen.time);
-            let near =
-                seen.blobs.iter().enumerate().filter(|(_, blob)| alike(last, blob)).filter_map(|(index, blob)| {
-                    let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]);
-                    let sigma = deviation(blob, step).hypot(unsure);
-                    (off <= GATE * sigma).then_some((index, off / sigma + 2.0 * (blob.radius / last.radius).ln().abs()))
-                });
+            let fits = |blob: &Blob| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
+            let near = seen.blobs.iter().enumerate().filter(|(_, blob)| fits(blob)).filter_map(|(index, blob)| {
+                let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]);
+                let sigma = deviation(blob, step).hypot(unsure);
+                (off <= GATE * sigma).then_some((index, off / sigma + 2.0 * (blob.radius / last.radius).ln().abs()))
+            });
             if let Some((index, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
                 return Some((frame, index));
             }

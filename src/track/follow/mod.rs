@@ -14,6 +14,8 @@ mod blobs;
 mod flying;
 mod planes;
 mod stretches;
+#[cfg(test)]
+mod tests;
 
 use image::RgbImage;
 

@@ -44,7 +44,7 @@ mod tests {
         };
         let track: Vec<Observation> = (0..100).map(observation).collect();
         // four frames without the ball are no pause; four labels are no stretch
-        assert_eq!(stretches(&track), [3..40]);
+        assert_eq!(stretches(&track), vec![Range { start: 3, end: 40 }]);
         let long: Vec<Observation> =
             (0..1000).map(|i| Observation { image: Some([1.0, 2.0].into()), ..observation(i) }).collect();
         assert_eq!(stretches(&long), [0..400, 400..800, 800..1000]);

@@ -1,0 +1,198 @@
+//! A clip in, metres out: `gravisight track` as a user meets it.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use common::{root, scratch};
+use gravisight::{Clip, Clips, Scene, Track};
+use serde_json::Value;
+
+fn gravisight(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gravisight")).args(arguments).current_dir(root()).output().unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// A sample, its frames copied as `0.png`, `1.png`, …, with its camera and scene.
+fn sample(name: &str, index: usize) -> (Clip, PathBuf) {
+    let clips = Clips::read(&root().join("tests/samples")).unwrap();
+    let clip = clips.clips[index].clone();
+    let folder = scratch(name);
+    std::fs::create_dir(folder.join("frames")).unwrap();
+    for (number, frame) in clip.frames.iter().enumerate() {
+        std::fs::copy(clips.folder.join(&frame.file), folder.join(format!("frames/{number}.png"))).unwrap();
+    }
+    std::fs::write(folder.join("camera.json"), serde_json::to_string(&clip.camera).unwrap()).unwrap();
+    std::fs::write(folder.join("scene.json"), serde_json::to_string(&clip.scene).unwrap()).unwrap();
+    (clip, folder)
+}
+
+fn distance<const N: usize>(found: &Value, truth: [f64; N]) -> f64 {
+    let off = |axis: usize| found[axis].as_f64().unwrap() - truth[axis];
+    (0..N).map(|axis| off(axis).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn a_clip_becomes_flights_in_metres() {
+    for index in 0..2 {
+        let (clip, folder) = sample("metres", index);
+        let [frames, camera, scene, track, page] =
+            ["frames", "camera.json", "scene.json", "track.csv", "report.html"].map(|name| folder.join(name));
+        let fps = clip.fps.to_string();
+        let output = gravisight(&[
+            "track",
+            text(&frames),
+            "--fps",
+            &fps,
+            "--camera",
+            text(&camera),
+            "--scene",
+            text(&scene),
+            "--out",
+            text(&track),
+            "--report",
+            text(&page),
+            "--json",
+        ]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{said}");
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert!(found["verdict"].as_str().unwrap().starts_with("explained"), "{}", found["verdict"]);
+        let frames = found["frames"].as_array().unwrap();
+        assert_eq!(frames.len(), clip.frames.len());
+        let (mut in_picture, mut in_space) = (vec![], vec![]);
+        for (number, (found, truth)) in frames.iter().zip(&clip.frames).enumerate() {
+            assert_eq!(found["frame"], number);
+            if !found["image"].is_null() {
+                in_picture.push(distance(&found["image"], truth.image.unwrap()));
+                assert!(found["confidence"].as_f64().unwrap() > 0.5);
+            }
+            in_space.push(distance(&found["world"], truth.world.unwrap()));
+            assert!(found["sigma"].as_f64().unwrap() > 0.0 && found["flight"] == 0);
+        }
+        let near = in_picture.iter().filter(|&&off| off < 1.0).count();
+        assert!(near as f64 >= 0.99 * clip.frames.len() as f64, "{near} of {} within 1 px", clip.frames.len());
+        in_space.sort_by(f64::total_cmp);
+        assert!(in_space[in_space.len() / 2] < 0.03, "{} m", in_space[in_space.len() / 2]);
+        assert_eq!(found["flights"].as_array().unwrap().len(), 1);
+        assert!(found["hits"].as_array().unwrap().is_empty());
+        let bounces = found["bounces"].as_array().unwrap();
+        assert!(!bounces.is_empty() && bounces.iter().all(|bounce| bounce["sigma"].as_f64().unwrap() > 0.0));
+        // What `fit` takes.
+        let track = Track::from_file(&track).unwrap();
+        assert!(track.points.len() == clip.frames.len() && track.points[40].radius.is_some());
+        assert!(std::fs::read_to_string(&page).unwrap().contains("The ball's way"));
+    }
+}
+
+#[test]
+fn without_a_camera_there_is_a_track_alone() {
+    let (clip, folder) = sample("flat", 0);
+    let output = gravisight(&["track", text(&folder.join("frames")), "--fps", "15", "--seed-label", "3,1,1"]);
+    // A seed that no ball is at says that what flies is none.
+    assert!(String::from_utf8_lossy(&output.stdout).contains("seen in"), "{output:?}");
+    let output = gravisight(&["track", text(&folder.join("frames")), "--fps", "15", "--json"]);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.status.success() && found["frames"][10]["world"].is_null());
+    assert!(distance(&found["frames"][10]["image"], clip.frames[10].image.unwrap()) < 1.0);
+}
+
+#[test]
+fn a_film_is_read_and_one_with_the_ball_marked_written() {
+    let (_, folder) = sample("film", 0);
+    let video = folder.join("film.mkv");
+    let mut encode = Command::new("ffmpeg");
+    encode.current_dir(&folder).args(["-v", "error", "-framerate", "15", "-i", "frames/%d.png", "-c:v", "ffv1"]);
+    let status = encode.arg(&video).status();
+    assert!(status.expect("this test needs ffmpeg: scripts/setup --browser").success());
+    let marked = folder.join("marked.mp4");
+    let output = gravisight(&["track", text(&video), "--overlay", text(&marked), "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let seen = found["frames"].as_array().unwrap().iter().filter(|frame| !frame["image"].is_null()).count();
+    assert!(seen >= 85, "{seen}");
+    assert!((found["frames"][30]["time"].as_f64().unwrap() - 2.0).abs() < 0.01);
+    assert!(marked.metadata().unwrap().len() > 1000);
+    let left =
+        std::fs::read_dir(&folder).unwrap().filter(|it| text(&it.as_ref().unwrap().path()).contains("unfinished"));
+    assert_eq!(left.count(), 0);
+}
+
+#[test]
+fn no_ball_is_an_answer() {
+    let (clip, folder) = sample("no_ball", 0);
+    let frames = folder.join("frames");
+    for number in 1..clip.frames.len() {
+        std::fs::copy(frames.join("0.png"), frames.join(format!("{number}.png"))).unwrap();
+    }
+    let output = gravisight(&["track", text(&frames), "--fps", "15", "--json"]);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(output.status.code() == Some(1) && found["verdict"].as_str().unwrap().starts_with("no ball"), "{found}");
+}
+
+#[test]
+fn bad_input_is_refused_in_words() {
+    let (_, folder) = sample("refused", 0);
+    let frames = folder.join("frames");
+    let (frames, camera) = (text(&frames), folder.join("camera.json"));
+    let other = folder.join("other.json");
+    let wide = std::fs::read_to_string(&camera).unwrap().replace("\"width\":224", "\"width\":448");
+    std::fs::write(&other, wide).unwrap();
+    let broken = folder.join("broken.mp4");
+    std::fs::write(&broken, b"no film").unwrap();
+    let (camera, other, broken) = (text(&camera), text(&other), text(&broken));
+    let cases: [(&[&str], &str); 8] = [
+        (&[frames], "--fps is needed"),
+        (&["no/such/film.mp4"], "no such video"),
+        (&[broken], "broken.mp4"),
+        (&["src", "--fps", "15"], "no PNG"),
+        (&[frames, "--fps", "15", "--seed-label", "900,3,3"], "the last is 89"),
+        (&[frames, "--fps", "15", "--camera", camera, "--scene", "cricket"], "table-tennis"),
+        (&[frames, "--fps", "15", "--camera", camera, "--scene", "floor", "--ball", "33.5"], "mm"),
+        (&[frames, "--fps", "15", "--camera", other, "--scene", "floor"], "448"),
+    ];
+    for (arguments, named) in cases {
+        let output = gravisight(&[&["track"], arguments].concat());
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(1) && message.contains(named), "{arguments:?}: {message}");
+    }
+    let half = gravisight(&["track", frames, "--fps", "15", "--camera", camera]);
+    assert!(half.status.code() == Some(2) && String::from_utf8_lossy(&half.stderr).contains("--scene"));
+}
+
+#[test]
+fn a_sports_scene_can_be_printed_and_used() {
+    let listed = String::from_utf8(gravisight(&["scene"]).stdout).unwrap();
+    assert!(listed.lines().any(|name| name == "tennis") && listed.lines().count() == Scene::names().len());
+    let printed = String::from_utf8(gravisight(&["scene", "volleyball"]).stdout).unwrap();
+    assert_eq!(Scene::from_json(&printed, "printed").unwrap(), Scene::named("volleyball").unwrap());
+    let unknown = gravisight(&["scene", "cricket"]);
+    assert!(unknown.status.code() == Some(1) && String::from_utf8_lossy(&unknown.stderr).contains("squash"));
+}
+
+#[test]
+fn footage_of_sports_is_made_with_its_truth() {
+    let folder = scratch("footage");
+    let arguments = ["synth", "--set", "broadcast", "--split", "val", "--clips", "1", "--out", text(&folder), "--json"];
+    let output = gravisight(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(said["clips"], 4);
+    for kind in ["tennis", "table-tennis", "volleyball", "toss"] {
+        let file = |ending: &str| folder.join(format!("{kind}-000.{ending}"));
+        assert!(file("mp4").metadata().unwrap().len() > 10_000, "{kind}");
+        let truth = Track::from_file(&file("truth.csv")).unwrap();
+        assert!(truth.points.iter().filter(|point| point.visibility > 0).count() > 10, "{kind}");
+        Scene::from_file(&file("scene.json")).unwrap();
+        let contacts: Value = serde_json::from_slice(&std::fs::read(file("truth.json")).unwrap()).unwrap();
+        assert!(contacts["hits"].is_array() && contacts["bounces"].is_array());
+    }
+    // What is there is not made again.
+    let before = folder.join("toss-000.mp4").metadata().unwrap().modified().unwrap();
+    assert!(gravisight(&arguments).status.success());
+    assert_eq!(folder.join("toss-000.mp4").metadata().unwrap().modified().unwrap(), before);
+}

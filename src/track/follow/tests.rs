@@ -1,0 +1,198 @@
+//! Small films drawn here, whose balls are known.
+
+use image::{Rgb, RgbImage};
+
+use super::*;
+
+const SIZE: [u32; 2] = [320, 200];
+const FPS: f64 = 30.0;
+
+/// A still ground with texture, the same in every frame but for the last bit.
+fn ground(frame: usize) -> RgbImage {
+    RgbImage::from_fn(SIZE[0], SIZE[1], |x, y| {
+        let texture = ((x * 7 + y * 13) % 31 + (x / 9 + y / 7) % 17) as u8;
+        let noise = ((x as usize * 31 + y as usize * 17 + frame * 101) % 7 / 6) as u8;
+        Rgb([90 + texture + noise, 110 + texture, 80 + texture])
+    })
+}
+
+fn disc(rgb: &mut RgbImage, [x, y]: [f64; 2], radius: f64, colour: [u8; 3]) {
+    for row in 0..SIZE[1] {
+        for column in 0..SIZE[0] {
+            let share = (0.5 + radius - (f64::from(column) - x).hypot(f64::from(row) - y)).clamp(0.0, 1.0);
+            let pixel = rgb.get_pixel_mut(column, row);
+            for (level, colour) in pixel.0.iter_mut().zip(colour) {
+                let value = f64::from(*level);
+                *level = (value + share * (f64::from(colour) - value)).round() as u8;
+            }
+        }
+    }
+}
+
+/// Thrown from the left, and bounced at frame 25.
+fn ball_at(frame: usize) -> [f64; 2] {
+    let t = frame as f64;
+    let y =
+        if frame < 25 { 150.0 - 9.0 * t + 0.36 * t * t } else { 150.0 - 6.0 * (t - 25.0) + 0.36 * (t - 25.0).powi(2) };
+    [30.0 + 6.0 * t, y]
+}
+
+const FRAMES: usize = 40;
+const RADIUS: f64 = 4.0;
+const YELLOW: [u8; 3] = [230, 240, 60];
+
+fn film(draw: impl Fn(usize, &mut RgbImage)) -> Follower {
+    let mut follower = Follower::new();
+    for frame in 0..FRAMES {
+        let mut rgb = ground(frame);
+        draw(frame, &mut rgb);
+        follower.watch(&rgb, frame as f64 / FPS).unwrap();
+    }
+    follower
+}
+
+fn with_ball() -> Follower {
+    film(|frame, rgb| disc(rgb, ball_at(frame), RADIUS, YELLOW))
+}
+
+/// Frames in which the ball is followed to a pixel, those in which anything is, and those in all.
+fn counted(frames: &[FollowedFrame], at: impl Fn(usize) -> [f64; 2]) -> [usize; 3] {
+    let off = |frame: usize, ball: &Followed| {
+        let [x, y] = at(frame);
+        (ball.image[0] - x).hypot(ball.image[1] - y)
+    };
+    let seen = || frames.iter().enumerate().filter_map(|(number, frame)| Some((number, frame.ball?)));
+    [seen().filter(|(number, ball)| off(*number, ball) < 1.0).count(), seen().count(), frames.len()]
+}
+
+#[test]
+fn a_ball_is_followed_through_a_bounce_with_its_radius() {
+    let frames = with_ball().finish(&[]).unwrap().frames();
+    let [right, seen, all] = counted(&frames, ball_at);
+    assert!(all == FRAMES && right >= 36 && seen - right <= 1, "{right} right of {seen} seen of {all}");
+    for frame in frames.iter().filter(|frame| frame.ball.is_some()) {
+        let ball = frame.ball.unwrap();
+        assert!((ball.radius_px / RADIUS).ln().abs() < 0.25, "{ball:?}");
+        assert!(frame.confidence > 0.9);
+    }
+}
+
+#[test]
+fn without_a_ball_there_is_none() {
+    let still = film(|_, _| {}).finish(&[]).unwrap().frames();
+    assert!(still.iter().all(|frame| frame.ball.is_none() && frame.confidence == 0.0));
+    // A ball that lies there, and a lamp that flickers.
+    let lying = film(|frame, rgb| {
+        disc(rgb, [100.0, 150.0], RADIUS, YELLOW);
+        disc(rgb, [250.0, 40.0], 5.0, if frame % 3 == 0 { [255, 255, 250] } else { [120, 120, 110] });
+    });
+    let frames = lying.finish(&[]).unwrap().frames();
+    assert!(frames.iter().all(|frame| frame.ball.is_none()));
+    assert!(Follower::new().finish(&[]).unwrap().frames().is_empty());
+}
+
+#[test]
+fn repeated_frames_are_told_and_cost_nothing() {
+    let mut follower = Follower::new();
+    let mut source = 0;
+    // 25 a second shown as 30: every sixth again
+    for frame in 0..FRAMES {
+        if frame % 6 != 5 {
+            source += 1;
+        }
+        let mut rgb = ground(source);
+        disc(&mut rgb, ball_at(source), RADIUS, YELLOW);
+        follower.watch(&rgb, frame as f64 / FPS).unwrap();
+    }
+    let frames = follower.finish(&[]).unwrap().frames();
+    let repeated: Vec<usize> = (0..FRAMES).filter(|&frame| frames[frame].repeated).collect();
+    assert_eq!(repeated, [5, 11, 17, 23, 29, 35]);
+    let seen = frames.iter().filter(|frame| frame.ball.is_some()).count();
+    assert!(seen >= 30, "{seen}");
+}
+
+#[test]
+fn a_cut_loses_no_frame() {
+    let at = |frame: usize| if frame < 30 { ball_at(frame) } else { ball_at(frame - 30) };
+    let mut follower = Follower::new();
+    for frame in 0..80 {
+        let mut rgb = ground(frame);
+        if frame >= 30 {
+            image::imageops::invert(&mut rgb);
+        }
+        disc(&mut rgb, at(frame), RADIUS, [250, 40, 40]);
+        follower.watch(&rgb, frame as f64 / FPS).unwrap();
+    }
+    let frames = follower.finish(&[]).unwrap().frames();
+    let [right, seen, all] = counted(&frames[..70], at);
+    assert!(frames.len() == 80 && right >= 55 && seen - right <= 2, "{right} right of {seen} seen of {all}");
+}
+
+/// A ball and, of it, a shadow.
+fn with_shadow() -> (Follower, fn(usize) -> [f64; 2]) {
+    let shadow = |frame: usize| -> [f64; 2] {
+        let t = frame as f64;
+        [40.0 + 5.5 * t, 170.0 - 2.0 * t + 0.04 * t * t]
+    };
+    let follower = film(|frame, rgb| {
+        disc(rgb, shadow(frame), 4.5, [20, 20, 20]);
+        disc(rgb, ball_at(frame), RADIUS, YELLOW);
+    });
+    (follower, shadow)
+}
+
+#[test]
+fn a_networks_word_tells_the_ball_from_its_shadow() {
+    let (follower, shadow) = with_shadow();
+    let mut flying = follower.finish(&[]).unwrap();
+    let near = |[x, y]: [f64; 2], [u, v]: [f64; 2]| (x - u).hypot(y - v) < 3.0;
+    let mut shadows = 0;
+    for frame in 0..FRAMES {
+        for it in flying.in_frame(frame) {
+            shadows += usize::from(near(it.image, shadow(frame)));
+            flying.tell(frame, &it, near(it.image, ball_at(frame)));
+        }
+    }
+    assert!(shadows > 20, "the shadow flies in {shadows} frames");
+    let [right, seen, _] = counted(&flying.frames(), ball_at);
+    assert!(right >= 34 && seen - right <= 1, "{right} right of {seen}");
+}
+
+#[test]
+fn one_click_decides_which_is_the_ball() {
+    for (seed, is_shadow) in [(12, true), (12, false)] {
+        let (follower, shadow) = with_shadow();
+        let at = if is_shadow { shadow(seed) } else { ball_at(seed) };
+        let frames = follower.finish(&[(seed, at)]).unwrap().frames();
+        let [right, seen, _] = counted(&frames, if is_shadow { shadow } else { ball_at });
+        assert!(right >= 20, "shadow {is_shadow}: {right} right of {seen}");
+        let ball = frames[seed].ball.unwrap();
+        assert!((ball.image[0] - at[0]).hypot(ball.image[1] - at[1]) < 2.0);
+    }
+    let refused = |seed: (usize, [f64; 2])| with_ball().finish(&[seed]).err().unwrap().to_string();
+    assert!(refused((40, [10.0, 10.0])).contains("the last is 39"));
+    assert!(refused((3, [10.0, 500.0])).contains("outside the picture"));
+}
+
+#[test]
+fn a_frame_of_another_size_is_refused() {
+    let mut follower = Follower::new();
+    follower.watch(&ground(0), 0.0).unwrap();
+    let error = follower.watch(&RgbImage::new(64, 64), 0.1).unwrap_err().to_string();
+    assert!(error.contains("frame 1") && error.contains("320×200"), "{error}");
+}
+
+#[test]
+fn a_streak_has_its_middle_its_width_and_its_direction() {
+    let follower = film(|frame, rgb| {
+        let [x, y] = ball_at(frame);
+        for part in -8..=8 {
+            disc(rgb, [x + f64::from(part), y + 0.5 * f64::from(part)], RADIUS, YELLOW);
+        }
+    });
+    let frames = follower.finish(&[]).unwrap().frames();
+    let [right, seen, _] = counted(&frames, ball_at);
+    assert!(right >= 34 && seen - right <= 1, "{right} right of {seen}");
+    let ball = frames[15].ball.unwrap();
+    assert!((ball.radius_px - RADIUS).abs() < 1.0 && ball.reach_px > 9.0, "{ball:?}");
+}
