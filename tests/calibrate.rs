@@ -1,8 +1,7 @@
 //! Cameras from labelled points: `cargo test --release --test calibrate -- --nocapture` prints how far off they are.
 
-use gravisight::Camera;
 use gravisight::parts::Distortion;
-use gravisight::{Court, Points, Size, Unknowns, calibrate};
+use gravisight::{Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::Value;
@@ -306,5 +305,18 @@ proptest! {
     #[test]
     fn odd_texts_are_refused(text in ".{0,80}") {
         prop_assert!(Points::from_json(&text, "points.json").is_err());
+    }
+}
+
+#[test]
+fn a_scenes_lines_are_where_the_court_of_the_same_name_has_its_points() {
+    for name in ["tennis", "volleyball", "badminton", "table-tennis"] {
+        let scene = Scene::named(name).unwrap();
+        let court = Court::named(name).unwrap();
+        for corner in ["near corner left", "far corner right", "near doubles corner left", "far doubles corner right"] {
+            if let Some(point) = court.points.get(corner) {
+                assert!(scene.lines.iter().flatten().any(|end| end == point), "{name}: {corner}");
+            }
+        }
     }
 }

