@@ -14,6 +14,7 @@ use crate::video::{Stream, packet_times};
 pub struct Footage {
     media: Media,
     times: Vec<f64>,
+    own_times: bool,
     size: Option<Size>,
 }
 
@@ -56,7 +57,8 @@ impl Footage {
             }
             (Media::Pictures(_), None) => bail!("--fps is needed for frames: how many were taken a second"),
         };
-        let mut footage = Self { media, times, size: None };
+        let own_times = matches!(media, Media::Video(_)) && fps.is_none();
+        let mut footage = Self { media, times, own_times, size: None };
         let mut size = None;
         footage.each(0..1, &mut |_, rgb| {
             size = Some(Size::new(rgb.width(), rgb.height()));
@@ -78,6 +80,11 @@ impl Footage {
     /// When the frames were taken, s.
     pub fn times(&self) -> &[f64] {
         &self.times
+    }
+
+    /// Whether these are a video's own.
+    pub fn times_known(&self) -> bool {
+        self.own_times
     }
 
     /// Of its frames.

@@ -131,7 +131,11 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         write_whole(out, track.to_csv()?.as_bytes())?;
     }
     let parts = match &place {
-        Some(place) => place.fitted(&track, &footage, &arguments)?,
+        Some(place) => {
+            // Of a rate that was raised, a video's own times are no longer those of the frames.
+            let known = footage.times_known() && !frames.iter().any(|frame| frame.repeated);
+            place.fitted(&track, &footage, known, &arguments)?
+        }
         None => vec![],
     };
     if let Some(out) = &arguments.overlay {
@@ -273,13 +277,17 @@ impl Sight {
 
 impl Place {
     /// The flights, stretch by stretch.
-    fn fitted(&self, track: &Track, footage: &Footage, arguments: &Arguments) -> Result<Vec<Part>> {
+    fn fitted(&self, track: &Track, footage: &Footage, times_known: bool, arguments: &Arguments) -> Result<Vec<Part>> {
         let camera = match footage.size() {
             Some(size) => self.camera.for_picture(size)?,
             None => self.camera.clone(),
         };
-        let options =
-            FitOptions { cameras: self.cameras.clone(), hits: arguments.hits.most(), ..FitOptions::default() };
+        let options = FitOptions {
+            cameras: self.cameras.clone(),
+            hits: arguments.hits.most(),
+            times_known,
+            ..FitOptions::default()
+        };
         let (_, observations) = track.observations(None)?;
         let part = |frames: Range<usize>| {
             let observations = observations[frames.clone()].to_vec();

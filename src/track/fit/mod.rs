@@ -65,11 +65,13 @@ pub struct FitOptions {
     /// ([`Calibration::one_sigma`](crate::Calibration::one_sigma)): what that changes enters σ. Where the spin is unknown
     /// only; empty: the camera is right.
     pub cameras: Vec<Camera>,
+    /// Whether the observations' times are right, as a video's own are: no lost frames are looked for then.
+    pub times_known: bool,
 }
 
 impl Default for FitOptions {
     fn default() -> Self {
-        Self { noise_px: None, starts: 24, estimate: vec![], hits: None, cameras: vec![] }
+        Self { noise_px: None, starts: 24, estimate: vec![], hits: None, cameras: vec![], times_known: false }
     }
 }
 

@@ -186,7 +186,7 @@ fn solve(
     let seen: Vec<(usize, Point2<f64>)> =
         trusted.iter().enumerate().filter_map(|(frame, it)| Some((frame, it.image?))).collect();
     let labels: Vec<(f64, Point2<f64>)> = seen.iter().map(|&(frame, at)| (times[frame], at)).collect();
-    let slips = clock::slips(&labels, interval, sigma);
+    let slips = if options.times_known { vec![] } else { clock::slips(&labels, interval, sigma) };
     let task = Task {
         laws: laws.clone(),
         obstacles: &obstacles,
