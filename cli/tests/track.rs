@@ -89,7 +89,7 @@ fn a_clip_becomes_flights_in_metres() {
         // What `fit` takes.
         let track = Track::from_file(&track).unwrap();
         assert!(track.points.len() == clip.frames.len() && track.points[40].radius.is_some());
-        assert!(std::fs::read_to_string(&page).unwrap().contains("The ball's way"));
+        assert!(std::fs::read_to_string(&page).unwrap().contains("In space, with its shadow"));
     }
 }
 
