@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use gravisight::{Picture, Size};
 use image::RgbImage;
 
-use crate::import::{left_out, pictures_in};
+use crate::import::{is_picture, left_out, pictures_in};
 use crate::video::{Stream, packet_times};
 
 /// Frames in order, read one by one as often as wanted.
@@ -45,14 +45,7 @@ impl Footage {
                 fps.map_or(times.clone(), |fps| evenly(times.len(), fps))
             }
             (Media::Pictures(pictures), Some(fps)) => {
-                let numbers = left_out(pictures);
-                if let (Some(first), Some(last)) = (numbers.first(), numbers.last()) {
-                    eprintln!(
-                        "gravisight: note: {} numbers between {first} and {last} have no picture: the others are taken as \
-                         if none were missing",
-                        numbers.len()
-                    );
-                }
+                note_left_out(pictures);
                 evenly(pictures.len(), fps)
             }
             (Media::Pictures(_), None) => bail!("--fps is needed for frames: how many were taken a second"),
@@ -121,7 +114,14 @@ impl Footage {
     }
 }
 
-fn is_picture(path: &Path) -> bool {
-    let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default().to_lowercase();
-    ["png", "jpg", "jpeg", "webp"].contains(&extension.as_str())
+/// Says which numbers frames lack: their times are missing, too.
+pub fn note_left_out(pictures: &[PathBuf]) {
+    let numbers = left_out(pictures);
+    if let (Some(first), Some(last)) = (numbers.first(), numbers.last()) {
+        eprintln!(
+            "gravisight: note: {} numbers between {first} and {last} have no picture: frames are taken as if none were \
+             missing; give those that are",
+            numbers.len()
+        );
+    }
 }

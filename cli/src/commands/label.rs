@@ -6,7 +6,8 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::export::{cvat_xml, labels_csv, track_of_labels};
-use crate::import::{left_out, pictures_in, video_frames};
+use crate::footage::note_left_out;
+use crate::import::{pictures_in, video_frames};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use gravisight::internal::{NewFolder, write_whole};
@@ -138,18 +139,6 @@ fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<Source>> {
     let id = id.file_stem().map_or_else(|| "clip".into(), |name| name.to_string_lossy().into_owned());
     let clip = Clip { frames: vec![], id: id.clone(), fps, camera, scene };
     Ok(vec![Source::new(clip, file_name(&id), pictures, times)])
-}
-
-/// Says which numbers a folder of frames lacks: their times are missing, too.
-pub(super) fn note_left_out(pictures: &[PathBuf]) {
-    let numbers = left_out(pictures);
-    if let (Some(first), Some(last)) = (numbers.first(), numbers.last()) {
-        eprintln!(
-            "gravisight: note: {} numbers between {first} and {last} have no picture: frames are taken as if none were \
-             missing; give those that are",
-            numbers.len()
-        );
-    }
 }
 
 fn of_clips(clips: Clips) -> Result<Vec<Source>> {

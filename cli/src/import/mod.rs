@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use self::draft::{Draft, Job};
-pub use self::pictures::{left_out, pictures_in};
+pub use self::pictures::{is_picture, left_out, pictures_in};
 pub use self::video::video_frames;
 use gravisight::internal::NewFolder;
 use gravisight::{Camera, Clip, Clips, Error, Result, Scene};

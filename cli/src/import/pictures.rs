@@ -35,6 +35,11 @@ pub(super) fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     extensions.iter().any(|known| known.eq_ignore_ascii_case(extension))
 }
 
+/// Whether a path is named as a picture.
+pub fn is_picture(path: &Path) -> bool {
+    has_extension(path, &PICTURES)
+}
+
 /// What is in a folder, in natural order.
 pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).and_then(|entries| entries.map(|entry| Ok(entry?.path())).collect());
@@ -49,7 +54,7 @@ pub(super) fn entries(folder: &Path) -> Result<Vec<PathBuf>> {
 /// [`Error::Io`]; [`Error::Data`] where there are none.
 pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut pictures = entries(folder)?;
-    pictures.retain(|path| has_extension(path, &PICTURES) && path.is_file());
+    pictures.retain(|path| is_picture(path) && path.is_file());
     match pictures.is_empty() {
         true => Err(Error::Data {
             what: folder.display().to_string(),
