@@ -50,14 +50,22 @@ pub struct Flying {
     arcs: Vec<Arc>,
     /// Numbers of the frames of which `seen` tells.
     numbers: Vec<usize>,
+    cuts: Vec<usize>,
     /// Whether a network sees a ball, by arc and frame.
     told: BTreeMap<(usize, usize), bool>,
 }
 
 impl Flying {
-    pub(super) fn new(kept: Vec<Kept>, seen: Vec<Seen>, arcs: Vec<Arc>) -> Self {
-        let numbers = kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
-        Self { kept, seen, arcs, numbers, told: BTreeMap::new() }
+    pub(super) fn new(kept: Vec<Kept>, seen: Vec<Seen>, arcs: Vec<Arc>, cuts: &[usize]) -> Self {
+        let numbers: Vec<usize> =
+            kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
+        let cuts = cuts.iter().map(|&place| numbers[place]).collect();
+        Self { kept, seen, arcs, numbers, cuts, told: BTreeMap::new() }
+    }
+
+    /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
+    pub fn cuts(&self) -> &[usize] {
+        &self.cuts
     }
 
     /// What flies in a frame: of each a network may say whether it is a ball ([`Self::tell`]).

@@ -57,7 +57,7 @@ pub struct Follower {
     changed: Vec<f64>,
     /// Frames in a row that hardly show the background.
     moving: usize,
-    /// Where the background was another from then on.
+    /// From where on the background was another, of `seen`.
     cuts: Vec<usize>,
     size: [usize; 2],
 }
@@ -188,7 +188,7 @@ impl Follower {
             self.seen.push(Seen { time: now.time, blobs: vec![] });
             if self.moving >= MOVING_FRAMES {
                 // Another camera, or this one elsewhere.
-                self.cuts.push(self.seen.len());
+                self.cuts.push(self.seen.len() - MOVING_FRAMES);
                 (self.background, self.moving) = (None, 0);
             }
             return;
@@ -242,7 +242,7 @@ impl Follower {
         let [width, height] = self.size.map(|side| side as f64);
         let search = Search { frames: &self.seen, width, area: width * height, seeds: &seeds };
         let arcs = search.arcs();
-        Ok(Flying::new(self.kept, self.seen, arcs))
+        Ok(Flying::new(self.kept, self.seen, arcs, &self.cuts))
     }
 
     /// The seeds by the frames that are not repeated.

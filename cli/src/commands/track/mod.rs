@@ -16,7 +16,7 @@ use gravisight::{
 };
 use image::RgbImage;
 
-use self::say::{as_json, print, verdict};
+use self::say::{as_json, cuts_in_words, print, verdict};
 use super::fit::{Hits, PARTLY, hits, one_sigma};
 use super::print_line;
 use crate::device::DeviceChoice;
@@ -124,6 +124,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let name = || footage.name();
     let mut progress = Progress::new();
     let flying = flying(&footage, &arguments, &mut progress).with_context(name)?;
+    let cuts = flying.cuts().to_vec();
     let (frames, sights) = measured(&footage, flying, &localiser, &mut progress).with_context(name)?;
     progress.finish();
     let track = Track { points: sights.iter().map(|sight| sight.point).collect() };
@@ -146,7 +147,8 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         report(out, &footage, place, &parts)?;
     }
     let found = sights.iter().filter(|sight| sight.point.visibility > 0).count();
-    let verdict = verdict(found, &frames, &parts, place.is_some());
+    let mut verdict = verdict(found, &frames, &parts, place.is_some());
+    verdict += &cuts_in_words(&cuts, place.is_some());
     match arguments.json {
         true => print_line(as_json(&sights, &parts, &verdict))?,
         false => print(&verdict, &parts)?,

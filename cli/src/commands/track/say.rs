@@ -43,6 +43,16 @@ pub(super) fn verdict(found: usize, frames: &[FollowedFrame], parts: &[Part], me
     format!("{head}: {explained} of {} stretches; {seen}{tail}", parts.len())
 }
 
+/// What a change of the whole picture means.
+pub(super) fn cuts_in_words(cuts: &[usize], metres: bool) -> String {
+    if cuts.is_empty() {
+        return String::new();
+    }
+    let frames: Vec<String> = cuts.iter().map(usize::to_string).collect();
+    let hold = if metres { "; metres hold only where the view is the calibrated one" } else { "" };
+    format!("; most of the picture changes at frame {}: a cut, or the camera moved{hold}", frames.join(", "))
+}
+
 /// A stretch's flight, hits and bounces count on from those before.
 pub(super) fn as_json(sights: &[Sight], parts: &[Part], verdict: &str) -> Value {
     let frame = |(number, sight): (usize, &Sight)| {
