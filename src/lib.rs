@@ -21,7 +21,7 @@
 //! - **trajectory**: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
 //! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
-//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`propose_labels`]; videos: [`Follower`], [`stretches`]
+//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`propose_labels`]; videos: [`Follower`], [`Tracked`]
 //! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - **evaluation**: [`score`], [`Sample`], [`Metrics`]
 //! - [`Error`], [`Result`]; in [`parts`] the types of what these hold
@@ -70,7 +70,7 @@ pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::size::Size;
 pub use self::track::{
-    Fit, FitOptions, Follower, LabelOptions, Observation, Parameter, Track, propose_labels, stretches,
+    Fit, FitOptions, Follower, LabelOptions, Observation, Parameter, Track, Tracked, propose_labels,
 };
 pub use self::train::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
@@ -78,11 +78,11 @@ pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 
 /// The types of what cameras, scenes and results hold, for whoever has to name them.
 pub mod parts {
-    pub use crate::camera::Distortion;
+    pub use crate::camera::{Distortion, Measured, Outline};
     pub use crate::evaluate::{Bins, Statistic};
-    pub use crate::localise::{Candidate, Maps, Measured, Saliency};
+    pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::physics::{Cuboid, Impact, Potential};
-    pub use crate::track::{FittedFrame, Flight, Flying, Followed, FollowedFrame, Hit, Proposal};
+    pub use crate::track::{FittedFrame, Flight, Flying, Followed, FollowedFrame, Hit, Proposal, Stretch};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.

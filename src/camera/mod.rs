@@ -16,7 +16,7 @@ pub use self::calibrate::{Calibration, Points, Unknowns, calibrate};
 pub use self::court::Court;
 pub use self::distortion::Distortion;
 use self::fold::Range;
-pub(crate) use self::sphere::Outline;
+pub use self::sphere::{Measured, Outline};
 use crate::error::{Error, Result};
 use crate::size::Size;
 

@@ -26,6 +26,19 @@ pub struct Outline {
     pub radius: f64,
 }
 
+/// A ball's outline as it was measured in a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measured {
+    /// Centre and size of the outline, px.
+    pub outline: Outline,
+    /// Standard deviation of its radius, px.
+    pub radius_sigma_px: f64,
+    /// Standard deviation of its centre along each axis, px.
+    pub sigma_px: f64,
+    /// How sure it is that this is a ball, 0 to 1.
+    pub confidence: f64,
+}
+
 impl Camera {
     /// The outline of a ball of `radius` (m) whose centre is at `centre` (camera frame, m).
     ///

@@ -15,7 +15,6 @@ use nalgebra::Point2;
 use serde::{Deserialize, Serialize};
 
 pub use self::saliency::Saliency;
-pub use self::size::Measured;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{MIN_SIDE, Picture};

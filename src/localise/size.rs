@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Point2, Point3};
 
 use super::closer::LOOKED_AT;
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, device_name};
-use crate::camera::{Camera, Outline};
+use crate::camera::{Camera, Measured, Outline};
 use crate::error::{Error, Result};
 use crate::image::{Picture, tile};
 use crate::model::{self, Peak};
@@ -46,21 +46,6 @@ pub(crate) struct Reading {
     /// Standard deviation of log(radius).
     pub log_sigma: f64,
     /// Share of the heatmap's mass around the centre, 0 to 1.
-    pub confidence: f64,
-}
-
-/// A ball in a picture, by [`Localiser::measure`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// Centre of its outline, px.
-    pub image: [f64; 2],
-    /// Semi-minor axis of its outline, px.
-    pub radius_px: f64,
-    /// Standard deviation of that, px.
-    pub radius_sigma_px: f64,
-    /// Standard deviation of the centre along each axis, px.
-    pub sigma_px: f64,
-    /// How sure the network is that this is a ball, 0 to 1.
     pub confidence: f64,
 }
 
@@ -170,8 +155,7 @@ impl Localiser {
         let outline = Outline { centre: image.into(), radius: radius_px };
         let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px)).await?;
         Ok(found.map(|Reading { outline, log_sigma, confidence }| Measured {
-            image: outline.centre.coords.into(),
-            radius_px: outline.radius,
+            outline,
             radius_sigma_px: log_sigma * outline.radius,
             sigma_px: CENTRE_OF_RADIUS * log_sigma * outline.radius,
             confidence,

@@ -5,8 +5,10 @@ mod file;
 mod find;
 mod fit;
 mod follow;
+mod tracked;
 
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub use self::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
-pub use self::follow::{Flying, Followed, FollowedFrame, Follower, stretches};
+pub use self::follow::{Flying, Followed, FollowedFrame, Follower};
+pub use self::tracked::{Stretch, Tracked};

@@ -16,6 +16,12 @@ impl Parameter {
 }
 
 impl Fit {
+    /// 1-σ of the position in the frame next to a time (s), m.
+    pub fn sigma_at(&self, time: f64) -> Option<f64> {
+        let near = self.frames.iter().min_by(|a, b| (a.time - time).abs().total_cmp(&(b.time - time).abs()));
+        near.map(FittedFrame::sigma)
+    }
+
     /// What to think of it, in a sentence.
     pub fn verdict(&self) -> String {
         let count = |number: usize, what: &str| format!("{number} {what}{}", if number == 1 { "" } else { "s" });

@@ -21,9 +21,8 @@ const GATE: f64 = 3.5;
 const UNSEEN: usize = 4;
 /// Frames from an arc's first or last blob to the next beyond which that one is chance.
 const LONELY: usize = 2;
-/// How far a seed may be from its blob's end, px, and what it gains an arc.
+/// How far a seed may be from its blob's end, px.
 const SEED_PX: f64 = 6.0;
-const SEED_GAIN: f64 = 1000.0;
 /// Blobs that tell where an arc leads next.
 const RECENT: usize = 7;
 /// Fewest blobs of an arc.
@@ -37,16 +36,6 @@ const COST_UNSEEN: f64 = 1.5;
 /// Distance (px) and frames within which other blobs tell how crowded a place is.
 const CROWD_PX: f64 = 80.0;
 const CROWD_FRAMES: usize = 6;
-/// Gain of an arc that begins where and when another ends, frames between them, and the distance, px and shares of a step.
-const GOES_ON: f64 = 15.0;
-const BETWEEN: usize = 8;
-const MEETS_PX: f64 = 12.0;
-const MEETS_STEP: f64 = 1.5;
-/// Gain of an arc by itself that is as likely the ball as not: limbs, shadows and flicker make arcs, too.
-pub(super) const EVEN: f64 = 27.0;
-/// Frames that two arcs may share at no cost: one's last and the other's first.
-const SHARED: usize = 1;
-
 /// Blobs of a frame, and when it was taken, s.
 pub(super) struct Seen {
     pub time: f64,
@@ -56,52 +45,12 @@ pub(super) struct Seen {
 /// A way through the picture.
 #[derive(Debug, Clone)]
 pub(super) struct Arc {
-    /// Number of the arc, which its pieces share.
-    pub number: usize,
     /// Frames and blobs' numbers, ascending.
     pub members: Vec<(usize, usize)>,
     /// How much it is more than chance, log of odds.
     pub gain: f64,
-}
-
-impl Arc {
-    fn first(&self) -> usize {
-        self.members[0].0
-    }
-
-    fn last(&self) -> usize {
-        self.members[self.members.len() - 1].0
-    }
-
-    /// Whether a ball can fly this and then the other.
-    fn goes_before(&self, other: &Self) -> bool {
-        self.first() < other.first() && self.last() < other.last()
-    }
-
-    /// What two arcs gain together less than each, for a ball is in one place: the less of theirs in the frames of both.
-    fn shared_with(&self, later: &Self) -> f64 {
-        let shared = (self.last() + 1).saturating_sub(later.first());
-        let each = |arc: &Self| arc.gain / (arc.last() - arc.first() + 1) as f64;
-        shared.saturating_sub(SHARED) as f64 * each(self).min(each(later))
-    }
-
-    /// The parts of an arc that begin where `cuts` says, of two members at least, each with its share of the gain and `more`,
-    /// what its members gain besides.
-    pub fn pieces(&self, cuts: &[bool], more: &[f64]) -> Vec<Self> {
-        let mut pieces = Vec::new();
-        let mut start = 0;
-        for end in 1..=self.members.len() {
-            if end == self.members.len() || cuts[end] {
-                let share = (end - start) as f64 / self.members.len() as f64;
-                let gain = self.gain * share + more[start..end].iter().sum::<f64>();
-                if end - start > 1 {
-                    pieces.push(Self { number: self.number, members: self.members[start..end].to_vec(), gain });
-                }
-                start = end;
-            }
-        }
-        pieces
-    }
+    /// Whether a person saw the ball in it.
+    pub seeded: bool,
 }
 
 /// What arcs are searched in.
@@ -134,7 +83,7 @@ impl Search<'_> {
                 grown.push(arc);
             }
         }
-        grown.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        grown.sort_by(|a, b| b.seeded.cmp(&a.seeded).then(b.gain.total_cmp(&a.gain)));
         let mut taken: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
         let mut kept = Vec::new();
         for arc in grown {
@@ -143,7 +92,7 @@ impl Search<'_> {
                 continue;
             }
             arc.members.iter().for_each(|&(frame, index)| taken[frame][index] = true);
-            kept.push(Arc { number: kept.len(), ..arc });
+            kept.push(arc);
         }
         kept
     }
@@ -208,13 +157,13 @@ impl Search<'_> {
         if way < LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)) {
             return None;
         }
-        let gain = self.gain(&members) + self.told(&members)?;
-        (gain >= LEAST_GAIN).then_some(Arc { number: 0, members, gain })
+        let (gain, seeded) = (self.gain(&members), self.is_seeded(&members)?);
+        (seeded || gain >= LEAST_GAIN).then_some(Arc { members, gain, seeded })
     }
 
-    /// What the seeds say for an arc; none where one says that the ball was elsewhere then.
-    fn told(&self, members: &[(usize, usize)]) -> Option<f64> {
-        let mut gain = 0.0;
+    /// Whether a seed is in an arc; none where one says that the ball was elsewhere then.
+    fn is_seeded(&self, members: &[(usize, usize)]) -> Option<bool> {
+        let mut seeded = false;
         for &(frame, [x, y]) in self.seeds {
             if let Some(&member) = members.iter().find(|member| member.0 == frame) {
                 let blob = self.blob(member);
@@ -222,10 +171,10 @@ impl Search<'_> {
                 if off > SEED_PX + blob.reach {
                     return None;
                 }
-                gain += SEED_GAIN;
+                seeded = true;
             }
         }
-        Some(gain)
+        Some(seeded)
     }
 
     /// The blob by which an arc goes on.
@@ -309,7 +258,7 @@ fn trim(members: &mut Vec<(usize, usize)>) {
 }
 
 /// Whether two blobs may be one ball's.
-fn alike(a: &Blob, b: &Blob) -> bool {
+pub(super) fn alike(a: &Blob, b: &Blob) -> bool {
     (ALIKE.recip()..=ALIKE).contains(&(a.radius / b.radius))
 }
 
@@ -365,46 +314,4 @@ impl Way {
         let bend = if columns == 2 { TURN_PX } else { 0.0 };
         (at, (self.sigma * spread.sqrt()).hypot(bend))
     }
-}
-
-/// The arcs, by number, that one ball can fly, one after the other: those of most gain together.
-pub(super) fn chain(frames: &[Seen], arcs: &[Arc]) -> Vec<usize> {
-    let mut order: Vec<usize> = (0..arcs.len()).filter(|&index| arcs[index].gain > 0.0).collect();
-    order.sort_by_key(|&index| arcs[index].last());
-    let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(order.len());
-    for (place, &index) in order.iter().enumerate() {
-        let arc = &arcs[index];
-        let before = (0..place).filter(|&other| arcs[order[other]].goes_before(arc));
-        let ways = before.map(|other| {
-            let earlier = &arcs[order[other]];
-            (best[other].0 + link(frames, earlier, arc) - earlier.shared_with(arc), Some(other))
-        });
-        let (gain, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
-        best.push((gain + arc.gain - EVEN, from));
-    }
-    let ends = (0..order.len()).filter(|&place| best[place].0 > 0.0);
-    let mut at = ends.max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
-    let mut chosen = Vec::new();
-    while let Some(place) = at {
-        chosen.push(order[place]);
-        at = best[place].1;
-    }
-    chosen.reverse();
-    chosen
-}
-
-/// What it gains that one arc goes on where another ended.
-fn link(frames: &[Seen], from: &Arc, to: &Arc) -> f64 {
-    if from.number == to.number {
-        // Pieces of one arc.
-        return EVEN;
-    }
-    let blob = |(frame, index): (usize, usize)| &frames[frame].blobs[index];
-    let between = to.first().saturating_sub(from.last());
-    let (end, start) = (blob(from.members[from.members.len() - 1]), blob(to.members[0]));
-    let before = blob(from.members[from.members.len() - 2]);
-    let step = (end.at[0] - before.at[0]).hypot(end.at[1] - before.at[1]);
-    let off = (end.at[0] - start.at[0]).hypot(end.at[1] - start.at[1]);
-    let meets = off <= MEETS_PX + MEETS_STEP * step * between.max(1) as f64;
-    if between <= BETWEEN && meets && alike(end, start) { GOES_ON } else { 0.0 }
 }

@@ -2,20 +2,48 @@
 
 use std::collections::BTreeMap;
 
+use super::super::file::TrackPoint;
 use super::Kept;
-use super::arcs::{Arc, EVEN, Seen, chain};
+use super::arcs::{Arc, Seen};
+use super::bend::{Falling, Place};
+use super::chain::{Piece, chain};
+use crate::camera::{Camera, Measured};
+use crate::physics::Scene;
 
-/// What it gains an arc that a network sees a ball in a frame of it, and what it costs that it sees none there; of small ones
-/// that costs less, for networks miss them.
-const SEEN: f64 = 3.0;
-const NOT_SEEN: f64 = 2.0;
-const SMALL_NOT_SEEN: f64 = 0.3;
+/// Confidence of the network from which it sees a ball.
+const SEEN: f64 = 0.3;
+/// Length over width of a streak from which its width is no ball's radius.
+const STREAK: f64 = 2.5;
+/// Share of the variance of a measured radius that frames have in common which are less than so many seconds apart.
+const COMMON: f64 = 0.7;
+const DOUBT_LASTS: f64 = 0.5;
 /// Frames in a row that the network says the same of where an arc is cut.
 const RUN: usize = 3;
-/// Radius below which a ball is small, px.
+/// Radius below which a ball is small, px: networks miss those.
 const SMALL: f64 = 3.0;
-/// How much of an arc's gain changes the odds that it is the ball by e.
-const GAIN_SPREAD: f64 = 6.0;
+/// Gain of an arc that says nothing for or against a ball.
+const USUAL_GAIN: f64 = 27.0;
+/// Standard deviation of a blob's place, px, and a share of its reach.
+const PLACE_PX: f64 = 0.7;
+const PLACE_OF_REACH: f64 = 0.08;
+
+/// What makes the odds that an arc is the ball's. Fitted by logistic regression to the arcs of `synth --set broadcast`
+/// (split train), with a quarter of the network's words turned: it is not as often right of what cameras take.
+struct Weights {
+    constant: f64,
+    /// Of the logarithm of the gain over the usual one.
+    gain: f64,
+    small: f64,
+    /// Of the log of odds by the bend of the way.
+    bend: f64,
+    /// Of the log of odds that the network sees a ball in a frame of it: large ones, small ones.
+    seen: [f64; 2],
+}
+
+const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 0.8, seen: [1.5, 0.6] };
+const UNTOLD: Weights = Weights { constant: -1.5, gain: 1.6, small: -2.5, bend: 1.0, seen: [0.0; 2] };
+/// Log of odds of what a person pointed at.
+const SEEDED: f64 = 20.0;
 
 /// Something that flies, in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,11 +61,11 @@ pub struct Followed {
 /// A frame of a video that was followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FollowedFrame {
-    /// When it was taken, s.
-    pub time: f64,
+    /// The ball as a line of a 2D track: the network's measure of it where it has one.
+    pub point: TrackPoint,
     /// Whether it shows the frame before again.
     pub repeated: bool,
-    /// The ball, where it is seen.
+    /// What moves there, where that is the ball.
     pub ball: Option<Followed>,
     /// Probability that this is the ball; 0 without one.
     pub confidence: f64,
@@ -51,8 +79,8 @@ pub struct Flying {
     /// Numbers of the frames of which `seen` tells.
     numbers: Vec<usize>,
     cuts: Vec<usize>,
-    /// Whether a network sees a ball, by arc and frame.
-    told: BTreeMap<(usize, usize), bool>,
+    /// The ball that a network sees, if it sees one, by arc and frame.
+    told: BTreeMap<(usize, usize), Option<Measured>>,
 }
 
 impl Flying {
@@ -76,84 +104,128 @@ impl Flying {
         here.map(|(number, member)| self.followed(number, member)).collect()
     }
 
-    /// Takes a network's word on one of [`Self::in_frame`].
-    pub fn tell(&mut self, frame: usize, followed: &Followed, is_ball: bool) {
-        self.told.insert((followed.arc, frame), is_ball);
+    /// Takes a network's word on one of [`Self::in_frame`]: the ball that it measures there
+    /// ([`Localiser::measure`](crate::Localiser::measure)), if it sees one.
+    pub fn tell(&mut self, frame: usize, followed: &Followed, ball: Option<Measured>) {
+        self.told.insert((followed.arc, frame), ball.filter(|ball| ball.confidence >= SEEN));
     }
 
-    /// The ball, frame by frame.
-    pub fn frames(&self) -> Vec<FollowedFrame> {
-        let frame =
-            |kept: &Kept| FollowedFrame { time: kept.time, repeated: kept.repeated, ball: None, confidence: 0.0 };
-        let mut frames: Vec<FollowedFrame> = self.kept.iter().map(frame).collect();
-        let pieces: Vec<(usize, Arc)> = (self.arcs.iter().enumerate())
-            .flat_map(|(number, arc)| self.pieces(number, arc).into_iter().map(move |piece| (number, piece)))
-            .collect();
-        let arcs: Vec<Arc> = pieces.iter().map(|(_, piece)| piece.clone()).collect();
-        for index in chain(&self.seen, &arcs) {
-            let (number, arc) = &pieces[index];
-            let whole: f64 =
-                arcs.iter().filter(|piece| piece.number == arc.number).map(|piece| piece.gain.max(0.0)).sum();
-            let confidence = 1.0 / (1.0 + (-(whole - EVEN) / GAIN_SPREAD).exp());
-            for &member in &arc.members {
+    /// The ball, frame by frame. Where the camera (of these pictures) and the scene are known, by how its way bends, too.
+    pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> Vec<FollowedFrame> {
+        let frame = |(number, kept): (usize, &Kept)| {
+            let point = TrackPoint { frame: number as u64, time: Some(kept.time), ..TrackPoint::default() };
+            FollowedFrame { point, repeated: kept.repeated, ball: None, confidence: 0.0 }
+        };
+        let mut frames: Vec<FollowedFrame> = self.kept.iter().enumerate().map(frame).collect();
+        let falling = place.map(|(camera, scene)| Falling { camera, scene });
+        let pieces = (0..self.arcs.len()).flat_map(|arc| self.pieces(arc, falling.as_ref())).collect();
+        for piece in chain(&self.seen, pieces) {
+            let confidence = piece.confidence();
+            for &member in &piece.members {
                 let frame = &mut frames[self.numbers[member.0]];
-                // Where two arcs share frames, the network's word decides.
-                let before = frame.ball.map(|ball| self.gain(ball.arc, member.0, ball.radius_px));
-                let ball = self.followed(*number, member);
-                if before.is_none_or(|before| self.gain(*number, member.0, ball.radius_px) >= before) {
-                    (frame.ball, frame.confidence) = (Some(ball), confidence);
+                // Where two arcs share a frame, the network's word decides.
+                let before = frame.ball.map(|ball| self.is_seen(ball.arc, member.0));
+                if before.is_none_or(|before| self.is_seen(piece.arc, member.0) >= before) {
+                    (frame.ball, frame.confidence) = (Some(self.followed(piece.arc, member)), confidence);
                 }
             }
         }
+        for (number, frame) in frames.iter_mut().enumerate() {
+            if let Some(ball) = frame.ball {
+                let found = self.told.get(&(ball.arc, number)).copied().flatten();
+                frame.point = point(&ball, found.as_ref(), frame.point);
+            }
+        }
+        share_doubt(&mut frames);
         frames
     }
 
-    /// What the network's word on an arc is worth in a frame of those that are not repeated.
-    fn gain(&self, arc: usize, place: usize, radius_px: f64) -> f64 {
-        match self.told.get(&(arc, self.numbers[place])) {
-            None => 0.0,
-            Some(true) => SEEN,
-            Some(false) if radius_px < SMALL => -SMALL_NOT_SEEN,
-            Some(false) => -NOT_SEEN,
-        }
+    /// Whether the network sees a ball in a frame of those that are not repeated; none where it did not say.
+    fn is_seen(&self, arc: usize, place: usize) -> Option<bool> {
+        self.told.get(&(arc, self.numbers[place])).map(Option::is_some)
     }
 
     /// An arc, cut where the network begins or ceases to see a ball for some frames: a ball's arc may end where its shadow's
     /// goes on.
-    fn pieces(&self, number: usize, arc: &Arc) -> Vec<Arc> {
-        let gains: Vec<f64> = arc
-            .members
-            .iter()
-            .map(|&(place, index)| self.gain(number, place, self.seen[place].blobs[index].radius))
-            .collect();
-        let lasts = |from: usize, good: bool| {
-            let run = gains[from..].iter().take(RUN);
-            run.len() == RUN && run.clone().all(|&gain| gain != 0.0 && (gain > 0.0) == good)
+    fn pieces(&self, number: usize, falling: Option<&Falling>) -> Vec<Piece> {
+        let members = &self.arcs[number].members;
+        let seen: Vec<Option<bool>> = members.iter().map(|&(place, _)| self.is_seen(number, place)).collect();
+        let lasts = |from: usize| {
+            let run = seen[from..].iter().take(RUN);
+            run.len() == RUN && seen[from].is_some() && run.clone().all(|&it| it == seen[from])
         };
-        let cut = |index: usize| {
-            index > 0 && [true, false].iter().any(|&good| lasts(index, good) && (gains[index - 1] > 0.0) != good)
+        let cut = |&end: &usize| {
+            end == members.len() || (lasts(end) && seen[end - 1].is_some() && seen[end - 1] != seen[end])
         };
-        let cuts: Vec<bool> = (0..gains.len()).map(cut).collect();
-        let mut pieces = arc.pieces(&cuts, &gains);
-        pieces.iter_mut().for_each(|piece| piece.gain -= self.doubt(number, piece));
+        let mut start = 0;
+        let mut pieces = Vec::new();
+        for end in (1..=members.len()).filter(cut) {
+            if end - start > 1 {
+                let members = members[start..end].to_vec();
+                pieces.push(Piece { arc: number, odds: self.odds(number, &members, falling), members });
+            }
+            start = end;
+        }
         pieces
     }
 
-    /// What a part of an arc loses whose things are large enough to be seen as balls and are not: that it flies speaks for it
-    /// only as far as the network sees it.
-    fn doubt(&self, number: usize, piece: &Arc) -> f64 {
-        let told = piece.members.iter().filter_map(|&(place, index)| {
-            let large = self.seen[place].blobs[index].radius >= SMALL;
-            self.told.get(&(number, self.numbers[place])).filter(|_| large)
-        });
-        let (count, seen) =
-            told.fold((0.0, 0.0), |(count, seen), &told| (count + 1.0, seen + f64::from(u8::from(told))));
-        let unseen = 1.0 - (seen + 1.0) / (count + 2.0);
-        if count > 0.0 { piece.gain.max(0.0) * count / piece.members.len() as f64 * unseen } else { 0.0 }
+    /// That a part of an arc is the ball, log of odds.
+    fn odds(&self, number: usize, members: &[(usize, usize)], falling: Option<&Falling>) -> f64 {
+        let arc = &self.arcs[number];
+        if arc.seeded {
+            return SEEDED;
+        }
+        let (mut told, mut seen) = (0.0, 0.0);
+        let place = |&(place, index): &(usize, usize)| {
+            let blob = &self.seen[place].blobs[index];
+            let word = self.told.get(&(number, self.numbers[place]));
+            told += f64::from(u8::from(word.is_some()));
+            let ball = word.copied().flatten();
+            seen += f64::from(u8::from(ball.is_some()));
+            Place {
+                time: self.seen[place].time,
+                at: ball.map_or(blob.at.into(), |ball| ball.outline.centre),
+                radius: ball.map_or(blob.radius, |ball| ball.outline.radius),
+                sigma: PLACE_PX + PLACE_OF_REACH * blob.reach,
+            }
+        };
+        let way: Vec<Place> = members.iter().map(place).collect();
+        let weights = if told > 0.0 { TOLD } else { UNTOLD };
+        let mut radii: Vec<f64> = way.iter().map(|place| place.radius).collect();
+        radii.sort_by(f64::total_cmp);
+        let small = radii[radii.len() / 2] < SMALL;
+        weights.constant
+            + weights.gain * (arc.gain / USUAL_GAIN).ln()
+            + if small { weights.small } else { 0.0 }
+            + weights.seen[usize::from(small)] * ((seen + 1.0) / (told - seen + 1.0)).ln()
+            + weights.bend * falling.map_or(0.0, |falling| falling.odds(&way))
     }
 
     fn followed(&self, arc: usize, (frame, index): (usize, usize)) -> Followed {
         let blob = &self.seen[frame].blobs[index];
         Followed { arc, image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
+    }
+}
+
+/// A ball as a line of a 2D track; `nothing` has the frame's number and time.
+fn point(ball: &Followed, found: Option<&Measured>, nothing: TrackPoint) -> TrackPoint {
+    let at =
+        |[x, y]: [f64; 2], sigma| TrackPoint { visibility: 1, x: Some(x), y: Some(y), sigma: Some(sigma), ..nothing };
+    let Some(found) = found else { return at(ball.image, PLACE_PX + PLACE_OF_REACH * ball.reach_px) };
+    let sized = ball.reach_px < STREAK * ball.radius_px;
+    let [radius, radius_sigma] = [found.outline.radius, found.radius_sigma_px].map(|it| sized.then_some(it));
+    TrackPoint { radius, radius_sigma, ..at(found.outline.centre.coords.into(), found.sigma_px) }
+}
+
+/// Makes the radii of neighbouring frames as unsure together as one of them is: what a network reads wrong in one, it reads
+/// wrong in the next.
+fn share_doubt(frames: &mut [FollowedFrame]) {
+    let sized: Vec<f64> =
+        frames.iter().filter(|frame| frame.point.radius.is_some()).filter_map(|frame| frame.point.time).collect();
+    for FollowedFrame { point, .. } in frames {
+        let (Some(sigma), Some(time)) = (&mut point.radius_sigma, point.time) else { continue };
+        let near = sized.partition_point(|&other| other < time + DOUBT_LASTS)
+            - sized.partition_point(|&other| other < time - DOUBT_LASTS);
+        *sigma *= (1.0 - COMMON + COMMON * near.max(1) as f64).sqrt();
     }
 }

@@ -10,7 +10,9 @@
 //! kept; of each some blobs are.
 
 mod arcs;
+mod bend;
 mod blobs;
+mod chain;
 mod flying;
 mod planes;
 mod stretches;

@@ -3,6 +3,7 @@
 use image::{Rgb, RgbImage};
 
 use super::*;
+use crate::camera::{Measured, Outline};
 
 const SIZE: [u32; 2] = [320, 200];
 const FPS: f64 = 30.0;
@@ -67,7 +68,7 @@ fn counted(frames: &[FollowedFrame], at: impl Fn(usize) -> [f64; 2]) -> [usize; 
 
 #[test]
 fn a_ball_is_followed_through_a_bounce_with_its_radius() {
-    let frames = with_ball().finish(&[]).unwrap().frames();
+    let frames = with_ball().finish(&[]).unwrap().frames(None);
     let [right, seen, all] = counted(&frames, ball_at);
     assert!(all == FRAMES && right >= 36 && seen - right <= 1, "{right} right of {seen} seen of {all}");
     for frame in frames.iter().filter(|frame| frame.ball.is_some()) {
@@ -79,16 +80,16 @@ fn a_ball_is_followed_through_a_bounce_with_its_radius() {
 
 #[test]
 fn without_a_ball_there_is_none() {
-    let still = film(|_, _| {}).finish(&[]).unwrap().frames();
+    let still = film(|_, _| {}).finish(&[]).unwrap().frames(None);
     assert!(still.iter().all(|frame| frame.ball.is_none() && frame.confidence == 0.0));
     // A ball that lies there, and a lamp that flickers.
     let lying = film(|frame, rgb| {
         disc(rgb, [100.0, 150.0], RADIUS, YELLOW);
         disc(rgb, [250.0, 40.0], 5.0, if frame % 3 == 0 { [255, 255, 250] } else { [120, 120, 110] });
     });
-    let frames = lying.finish(&[]).unwrap().frames();
+    let frames = lying.finish(&[]).unwrap().frames(None);
     assert!(frames.iter().all(|frame| frame.ball.is_none()));
-    assert!(Follower::new().finish(&[]).unwrap().frames().is_empty());
+    assert!(Follower::new().finish(&[]).unwrap().frames(None).is_empty());
 }
 
 #[test]
@@ -104,7 +105,7 @@ fn repeated_frames_are_told_and_cost_nothing() {
         disc(&mut rgb, ball_at(source), RADIUS, YELLOW);
         follower.watch(&rgb, frame as f64 / FPS).unwrap();
     }
-    let frames = follower.finish(&[]).unwrap().frames();
+    let frames = follower.finish(&[]).unwrap().frames(None);
     let repeated: Vec<usize> = (0..FRAMES).filter(|&frame| frames[frame].repeated).collect();
     assert_eq!(repeated, [5, 11, 17, 23, 29, 35]);
     let seen = frames.iter().filter(|frame| frame.ball.is_some()).count();
@@ -125,7 +126,7 @@ fn a_cut_loses_no_frame() {
     }
     let flying = follower.finish(&[]).unwrap();
     assert!(matches!(flying.cuts(), [30 | 31]), "{:?}", flying.cuts());
-    let frames = flying.frames();
+    let frames = flying.frames(None);
     let [right, seen, all] = counted(&frames[..70], at);
     assert!(frames.len() == 80 && right >= 55 && seen - right <= 2, "{right} right of {seen} seen of {all}");
 }
@@ -143,6 +144,12 @@ fn with_shadow() -> (Follower, fn(usize) -> [f64; 2]) {
     (follower, shadow)
 }
 
+/// What a network says that sees a ball there.
+fn as_ball(it: &Followed) -> Measured {
+    let outline = Outline { centre: it.image.into(), radius: it.radius_px };
+    Measured { outline, radius_sigma_px: 0.1, sigma_px: 0.1, confidence: 0.9 }
+}
+
 #[test]
 fn a_networks_word_tells_the_ball_from_its_shadow() {
     let (follower, shadow) = with_shadow();
@@ -152,11 +159,11 @@ fn a_networks_word_tells_the_ball_from_its_shadow() {
     for frame in 0..FRAMES {
         for it in flying.in_frame(frame) {
             shadows += usize::from(near(it.image, shadow(frame)));
-            flying.tell(frame, &it, near(it.image, ball_at(frame)));
+            flying.tell(frame, &it, near(it.image, ball_at(frame)).then(|| as_ball(&it)));
         }
     }
     assert!(shadows > 20, "the shadow flies in {shadows} frames");
-    let [right, seen, _] = counted(&flying.frames(), ball_at);
+    let [right, seen, _] = counted(&flying.frames(None), ball_at);
     // Where they touch they are one blob, whose middle is between.
     assert!(right >= 34 && seen - right <= 4, "{right} right of {seen}");
 }
@@ -166,7 +173,7 @@ fn one_click_decides_which_is_the_ball() {
     for (seed, is_shadow) in [(12, true), (12, false)] {
         let (follower, shadow) = with_shadow();
         let at = if is_shadow { shadow(seed) } else { ball_at(seed) };
-        let frames = follower.finish(&[(seed, at)]).unwrap().frames();
+        let frames = follower.finish(&[(seed, at)]).unwrap().frames(None);
         let [right, seen, _] = counted(&frames, if is_shadow { shadow } else { ball_at });
         assert!(right >= 20, "shadow {is_shadow}: {right} right of {seen}");
         let ball = frames[seed].ball.unwrap();
@@ -193,7 +200,7 @@ fn a_streak_has_its_middle_its_width_and_its_direction() {
             disc(rgb, [x + f64::from(part), y + 0.5 * f64::from(part)], RADIUS, YELLOW);
         }
     });
-    let frames = follower.finish(&[]).unwrap().frames();
+    let frames = follower.finish(&[]).unwrap().frames(None);
     let [right, seen, _] = counted(&frames, ball_at);
     assert!(right >= 34 && seen - right <= 1, "{right} right of {seen}");
     let ball = frames[15].ball.unwrap();

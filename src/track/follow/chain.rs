@@ -1,0 +1,100 @@
+//! Which arcs one ball flies, one after the other.
+
+use super::arcs::{Seen, alike};
+
+/// Most frames between an arc and one that goes on from it, and the distance, px and shares of a step.
+const BETWEEN: usize = 8;
+const MEETS_PX: f64 = 12.0;
+const MEETS_STEP: f64 = 1.5;
+/// What it says for an arc that one which is the ball goes before or after it, log of odds.
+const GOES_ON: f64 = 2.0;
+/// Frames that two arcs may share at no cost: one's last and the other's first.
+const SHARED: usize = 1;
+
+/// A part of an arc that may be the ball.
+#[derive(Debug, Clone)]
+pub(super) struct Piece {
+    /// Number of its arc.
+    pub arc: usize,
+    /// Frames and blobs' numbers, ascending.
+    pub members: Vec<(usize, usize)>,
+    /// That it is the ball, log of odds.
+    pub odds: f64,
+}
+
+impl Piece {
+    fn first(&self) -> usize {
+        self.members[0].0
+    }
+
+    fn last(&self) -> usize {
+        self.members[self.members.len() - 1].0
+    }
+
+    /// Probability that this is the ball.
+    pub fn confidence(&self) -> f64 {
+        1.0 / (1.0 + (-self.odds).exp())
+    }
+
+    /// How many more of its frames would show the ball than not.
+    fn worth(&self) -> f64 {
+        self.members.len() as f64 * (2.0 * self.confidence() - 1.0)
+    }
+
+    /// Whether a ball can fly this and then the other.
+    fn goes_before(&self, other: &Self) -> bool {
+        self.first() < other.first() && self.last() < other.last()
+    }
+
+    /// What two are worth together less than each, for a ball is in one place: the less of theirs in the frames of both.
+    fn shared_with(&self, later: &Self) -> f64 {
+        let shared = (self.last() + 1).saturating_sub(later.first());
+        let each = |piece: &Self| piece.worth() / (piece.last() - piece.first() + 1) as f64;
+        shared.saturating_sub(SHARED) as f64 * each(self).min(each(later))
+    }
+
+    /// Whether the other begins where and when this ends.
+    fn meets(&self, later: &Self, frames: &[Seen]) -> bool {
+        let blob = |(frame, index): (usize, usize)| &frames[frame].blobs[index];
+        let between = later.first().saturating_sub(self.last());
+        let (end, start) = (blob(self.members[self.members.len() - 1]), blob(later.members[0]));
+        let before = blob(self.members[self.members.len() - 2]);
+        let step = (end.at[0] - before.at[0]).hypot(end.at[1] - before.at[1]);
+        let off = (end.at[0] - start.at[0]).hypot(end.at[1] - start.at[1]);
+        let near = MEETS_PX + MEETS_STEP * step * between.max(1) as f64;
+        self.goes_before(later) && between <= BETWEEN && off <= near && alike(end, start)
+    }
+}
+
+/// The pieces that one ball can fly: those of most worth together, ascending. What goes before and after a piece speaks for it.
+pub(super) fn chain(frames: &[Seen], pieces: Vec<Piece>) -> Vec<Piece> {
+    let support = |index: usize| {
+        let piece = &pieces[index];
+        let most = |meets: &dyn Fn(&Piece) -> bool| {
+            let met =
+                pieces.iter().enumerate().filter(|(other, it)| *other != index && it.arc != piece.arc && meets(it));
+            met.map(|(_, other)| other.confidence()).fold(0.0, f64::max)
+        };
+        GOES_ON * (most(&|other| other.meets(piece, frames)) + most(&|other| piece.meets(other, frames)))
+    };
+    let supports: Vec<f64> = (0..pieces.len()).map(support).collect();
+    let mut pieces = pieces;
+    pieces.iter_mut().zip(supports).for_each(|(piece, support)| piece.odds += support);
+    pieces.retain(|piece| piece.odds > 0.0);
+    pieces.sort_by_key(Piece::last);
+    let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(pieces.len());
+    for (place, piece) in pieces.iter().enumerate() {
+        let before = (0..place).filter(|&other| pieces[other].goes_before(piece));
+        let ways = before.map(|other| (best[other].0 - pieces[other].shared_with(piece), Some(other)));
+        let (worth, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
+        best.push((worth + piece.worth(), from));
+    }
+    let mut at = (0..pieces.len()).max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
+    let mut chosen = Vec::new();
+    while let Some(place) = at {
+        chosen.push(place);
+        at = best[place].1;
+    }
+    chosen.reverse();
+    chosen.into_iter().map(|place| pieces[place].clone()).collect()
+}
