@@ -82,7 +82,7 @@ pub mod parts {
     pub use crate::evaluate::{Bins, Statistic};
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::physics::{Cuboid, Impact, Potential};
-    pub use crate::track::{FittedFrame, Flight, Flying, Followed, FollowedFrame, Hit, Proposal, Stretch};
+    pub use crate::track::{FittedFrame, Flight, Flying, Followed, FollowedFrame, Hit, Proposal, Stretch, Wanted};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.

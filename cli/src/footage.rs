@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail, ensure};
 use gravisight::{Picture, Size};
-use image::RgbImage;
 
 use crate::import::{is_picture, left_out, pictures_in};
 use crate::video::{Stream, packet_times};
@@ -53,8 +52,8 @@ impl Footage {
         let own_times = matches!(media, Media::Video(_)) && fps.is_none();
         let mut footage = Self { media, times, own_times, size: None };
         let mut size = None;
-        footage.each(0..1, &mut |_, rgb| {
-            size = Some(Size::new(rgb.width(), rgb.height()));
+        footage.each(0..1, &mut |_, picture| {
+            size = Some(picture.size());
             Ok(())
         })?;
         footage.size = size;
@@ -89,7 +88,7 @@ impl Footage {
     ///
     /// # Errors
     /// What a frame cannot be read for, and what `visit` returns.
-    pub fn each(&self, range: Range<usize>, visit: &mut dyn FnMut(usize, RgbImage) -> Result<()>) -> Result<()> {
+    pub fn each(&self, range: Range<usize>, visit: &mut dyn FnMut(usize, Picture) -> Result<()>) -> Result<()> {
         match &self.media {
             Media::Video(video) => {
                 let mut stream = Stream::open(video)?;
@@ -98,7 +97,7 @@ impl Footage {
                 while number < range.end.min(self.times.len()) {
                     let Some(rgb) = stream.read()? else { break };
                     if range.contains(&number) {
-                        visit(number, rgb)?;
+                        visit(number, Picture::from_rgb(rgb))?;
                     }
                     number += 1;
                 }
@@ -106,7 +105,7 @@ impl Footage {
             Media::Pictures(pictures) => {
                 for (number, path) in pictures.iter().enumerate().take(range.end).skip(range.start) {
                     let picture = Picture::open(path).with_context(|| path.display().to_string())?;
-                    visit(number, picture.rgb().clone())?;
+                    visit(number, picture)?;
                 }
             }
         }

@@ -29,7 +29,8 @@ pub fn write(out: &Path, footage: &Footage, balls: &[Option<[f64; 3]>]) -> Resul
     ensure!(fps.is_finite() && fps > 0.0, "--overlay: the footage has no frame rate; give --fps");
     let mut encoder = Encoder::new(out, size, fps, QUALITY)?;
     let mut trail: VecDeque<[f64; 3]> = VecDeque::new();
-    footage.each(0..balls.len(), &mut |number, mut rgb| {
+    footage.each(0..balls.len(), &mut |number, picture| {
+        let mut rgb = picture.into_rgb();
         if let Some(ball) = balls[number] {
             trail.push_back(ball);
             STROKES.iter().for_each(|stroke| ring(&mut rgb, ball, ball[2] + APART + stroke));

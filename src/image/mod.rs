@@ -89,6 +89,11 @@ impl Picture {
         &self.rgb
     }
 
+    /// Its pixels.
+    pub fn into_rgb(self) -> RgbImage {
+        self.rgb
+    }
+
     /// The picture scaled to fit `size` (antialiased, pixel-centre rule, aspect ratio kept),
     /// padded with the mean colour on the right or below, normalised.
     pub fn network_input(&self, size: Size, normalisation: &Normalisation) -> NetworkInput {

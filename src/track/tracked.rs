@@ -34,7 +34,7 @@ pub struct Stretch {
 
 impl Tracked {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
-    pub fn new(flying: &Flying, place: Option<(&Camera, &Scene)>) -> Self {
+    pub fn new(flying: &Flying<'_>, place: Option<(&Camera, &Scene)>) -> Self {
         Self { frames: flying.frames(place), cuts: flying.cuts().to_vec(), stretches: vec![], metres: false }
     }
 

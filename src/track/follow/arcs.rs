@@ -209,6 +209,18 @@ impl Search<'_> {
         None
     }
 
+    /// Where an arc leads in a frame beyond its ends or between its blobs, px; how far that may be off, and the radius there.
+    pub fn leads(&self, arc: &Arc, frame: usize) -> Option<([f64; 2], f64, f64)> {
+        let after = arc.members.partition_point(|member| member.0 < frame);
+        let near = after.saturating_sub(RECENT)..(after + RECENT).min(arc.members.len());
+        let mut near = arc.members[near].to_vec();
+        near.sort_by_key(|member| member.0.abs_diff(frame));
+        near.truncate(RECENT);
+        let (at, unsure) = Way::through(self, &near)?.at(self.frames[frame].time);
+        let logs = near.iter().map(|&member| self.blob(member).radius.ln());
+        Some((at, unsure, (logs.sum::<f64>() / near.len() as f64).exp()))
+    }
+
     /// How much more likely an arc's blobs are as one thing's than as chance: of each but the first three, the density of a
     /// blob where the others lead over that of blobs in general.
     fn gain(&self, members: &[(usize, usize)]) -> f64 {
@@ -233,7 +245,10 @@ impl Search<'_> {
     }
 
     /// Blobs a px² about a blob, in the frames around its.
-    fn crowd(&self, (frame, index): (usize, usize)) -> f64 {
+    pub fn crowd(&self, (frame, index): (usize, usize)) -> f64 {
+        if let Some(crowd) = self.frames[frame].blobs[index].crowd {
+            return crowd;
+        }
         let at = self.frames[frame].blobs[index].at;
         let frames = frame.saturating_sub(CROWD_FRAMES)..(frame + CROWD_FRAMES + 1).min(self.frames.len());
         let count = frames.len() as f64;

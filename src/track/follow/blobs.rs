@@ -24,6 +24,8 @@ pub(super) struct Blob {
     pub contrast: f64,
     /// Its pixels over those of the ellipse with its moments.
     pub filled: f64,
+    /// How crowded its place is, once the blobs about it are forgotten.
+    pub crowd: Option<f64>,
 }
 
 /// Pixels of one row.
@@ -139,6 +141,7 @@ impl Sums {
             direction: (0.5 * (2.0 * xy).atan2(xx - yy)),
             contrast: self.weight / self.pixels as f64,
             filled,
+            crowd: None,
         })
     }
 }

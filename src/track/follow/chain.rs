@@ -67,29 +67,25 @@ impl Piece {
 }
 
 /// The pieces that one ball can fly: those of most worth together, ascending. What goes before and after a piece speaks for it.
-pub(super) fn chain(frames: &[Seen], pieces: Vec<Piece>) -> Vec<Piece> {
-    let support = |index: usize| {
-        let piece = &pieces[index];
-        let most = |meets: &dyn Fn(&Piece) -> bool| {
-            let met =
-                pieces.iter().enumerate().filter(|(other, it)| *other != index && it.arc != piece.arc && meets(it));
-            met.map(|(_, other)| other.confidence()).fold(0.0, f64::max)
-        };
-        GOES_ON * (most(&|other| other.meets(piece, frames)) + most(&|other| piece.meets(other, frames)))
-    };
-    let supports: Vec<f64> = (0..pieces.len()).map(support).collect();
-    let mut pieces = pieces;
-    pieces.iter_mut().zip(supports).for_each(|(piece, support)| piece.odds += support);
-    pieces.retain(|piece| piece.odds > 0.0);
+pub(super) fn chain(frames: &[Seen], mut pieces: Vec<Piece>) -> Vec<Piece> {
     pieces.sort_by_key(Piece::last);
+    support(frames, &mut pieces);
+    pieces.retain(|piece| piece.odds > 0.0);
+    // Of each piece: what the best chain that ends with it is worth, and the piece before. Of each and those before it: the
+    // best end.
     let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(pieces.len());
+    let mut ends: Vec<usize> = Vec::with_capacity(pieces.len());
     for (place, piece) in pieces.iter().enumerate() {
-        let before = (0..place).filter(|&other| pieces[other].goes_before(piece));
+        let apart = pieces[..place].partition_point(|other| other.last() < piece.first());
+        let overlaps = (apart..place).filter(|&other| pieces[other].goes_before(piece));
+        let before = overlaps.chain(apart.checked_sub(1).map(|last| ends[last]));
         let ways = before.map(|other| (best[other].0 - pieces[other].shared_with(piece), Some(other)));
         let (worth, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
         best.push((worth + piece.worth(), from));
+        let end = ends.last().filter(|&&end| best[end].0 >= best[place].0);
+        ends.push(end.copied().unwrap_or(place));
     }
-    let mut at = (0..pieces.len()).max_by(|&a, &b| best[a].0.total_cmp(&best[b].0));
+    let mut at = ends.last().copied();
     let mut chosen = Vec::new();
     while let Some(place) = at {
         chosen.push(place);
@@ -97,4 +93,23 @@ pub(super) fn chain(frames: &[Seen], pieces: Vec<Piece>) -> Vec<Piece> {
     }
     chosen.reverse();
     chosen.into_iter().map(|place| pieces[place].clone()).collect()
+}
+
+/// Adds to the odds of pieces (by their last frames, ascending) what those say that go before and after each.
+fn support(frames: &[Seen], pieces: &mut [Piece]) {
+    // Of the piece before each, and of the one after.
+    let mut most = vec![[0.0_f64; 2]; pieces.len()];
+    for (place, later) in pieces.iter().enumerate() {
+        let near = pieces[..place].partition_point(|piece| piece.last() + BETWEEN < later.first());
+        for other in near..place {
+            let earlier = &pieces[other];
+            if earlier.arc != later.arc && earlier.meets(later, frames) {
+                most[place][0] = most[place][0].max(earlier.confidence());
+                most[other][1] = most[other][1].max(later.confidence());
+            }
+        }
+    }
+    for (piece, [before, after]) in pieces.iter_mut().zip(most) {
+        piece.odds += GOES_ON * (before + after);
+    }
 }

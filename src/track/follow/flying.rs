@@ -7,11 +7,10 @@ use super::Kept;
 use super::arcs::{Arc, Seen};
 use super::bend::{Falling, Place};
 use super::chain::{Piece, chain};
+use super::wanted::Words;
 use crate::camera::{Camera, Measured};
 use crate::physics::Scene;
 
-/// Confidence of the network from which it sees a ball.
-const SEEN: f64 = 0.3;
 /// Length over width of a streak from which its width is no ball's radius.
 const STREAK: f64 = 2.5;
 /// Share of the variance of a measured radius that frames have in common which are less than so many seconds apart.
@@ -48,8 +47,6 @@ const SEEDED: f64 = 20.0;
 /// Something that flies, in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Followed {
-    /// Number of its arc.
-    pub arc: usize,
     /// Middle of it, or of the streak that it left, px.
     pub image: [f64; 2],
     /// Half the width of that, px.
@@ -72,42 +69,27 @@ pub struct FollowedFrame {
 }
 
 /// All that flew in a video.
-pub struct Flying {
-    kept: Vec<Kept>,
-    seen: Vec<Seen>,
+pub struct Flying<'a> {
+    kept: &'a [Kept],
+    seen: &'a [Seen],
     arcs: Vec<Arc>,
+    words: &'a Words,
     /// Numbers of the frames of which `seen` tells.
     numbers: Vec<usize>,
     cuts: Vec<usize>,
-    /// The ball that a network sees, if it sees one, by arc and frame.
-    told: BTreeMap<(usize, usize), Option<Measured>>,
 }
 
-impl Flying {
-    pub(super) fn new(kept: Vec<Kept>, seen: Vec<Seen>, arcs: Vec<Arc>, cuts: &[usize]) -> Self {
+impl<'a> Flying<'a> {
+    pub(super) fn new(kept: &'a [Kept], seen: &'a [Seen], arcs: Vec<Arc>, words: &'a Words, cuts: &[usize]) -> Self {
         let numbers: Vec<usize> =
             kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
         let cuts = cuts.iter().map(|&place| numbers[place]).collect();
-        Self { kept, seen, arcs, numbers, cuts, told: BTreeMap::new() }
+        Self { kept, seen, arcs, words, numbers, cuts }
     }
 
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
     pub fn cuts(&self) -> &[usize] {
         &self.cuts
-    }
-
-    /// What flies in a frame: of each a network may say whether it is a ball ([`Self::tell`]).
-    pub fn in_frame(&self, frame: usize) -> Vec<Followed> {
-        let Ok(place) = self.numbers.binary_search(&frame) else { return vec![] };
-        let member = |arc: &Arc| arc.members.binary_search_by_key(&place, |member| member.0).ok();
-        let here = self.arcs.iter().enumerate().filter_map(|(number, arc)| Some((number, arc.members[member(arc)?])));
-        here.map(|(number, member)| self.followed(number, member)).collect()
-    }
-
-    /// Takes a network's word on one of [`Self::in_frame`]: the ball that it measures there
-    /// ([`Localiser::measure`](crate::Localiser::measure)), if it sees one.
-    pub fn tell(&mut self, frame: usize, followed: &Followed, ball: Option<Measured>) {
-        self.told.insert((followed.arc, frame), ball.filter(|ball| ball.confidence >= SEEN));
     }
 
     /// The ball, frame by frame. Where the camera (of these pictures) and the scene are known, by how its way bends, too.
@@ -119,37 +101,36 @@ impl Flying {
         let mut frames: Vec<FollowedFrame> = self.kept.iter().enumerate().map(frame).collect();
         let falling = place.map(|(camera, scene)| Falling { camera, scene });
         let pieces = (0..self.arcs.len()).flat_map(|arc| self.pieces(arc, falling.as_ref())).collect();
-        for piece in chain(&self.seen, pieces) {
-            let confidence = piece.confidence();
+        let mut balls: BTreeMap<usize, ((usize, usize), f64)> = BTreeMap::new();
+        for piece in chain(self.seen, pieces) {
             for &member in &piece.members {
-                let frame = &mut frames[self.numbers[member.0]];
                 // Where two arcs share a frame, the network's word decides.
-                let before = frame.ball.map(|ball| self.is_seen(ball.arc, member.0));
-                if before.is_none_or(|before| self.is_seen(piece.arc, member.0) >= before) {
-                    (frame.ball, frame.confidence) = (Some(self.followed(piece.arc, member)), confidence);
+                if balls.get(&member.0).is_none_or(|ball| self.is_seen(member) >= self.is_seen(ball.0)) {
+                    balls.insert(member.0, (member, piece.confidence()));
                 }
             }
         }
-        for (number, frame) in frames.iter_mut().enumerate() {
-            if let Some(ball) = frame.ball {
-                let found = self.told.get(&(ball.arc, number)).copied().flatten();
-                frame.point = point(&ball, found.as_ref(), frame.point);
-            }
+        for (place, (member, confidence)) in balls {
+            let frame = &mut frames[self.numbers[place]];
+            let ball = self.followed(member);
+            let found = self.words.of(member).and_then(Option::as_ref);
+            frame.point = point(&ball, found, frame.point);
+            (frame.ball, frame.confidence) = (Some(ball), confidence);
         }
         share_doubt(&mut frames);
         frames
     }
 
     /// Whether the network sees a ball in a frame of those that are not repeated; none where it did not say.
-    fn is_seen(&self, arc: usize, place: usize) -> Option<bool> {
-        self.told.get(&(arc, self.numbers[place])).map(Option::is_some)
+    fn is_seen(&self, member: (usize, usize)) -> Option<bool> {
+        self.words.of(member).map(Option::is_some)
     }
 
     /// An arc, cut where the network begins or ceases to see a ball for some frames: a ball's arc may end where its shadow's
     /// goes on.
     fn pieces(&self, number: usize, falling: Option<&Falling>) -> Vec<Piece> {
         let members = &self.arcs[number].members;
-        let seen: Vec<Option<bool>> = members.iter().map(|&(place, _)| self.is_seen(number, place)).collect();
+        let seen: Vec<Option<bool>> = members.iter().map(|&member| self.is_seen(member)).collect();
         let lasts = |from: usize| {
             let run = seen[from..].iter().take(RUN);
             run.len() == RUN && seen[from].is_some() && run.clone().all(|&it| it == seen[from])
@@ -162,7 +143,7 @@ impl Flying {
         for end in (1..=members.len()).filter(cut) {
             if end - start > 1 {
                 let members = members[start..end].to_vec();
-                pieces.push(Piece { arc: number, odds: self.odds(number, &members, falling), members });
+                pieces.push(Piece { arc: number, odds: self.odds(&self.arcs[number], &members, falling), members });
             }
             start = end;
         }
@@ -170,15 +151,14 @@ impl Flying {
     }
 
     /// That a part of an arc is the ball, log of odds.
-    fn odds(&self, number: usize, members: &[(usize, usize)], falling: Option<&Falling>) -> f64 {
-        let arc = &self.arcs[number];
+    fn odds(&self, arc: &Arc, members: &[(usize, usize)], falling: Option<&Falling>) -> f64 {
         if arc.seeded {
             return SEEDED;
         }
         let (mut told, mut seen) = (0.0, 0.0);
         let place = |&(place, index): &(usize, usize)| {
             let blob = &self.seen[place].blobs[index];
-            let word = self.told.get(&(number, self.numbers[place]));
+            let word = self.words.of((place, index));
             told += f64::from(u8::from(word.is_some()));
             let ball = word.copied().flatten();
             seen += f64::from(u8::from(ball.is_some()));
@@ -201,9 +181,9 @@ impl Flying {
             + weights.bend * falling.map_or(0.0, |falling| falling.odds(&way))
     }
 
-    fn followed(&self, arc: usize, (frame, index): (usize, usize)) -> Followed {
+    fn followed(&self, (frame, index): (usize, usize)) -> Followed {
         let blob = &self.seen[frame].blobs[index];
-        Followed { arc, image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
+        Followed { image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
     }
 }
 

@@ -2,12 +2,13 @@
 //!
 //! ```text
 //! frames ─► differences (background, frame before, frame after) ─► blobs ─► arcs ─► the ball's chain of arcs
-//!                                                                              ▲
-//!                                            what a network says of their blobs ┘
+//!                                                                    ▲         │
+//!                                     what a network sees there, and where they lead
 //! ```
 //!
-//! Without a network, too: a camera that stands still, and a ball that is small and flies; a shadow flies as well as a ball. Frames come one after the other and are not
-//! kept; of each some blobs are.
+//! Frames come one after the other; the last ones are held, so that a network can look at what seems to fly in them
+//! ([`Follower::wanted`]). Without a network, too: a camera that stands still, and a ball that is small and flies; a shadow flies
+//! as well as a ball.
 
 mod arcs;
 mod bend;
@@ -18,15 +19,19 @@ mod planes;
 mod stretches;
 #[cfg(test)]
 mod tests;
+mod wanted;
 
-use image::RgbImage;
+use std::collections::VecDeque;
 
 use self::arcs::{Search, Seen};
 use self::blobs::Blob;
 pub use self::flying::{Flying, Followed, FollowedFrame};
 use self::planes::{Background, FIRST_FRAMES, Planes, contrast_of};
 pub use self::stretches::stretches;
+pub use self::wanted::Wanted;
+use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
+use crate::image::Picture;
 
 /// Smallest radius that is looked for, px, and the largest, as a share of the picture's shorter side.
 const LEAST_RADIUS: f64 = 1.0;
@@ -44,6 +49,7 @@ const LEAST_CHANGE: u8 = 2;
 const USUAL_FRAMES: usize = 50;
 /// Fewest frames of which a background is made.
 const FEWEST_FRAMES: usize = 5;
+
 /// Follows the ball through frames that come one after the other.
 pub struct Follower {
     /// Frames that wait for a background, with their times.
@@ -62,6 +68,10 @@ pub struct Follower {
     /// From where on the background was another, of `seen`.
     cuts: Vec<usize>,
     size: [usize; 2],
+    /// The last frames that are not repeated.
+    held: VecDeque<Held>,
+    /// What a network said of the blobs.
+    words: Words,
 }
 
 /// A frame that waits for the next one.
@@ -73,6 +83,7 @@ struct Now {
 }
 
 /// What a frame was like besides its blobs.
+#[derive(Clone, Copy)]
 struct Kept {
     time: f64,
     repeated: bool,
@@ -98,6 +109,8 @@ impl Follower {
             moving: 0,
             cuts: vec![],
             size: [0; 2],
+            held: VecDeque::new(),
+            words: Words::default(),
         }
     }
 
@@ -105,8 +118,8 @@ impl Follower {
     ///
     /// # Errors
     /// [`Error::Data`] for a frame of another size than the first.
-    pub fn watch(&mut self, rgb: &RgbImage, time: f64) -> Result<()> {
-        let planes = Planes::of(rgb);
+    pub fn watch(&mut self, picture: Picture, time: f64) -> Result<()> {
+        let planes = Planes::of(picture.rgb());
         let size = [planes.width, planes.height];
         if self.kept.is_empty() {
             self.size = size;
@@ -122,6 +135,7 @@ impl Follower {
         if repeated {
             return Ok(());
         }
+        self.hold(picture);
         self.before = Some(planes.clone());
         if self.background.is_some() {
             self.step(planes, time);
@@ -226,13 +240,8 @@ impl Follower {
         self.seen.push(Seen { time: now.time, blobs: found });
     }
 
-    /// What flew in the frames that were watched. `seeds` are frames and places (px) in which a person saw it: what flies through
-    /// them is the ball.
-    ///
-    /// # Errors
-    /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
-    pub fn finish(mut self, seeds: &[(usize, [f64; 2])]) -> Result<Flying> {
-        let seeds = self.seeds(seeds)?;
+    /// There are no more frames: the last ones are looked at, which waited for the next.
+    pub fn end(&mut self) {
         if self.background.is_none() && self.waiting.len() >= FEWEST_FRAMES {
             self.begin();
         }
@@ -241,10 +250,23 @@ impl Follower {
         }
         // Frames that nothing could be compared with.
         self.seen.extend(self.waiting.drain(..).map(|(_, time)| Seen { time, blobs: vec![] }));
+    }
+
+    /// What flew in the frames that were watched until [`Self::end`]. `seeds` are frames and places (px) in which a person saw it:
+    /// what flies through them is the ball.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
+    pub fn flying(&self, seeds: &[(usize, [f64; 2])]) -> Result<Flying<'_>> {
+        let seeds = self.seeds(seeds)?;
+        let arcs = self.search(0, &seeds).arcs();
+        Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts))
+    }
+
+    /// Arcs are searched from a frame on, of those that are not repeated.
+    fn search<'a>(&'a self, from: usize, seeds: &'a [(usize, [f64; 2])]) -> Search<'a> {
         let [width, height] = self.size.map(|side| side as f64);
-        let search = Search { frames: &self.seen, width, area: width * height, seeds: &seeds };
-        let arcs = search.arcs();
-        Ok(Flying::new(self.kept, self.seen, arcs, &self.cuts))
+        Search { frames: &self.seen[from..], width, area: width * height, seeds }
     }
 
     /// The seeds by the frames that are not repeated.

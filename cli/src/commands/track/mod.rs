@@ -8,9 +8,8 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
-use gravisight::parts::{Flying, Followed, Stretch};
+use gravisight::parts::Stretch;
 use gravisight::{Camera, FitOptions, Follower, Forecaster, Localiser, Picture, Scene, Tracked};
-use image::RgbImage;
 
 use self::say::print;
 use super::fit::{Hits, PARTLY, hits, one_sigma};
@@ -93,8 +92,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     let name = || footage.name();
     let mut progress = Progress::new();
-    let flying = flying(&footage, &arguments, &mut progress).with_context(name)?;
-    let flying = told(&footage, flying, &localiser, &mut progress).with_context(name)?;
+    let follower = followed(&footage, &localiser, &mut progress).with_context(name)?;
+    let seeds: Vec<(usize, [f64; 2])> = arguments.seed_label.iter().map(|Seed(frame, at)| (*frame, *at)).collect();
+    let flying = follower.flying(&seeds)?;
     let known = place.as_ref().map(|place| (&place.camera, place.forecaster.scene()));
     let mut tracked = Tracked::new(&flying, known);
     if let Some(out) = &arguments.out {
@@ -165,36 +165,30 @@ fn place(arguments: &Arguments) -> Result<Option<Place>> {
     Ok(Some(Place { camera: Camera::from_file(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
 }
 
-/// What flies: once through the footage.
-fn flying(footage: &Footage, arguments: &Arguments, progress: &mut Progress) -> Result<Flying> {
+/// Once through the footage: what flies, and what the network sees of it.
+fn followed(footage: &Footage, localiser: &Localiser, progress: &mut Progress) -> Result<Follower> {
     let mut follower = Follower::new();
     let all = footage.times().len();
-    footage.each(0..all, &mut |frame: usize, rgb: RgbImage| {
-        follower.watch(&rgb, footage.times()[frame])?;
-        progress.set(frame as u64 + 1, all as u64, "frames watched");
+    footage.each(0..all, &mut |frame: usize, picture: Picture| {
+        follower.watch(picture, footage.times()[frame])?;
+        look(&mut follower, localiser)?;
+        progress.set(frame as u64 + 1, all as u64, "frames");
         Ok(())
     })?;
-    let seeds: Vec<(usize, [f64; 2])> = arguments.seed_label.iter().map(|Seed(frame, at)| (*frame, *at)).collect();
-    Ok(follower.finish(&seeds)?)
+    follower.end();
+    look(&mut follower, localiser)?;
+    Ok(follower)
 }
 
-/// Measures what flies, once more through the footage.
-fn told(footage: &Footage, mut flying: Flying, localiser: &Localiser, progress: &mut Progress) -> Result<Flying> {
-    let all = footage.times().len();
-    let in_frames: Vec<Vec<Followed>> = (0..all).map(|frame| flying.in_frame(frame)).collect();
-    let first = in_frames.iter().position(|flying| !flying.is_empty()).unwrap_or(all);
-    let last = in_frames.iter().rposition(|flying| !flying.is_empty()).unwrap_or(0);
-    progress.restart();
-    footage.each(first..(last + 1).max(first), &mut |number: usize, rgb: RgbImage| {
-        let picture = Picture::from_rgb(rgb);
-        for it in &in_frames[number] {
-            let found = pollster::block_on(localiser.measure(&picture, it.image, it.radius_px, it.reach_px))?;
-            flying.tell(number, it, found);
-        }
-        progress.set((number + 1 - first) as u64, (last + 1 - first) as u64, "frames measured");
-        Ok(())
-    })?;
-    Ok(flying)
+/// Looks with the network at what seems to fly.
+fn look(follower: &mut Follower, localiser: &Localiser) -> Result<()> {
+    for wanted in follower.wanted() {
+        let Some(picture) = follower.picture(&wanted) else { continue };
+        let found = localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px);
+        let found = pollster::block_on(found)?;
+        follower.tell(&wanted, found);
+    }
+    Ok(())
 }
 
 fn report(out: &Path, footage: &Footage, place: &Place, stretches: &[Stretch]) -> Result<()> {

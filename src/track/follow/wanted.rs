@@ -1,0 +1,201 @@
+//! What a network is to look at while frames come: what seems to fly, and where it may have gone on unseen.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::arcs::Arc;
+use super::blobs::Blob;
+use super::{Follower, SAME};
+use crate::camera::Measured;
+use crate::image::Picture;
+
+/// Frames that are held, and those among them that arcs are searched in.
+const HELD: usize = 24;
+const WINDOW: usize = 16;
+/// Frames after which arcs are searched again.
+const STEP: usize = 8;
+/// Frames beyond an arc's ends in which the ball is looked for where the arc leads, and how many of its blobs a network must
+/// have seen a ball in for that.
+const BEYOND: usize = 4;
+const FEWEST_SEEN: usize = 3;
+/// Confidence of a network from which it sees a ball: where something flies, and where nothing is told from its background.
+pub(super) const SEEN: f64 = 0.3;
+const SEEN_ALONE: f64 = 0.5;
+/// Frames after which what was in no arc is forgotten.
+const FORGOTTEN: usize = 2000;
+/// Largest deviation of where an arc leads with which it is worth to look there, radii.
+const MOST_UNSURE: f64 = 4.0;
+
+/// A frame's picture, until it is too old.
+pub(super) struct Held {
+    /// Of the frames that are not repeated.
+    place: usize,
+    picture: Picture,
+}
+
+/// What a network said of the blobs, by frame (of those that are not repeated) and blob: the ball that it measured, or none.
+#[derive(Default)]
+pub(super) struct Words {
+    said: BTreeMap<(usize, usize), Option<Measured>>,
+    /// Places that were asked for: blobs, and where arcs lead.
+    asked: BTreeSet<(usize, usize)>,
+    led: Vec<(usize, [f64; 2])>,
+    /// Frames in which arcs have been searched, and those whose other blobs are forgotten.
+    searched: usize,
+    forgotten: usize,
+}
+
+impl Words {
+    pub fn of(&self, member: (usize, usize)) -> Option<&Option<Measured>> {
+        self.said.get(&member)
+    }
+}
+
+/// Something that a network is to look at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Wanted {
+    place: usize,
+    /// None where nothing moves that is told from the background.
+    blob: Option<usize>,
+    /// Where the ball may be, px.
+    pub image: [f64; 2],
+    /// About how large it is, px.
+    pub radius_px: f64,
+    /// How far its centre may be from there, px.
+    pub reach_px: f64,
+}
+
+#[cfg(test)]
+impl Wanted {
+    /// The frame, of those that are not repeated.
+    pub(super) fn frame(&self) -> usize {
+        self.place
+    }
+}
+
+impl Follower {
+    /// Takes the next frame's picture, and forgets the oldest.
+    pub(super) fn hold(&mut self, picture: Picture) {
+        let place = self.held.back().map_or(0, |last| last.place + 1);
+        self.held.push_back(Held { place, picture });
+        if self.held.len() > HELD {
+            self.held.pop_front();
+        }
+    }
+
+    /// What a network may look at now: ask after each frame, and after [`Self::end`] until nothing is left. To tell what it
+    /// sees is worth much, but may be left out.
+    pub fn wanted(&mut self) -> Vec<Wanted> {
+        let ended = self.now.is_none() && self.waiting.is_empty();
+        let due = self.seen.len() >= self.words.searched + STEP || (ended && self.seen.len() > self.words.searched);
+        if !due {
+            return vec![];
+        }
+        self.words.searched = self.seen.len();
+        let from = self.seen.len().saturating_sub(WINDOW);
+        let arcs = self.search(from, &[]).arcs();
+        let mut wanted = Vec::new();
+        for arc in &arcs {
+            let members = arc.members.iter().map(|&(frame, blob)| (from + frame, blob));
+            for (place, blob) in members {
+                if self.words.asked.insert((place, blob)) {
+                    let Blob { at, radius, reach, .. } = self.seen[place].blobs[blob];
+                    wanted.push(Wanted { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
+                }
+            }
+        }
+        let beyond: Vec<Wanted> = arcs.iter().flat_map(|arc| self.beyond(from, arc)).collect();
+        self.words.led.retain(|&(place, _)| place >= from);
+        self.words.led.extend(beyond.iter().map(|it| (it.place, it.image)));
+        wanted.extend(beyond);
+        wanted.retain(|it| self.picture(it).is_some());
+        self.forget();
+        wanted
+    }
+
+    /// Forgets blobs of long ago that were in no arc: an hour has millions of them.
+    fn forget(&mut self) {
+        for place in self.words.forgotten..self.seen.len().saturating_sub(FORGOTTEN) {
+            let kept: Vec<usize> = self.words.asked.range((place, 0)..=(place, usize::MAX)).map(|it| it.1).collect();
+            let search = self.search(0, &[]);
+            let blobs = kept
+                .iter()
+                .map(|&blob| Blob { crowd: Some(search.crowd((place, blob))), ..self.seen[place].blobs[blob] });
+            let blobs: Vec<Blob> = blobs.collect();
+            let said: Vec<Option<Option<Measured>>> =
+                kept.iter().map(|&blob| self.words.said.remove(&(place, blob))).collect();
+            kept.iter().for_each(|&blob| _ = self.words.asked.remove(&(place, blob)));
+            for (blob, said) in said.into_iter().enumerate() {
+                self.words.asked.insert((place, blob));
+                said.map(|said| self.words.said.insert((place, blob), said));
+            }
+            self.seen[place].blobs = blobs;
+            self.words.forgotten = place + 1;
+        }
+    }
+
+    /// Where the ball of an arc may be in the frames before and after it.
+    fn beyond(&self, from: usize, arc: &Arc) -> Vec<Wanted> {
+        let is_seen =
+            |&&(frame, blob): &&(usize, usize)| self.words.of((from + frame, blob)).is_some_and(Option::is_some);
+        if arc.members.iter().filter(is_seen).count() < FEWEST_SEEN {
+            return vec![];
+        }
+        let search = self.search(from, &[]);
+        let (first, last) = (arc.members[0].0, arc.members[arc.members.len() - 1].0);
+        let before = first.saturating_sub(BEYOND)..first;
+        let after = last + 1..(last + 1 + BEYOND).min(search.frames.len());
+        let within = (first..last).filter(|frame| arc.members.binary_search_by_key(frame, |member| member.0).is_err());
+        let wanted = before.chain(within).chain(after).filter_map(|frame| {
+            let (image, unsure, radius_px) = search.leads(arc, frame)?;
+            let inside = (0..2).all(|axis| (0.0..self.size[axis] as f64).contains(&image[axis]));
+            let near = |&(place, at): &(usize, [f64; 2])| {
+                place == from + frame && (at[0] - image[0]).hypot(at[1] - image[1]) < radius_px.max(2.0)
+            };
+            let wanted =
+                Wanted { place: from + frame, blob: None, image, radius_px, reach_px: radius_px + 2.0 * unsure };
+            (inside && unsure < MOST_UNSURE * radius_px && !self.words.led.iter().any(near)).then_some(wanted)
+        });
+        wanted.collect()
+    }
+
+    /// The picture in which that is to be looked for; none where it is too old.
+    pub fn picture(&self, wanted: &Wanted) -> Option<&Picture> {
+        let held = self.held.iter().find(|held| held.place == wanted.place)?;
+        Some(&held.picture)
+    }
+
+    /// Takes a network's word: the ball that it measures there
+    /// ([`Localiser::measure`](crate::Localiser::measure)), if it sees one.
+    pub fn tell(&mut self, wanted: &Wanted, ball: Option<Measured>) {
+        let least = if wanted.blob.is_some() { SEEN } else { SEEN_ALONE };
+        let ball = ball.filter(|ball| ball.confidence >= least);
+        match (wanted.blob, ball) {
+            (Some(blob), _) => {
+                self.words.said.insert((wanted.place, blob), ball);
+            }
+            (None, Some(ball)) => {
+                let blobs = &mut self.seen[wanted.place].blobs;
+                let at: [f64; 2] = ball.outline.centre.coords.into();
+                let radius = ball.outline.radius;
+                let known = blobs.iter().position(|blob| {
+                    (blob.at[0] - at[0]).hypot(blob.at[1] - at[1]) < SAME * radius && blob.radius < 2.0 * radius
+                });
+                let blob = known.unwrap_or_else(|| {
+                    blobs.push(Blob {
+                        at,
+                        radius,
+                        reach: radius,
+                        direction: 0.0,
+                        contrast: 0.0,
+                        filled: 1.0,
+                        crowd: None,
+                    });
+                    blobs.len() - 1
+                });
+                self.words.asked.insert((wanted.place, blob));
+                self.words.said.insert((wanted.place, blob), Some(ball));
+            }
+            (None, None) => {}
+        }
+    }
+}
