@@ -18,6 +18,7 @@ export class Engine {
   #loaded: Loaded | undefined;
   /** The same model on the CPU, where backward passes run. */
   #saliency: Core.Localiser | undefined;
+  #tracker: Core.VideoTracker | undefined;
   #tuner: { core: Core.FineTuner; device: Device } | undefined;
   #scenes = new Map<number, Core.Simulator>();
   #nextScene = 0;
@@ -40,12 +41,25 @@ export class Engine {
       const input = pixelsOf(picture);
       return input.kind === "encoded" ? core.saliency(input.bytes) : core.saliencyRgba(input.rgba, input.width, input.height);
     },
+    addFrame: async ({ picture, time }) => {
+      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker());
+      const input = pixelsOf(picture);
+      if (input.kind === "encoded") await tracker.add(input.bytes, time);
+      else await tracker.addRgba(input.rgba, input.width, input.height, time);
+      return null;
+    },
+    trackVideo: ({ known }, onProgress) => {
+      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker());
+      return tracker.track(known, (loaded: number, total: number) => onProgress({ stage: "fit", loaded, total }));
+    },
 
     open: async ({ wasm }, onProgress) => {
       this.#module ??= await loadBuild("cpu", wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       return null;
     },
     fitTrack: ({ frames, camera, scene, noisePx, estimate }) => this.#core.fitTrack(frames, camera, scene, noisePx, estimate),
+    scenes: () => this.#core.scenes(),
+    scene: ({ name }) => this.#core.scene(name),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),
     calibrate: ({ points, estimate }) => this.#core.calibrate(points, estimate),
     courts: () => this.#core.courts(),
@@ -137,6 +151,8 @@ export class Engine {
   /** Gives all memory back that can be given back. */
   free(): void {
     if (this.#trapped) return;
+    this.#tracker?.free();
+    this.#tracker = undefined;
     this.#dropLocaliser();
     this.#tuner?.core.free();
     for (const scene of this.#scenes.values()) scene.free();

@@ -8,4 +8,6 @@ export { Localiser } from "./localiser.js";
 export { Simulator, Toolbox } from "./toolbox.js";
 export { Track } from "./track.js";
 export type { Sighting, TrackOptions } from "./track.js";
+export { VideoTracker } from "./video-tracker.js";
+export type { TrackVideoOptions, VideoTrackerOptions } from "./video-tracker.js";
 export type * from "./types.js";

@@ -22,9 +22,14 @@ export interface Calls {
   localise: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Timed];
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
+  addFrame: [{ picture: PictureMessage; time: number }, null];
+  trackVideo: [{ known: string }, Core.VideoTrack];
+
   open: [Source, null];
   fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[] }, Core.Fit];
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
+  scenes: [Record<never, never>, string[]];
+  scene: [{ name: string }, Core.Scene];
   calibrate: [{ points: string; estimate: string[] }, Core.CalibrationResult];
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];

@@ -57,6 +57,16 @@ export class Toolbox {
     return this.#call("court", () => ({ name }));
   }
 
+  /** Names of the scenes of common sports, `floor` (nothing but a level one) and `free` (nothing to touch). */
+  scenes(): Promise<string[]> {
+    return this.#call("scenes", () => ({}));
+  }
+
+  /** The scene of a common sport: its ball, surfaces, lines and net. */
+  scene(name: string): Promise<Scene> {
+    return this.#call("scene", () => ({ name }));
+  }
+
   /** Where points of the world are in the camera's picture, pixels; null for what it cannot see. */
   async project(camera: Camera, points: Vector[]): Promise<([number, number] | null)[]> {
     const flat = await this.#call("project", () => ({ camera: jsonOf(camera, "camera"), points: points.flat() }));

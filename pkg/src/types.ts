@@ -1,4 +1,4 @@
-import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, Wanted } from "../wasm/cpu/gravisight.js";
+import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, VideoFrame, VideoTrack, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
@@ -41,12 +41,12 @@ export interface Device {
   reason: string;
 }
 
-/** How far loading is. Stages may interleave: the wasm and the weights are fetched side by side. */
+/** How far loading is, or a fit. Stages may interleave: the wasm and the weights are fetched side by side. */
 export interface Progress {
-  stage: "wasm" | "weights" | "warming up";
-  /** Bytes so far. */
+  stage: "wasm" | "weights" | "warming up" | "fit";
+  /** Bytes so far; of a fit, the parts of the video that are done. */
   loaded: number;
-  /** Bytes in all, or null where the server does not say. */
+  /** Bytes (parts) in all, or null where the server does not say. */
   total: number | null;
 }
 
@@ -170,6 +170,19 @@ export interface TrajectoryHit extends Omit<Hit, "time"> {
 /** The trajectory that physics allows and what was seen explains. */
 export interface Trajectory extends Omit<Fit, "frames" | "impacts" | "flights" | "hits"> {
   points: TrajectoryPoint[];
+  bounces: Bounce[];
+  flights: TrajectoryFlight[];
+  hits: TrajectoryHit[];
+}
+
+/** A frame of a video in which the ball was followed. */
+export interface TrackedFrame extends Omit<VideoFrame, "t"> {
+  timestampMs: number;
+}
+
+/** The ball in a video: in each frame, and its flights. */
+export interface TrackedVideo extends Omit<VideoTrack, "frames" | "impacts" | "flights" | "hits"> {
+  frames: TrackedFrame[];
   bounces: Bounce[];
   flights: TrajectoryFlight[];
   hits: TrajectoryHit[];

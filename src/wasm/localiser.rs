@@ -1,11 +1,14 @@
 //! `Localiser`.
 
+use std::rc::Rc;
+
 use burn::tensor::Device;
 use js_sys::Float32Array;
 use serde::{Deserialize, Serialize};
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+use super::tracker::JsVideoTracker;
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -17,7 +20,7 @@ use crate::size::Size;
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
 pub struct JsLocaliser {
-    pub(super) localiser: Localiser,
+    pub(super) localiser: Rc<Localiser>,
     device_name: String,
 }
 
@@ -149,6 +152,11 @@ impl JsLocaliser {
         picture.and_then(|picture| self.saliency_of(&picture)).map_err(js_error)
     }
 
+    /// Follows the ball through a video with this model, which lives as long as the tracker does.
+    pub fn tracker(&self) -> JsVideoTracker {
+        JsVideoTracker::new(Rc::clone(&self.localiser))
+    }
+
     /// The device, in words.
     #[wasm_bindgen(getter, js_name = deviceName)]
     pub fn device_name(&self) -> String {
@@ -159,7 +167,7 @@ impl JsLocaliser {
 impl JsLocaliser {
     /// `localiser`, with the device's name in words.
     pub(super) fn named(localiser: Localiser, device_name: String) -> Self {
-        Self { localiser, device_name }
+        Self { localiser: Rc::new(localiser), device_name }
     }
 
     async fn run(&self, picture: &Picture, camera: &str, wanted: Ts<Wanted>) -> Result<Ts<Position>> {

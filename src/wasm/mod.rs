@@ -10,6 +10,7 @@ mod labels;
 mod localiser;
 mod physics;
 mod simulator;
+mod tracker;
 
 use std::cell::RefCell;
 

@@ -207,6 +207,18 @@ impl From<&track::Fit> for Fit {
     }
 }
 
+/// Names of the scenes of common sports, `floor` (nothing but a level one) and `free` (nothing to touch).
+#[wasm_bindgen]
+pub fn scenes() -> Vec<String> {
+    Scene::names().into_iter().map(String::from).collect()
+}
+
+/// The scene of a common sport.
+#[wasm_bindgen]
+pub fn scene(name: &str) -> std::result::Result<Ts<Scene>, JsValue> {
+    Scene::named(name).and_then(|scene| object_of(&scene)).map_err(js_error)
+}
+
 /// The trajectory behind the track `frames` (JSON).
 #[wasm_bindgen(js_name = fitTrack)]
 pub fn fit_track(

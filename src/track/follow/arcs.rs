@@ -31,7 +31,7 @@ const FEWEST: usize = 5;
 const LEAST_WAY: f64 = 3.0;
 const LEAST_WAY_PX: f64 = 8.0;
 /// Gain below which an arc is chance, and cost of a frame in which the ball is not seen.
-const LEAST_GAIN: f64 = 14.0;
+const LEAST_GAIN: f64 = 8.0;
 const COST_UNSEEN: f64 = 1.5;
 /// Distance (px) and frames within which other blobs tell how crowded a place is.
 const CROWD_PX: f64 = 80.0;

@@ -1,0 +1,121 @@
+import { wasmFolder } from "./builds.js";
+import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
+import { GravisightError } from "./error.js";
+import { checkedDevice, modelOf } from "./localiser.js";
+import { pictureToSend } from "./picture.js";
+import type { Transport } from "./protocol.js";
+import type { Ball, Camera, DrawablePicture, ModelOptions, Picture, Progress, Scene, TrackedVideo } from "./types.js";
+
+/** Options of {@link VideoTracker.create}. */
+export interface VideoTrackerOptions extends ModelOptions {
+  /** The camera, which stands still. Without it and a scene only the 2D track comes out. */
+  camera?: Camera;
+  /** The place and its ball: an object, or the name of a sport ({@link Toolbox.scenes}). */
+  scene?: Scene | string;
+  /** The ball in place of the scene's. */
+  ball?: Ball;
+}
+
+/** Options of {@link VideoTracker.track}. */
+export interface TrackVideoOptions extends Pick<VideoTrackerOptions, "camera" | "scene" | "ball"> {
+  /** Places in which a person saw the ball: the frame's index, and pixels. What flies through them is the ball. */
+  seeds?: { frame: number; image: [number, number] }[];
+  /** Most hits of a racket, a foot or a hand between two pauses. Default: as many as the track needs. */
+  hits?: number;
+  /** Whether every frame of the video was given, with its own time. Default: false. */
+  timesKnown?: boolean;
+  /** Drops the result; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+  /** Hears how many parts of the video are fitted. */
+  onProgress?: (progress: Progress) => void;
+}
+
+/** Follows a ball through a video of a camera that stands still: its flights, bounces and hits in metres. */
+export class VideoTracker {
+  readonly #transport: Transport;
+  readonly #place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
+  #start: number | undefined;
+  #last = -Infinity;
+
+  private constructor(transport: Transport, place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">) {
+    this.#transport = transport;
+    this.#place = place;
+  }
+
+  /**
+   * Fetches the core and the model.
+   *
+   * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
+   */
+  static async create(options: VideoTrackerOptions = {}): Promise<VideoTracker> {
+    const { signal, onProgress, cache = true, camera, scene, ball } = options;
+    signal?.throwIfAborted();
+    const request = { model: modelOf(options.model), device: checkedDevice(options.device), wasm: wasmFolder(options), cache };
+    const transport = connect(options);
+    try {
+      await transport.call("create", request, { signal, onProgress });
+      return new VideoTracker(transport, { ...(camera && { camera }), ...(scene && { scene }), ...(ball && { ball }) });
+    } catch (thrown) {
+      transport.close(disposed("VideoTracker"));
+      throw thrown;
+    }
+  }
+
+  /**
+   * Gives the next frame. Frames are held by the core only until it has looked at them.
+   *
+   * @param timestampMs must increase from call to call (else `timestamp-order`, and nothing else happens).
+   * @throws {@link GravisightError} `data` for a frame of another size than the first.
+   */
+  async add(frame: Picture | DrawablePicture, timestampMs: number): Promise<void> {
+    this.#transport.throwIfClosed();
+    if (!Number.isFinite(timestampMs) || timestampMs <= this.#last) {
+      const last = Number.isFinite(this.#last) ? `, the last frame's was ${this.#last} ms` : "";
+      throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
+    }
+    this.#last = timestampMs;
+    this.#start ??= timestampMs;
+    const { picture, transfer } = await pictureToSend(frame);
+    await this.#transport.call("addFrame", { picture, time: (timestampMs - this.#start) / 1000 }, { transfer });
+  }
+
+  /**
+   * The ball in all frames that were given; no more can be added. May be called again: with seeds, with another place.
+   * Look at `explained` before you trust what is in metres.
+   *
+   * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
+   */
+  async track(options: TrackVideoOptions = {}): Promise<TrackedVideo> {
+    this.#transport.throwIfClosed();
+    const { signal, onProgress, hits, seeds = [], timesKnown = false } = options;
+    const { camera, scene, ball } = { ...this.#place, ...options };
+    if (!camera !== !scene) {
+      throw new GravisightError(camera ? "scene-missing" : "camera-missing", `Metres need camera and scene, and there is no ${camera ? "scene" : "camera"}.`);
+    }
+    const place = typeof scene === "string" ? await this.#transport.call("scene", { name: scene }) : scene;
+    const known = {
+      ...(camera && { camera }),
+      ...(place && { scene: ball ? { ...place, ball: { ...place.ball, radius: ball.radius } } : place }),
+      ...(hits !== undefined && { hits }),
+      seeds: seeds.map(({ frame, image }) => [frame, image]),
+      timesKnown,
+    };
+    const found = await this.#transport.call("trackVideo", { known: jsonOf(known, "options") }, { signal, onProgress });
+    const start = this.#start ?? 0;
+    const at = (t: number) => start + 1000 * t;
+    const { frames, flights, hits: struck, impacts, ...all } = found;
+    return {
+      ...all,
+      frames: frames.map(({ t, ...frame }) => ({ timestampMs: at(t), ...frame })),
+      flights: flights.map(({ start: from, end, ...flight }) => ({ startMs: at(from), endMs: at(end), ...flight })),
+      hits: struck.map(({ time, ...hit }) => ({ timestampMs: at(time), ...hit })),
+      bounces: impacts.map(({ t, ...bounce }) => ({ timestampMs: at(t), ...bounce })),
+    };
+  }
+
+  /** Ends the Worker, and frees its memory. Harmless twice. */
+  dispose(): void {
+    this.#transport.close(disposed("VideoTracker"));
+  }
+}
+makeDisposable(VideoTracker);

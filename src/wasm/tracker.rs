@@ -1,0 +1,228 @@
+//! A ball through a video.
+
+use std::rc::Rc;
+
+use js_sys::Function;
+use serde::{Deserialize, Serialize};
+use tsify::{Ts, Tsify};
+use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
+
+use super::physics::{Flight, Hit, Impact};
+use super::{js_error, object_of};
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::image::Picture;
+use crate::localise::Localiser;
+use crate::physics::{Forecaster, Scene};
+use crate::size::Size;
+use crate::track::{FitOptions, FollowedFrame, Follower, Stretch, Tracked};
+
+/// The ball in a video: in each frame, and its flights.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+#[tsify(missing_as_null)]
+pub struct VideoTrack {
+    /// What came out, in a sentence.
+    pub verdict: String,
+    /// Whether the ball was found and physics explains each of its flights; null without camera and scene.
+    pub explained: Option<bool>,
+    /// One a frame that was given.
+    pub frames: Vec<VideoFrame>,
+    /// From hit to hit, bounces between.
+    pub flights: Vec<Flight>,
+    /// Where something that the scene does not hold changes the ball's way.
+    pub hits: Vec<Hit>,
+    /// Where the ball touches something, by time.
+    pub impacts: Vec<Impact>,
+    /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
+    pub cuts: Vec<usize>,
+    /// What is odd about the track, in words.
+    pub notes: Vec<String>,
+}
+
+/// The ball in a frame of a video.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+#[tsify(missing_as_null)]
+pub struct VideoFrame {
+    /// Seconds.
+    pub t: f64,
+    /// Whether the picture is the one of the frame before again.
+    pub repeated: bool,
+    /// Its centre, pixels; null where it is not seen.
+    pub image: Option<[f64; 2]>,
+    /// Its apparent radius, pixels; null where it is not known.
+    pub radius_px: Option<f64>,
+    /// Probability that this is the ball, 0 to 1.
+    pub confidence: f64,
+    /// Metres; null outside flights.
+    pub world: Option<[f64; 3]>,
+    /// Root mean square error of that to expect, metres.
+    pub sigma: Option<f64>,
+    /// Metres a second.
+    pub speed: Option<f64>,
+    /// Index of the flight that it belongs to.
+    pub flight: Option<usize>,
+}
+
+/// What is known of a video's place, and of the ball in it.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "camelCase")]
+struct Known {
+    /// For metres: of the pictures' aspect.
+    camera: Option<serde_json::Value>,
+    scene: Option<serde_json::Value>,
+    /// Most hits between two pauses; as many as the track needs where missing.
+    hits: Option<usize>,
+    /// Frames (from 0) and pixels in which a person saw the ball.
+    #[serde(default)]
+    seeds: Vec<(usize, [f64; 2])>,
+    /// Whether the frames' times are the video's own, and none was left out.
+    #[serde(default)]
+    times_known: bool,
+}
+
+/// Follows the ball through frames that come one after the other.
+#[wasm_bindgen(js_name = VideoTracker)]
+pub struct JsVideoTracker {
+    localiser: Rc<Localiser>,
+    follower: Follower,
+    size: Option<Size>,
+    ended: bool,
+}
+
+#[wasm_bindgen(js_class = VideoTracker)]
+impl JsVideoTracker {
+    /// Takes the next frame, a PNG, JPEG or WebP file, of `time` s.
+    pub async fn add(&mut self, picture: Vec<u8>, time: f64) -> std::result::Result<(), JsValue> {
+        self.watch(Picture::decode(&picture), time).await.map_err(js_error)
+    }
+
+    /// Takes the next frame, RGBA pixels, of `time` s.
+    #[wasm_bindgen(js_name = addRgba)]
+    pub async fn add_rgba(
+        &mut self,
+        rgba: Vec<u8>,
+        width: u32,
+        height: u32,
+        time: f64,
+    ) -> std::result::Result<(), JsValue> {
+        self.watch(Picture::from_rgba(&rgba, Size { width, height }), time).await.map_err(js_error)
+    }
+
+    /// The ball in all frames, of which no more will come. `known` (JSON): camera, scene, hits, seeds, timesKnown.
+    /// `on_progress` hears how many stretches are fitted, and of how many.
+    pub async fn track(
+        &mut self,
+        known: String,
+        on_progress: Function,
+    ) -> std::result::Result<Ts<VideoTrack>, JsValue> {
+        self.tracked(&known, &on_progress).await.map_err(js_error)
+    }
+}
+
+impl JsVideoTracker {
+    pub(super) fn new(localiser: Rc<Localiser>) -> Self {
+        Self { localiser, follower: Follower::new(), size: None, ended: false }
+    }
+
+    async fn watch(&mut self, picture: Result<Picture>, time: f64) -> Result<()> {
+        let picture = picture?;
+        if self.ended {
+            return Err(Error::value(
+                "video",
+                "frame",
+                "comes after the last: track another video with another tracker",
+            ));
+        }
+        self.size = Some(picture.size());
+        self.follower.watch(picture, time)?;
+        self.look().await
+    }
+
+    /// Looks with the network at what seems to fly.
+    async fn look(&mut self) -> Result<()> {
+        for wanted in self.follower.wanted() {
+            let Some(picture) = self.follower.picture(&wanted) else { continue };
+            let found = self.localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px).await?;
+            self.follower.tell(&wanted, found);
+        }
+        Ok(())
+    }
+
+    async fn tracked(&mut self, known: &str, on_progress: &Function) -> Result<Ts<VideoTrack>> {
+        let known: Known = serde_json::from_str(known).map_err(Error::format("options"))?;
+        let place = match (&known.camera, &known.scene, self.size) {
+            (Some(camera), Some(scene), Some(size)) => {
+                let camera = Camera::from_json(&camera.to_string(), "camera")?.for_picture(size)?;
+                Some((camera, Forecaster::new(&Scene::from_json(&scene.to_string(), "scene")?)?))
+            }
+            _ => None,
+        };
+        if !self.ended {
+            self.ended = true;
+            self.follower.end();
+            self.look().await?;
+        }
+        let flying = self.follower.flying(&known.seeds)?;
+        let mut tracked =
+            Tracked::new(&flying, place.as_ref().map(|(camera, forecaster)| (camera, forecaster.scene())));
+        if let Some((camera, forecaster)) = &place {
+            let options = FitOptions { hits: known.hits, times_known: known.times_known, ..FitOptions::default() };
+            tracked.fit(forecaster, camera, &options, |done, all| {
+                // Nobody has to listen.
+                on_progress.call2(&JsValue::NULL, &done.into(), &all.into()).ok();
+            })?;
+        }
+        object_of(&VideoTrack::of(&tracked, place.is_some()))
+    }
+}
+
+impl VideoTrack {
+    fn of(tracked: &Tracked, metres: bool) -> Self {
+        let mut said = Self {
+            verdict: tracked.verdict(),
+            explained: metres.then(|| tracked.found() > 0 && tracked.explained()),
+            frames: tracked.frames.iter().map(VideoFrame::from).collect(),
+            flights: vec![],
+            hits: vec![],
+            impacts: vec![],
+            cuts: tracked.cuts.clone(),
+            notes: vec![],
+        };
+        for Stretch { frames, fit, .. } in &tracked.stretches {
+            let Ok(fit) = fit else { continue };
+            for (frame, fitted) in said.frames[frames.clone()].iter_mut().zip(&fit.frames) {
+                frame.world = Some(fitted.state.position.coords.into());
+                frame.sigma = Some(fitted.sigma());
+                frame.speed = Some(fitted.state.velocity.norm());
+                frame.flight = Some(said.flights.len() + fitted.flight);
+            }
+            let hit = |hit| {
+                let hit = Hit::from(hit);
+                Hit { frame: frames.start + hit.frame, ..hit }
+            };
+            said.hits.extend(fit.hits.iter().map(hit));
+            said.flights.extend(fit.flights.iter().map(Flight::from));
+            said.impacts.extend(fit.impacts.iter().map(Impact::from));
+            said.notes.extend(fit.notes.iter().cloned());
+        }
+        said
+    }
+}
+
+impl From<&FollowedFrame> for VideoFrame {
+    fn from(FollowedFrame { point, repeated, confidence, .. }: &FollowedFrame) -> Self {
+        Self {
+            t: point.time.unwrap_or_default(),
+            repeated: *repeated,
+            image: point.image().map(|at| [at.x, at.y]),
+            radius_px: point.radius,
+            confidence: *confidence,
+            world: None,
+            sigma: None,
+            speed: None,
+            flight: None,
+        }
+    }
+}
