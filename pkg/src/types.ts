@@ -1,4 +1,4 @@
-import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, VideoFrame, VideoTrack, Wanted } from "../wasm/cpu/gravisight.js";
+import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, VideoTrack, VideoTrackFrame, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
@@ -176,7 +176,7 @@ export interface Trajectory extends Omit<Fit, "frames" | "impacts" | "flights" |
 }
 
 /** A frame of a video in which the ball was followed. */
-export interface TrackedFrame extends Omit<VideoFrame, "t"> {
+export interface TrackedFrame extends Omit<VideoTrackFrame, "t"> {
   timestampMs: number;
 }
 

@@ -27,7 +27,7 @@ pub struct VideoTrack {
     /// Whether the ball was found and physics explains each of its flights; null without camera and scene.
     pub explained: Option<bool>,
     /// One a frame that was given.
-    pub frames: Vec<VideoFrame>,
+    pub frames: Vec<VideoTrackFrame>,
     /// From hit to hit, bounces between.
     pub flights: Vec<Flight>,
     /// Where something that the scene does not hold changes the ball's way.
@@ -44,7 +44,7 @@ pub struct VideoTrack {
 #[derive(Serialize, Tsify)]
 #[serde(rename_all = "camelCase")]
 #[tsify(missing_as_null)]
-pub struct VideoFrame {
+pub struct VideoTrackFrame {
     /// Seconds.
     pub t: f64,
     /// Whether the picture is the one of the frame before again.
@@ -183,7 +183,7 @@ impl VideoTrack {
         let mut said = Self {
             verdict: tracked.verdict(),
             explained: metres.then(|| tracked.found() > 0 && tracked.explained()),
-            frames: tracked.frames.iter().map(VideoFrame::from).collect(),
+            frames: tracked.frames.iter().map(VideoTrackFrame::from).collect(),
             flights: vec![],
             hits: vec![],
             impacts: vec![],
@@ -211,7 +211,7 @@ impl VideoTrack {
     }
 }
 
-impl From<&FollowedFrame> for VideoFrame {
+impl From<&FollowedFrame> for VideoTrackFrame {
     fn from(FollowedFrame { point, repeated, confidence, .. }: &FollowedFrame) -> Self {
         Self {
             t: point.time.unwrap_or_default(),

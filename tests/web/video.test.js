@@ -34,12 +34,22 @@ test("without a camera the step says how to get one", async () => {
 
 test("a picture and its camera.json give the position that the step Try gives", async () => {
   await page.getByTestId("video-input").setInputFiles([jsonFile(samples[0].camera)]);
+  // How large the ball is nobody has said.
+  await page.getByTestId("video-needs-ball").waitFor();
+  assert.equal(await value(page, "video-processed"), 0);
+  assert.match(await page.getByTestId("video-place").textContent(), /Place and ball: not chosen/);
+  await page.getByTestId("video-sport").selectOption("floor");
+  await page.getByTestId("video-ball").fill("40");
+  await page.getByTestId("video-ball").dispatchEvent("change");
+  await page.getByTestId("video-place").filter({ hasText: "40.0 cm across" }).waitFor();
   await count(page, 1);
   const shown = [await value(page, "video-x"), await value(page, "video-y"), await value(page, "video-z")];
   const golden = JSON.parse(readFileSync(new URL("../golden/samples.json", import.meta.url), "utf8"))[samples[0].file].world;
   assert.ok(distance(shown, golden) < 1e-3, `${shown} is not ${golden}`);
   assert.match(await page.getByTestId("video-place").textContent(), /camera\.json, 224 × 224 px/);
   assert.ok(await page.getByTestId("video-transport").isHidden(), "a picture is not played");
+  assert.ok(await page.getByTestId("video-track").isDisabled());
+  assert.match(await page.getByTestId("video-track-why").textContent(), /One picture is no flight/);
 });
 
 const refusals = {
@@ -201,12 +211,49 @@ test("a video is played, and its positions are near the truth", PATIENCE, async 
   await own.close();
 });
 
+test("a video is tracked, corrected by a click, and its flight is near the truth", PATIENCE, async () => {
+  const filming = await open(browser, `${server.url}harness.html`, complaints);
+  const made = await filming.evaluate(drawClip);
+  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
+  await filming.close();
+  const own = await step();
+  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }, jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
+  await count(own, 1);
+  await own.getByTestId("video-track").click();
+  await own.getByTestId("video-fit-words").waitFor(PATIENCE);
+  assert.match(await own.getByTestId("video-fit-words").textContent(), /^Explained: 1 flight, 0 hits.*the ball is seen in/);
+  const { frames, fit } = await exported(own);
+  const watched = await value(own, "video-processed");
+  assert.ok(watched + (await value(own, "video-skipped")) >= made.path.length - 1, `${watched} of ${made.path.length} frames`);
+  const off = frames.filter(({ world }) => world).map(({ t, world }) => distance(world, made.path[Math.round(t * made.fps)]));
+  assert.ok(off.length >= 0.7 * watched, `${off.length} of ${watched} frames have a position`);
+  assert.ok(average(off) < 0.1, `off by ${average(off)} m on average`);
+  assert.ok(frames.every(({ sigma, world }) => (sigma === null) === (world === null)));
+  assert.ok(fit.bounces.length >= 1);
+  assert.match(await own.getByTestId("video-track-why").textContent(), /Click it there/);
+  // A click on a ball that was found changes nothing but the time it takes.
+  const [u, v] = frames[5].image;
+  await own.getByTestId("video-time").evaluate((slider, t) => {
+    slider.value = String(1000 * t);
+    slider.dispatchEvent(new Event("input"));
+  }, frames[5].t + 0.001);
+  await own.locator('[data-part="video-overlay"][aria-label^="Found"]').waitFor(PATIENCE);
+  const { width, height } = await own.getByTestId("video-overlay").boundingBox();
+  await own.getByTestId("video-overlay").click({ position: { x: ((u + 0.5) / (2 * made.camera.width)) * width, y: ((v + 0.5) / (2 * made.camera.height)) * height } });
+  await own.getByTestId("video-job").waitFor({ state: "hidden" });
+  await own.getByTestId("video-fit-words").filter({ hasText: "Explained" }).waitFor(PATIENCE);
+  assert.equal(await own.getByTestId("video-alert").textContent(), "");
+  assert.ok((await exported(own)).frames.length >= frames.length - 2);
+  await own.close();
+});
+
 test("a webcam starts and stops", PATIENCE, async () => {
   const args = ["--no-sandbox", "--disable-quic", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"];
   const filmed = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", headless: true, args });
   try {
     const own = await step({}, filmed);
     const camera = { ...samples[0].camera, width: 640, height: 480, intrinsic: [[600, 0, 320], [0, 600, 240], [0, 0, 1]] };
+    await own.getByTestId("video-sport").selectOption("tennis");
     await own.getByTestId("video-input").setInputFiles([jsonFile(camera)]);
     await own.getByTestId("video-place").filter({ hasText: "640 × 480" }).waitFor(PATIENCE);
     await own.getByTestId("video-webcam").click();
@@ -290,13 +337,14 @@ for (const colorScheme of ["light", "dark"]) {
 test("a picture dropped anywhere on the page is this step's, not the step Try's", async () => {
   const own = await step();
   const base64 = pictureOf(samples[0]).toString("base64");
-  await own.evaluate(({ base64, camera }) => {
+  await own.evaluate(({ base64, camera, scene }) => {
     const transfer = new DataTransfer();
     const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
     transfer.items.add(new File([bytes], "dropped.png", { type: "image/png" }));
     transfer.items.add(new File([JSON.stringify(camera)], "camera.json", { type: "application/json" }));
+    transfer.items.add(new File([JSON.stringify(scene)], "scene.json", { type: "application/json" }));
     document.querySelector("footer").dispatchEvent(new DragEvent("drop", { dataTransfer: transfer, bubbles: true, cancelable: true }));
-  }, { base64, camera: samples[0].camera });
+  }, { base64, camera: samples[0].camera, scene: { gravity: [0, 0, -9.81], ball: { radius: 0.2 } } });
   await count(own, 1);
   assert.equal(await own.locator("#drop-state").textContent(), "or choose the two files");
   await own.close();

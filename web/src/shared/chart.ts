@@ -103,6 +103,8 @@ export class Chart {
   }
 
   #mark({ ctx, bbox, valToPos }: uPlot): void {
+    // uPlot remembers what it set last, and would draw its grid like this.
+    ctx.save();
     ctx.strokeStyle = this.colour("--busy");
     ctx.lineWidth = 1.5 * uPlot.pxRatio;
     ctx.setLineDash([4 * uPlot.pxRatio, 3 * uPlot.pxRatio]);
@@ -110,7 +112,7 @@ export class Chart {
       const at = valToPos(mark, "x", true);
       ctx.stroke(new Path2D(`M${at} ${bbox.top}v${bbox.height}`));
     }
-    ctx.setLineDash([]);
+    ctx.restore();
   }
 
   /** The legend: on the canvas, so that saved pictures have it. */

@@ -15,7 +15,7 @@ export interface ColouredMap {
 }
 
 /** A layer of what was found; undefined where that has none. */
-export function mapOf({ heatmap, depthMap, saliency }: Partial<Localisation>, layer: Layer): ColouredMap | undefined {
+export function mapOf({ heatmap, depthMap, saliency }: Pick<Partial<Localisation>, "heatmap" | "depthMap" | "saliency">, layer: Layer): ColouredMap | undefined {
   if (layer === "heatmap" && heatmap) {
     const range = { from: 0, to: rangeOf(heatmap.values).to };
     const words = (value: number) => (value === 0 ? "0" : `${(100 * value).toPrecision(2)} %`);

@@ -68,12 +68,12 @@ export class Overlay {
   }
 
   /** Shows the picture that is held, and what was found in it. */
-  show(found: { image: Pixel; depth: number } & Partial<Localisation>, { layer, sure = true, truth }: Shown): void {
+  show(found: { image: Pixel; depth: number | null } & Omit<Partial<Localisation>, "depth" | "world">, { layer, sure = true, truth }: Shown): void {
     this.#flip();
     this.#ring = { at: found.image, sure, truth };
     this.#map = mapOf(found, layer);
     const [u, v] = found.image.map((x) => x.toFixed(0));
-    const where = `the ball at pixel ${u}, ${v}, ${found.depth.toFixed(2)} metres from the camera`;
+    const where = `the ball at pixel ${u}, ${v}${found.depth === null ? "" : `, ${found.depth.toFixed(2)} metres from the camera`}`;
     this.#overlay.setAttribute("aria-label", sure ? `Found: ${where}` : `Not sure: perhaps ${where}`);
     this.#draw();
   }

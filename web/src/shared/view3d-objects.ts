@@ -32,8 +32,8 @@ import {
 
 export const UP = new Vector3(0, 0, 1);
 
-/** Floor, boxes and walls, as far as `span` around `centre`; `colour` gives the page's colours. */
-export function placeOf({ floor, boxes = [], walls = [] }: Scene, centre: Vector3, span: number, colour: (name: string) => Color): Object3D {
+/** Floor, lines, net, boxes and walls, as far as `span` around `centre`; `colour` gives the page's colours. */
+export function placeOf({ floor, lines = [], net = [], boxes = [], walls = [] }: Scene, centre: Vector3, span: number, colour: (name: string) => Color): Object3D {
   const group = new Group();
   const quiet = colour("--quiet");
   if (floor) {
@@ -45,6 +45,8 @@ export function placeOf({ floor, boxes = [], walls = [] }: Scene, centre: Vector
     grid.position.set(Math.round(centre.x / cell) * cell, Math.round(centre.y / cell) * cell, floor.height);
     group.add(grid);
   }
+  const ends = [...lines.flat(), ...net.slice(1).flatMap((end, index) => [net[index]!, end])].map((end) => new Vector3(...end));
+  if (ends.length) group.add(new LineSegments(new BufferGeometry().setFromPoints(ends), new LineBasicMaterial({ color: colour("--ink") })));
   for (const { position, half_size, yaw = 0, rotation } of boxes) {
     const geometry = new BoxGeometry(...new Vector3(...half_size).multiplyScalar(2).toArray());
     const box = new Mesh(geometry, new MeshLambertMaterial({ color: quiet, transparent: true, opacity: 0.28, depthWrite: false }));

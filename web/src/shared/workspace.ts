@@ -20,7 +20,7 @@ export interface StoredClip {
   heldOut: boolean;
 }
 
-/** A court of this page's own: gravity and a floor, a table tennis ball. */
+/** The paper's court without its obstacles: gravity and a floor, a ball of 40 cm. */
 const SCENE: Scene = {
   gravity: [0, 0, -9.81],
   ball: { radius: 0.2 },
@@ -42,7 +42,12 @@ class Workspace extends EventTarget {
   }
 
   get scene(): Scene {
-    return parsed("gravisight.scene") ?? SCENE;
+    return this.ownScene ?? SCENE;
+  }
+
+  /** The one that was set; undefined where none was. */
+  get ownScene(): Scene | undefined {
+    return parsed("gravisight.scene");
   }
 
   set scene(scene: Scene | undefined) {

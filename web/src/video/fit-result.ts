@@ -1,6 +1,6 @@
 /** What the fit says, in words: flights, hits, where the ball bounced, and what is odd. */
-import type { Trajectory } from "gravisight";
 import { make } from "../dom";
+import type { Curve } from "./sightings";
 
 const NOT_EXPLAINED = "Do not trust the curve where it is not explained. Often the scene is not the real one (drop a scene.json), or the camera has moved.";
 
@@ -11,14 +11,15 @@ export class FitResult {
     this.#place = place;
   }
 
-  show({ explained, verdict, notes, rmsPx, points, bounces, flights, hits }: Trajectory): void {
+  show({ explained, verdict, notes, rmsPx, points, bounces, flights, hits }: Curve): void {
     this.#place.dataset.tone = explained ? "good" : "bad";
     const speeds = points.map(({ speed }) => speed);
     const outliers = points.filter(({ outlier }) => outlier).length;
     const left = outliers ? ` ${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.` : "";
     const range = speeds.length ? `, ${Math.min(...speeds).toFixed(1)} to ${Math.max(...speeds).toFixed(1)} m/s` : "";
-    const off = `the curve misses the sightings by ${rmsPx.toFixed(2)} px (rms).`;
-    const words = explained ? `Physics explains the track${range}: ${off}` : `${sentence(verdict)} ${NOT_EXPLAINED} ${sentence(off)}`;
+    const off = rmsPx === undefined ? "" : `the curve misses the sightings by ${rmsPx.toFixed(2)} px (rms).`;
+    const explains = rmsPx === undefined ? sentence(verdict) : `Physics explains the track${range}: ${off}`;
+    const words = explained ? explains : `${sentence(verdict)} ${NOT_EXPLAINED} ${off && sentence(off)}`.trim();
     const parts: HTMLElement[] = [make("p", { text: words + left, part: "video-fit-words" })];
     for (const note of notes) parts.push(make("p", { text: sentence(note), part: "video-fit-note" }));
     if (hits.length) parts.push(flightsTable(flights), hitsTable(hits));
@@ -56,17 +57,17 @@ const counted = (count: number, what: string, many = `${what}s`) => `${count} ${
 const seconds = (ms: number) => `${(ms / 1000).toFixed(2)} s`;
 const sentence = (words: string) => `${words.charAt(0).toUpperCase()}${words.slice(1)}${/[.?!]$/.test(words) ? "" : "."}`;
 
-function bouncesTable(bounces: Trajectory["bounces"]): HTMLElement {
+function bouncesTable(bounces: Curve["bounces"]): HTMLElement {
   const rows = bounces.map(({ timestampMs, surface, speed }) => [seconds(timestampMs), surfaceWords(surface), `${speed.toFixed(1)} m/s`]);
   return tableOf("video-bounce", counted(bounces.length, "bounce"), ["Time", "On", "Speed"], rows);
 }
 
-function hitsTable(hits: Trajectory["hits"]): HTMLElement {
+function hitsTable(hits: Curve["hits"]): HTMLElement {
   const rows = hits.map(({ timestampMs, world }) => [seconds(timestampMs), world.map((metres) => metres.toFixed(2)).join(", ")]);
   return tableOf("video-hit", counted(hits.length, "hit"), ["Time", "At x, y, z (m)"], rows);
 }
 
-function flightsTable(flights: Trajectory["flights"]): HTMLElement {
+function flightsTable(flights: Curve["flights"]): HTMLElement {
   const rows = flights.map((flight) => [
     `${seconds(flight.startMs)} to ${seconds(flight.endMs)}`,
     `${speedWords(flight)}${spinWords(flight)}`,
@@ -75,10 +76,11 @@ function flightsTable(flights: Trajectory["flights"]): HTMLElement {
   return tableOf("video-flight", counted(flights.length, "flight"), ["Flight", "At its start", ""], rows);
 }
 
-type Flight = Trajectory["flights"][number];
+type Flight = Curve["flights"][number];
 
 function speedWords({ speedStart, speedSigma }: Flight): string {
-  return `${speedStart.toFixed(1)} ± ${speedSigma.toFixed(1)} m/s`;
+  const digits = speedSigma < 0.095 ? 2 : 1;
+  return `${speedStart.toFixed(digits)} ± ${speedSigma.toFixed(digits)} m/s (${(3.6 * speedStart).toFixed(0)} km/h)`;
 }
 
 /** The spin in turns a second, where more is known of it than that there may be one. */

@@ -1,7 +1,8 @@
 /** Step 2: the ball in your own picture, video or webcam; its path through space, as plots and as files. */
-import type { Trajectory, Vector } from "gravisight";
+import type { Vector } from "gravisight";
 import { wordsOf } from "../dom";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
+import { MODELS } from "../shared/core";
 import { isJson, save } from "../shared/files";
 import { Job, type Watch } from "../shared/job";
 import type { Layer } from "../shared/maps";
@@ -13,15 +14,16 @@ import { makeExample } from "./example";
 import { fitted } from "./fit";
 import { FitResult } from "./fit-result";
 import { Looker } from "./looker";
-import { Model } from "./model";
+import { chosenDevice, Model } from "./model";
 import { Numbers } from "./numbers";
 import markup from "./panel.html?raw";
 import { Place } from "./place";
 import { Plots } from "./plots";
 import { csvOf, fittedAt, jsonOf } from "./report";
-import type { Seen } from "./sightings";
+import type { Curve, Seen } from "./sightings";
 import { PictureSource, type Source } from "./sources";
 import "./style.css";
+import { curveOf, seenOf, Tracking } from "./tracking";
 import { Transport } from "./transport";
 import { VideoSource } from "./video-source";
 
@@ -51,7 +53,9 @@ class Step {
   /** What the positions are of; stays when the source is closed. */
   #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
   #loading: Promise<void> | undefined;
-  #fit: Trajectory | undefined;
+  #fit: Curve | undefined;
+  /** Of the source that is open, once it was tracked. */
+  #tracking: Tracking | undefined;
   /** The sightings that the fit is of. */
   #fitVersion = -1;
   /** Of what is shown now. */
@@ -99,12 +103,28 @@ class Step {
     onClick("video-example", () => this.#openExample());
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
     onClick("video-stop", () => this.#close());
+    onClick("video-track", () => this.#trackNow());
     onClick("video-fit", () => this.#fitNow());
     onClick("video-clear", () => this.#forget());
     onClick("video-csv", () => save(`${this.#fileName}.csv`, csvOf(this.#looker.sightings.all, this.#fit), "text/csv"));
     onClick("video-json", () => this.#saveJson());
     onClick("video-png", async () => save(`${this.#fileName}.png`, await this.#plots.picture()));
     for (const input of this.#layers()) input.addEventListener("change", () => this.#chooseLayer(input.value as Layer));
+    part<HTMLSelectElement>("video-sport").addEventListener("change", (event) => {
+      const { value } = event.currentTarget as HTMLSelectElement;
+      void this.#alert.during(async () => {
+        await this.#place.choose(value);
+        this.#placeChanged();
+      });
+    });
+    part<HTMLInputElement>("video-ball").addEventListener("change", (event) => {
+      const { valueAsNumber } = event.currentTarget as HTMLInputElement;
+      void this.#alert.during(async () => {
+        this.#place.setRadius(valueAsNumber / 200);
+        this.#placeChanged();
+      });
+    });
+    part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#correct(event)));
     const take = (files: File[]) => void this.#alert.during(() => this.#take(files));
     listenForChosen(part<HTMLInputElement>("video-input"), take);
     listenForDropped(this.#panel, part("video-drop"), take);
@@ -173,9 +193,9 @@ class Step {
     await this.#load();
   }
 
-  /** Loads the model where a camera is there; without, positions have to wait. */
+  /** Loads the model where camera and ball are there; without, positions have to wait. */
   #load(): Promise<void> {
-    if (!this.#place.camera || !this.#source || this.#model.localiser) return Promise.resolve();
+    if (!this.#place.camera || !this.#place.scene || !this.#source || this.#model.localiser) return Promise.resolve();
     const load = async () => {
       try {
         await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(watch));
@@ -198,6 +218,7 @@ class Step {
   #close(): void {
     this.#job.abort();
     this.#source?.dispose();
+    this.#endTracking();
     this.#looker.open(undefined);
     this.#model.dispose();
     this.#loading = undefined;
@@ -206,8 +227,14 @@ class Step {
 
   // What is shown.
 
-  #show(seen: Seen): void {
+  #show(seen: Seen | undefined): void {
     this.#shown = seen;
+    if (!seen) {
+      this.#numbers.clear();
+      this.#numbers.showReason("The ball is not seen in this frame.");
+      return;
+    }
+    this.#numbers.showReason(seen.world ? "" : "The ball is seen, but not in a flight that physics could place: no metres here.");
     const isSure = seen.confidence >= this.#model.threshold;
     this.#numbers.show(seen, isSure);
     this.#view.setBall("found", isSure ? seen.world : null);
@@ -216,7 +243,8 @@ class Step {
 
   #showCounts(): void {
     const { sightings, skipped, milliseconds } = this.#looker;
-    this.#numbers.showCounts(sightings.all.length, skipped, milliseconds, this.#about.kind === "webcam");
+    const { watched = sightings.all.length, missed = skipped } = this.#tracking ?? {};
+    this.#numbers.showCounts(watched, missed, milliseconds, this.#about.kind === "webcam");
   }
 
   #refreshSoon(): void {
@@ -233,15 +261,17 @@ class Step {
     const sure = all.filter(({ confidence }) => confidence >= threshold);
     this.#showCounts();
     this.#numbers.showMean(sure);
-    this.#view.setPath("found", sure.slice(-MOST_IN_SPACE).map(({ world }) => world));
+    const known = sure.flatMap(({ world }) => (world ? [world] : []));
+    this.#view.setPath("found", known.slice(-MOST_IN_SPACE));
     this.#plots.show(all, this.#fit, { threshold, durationMs: this.#about.durationMs });
     for (const name of ["video-csv", "video-json", "video-png", "video-clear"]) this.#part<HTMLButtonElement>(name).disabled = all.length === 0;
-    this.#part<HTMLButtonElement>("video-fit").disabled = sure.length < 3;
-    this.#fitResult.setStale(this.#fit !== undefined && this.#fitVersion !== version);
+    this.#part<HTMLButtonElement>("video-fit").disabled = known.length < 3 || this.#looker.tracked;
+    this.#fitResult.setStale(!this.#looker.tracked && this.#fit !== undefined && this.#fitVersion !== version);
   }
 
   #showSource(): void {
     this.#transport.open(this.#source);
+    this.#showTrack();
     this.#part<HTMLFieldSetElement>("video-layers").disabled = !this.#source;
   }
 
@@ -269,13 +299,88 @@ class Step {
 
   // What is made of it.
 
+  /** Gives the whole source to a tracker. */
+  async #trackNow(): Promise<void> {
+    const source = this.#source;
+    const { camera, scene } = this.#place;
+    if (!source || !camera || !scene) throw new Error("To track takes a video, its camera, and its place and ball.");
+    source.pause();
+    this.#forget();
+    this.#looker.tracked = true;
+    try {
+      await this.#job.run("Loading the model…", async (watch) => {
+        // The one that reads sizes, whatever the step Try shows.
+        const which = { model: MODELS.any, device: chosenDevice() };
+        this.#tracking = await Tracking.through(source, { camera, scene }, which, watch, ({ image, timeMs }) => {
+          this.#overlay.showPlain(image, "A frame that is being looked at");
+          this.#transport.showTime(timeMs);
+        });
+        await this.#showTracked(watch);
+      });
+    } catch (thrown) {
+      this.#forget();
+      throw thrown;
+    }
+  }
+
+  async #showTracked(watch: Watch): Promise<void> {
+    const { camera } = this.#place;
+    if (!this.#tracking || !camera) return;
+    const found = await this.#tracking.track(watch);
+    this.#looker.sightings.replace(seenOf(found, camera));
+    this.#showCurve(curveOf(found));
+    this.#source?.seek(this.#looker.sightings.all[0]?.timeMs ?? 0);
+  }
+
+  /** A person says where the ball is, after the track was made: it is made anew. */
+  async #correct(event: MouseEvent): Promise<void> {
+    const { current } = this.#source ?? {};
+    if (!this.#tracking || !current || this.#job.isRunning) return;
+    const { left, top, width, height } = (event.currentTarget as HTMLElement | null ?? this.#part("video-overlay")).getBoundingClientRect();
+    const at = (part: number, all: number) => part * all - 0.5;
+    const { timeMs } = current;
+    this.#tracking.mark(timeMs, [at((event.clientX - left) / width, this.#about.width), at((event.clientY - top) / height, this.#about.height)]);
+    await this.#job.run("Finding the flights…", (watch) => this.#showTracked(watch));
+    this.#source?.seek(timeMs);
+  }
+
+  #endTracking(): void {
+    this.#tracking?.dispose();
+    this.#tracking = undefined;
+    this.#looker.tracked = false;
+  }
+
+  /** Whether the source can be tracked, and why not. */
+  #showTrack(): void {
+    const source = this.#source;
+    const { camera, scene } = this.#place;
+    const reason = !source
+      ? "Closed: choose a video again to track it."
+      : source.kind === "webcam"
+        ? "The webcam has no end: record a video to track it."
+        : source.durationMs <= 0
+          ? "One picture is no flight: choose a video to track it."
+          : !camera
+            ? "First it takes the camera."
+            : !scene
+              ? "First it takes the place and the ball."
+              : "";
+    this.#part<HTMLButtonElement>("video-track").disabled = reason !== "";
+    this.#part("video-overlay").dataset.marking = String(this.#tracking !== undefined);
+    this.#part("video-track-why").textContent = reason || (this.#tracking ? "Is the ball elsewhere in a frame? Click it there: the track is made anew." : "Every frame, then the flights: a video takes a few times as long as it lasts.");
+  }
+
   async #fitNow(): Promise<void> {
     const { camera, scene } = this.#place;
-    if (!camera) throw new Error("A fit needs the camera.");
+    if (!camera || !scene) throw new Error("A fit needs the camera, and the place and ball.");
     this.#source?.pause();
     const { all, version } = this.#looker.sightings;
     const { threshold } = this.#model;
     const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, scene, threshold, size: this.#about, signal }));
+    this.#showCurve(fit, version);
+  }
+
+  #showCurve(fit: Curve, version = this.#looker.sightings.version): void {
     this.#fit = fit;
     this.#fitVersion = version;
     this.#fitResult.show(fit);
@@ -283,16 +388,18 @@ class Step {
     this.#view.setMarks([...fit.bounces, ...fit.hits].map(({ world }) => world));
     if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
     this.#refresh();
+    this.#showTrack();
   }
 
   /** Forgets all positions. */
   #forget(): void {
+    this.#endTracking();
     this.#looker.forget();
     this.#fit = this.#shown = undefined;
     this.#fitResult.clear();
     this.#numbers.clear();
     const { camera, scene } = this.#place;
-    this.#view.setScene(scene, camera);
+    this.#view.setScene(scene ?? workspace.scene, camera);
     for (const name of ["found", "fit"] as const) this.#view.setBall(name, null);
     const truth = this.#source instanceof PictureSource ? this.#source.frames.flatMap((frame): Vector[] => (frame.truth ? [frame.truth] : [])) : [];
     if (truth.length) this.#view.setPath("truth", truth);
@@ -311,8 +418,15 @@ class Step {
   }
 
   #showPlace(): void {
-    this.#part("video-place").textContent = this.#place.words;
-    for (const name of ["video-needs-camera", "video-empty-camera"]) this.#part(name).hidden = this.#place.camera !== undefined;
+    const { camera, scene, sport, words } = this.#place;
+    this.#part("video-place").textContent = words;
+    for (const name of ["video-needs-camera", "video-empty-camera"]) this.#part(name).hidden = camera !== undefined;
+    this.#part("video-needs-ball").hidden = camera === undefined || scene !== undefined;
+    this.#part<HTMLSelectElement>("video-sport").value = sport;
+    const ball = this.#part<HTMLInputElement>("video-ball");
+    ball.disabled = !scene || this.#place.example !== undefined;
+    ball.value = scene ? String(Number((200 * scene.ball.radius).toFixed(2))) : "";
+    this.#showTrack();
   }
 
   #saveJson(): void {

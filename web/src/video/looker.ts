@@ -14,8 +14,8 @@ const AVERAGED = 30;
 const MOST_UNREADABLE = 30;
 
 export interface LookerListener {
-  /** A position is shown; `isFresh` where it was not known before. */
-  shown(seen: Seen, isFresh: boolean): void;
+  /** A position is shown, or a frame without one; `isFresh` where it was not known before. */
+  shown(seen: Seen | undefined, isFresh: boolean): void;
   /** How many frames were looked at or skipped has changed. */
   counted(): void;
   /** The source has been stopped, since nothing comes of its frames. */
@@ -27,6 +27,8 @@ export class Looker {
   source: Source | undefined;
   layer: Layer = "none";
   skipped = 0;
+  /** Whether the whole source was tracked: what was not found then is not there. */
+  tracked = false;
   readonly #with: { model: Model; place: Place; overlay: Overlay; job: Job };
   readonly #listener: LookerListener;
   #busy = false;
@@ -53,6 +55,7 @@ export class Looker {
   /** Forgets all positions. */
   forget(): void {
     this.sightings.clear();
+    this.tracked = false;
     this.skipped = 0;
     this.#times = [];
     this.#with.overlay.clear("No position yet");
@@ -73,15 +76,18 @@ export class Looker {
     const { source } = this;
     const { model, place, overlay } = this.#with;
     if (!source) return;
-    if (!model.localiser || !place.camera) return overlay.showPlain(frame.image, "A frame without a position");
+    if (!this.tracked && (!model.localiser || !place.camera || !place.scene)) return overlay.showPlain(frame.image, "A frame without a position");
     const known = this.sightings.at(frame.timeMs);
     const isNew = frame.timeMs > (this.sightings.all.at(-1)?.timeMs ?? -Infinity);
     const counts = source.playing && isNew;
     if (counts) this.skipped += missed;
-    if (known && this.layer === "none" && !this.#busy) {
+    if (known && (this.tracked || this.layer === "none") && !this.#busy) {
       overlay.hold(frame.image);
       overlay.show(known, { layer: "none", sure: known.confidence >= model.threshold });
       this.#listener.shown(known, false);
+    } else if (this.tracked) {
+      overlay.showPlain(frame.image, "The ball is not seen in this frame");
+      this.#listener.shown(undefined, false);
     } else if (!this.#busy) {
       void this.#find(frame, isNew);
     } else if (counts) {
@@ -121,9 +127,9 @@ export class Looker {
   async #localise(frame: Frame, layer: Layer) {
     const { model, place, job } = this.#with;
     const { localiser } = model;
-    const { camera } = place;
-    if (!localiser || !camera) throw new Error("there is no model or no camera");
-    const ball = { radius: place.scene.ball.radius };
+    const { camera, scene } = place;
+    if (!localiser || !camera || !scene) throw new Error("there is no model, no camera or no ball");
+    const ball = { radius: scene.ball.radius };
     const options: LocaliseOptions = { ball, camera, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
     if (layer !== "saliency") return localiser.localise(frame.picture, options);
     return job.run("Looking for what the depth depends on…", ({ signal }) => localiser.localise(frame.picture, { ...options, saliency: true, signal }));

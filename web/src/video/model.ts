@@ -37,7 +37,7 @@ export class Model {
 }
 
 /** The one that is chosen in the step Try. */
-function chosenDevice(): DeviceChoice {
+export function chosenDevice(): DeviceChoice {
   const chosen = document.querySelector<HTMLInputElement>('#device input[name="device"]:checked')?.value;
   return chosen === "webgpu" || chosen === "auto" ? chosen : "cpu";
 }

@@ -11,9 +11,11 @@ export class Numbers {
 
   show(seen: Seen, isSure: boolean): void {
     for (const [axis, name] of ["video-x", "video-y", "video-z"].entries()) {
-      const metres = seen.world[axis] ?? NaN;
-      this.#set(name, metres, metres.toFixed(2).replace("-", "−"));
+      const metres = seen.world?.[axis];
+      this.#set(name, metres ?? "", metres === undefined ? "–" : metres.toFixed(2).replace("-", "−"));
     }
+    this.#part("video-sigma-row").hidden = seen.sigma === null;
+    this.#set("video-sigma", seen.sigma ?? "", seen.sigma === null ? "–" : `± ${length(seen.sigma)}`);
     this.#set("video-confidence", seen.confidence, `${(100 * seen.confidence).toFixed(0)} %${isSure ? "" : " – not sure"}`);
     this.#setError("video-error", seen.dtg);
   }
@@ -31,8 +33,16 @@ export class Numbers {
   }
 
   clear(): void {
-    for (const name of ["video-x", "video-y", "video-z", "video-confidence"]) this.#set(name, "", "–");
+    for (const name of ["video-x", "video-y", "video-z", "video-sigma", "video-confidence"]) this.#set(name, "", "–");
+    this.showReason("");
     for (const name of ["video-error", "video-mean-error"]) this.#setError(name, undefined);
+  }
+
+  /** Why there is no position, in words; of no words there is one. */
+  showReason(words: string): void {
+    const place = this.#part("video-no-position");
+    place.textContent = words;
+    place.hidden = words === "";
   }
 
   #setError(name: string, metres: number | undefined): void {
@@ -45,4 +55,9 @@ export class Numbers {
     data.value = String(value);
     data.textContent = words;
   }
+}
+
+/** In the unit that people would say it in. */
+function length(metres: number): string {
+  return metres < 1 ? `${(100 * metres).toFixed(metres < 0.1 ? 1 : 0)} cm` : `${metres.toFixed(1)} m`;
 }

@@ -1,4 +1,4 @@
-/** The camera and the scene in use, and where they come from: the example's own, dropped files, or the other steps. */
+/** The camera and the scene in use, and where they come from: the example's own, dropped files, what was chosen, or the other steps. */
 import type { Camera, Scene } from "gravisight";
 import { tools } from "../shared/core";
 import { readJson } from "../shared/files";
@@ -8,13 +8,39 @@ export class Place {
   /** Of the example while it is shown. */
   example: { camera: Camera; scene: Scene } | undefined;
   readonly #dropped: { camera?: { name: string; content: Camera }; scene?: { name: string; content: Scene } } = {};
+  #sport: { name: string; content: Scene } | undefined;
+  /** Of the ball in place of the scene's, metres. */
+  #radius: number | undefined;
 
   get camera(): Camera | undefined {
     return this.example?.camera ?? this.#dropped.camera?.content ?? workspace.camera;
   }
 
-  get scene(): Scene {
-    return this.example?.scene ?? this.#dropped.scene?.content ?? workspace.scene;
+  /** Undefined where nobody said what ball it is. */
+  get scene(): Scene | undefined {
+    if (this.example) return this.example.scene;
+    const scene = this.#dropped.scene?.content ?? this.#sport?.content ?? workspace.ownScene;
+    return scene && this.#radius !== undefined ? { ...scene, ball: { ...scene.ball, radius: this.#radius } } : scene;
+  }
+
+  /** The name of the sport that was chosen; empty where none is. */
+  get sport(): string {
+    return this.example || this.#dropped.scene ? "" : (this.#sport?.name ?? "");
+  }
+
+  /** Takes the place of a sport; of no name, none. */
+  async choose(name: string): Promise<void> {
+    const content = name ? await (await tools()).scene(name) : undefined;
+    this.#sport = content && { name, content };
+    this.#radius = undefined;
+    delete this.#dropped.scene;
+    this.example = undefined;
+  }
+
+  /** Another ball in the same place; its radius in metres. */
+  setRadius(radius: number): void {
+    if (!(radius > 0 && radius < 1)) throw new Error("The ball’s diameter is in centimetres, between 0 and 200.");
+    this.#radius = radius;
   }
 
   /** Whose camera and scene they are, in words. */
@@ -23,9 +49,11 @@ export class Place {
     const { camera, scene } = this;
     const size = camera ? `, ${camera.width} × ${camera.height} px` : "";
     const from = this.#dropped.camera?.name ?? "the step Calibrate";
+    const said = camera ? `Camera: from ${from}${size}.` : "Camera: none yet.";
+    if (!scene) return `${said} Place and ball: not chosen.`;
     const things = [scene.floor && "a floor", scene.boxes?.length && "boxes", scene.walls?.length && "walls"].filter(Boolean).join(", ");
     const ball = `ball of ${(200 * scene.ball.radius).toFixed(1)} cm across${things ? `, ${things}` : ""}`;
-    return `${camera ? `Camera: from ${from}${size}.` : "Camera: none yet."} Scene${this.#dropped.scene ? ` from ${this.#dropped.scene.name}` : ""}: ${ball}.`;
+    return `${said} Scene${this.#dropped.scene ? ` from ${this.#dropped.scene.name}` : ""}: ${ball}.`;
   }
 
   /** Takes a camera.json or a scene.json, if the core has nothing against it. */
@@ -40,6 +68,7 @@ export class Place {
       const scene = content as Scene;
       await (await tools()).forecast(scene, { position: [0, 0, 1e3], velocity: [0, 0, 0] }, [0]);
       this.#dropped.scene = { name: file.name, content: scene };
+      this.#radius = undefined;
     } else throw new Error(`${file.name} is neither a camera.json (intrinsic, camera_from_world) nor a scene.json (gravity, ball).`);
   }
 }

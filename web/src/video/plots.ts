@@ -1,7 +1,6 @@
 /** The two plots: where the ball is, and how fast. */
-import type { Trajectory } from "gravisight";
 import { Chart, pictureOf, type Series } from "../shared/chart";
-import type { Seen } from "./sightings";
+import type { Curve, Seen } from "./sightings";
 
 /** Of a source without an end, in seconds: the last ones. */
 const LIVE_WINDOW = 20;
@@ -22,7 +21,7 @@ export class Plots {
     this.#speedPlace = speed;
   }
 
-  show(all: Seen[], fit: Trajectory | undefined, { threshold, durationMs }: { threshold: number; durationMs: number }): void {
+  show(all: Seen[], fit: Curve | undefined, { threshold, durationMs }: { threshold: number; durationMs: number }): void {
     const last = (all.at(-1)?.timeMs ?? 0) / 1000;
     const live = !Number.isFinite(durationMs);
     const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
@@ -32,7 +31,7 @@ export class Plots {
     const marks = [...(fit?.bounces ?? []), ...(fit?.hits ?? [])].map(({ timestampMs }) => timestampMs / 1000).filter((t) => t >= from);
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
-        seen.filter(({ confidence }) => confidence >= threshold === isSure).map(({ timeMs, world }): [number, number] => [timeMs / 1000, world[axis] ?? 0]);
+        seen.flatMap(({ timeMs, world, confidence }): [number, number][] => (world && confidence >= threshold === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
       const line = points.map(({ timestampMs, world }): [number, number] => [timestampMs / 1000, world[axis] ?? 0]);
       return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
     });

@@ -1,29 +1,30 @@
 /** What was found as files: a table (CSV) and everything (JSON). */
-import type { Camera, Scene, Trajectory, TrajectoryPoint } from "gravisight";
-import { SAME, type Seen } from "./sightings";
+import type { Camera, Scene } from "gravisight";
+import { SAME, type Curve, type Seen } from "./sightings";
 
 const COLUMNS = [
   "time_s", "u_px", "v_px", "depth_m", "x_m", "y_m", "z_m", "confidence",
   "fit_x_m", "fit_y_m", "fit_z_m", "fit_sigma_m", "speed_m_s", "outlier",
 ];
 
-export function csvOf(seen: Seen[], fit: Trajectory | undefined): string {
-    const rows = seen.map(({ timeMs, image, depth, world, confidence }) => {
+export function csvOf(seen: Seen[], fit: Curve | undefined): string {
+  const rows = seen.map(({ timeMs, image, depth, world, confidence }) => {
     const point = fittedAt(fit, timeMs);
     const of = point ? [...point.world, point.sigma, point.speed].map(number) : ["", "", "", "", ""];
-    const all = [timeMs / 1000, ...image, depth, ...world, confidence].map(number);
+    const place = world && depth !== null ? [depth, ...world].map(number) : ["", "", "", ""];
+    const all = [...[timeMs / 1000, ...image].map(number), ...place, number(confidence)];
     return [...all, ...of, point ? String(point.outlier) : ""].join(",");
   });
   return `${[COLUMNS.join(","), ...rows].join("\r\n")}\r\n`;
 }
 
-export function jsonOf(seen: Seen[], fit: Trajectory | undefined, about: { source: string; camera: Camera | undefined; scene: Scene; threshold: number }): string {
+export function jsonOf(seen: Seen[], fit: Curve | undefined, about: { source: string; camera: Camera | undefined; scene: Scene | undefined; threshold: number }): string {
   const frames = seen.map(({ timeMs, ...rest }) => ({ t: timeMs / 1000, ...rest }));
   return JSON.stringify({ ...about, units: "seconds, metres, pixels; world z up", frames, fit: fit ?? null }, null, 1);
 }
 
 /** The fit's point of a frame; its times have been through seconds and back, and differ in the last digits. */
-export function fittedAt(fit: Trajectory | undefined, timeMs: number): TrajectoryPoint | undefined {
+export function fittedAt(fit: Curve | undefined, timeMs: number): Curve["points"][number] | undefined {
   const points = fit?.points ?? [];
   let low = 0;
   let high = points.length;

@@ -1,15 +1,25 @@
 /** What was found, frame by frame, in the order of time. */
-import type { Localisation, Vector } from "gravisight";
+import type { Localisation, Trajectory, Vector } from "gravisight";
 
 export interface Seen {
   timeMs: number;
   image: [number, number];
-  depth: number;
-  world: Vector;
+  /** Null, as the position, where it is not known. */
+  depth: number | null;
+  world: Vector | null;
+  /** Root mean square error of the position to expect, metres; null where nobody says it. */
+  sigma: number | null;
   confidence: number;
   truth?: Vector;
   /** Distance to the truth, metres. */
   dtg?: number;
+}
+
+/** Flights: of a fit to sightings, or of a tracked video. */
+export interface Curve extends Pick<Trajectory, "explained" | "verdict" | "notes" | "bounces" | "flights" | "hits"> {
+  points: Pick<Trajectory["points"][number], "timestampMs" | "world" | "speed" | "sigma" | "outlier">[];
+  /** How far the curve misses the sightings, pixels, where that is known. */
+  rmsPx?: number;
 }
 
 /** Two times that are closer are of one frame, in milliseconds. */
@@ -30,13 +40,20 @@ export class Sightings {
     return seen && seen.timeMs - timeMs < SAME ? seen : undefined;
   }
 
-  add(timeMs: number, { image, depth, world, confidence, dtg }: Localisation, truth?: Vector): Seen {
-    const seen: Seen = { timeMs, image, depth, world, confidence, ...(truth && { truth }), ...(dtg !== undefined && { dtg }) };
+  add(timeMs: number, { image, depth, world, covariance, confidence, dtg }: Localisation, truth?: Vector): Seen {
+    const sigma = covariance ? Math.sqrt(covariance.reduce((sum, row, axis) => sum + (row[axis] ?? 0), 0)) : null;
+    const seen: Seen = { timeMs, image, depth, world, sigma, confidence, ...(truth && { truth }), ...(dtg !== undefined && { dtg }) };
     const place = this.#place(timeMs);
     const again = this.at(timeMs) !== undefined;
     this.all.splice(place, again ? 1 : 0, seen);
     if (!again) this.version++;
     return seen;
+  }
+
+  /** Takes what was found in all frames at once. */
+  replace(all: Seen[]): void {
+    this.all.splice(0, this.all.length, ...all);
+    this.version++;
   }
 
   clear(): void {

@@ -19,9 +19,10 @@ pub(super) fn print(tracked: &Tracked) -> Result<()> {
         for flight in &fit.flights {
             number += 1;
             let [speed, sigma] = flight.speed;
+            let digits = if sigma < 0.095 { 2 } else { 1 };
             let spin = flight.spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
             print_line(format_args!(
-                "flight {number}: {:.2} to {:.2} s, starts at {speed:.1} ± {sigma:.1} m/s ({:.0} km/h), spin {spin:.0} rev/s{}",
+                "flight {number}: {:.2} to {:.2} s, starts at {speed:.digits$} ± {sigma:.digits$} m/s ({:.0} km/h), spin {spin:.0} rev/s{}",
                 flight.start,
                 flight.end,
                 KMH * speed,

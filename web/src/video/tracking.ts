@@ -1,0 +1,170 @@
+/** The ball through a whole source: every frame is given to a tracker, which is kept for what a person corrects. */
+import { VideoTracker, type Camera, type DeviceChoice, type Picture, type Scene, type TrackedVideo } from "gravisight";
+import type { Watch } from "../shared/job";
+import type { Curve, Seen } from "./sightings";
+import { PictureSource, type Frame, type Source } from "./sources";
+
+/** Frames that wait for the tracker, above which the video pauses, and below which it goes on. */
+const MOST_WAITING = 3;
+const FEW_WAITING = 1;
+/** Speeds at which a video is played to be tracked: the first one, and the slowest that browsers know. */
+const FIRST_RATE = 0.25;
+const SLOWEST = 0.0625;
+/** Share of the time between two frames that the tracker may take; and what is left of the speed after a frame was missed. */
+const BUSY = 0.7;
+const SLOWER = 0.7;
+
+export interface Known {
+  camera: Camera;
+  scene: Scene;
+}
+
+export class Tracking {
+  readonly #tracker: VideoTracker;
+  readonly #known: Known;
+  /** When the frames were, milliseconds. */
+  readonly #times: number[] = [];
+  /** Frames that the browser did not show. */
+  missed = 0;
+  readonly #seeds: { frame: number; image: [number, number] }[] = [];
+
+  private constructor(tracker: VideoTracker, known: Known) {
+    this.#tracker = tracker;
+    this.#known = known;
+  }
+
+  /** Gives all frames of a source; `shown` sees each. */
+  static async through(source: Source, known: Known, { model, device }: { model: string; device: DeviceChoice }, { signal, progress }: Watch, shown: (frame: Frame) => void): Promise<Tracking> {
+    const tracker = await VideoTracker.create({ model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
+    const tracking = new Tracking(tracker, known);
+    signal.addEventListener("abort", () => tracker.dispose(), { once: true });
+    try {
+      progress(0, source.durationMs, "Watching the video…");
+      const add = async (picture: Picture, timeMs: number) => {
+        signal.throwIfAborted();
+        await tracker.add(picture, timeMs);
+        tracking.#times.push(timeMs);
+        progress(timeMs, source.durationMs);
+      };
+      if (source instanceof PictureSource) {
+        for (const frame of source.frames) {
+          shown(frame);
+          await add(frame.picture, frame.timeMs);
+        }
+      } else tracking.missed = await played(source, add, signal, shown);
+      return tracking;
+    } catch (thrown) {
+      tracker.dispose();
+      throw thrown;
+    }
+  }
+
+  /** Frames that were given. */
+  get watched(): number {
+    return this.#times.length;
+  }
+
+  /** Takes a person's word for where the ball is in the frame next to a time. */
+  mark(timeMs: number, image: [number, number]): void {
+    const near = this.#times.reduce((best, time, frame) => (Math.abs(time - timeMs) < Math.abs((this.#times[best] ?? Infinity) - timeMs) ? frame : best), 0);
+    this.#seeds.push({ frame: near, image });
+  }
+
+  /** The ball in all frames. */
+  async track({ signal, progress }: Watch): Promise<TrackedVideo> {
+    progress(0, null, "Finding the flights…");
+    return this.#tracker.track({
+      ...this.#known,
+      seeds: this.#seeds,
+      timesKnown: true,
+      signal,
+      onProgress: ({ loaded, total }) => progress(loaded, total),
+    });
+  }
+
+  dispose(): void {
+    this.#tracker.dispose();
+  }
+}
+
+/** Plays a video from its start to its end, as slowly as the tracker is; returns how many frames were missed. */
+async function played(source: Source, add: (picture: Picture, timeMs: number) => Promise<void>, signal: AbortSignal, shown: (frame: Frame) => void): Promise<number> {
+  const { onFrame, onState } = source;
+  const video = source.element;
+  if (!video) throw new Error("The source is no video.");
+  const before = video.playbackRate;
+  let rate = FIRST_RATE;
+  let last = -Infinity;
+  let waiting = 0;
+  let missed = 0;
+  // Seconds that the tracker takes for a frame, lately, and between two frames.
+  let taken = 0;
+  let between = Infinity;
+  let chain = Promise.resolve();
+  try {
+    await new Promise<void>((resolve, reject) => {
+      const fail = (thrown: unknown) => reject(thrown instanceof Error ? thrown : new Error(String(thrown)));
+      signal.addEventListener("abort", () => fail(signal.reason), { once: true });
+      source.onFrame = (frame, more) => {
+        if (frame.timeMs <= last) return;
+        if (more && Number.isFinite(last)) {
+          missed += more;
+          rate *= SLOWER;
+        } else between = Math.min(between, (frame.timeMs - last) / 1000);
+        last = frame.timeMs;
+        const fit = taken ? Math.min(rate, (BUSY * between) / taken) : rate;
+        source.setRate(Math.min(1, Math.max(SLOWEST, fit)));
+        shown(frame);
+        waiting++;
+        if (waiting > MOST_WAITING) source.pause();
+        const bitmap = createImageBitmap(video, { colorSpaceConversion: "none" });
+        bitmap.catch(() => {});
+        const { timeMs } = frame;
+        chain = chain.then(async () => {
+          const picture = await bitmap;
+          const start = performance.now();
+          await add(picture, timeMs);
+          const seconds = (performance.now() - start) / 1000;
+          taken = taken ? 0.8 * taken + 0.2 * seconds : seconds;
+          // It may be faster than was thought.
+          rate = Math.min(1, 1.02 * rate);
+          picture.close();
+          waiting--;
+          if (video.ended) {
+            if (waiting === 0) resolve();
+          } else if (waiting <= FEW_WAITING && !source.playing) await source.play();
+        });
+        chain.catch(fail);
+      };
+      source.onState = () => {
+        if (video.ended && waiting === 0) resolve();
+      };
+      source.setRate(rate);
+      source.seek(0);
+      source.play().catch(fail);
+    });
+  } finally {
+    source.pause();
+    source.setRate(before);
+    [source.onFrame, source.onState] = [onFrame, onState];
+    source.onState();
+  }
+  return missed;
+}
+
+/** The frames that show the ball. */
+export function seenOf({ frames }: TrackedVideo, { camera_from_world: m }: Camera): Seen[] {
+  return frames.flatMap(({ timestampMs, image, confidence, world, sigma }): Seen[] => {
+    const axis = m[2] ?? [];
+    const depth = world && world.reduce((sum, value, index) => sum + value * (axis[index] ?? 0), axis[3] ?? 0);
+    return image ? [{ timeMs: timestampMs, image, confidence, world, depth, sigma }] : [];
+  });
+}
+
+/** The flights as a fit of sightings says them. */
+export function curveOf({ frames, explained, ...all }: TrackedVideo): Curve {
+  const points = frames.flatMap(({ timestampMs, world, speed, sigma }) =>
+    world && speed !== null && sigma !== null ? [{ timestampMs, world, speed, sigma, outlier: false }] : [],
+  );
+  return { ...all, explained: explained ?? false, points };
+}
