@@ -21,7 +21,7 @@
 //! - **trajectory**: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
 //! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
-//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`propose_labels`]; videos: [`Follower`], [`Tracked`]
+//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`propose_labels`]; videos: [`VideoTracker`], [`Tracked`]
 //! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - **evaluation**: [`score`], [`Sample`], [`Metrics`]
 //! - [`Error`], [`Result`]; in [`parts`] the types of what these hold
@@ -49,6 +49,7 @@ mod synth;
 mod table;
 mod track;
 mod train;
+mod video_tracker;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
 
@@ -69,12 +70,11 @@ pub use self::localise::{Localisation, LocaliseOptions, Localiser, Region};
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::size::Size;
-pub use self::track::{
-    Fit, FitOptions, Follower, LabelOptions, Observation, Parameter, Track, Tracked, propose_labels,
-};
+pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Track, Tracked, propose_labels};
 pub use self::train::{FineTuneOptions, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
+pub use self::video_tracker::VideoTracker;
 
 /// The types of what cameras, scenes and results hold, for whoever has to name them.
 pub mod parts {
@@ -82,7 +82,7 @@ pub mod parts {
     pub use crate::evaluate::{Bins, Statistic};
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::physics::{Cuboid, Impact, Potential};
-    pub use crate::track::{FittedFrame, Flight, Flying, Followed, FollowedFrame, Hit, Proposal, Stretch, Wanted};
+    pub use crate::track::{FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.

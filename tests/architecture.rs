@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error`, `size` and the tests' `testing` are open to all.
-const ARROWS: [(&str, &[&str]); 16] = [
+const ARROWS: [(&str, &[&str]); 17] = [
     ("size", &[]),
     ("error", &["size"]),
     ("files", &[]),
@@ -23,10 +23,25 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("evaluate", &["camera", "clips", "image", "localise"]),
     ("synth", &["camera", "clips", "physics"]),
     ("train", &["camera", "clips", "evaluate", "files", "image", "localise", "model", "physics", "synth", "track"]),
+    ("video_tracker", &["camera", "image", "localise", "physics", "track"]),
 ];
 /// The browser's boundary, above everything.
-const WASM: (&str, &[&str]) =
-    ("wasm", &["camera", "clips", "evaluate", "image", "localise", "model", "physics", "synth", "track", "train"]);
+const WASM: (&str, &[&str]) = (
+    "wasm",
+    &[
+        "camera",
+        "clips",
+        "evaluate",
+        "image",
+        "localise",
+        "model",
+        "physics",
+        "synth",
+        "track",
+        "train",
+        "video_tracker",
+    ],
+);
 /// Rooms that compile without Burn.
 const WITHOUT_BURN: [&str; 12] = [
     "size",

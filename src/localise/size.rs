@@ -13,6 +13,9 @@ use crate::image::{Picture, tile};
 use crate::model::{self, Peak};
 use crate::size::Size;
 
+/// Longer side of a picture in which large balls are spotted, px, and the confidence that makes a place worth a look.
+const SPOTTED_SIDE: u32 = 448;
+const SPOTTED: f64 = 0.15;
 /// Most pixels that the network sees at once: a little more than 1920×1088. Larger pictures are searched in tiles.
 const MOST_PIXELS: usize = 2_200_000;
 /// Side of a tile, and by how much neighbours overlap, px: twice what a ball of the largest radius needs around it.
@@ -148,10 +151,7 @@ impl Localiser {
         radius_px: f64,
         reach_px: f64,
     ) -> Result<Option<Measured>> {
-        if !self.reads_size() {
-            let reason = format!("must read sizes, as `any` does; `{}` knows one scene", self.card.name);
-            return Err(Error::value("model", "depth_from", reason));
-        }
+        self.must_read_sizes()?;
         let outline = Outline { centre: image.into(), radius: radius_px };
         let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px)).await?;
         Ok(found.map(|Reading { outline, log_sigma, confidence }| Measured {
@@ -160,6 +160,39 @@ impl Localiser {
             sigma_px: CENTRE_OF_RADIUS * log_sigma * outline.radius,
             confidence,
         }))
+    }
+
+    /// Where large balls may be in a picture, roughly: one pass over it, made small.
+    ///
+    /// # Errors
+    /// As [`Self::measure`].
+    pub async fn spot(&self, picture: &Picture) -> Result<Vec<Outline>> {
+        self.must_read_sizes()?;
+        let rgb = picture.rgb();
+        let (width, height) = rgb.dimensions();
+        let shrink = f64::from(width.max(height)) / f64::from(SPOTTED_SIDE);
+        let side = |side: u32| ((f64::from(side) / shrink).round() as u32).max(1);
+        let small = match shrink > 1.0 {
+            true => &image::imageops::thumbnail(rgb, side(width), side(height)),
+            false => rgb,
+        };
+        let up = |side: u32| side.div_ceil(self.config.input_multiple()) * self.config.input_multiple();
+        let field = self.one_field(small, 0, 0, Size::new(up(small.width()), up(small.height()))).await?;
+        let scale = [f64::from(width) / f64::from(small.width()), f64::from(height) / f64::from(small.height())];
+        let found = peaks(&field, softmax(&field.logits), PLACES).into_iter();
+        let found = found.filter(|peak| peak.confidence >= SPOTTED).map(|peak| Outline {
+            centre: Point2::from(std::array::from_fn(|axis| (peak.image[axis] + 0.5) * scale[axis] - 0.5)),
+            radius: peak.radius * (scale[0] * scale[1]).sqrt(),
+        });
+        Ok(found.collect())
+    }
+
+    fn must_read_sizes(&self) -> Result<()> {
+        if self.reads_size() {
+            return Ok(());
+        }
+        let reason = format!("must read sizes, as `any` does; `{}` knows one scene", self.card.name);
+        Err(Error::value("model", "depth_from", reason))
     }
 
     /// The likeliest `count` places of the ball in (a `region` of) `picture`, without any camera; where asked for, also the

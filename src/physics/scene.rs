@@ -267,6 +267,14 @@ fn is_zero(vector: &[f64; 3]) -> bool {
 }
 
 impl Scene {
+    /// Speed at which the ball falls steadily through the air, m/s; infinite without drag.
+    pub(crate) fn terminal_speed(&self) -> f64 {
+        let ball = &self.ball;
+        let area = std::f64::consts::PI * ball.radius.powi(2);
+        let pressure = 0.5 * ball.air_density * area * ball.drag_coefficient / ball.mass;
+        (self.gravity.iter().map(|g| g * g).sum::<f64>().sqrt() / pressure).sqrt()
+    }
+
     /// Nothing but a ball of 1 kg under gravity (m/s²); `radius` in m.
     pub fn new(gravity: [f64; 3], radius: f64) -> Self {
         let ball = Ball {

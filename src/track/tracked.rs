@@ -11,7 +11,7 @@ use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
 
-/// The ball in a video: what [`Flying`] was told, decided, and its flights.
+/// The ball in a video ([`VideoTracker::track`](crate::VideoTracker::track)): in each frame, and its flights.
 pub struct Tracked {
     /// The ball in each frame.
     pub frames: Vec<FollowedFrame>,
@@ -34,7 +34,7 @@ pub struct Stretch {
 
 impl Tracked {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
-    pub fn new(flying: &Flying<'_>, place: Option<(&Camera, &Scene)>) -> Self {
+    pub(crate) fn new(flying: &Flying<'_>, place: Option<(&Camera, &Scene)>) -> Self {
         Self { frames: flying.frames(place), cuts: flying.cuts().to_vec(), stretches: vec![], metres: false }
     }
 

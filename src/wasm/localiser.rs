@@ -1,6 +1,6 @@
 //! `Localiser`.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use burn::tensor::Device;
 use js_sys::Float32Array;
@@ -20,7 +20,7 @@ use crate::size::Size;
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
 pub struct JsLocaliser {
-    pub(super) localiser: Rc<Localiser>,
+    pub(super) localiser: Arc<Localiser>,
     device_name: String,
 }
 
@@ -154,7 +154,7 @@ impl JsLocaliser {
 
     /// Follows the ball through a video with this model, which lives as long as the tracker does.
     pub fn tracker(&self) -> JsVideoTracker {
-        JsVideoTracker::new(Rc::clone(&self.localiser))
+        JsVideoTracker::new(Arc::clone(&self.localiser))
     }
 
     /// The device, in words.
@@ -167,7 +167,7 @@ impl JsLocaliser {
 impl JsLocaliser {
     /// `localiser`, with the device's name in words.
     pub(super) fn named(localiser: Localiser, device_name: String) -> Self {
-        Self { localiser: Rc::new(localiser), device_name }
+        Self { localiser: Arc::new(localiser), device_name }
     }
 
     async fn run(&self, picture: &Picture, camera: &str, wanted: Ts<Wanted>) -> Result<Ts<Position>> {

@@ -1,6 +1,6 @@
 //! A ball through a video.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use js_sys::Function;
 use serde::{Deserialize, Serialize};
@@ -15,7 +15,8 @@ use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::physics::{Forecaster, Scene};
 use crate::size::Size;
-use crate::track::{FitOptions, FollowedFrame, Follower, Stretch, Tracked};
+use crate::track::{FitOptions, FollowedFrame, Stretch, Tracked};
+use crate::video_tracker::VideoTracker;
 
 /// The ball in a video: in each frame, and its flights.
 #[derive(Serialize, Tsify)]
@@ -85,10 +86,8 @@ struct Known {
 /// Follows the ball through frames that come one after the other.
 #[wasm_bindgen(js_name = VideoTracker)]
 pub struct JsVideoTracker {
-    localiser: Rc<Localiser>,
-    follower: Follower,
+    tracker: VideoTracker,
     size: Option<Size>,
-    ended: bool,
 }
 
 #[wasm_bindgen(js_class = VideoTracker)]
@@ -122,32 +121,14 @@ impl JsVideoTracker {
 }
 
 impl JsVideoTracker {
-    pub(super) fn new(localiser: Rc<Localiser>) -> Self {
-        Self { localiser, follower: Follower::new(), size: None, ended: false }
+    pub(super) fn new(localiser: Arc<Localiser>) -> Self {
+        Self { tracker: VideoTracker::new(localiser), size: None }
     }
 
     async fn watch(&mut self, picture: Result<Picture>, time: f64) -> Result<()> {
         let picture = picture?;
-        if self.ended {
-            return Err(Error::value(
-                "video",
-                "frame",
-                "comes after the last: track another video with another tracker",
-            ));
-        }
         self.size = Some(picture.size());
-        self.follower.watch(picture, time)?;
-        self.look().await
-    }
-
-    /// Looks with the network at what seems to fly.
-    async fn look(&mut self) -> Result<()> {
-        for wanted in self.follower.wanted() {
-            let Some(picture) = self.follower.picture(&wanted) else { continue };
-            let found = self.localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px).await?;
-            self.follower.tell(&wanted, found);
-        }
-        Ok(())
+        self.tracker.add(picture, time).await
     }
 
     async fn tracked(&mut self, known: &str, on_progress: &Function) -> Result<Ts<VideoTrack>> {
@@ -159,14 +140,9 @@ impl JsVideoTracker {
             }
             _ => None,
         };
-        if !self.ended {
-            self.ended = true;
-            self.follower.end();
-            self.look().await?;
-        }
-        let flying = self.follower.flying(&known.seeds)?;
-        let mut tracked =
-            Tracked::new(&flying, place.as_ref().map(|(camera, forecaster)| (camera, forecaster.scene())));
+        self.tracker.end().await?;
+        let known_place = place.as_ref().map(|(camera, forecaster)| (camera, forecaster.scene()));
+        let mut tracked = self.tracker.track(&known.seeds, known_place)?;
         if let Some((camera, forecaster)) = &place {
             let options = FitOptions { hits: known.hits, times_known: known.times_known, ..FitOptions::default() };
             tracked.fit(forecaster, camera, &options, |done, all| {

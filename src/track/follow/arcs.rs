@@ -11,9 +11,7 @@ const TURN_PX: f64 = 3.0;
 const ALIKE: f64 = 2.2;
 /// The same to the mean of those before it.
 const USUAL: f64 = 1.8;
-/// Standard deviation of a blob's place, px, and a share of its reach and of the way from the frame before.
-const PLACE_PX: f64 = 0.7;
-const PLACE_OF_REACH: f64 = 0.08;
+/// Standard deviation of a blob's place besides its own, a share of the way from the frame before.
 const PLACE_OF_STEP: f64 = 0.02;
 /// Deviations from where the arc leads within which a blob belongs to it.
 const GATE: f64 = 3.5;
@@ -27,9 +25,10 @@ const SEED_PX: f64 = 6.0;
 const RECENT: usize = 7;
 /// Fewest blobs of an arc.
 const FEWEST: usize = 5;
-/// Least way of an arc from its first to its last blob, in radii and px.
+/// Least way of an arc from its first to its last blob, in radii and px; and where a network sees a ball in most of them, px.
 const LEAST_WAY: f64 = 3.0;
 const LEAST_WAY_PX: f64 = 8.0;
+const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
 /// Gain below which an arc is chance, and cost of a frame in which the ball is not seen.
 const LEAST_GAIN: f64 = 8.0;
 const COST_UNSEEN: f64 = 1.5;
@@ -154,7 +153,12 @@ impl Search<'_> {
             (at[0] - first.at[0]).hypot(at[1] - first.at[1])
         });
         let way = way.fold(0.0, f64::max);
-        if way < LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)) {
+        let balls = members.iter().filter(|&&member| self.blob(member).is_ball).count();
+        let least = match 2 * balls > members.len() {
+            true => LEAST_WAY_OF_BALL_PX,
+            false => LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)),
+        };
+        if way < least {
             return None;
         }
         let (gain, seeded) = (self.gain(&members), self.is_seeded(&members)?);
@@ -285,7 +289,7 @@ fn along(blob: &Blob, way: [f64; 2]) -> bool {
 
 /// Standard deviation of a blob's place on the way of its ball, px.
 fn deviation(blob: &Blob, step: f64) -> f64 {
-    PLACE_PX + PLACE_OF_REACH * blob.reach + PLACE_OF_STEP * step
+    blob.sigma + PLACE_OF_STEP * step
 }
 
 /// Where blobs lead: a parabola through them (a line through three), in time.

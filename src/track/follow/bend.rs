@@ -8,19 +8,23 @@ use crate::physics::Scene;
 /// Time of a part of a way that is one parabola, s, and fewest places in it.
 const PART: f64 = 0.35;
 const FEWEST: usize = 5;
-/// The acceleration of a ball along gravity's image, in units of that, and its spread along and across: drag, spin and what
-/// comes of flying towards the camera are in it.
+/// The acceleration of a ball along gravity's image, in units of that, and its spread below and above that, and across: drag,
+/// spin and what comes of flying towards the camera are in it.
 const ALONG: f64 = 1.3;
-const SPREAD: [f64; 2] = [0.8, 1.0];
+const SPREAD: [f64; 2] = [0.3, 1.0];
+const SPREAD_ACROSS: f64 = 1.0;
 /// Spread of what does not fly: most of it hardly bends for its size, the rest anyhow; the share of the first.
 const STEADY: f64 = 0.5;
 const ANYHOW: f64 = 6.0;
 const STEADY_SHARE: f64 = 0.6;
 /// Degrees of freedom of all spreads (Student's t).
 const FREEDOM: f64 = 3.0;
-/// Most that a part, and a way, say for or against a ball, log of odds.
-const MOST_OF_PART: f64 = 3.0;
+/// Most that a part says for or against a ball, and a way against it and for it, log of odds.
+const MOST_OF_PART: f64 = 5.0;
+const LEAST: f64 = -15.0;
 const MOST: f64 = 6.0;
+/// A ball that falls no faster than this through the air, m/s, soon falls steadily, as a shuttle does: its way need not bend.
+const LIGHT: f64 = 7.5;
 
 /// What a ball's size says of how its way must bend.
 pub(super) struct Falling<'a> {
@@ -42,6 +46,9 @@ pub(super) struct Place {
 impl Falling<'_> {
     /// How much more a way bends as a ball's than as anything's, log of odds.
     pub fn odds(&self, way: &[Place]) -> f64 {
+        if self.scene.terminal_speed() < LIGHT {
+            return 0.0;
+        }
         let mut odds = 0.0;
         let mut from = 0;
         while from < way.len() {
@@ -49,7 +56,7 @@ impl Falling<'_> {
             odds += self.odds_of_part(&way[from..from + part]).unwrap_or(0.0);
             from += part;
         }
-        odds.clamp(-MOST, MOST)
+        odds.clamp(LEAST, MOST)
     }
 
     fn odds_of_part(&self, part: &[Place]) -> Option<f64> {
@@ -74,7 +81,8 @@ impl Falling<'_> {
         let down = gravity.normalize();
         let [along, across] = [bend.dot(&down), bend.perp(&down)].map(|value| value / gravity.norm());
         let both = |spread: f64| student(along, spread.hypot(sigma)) + student(across, spread.hypot(sigma));
-        let ball = student(along - ALONG, SPREAD[0].hypot(sigma)) + student(across, SPREAD[1].hypot(sigma));
+        let spread = SPREAD[usize::from(along > ALONG)];
+        let ball = student(along - ALONG, spread.hypot(sigma)) + student(across, SPREAD_ACROSS.hypot(sigma));
         let other = STEADY_SHARE * both(STEADY).exp() + (1.0 - STEADY_SHARE) * both(ANYHOW).exp();
         Some((ball - other.ln()).clamp(-MOST_OF_PART, MOST_OF_PART))
     }

@@ -6,6 +6,9 @@ const FEWEST_PIXELS: usize = 4;
 const LONGEST: f64 = 12.0;
 /// Least share of the ellipse with its moments that a part fills.
 const LEAST_FILLED: f64 = 0.6;
+/// Standard deviation of a part's place, px, and a share of its reach.
+const PLACE_PX: f64 = 0.7;
+const PLACE_OF_REACH: f64 = 0.08;
 /// Most parts of a frame that are kept.
 const MOST: usize = 60;
 
@@ -24,6 +27,10 @@ pub(super) struct Blob {
     pub contrast: f64,
     /// Its pixels over those of the ellipse with its moments.
     pub filled: f64,
+    /// Whether a network sees a ball there.
+    pub is_ball: bool,
+    /// Standard deviation of its place along each axis, px.
+    pub sigma: f64,
     /// How crowded its place is, once the blobs about it are forgotten.
     pub crowd: Option<f64>,
 }
@@ -141,6 +148,8 @@ impl Sums {
             direction: (0.5 * (2.0 * xy).atan2(xx - yy)),
             contrast: self.weight / self.pixels as f64,
             filled,
+            is_ball: false,
+            sigma: PLACE_PX + PLACE_OF_REACH * long,
             crowd: None,
         })
     }

@@ -41,9 +41,11 @@ impl Piece {
         self.members.len() as f64 * (2.0 * self.confidence() - 1.0)
     }
 
-    /// Whether a ball can fly this and then the other.
+    /// Whether a ball can fly this and then the other: a few frames may be of both, for arcs end where others take over.
     fn goes_before(&self, other: &Self) -> bool {
-        self.first() < other.first() && self.last() < other.last()
+        let shared = (self.last() + 1).saturating_sub(other.first());
+        let most = 1 + self.members.len().min(other.members.len()) / 3;
+        self.first() < other.first() && self.last() < other.last() && shared <= most
     }
 
     /// What two are worth together less than each, for a ball is in one place: the less of theirs in the frames of both.

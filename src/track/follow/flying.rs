@@ -22,10 +22,6 @@ const RUN: usize = 3;
 const SMALL: f64 = 3.0;
 /// Gain of an arc that says nothing for or against a ball.
 const USUAL_GAIN: f64 = 27.0;
-/// Standard deviation of a blob's place, px, and a share of its reach.
-const PLACE_PX: f64 = 0.7;
-const PLACE_OF_REACH: f64 = 0.08;
-
 /// What makes the odds that an arc is the ball's. Fitted by logistic regression to the arcs of `synth --set broadcast`
 /// (split train), with a quarter of the network's words turned: it is not as often right of what cameras take.
 struct Weights {
@@ -39,7 +35,7 @@ struct Weights {
     seen: [f64; 2],
 }
 
-const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 0.8, seen: [1.5, 0.6] };
+const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 1.2, seen: [1.5, 0.6] };
 const UNTOLD: Weights = Weights { constant: -1.5, gain: 1.6, small: -2.5, bend: 1.0, seen: [0.0; 2] };
 /// Log of odds of what a person pointed at.
 const SEEDED: f64 = 20.0;
@@ -114,7 +110,8 @@ impl<'a> Flying<'a> {
             let frame = &mut frames[self.numbers[place]];
             let ball = self.followed(member);
             let found = self.words.of(member).and_then(Option::as_ref);
-            frame.point = point(&ball, found, frame.point);
+            let sigma = self.seen[member.0].blobs[member.1].sigma;
+            frame.point = point(&ball, sigma, found, frame.point);
             (frame.ball, frame.confidence) = (Some(ball), confidence);
         }
         share_doubt(&mut frames);
@@ -166,7 +163,7 @@ impl<'a> Flying<'a> {
                 time: self.seen[place].time,
                 at: ball.map_or(blob.at.into(), |ball| ball.outline.centre),
                 radius: ball.map_or(blob.radius, |ball| ball.outline.radius),
-                sigma: PLACE_PX + PLACE_OF_REACH * blob.reach,
+                sigma: blob.sigma,
             }
         };
         let way: Vec<Place> = members.iter().map(place).collect();
@@ -187,11 +184,11 @@ impl<'a> Flying<'a> {
     }
 }
 
-/// A ball as a line of a 2D track; `nothing` has the frame's number and time.
-fn point(ball: &Followed, found: Option<&Measured>, nothing: TrackPoint) -> TrackPoint {
+/// A ball as a line of a 2D track, `sigma` (px) that of its place without a network; `nothing` has the frame's number and time.
+fn point(ball: &Followed, sigma: f64, found: Option<&Measured>, nothing: TrackPoint) -> TrackPoint {
     let at =
         |[x, y]: [f64; 2], sigma| TrackPoint { visibility: 1, x: Some(x), y: Some(y), sigma: Some(sigma), ..nothing };
-    let Some(found) = found else { return at(ball.image, PLACE_PX + PLACE_OF_REACH * ball.reach_px) };
+    let Some(found) = found else { return at(ball.image, sigma) };
     let sized = ball.reach_px < STREAK * ball.radius_px;
     let [radius, radius_sigma] = [found.outline.radius, found.radius_sigma_px].map(|it| sized.then_some(it));
     TrackPoint { radius, radius_sigma, ..at(found.outline.centre.coords.into(), found.sigma_px) }

@@ -28,7 +28,6 @@ use self::blobs::Blob;
 pub use self::flying::{Flying, Followed, FollowedFrame};
 use self::planes::{Background, FIRST_FRAMES, Planes, contrast_of};
 pub use self::stretches::stretches;
-pub use self::wanted::Wanted;
 use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
 use crate::image::Picture;

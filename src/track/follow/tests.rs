@@ -2,6 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
+use super::wanted::Wanted;
 use super::*;
 use crate::camera::{Measured, Outline};
 use crate::image::Picture;

@@ -2,9 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::Follower;
 use super::arcs::Arc;
 use super::blobs::Blob;
-use super::{Follower, SAME};
 use crate::camera::Measured;
 use crate::image::Picture;
 
@@ -22,6 +22,11 @@ pub(super) const SEEN: f64 = 0.3;
 const SEEN_ALONE: f64 = 0.5;
 /// Frames after which what was in no arc is forgotten.
 const FORGOTTEN: usize = 2000;
+/// Distance of a blob's middle from what a network finds, in radii, and ratio of the radii, up to which it is a part of it.
+const PART: f64 = 0.9;
+const ALIKE: f64 = 1.4;
+/// Least standard deviation of the place of what a network finds, px.
+const LEAST_SIGMA: f64 = 0.3;
 /// Largest deviation of where an arc leads with which it is worth to look there, radii.
 const MOST_UNSURE: f64 = 4.0;
 
@@ -36,6 +41,8 @@ pub(super) struct Held {
 #[derive(Default)]
 pub(super) struct Words {
     said: BTreeMap<(usize, usize), Option<Measured>>,
+    /// Balls that were found in frames whose blobs are not known yet.
+    found: Vec<(usize, Measured)>,
     /// Places that were asked for: blobs, and where arcs lead.
     asked: BTreeSet<(usize, usize)>,
     led: Vec<(usize, [f64; 2])>,
@@ -91,6 +98,9 @@ impl Follower {
             return vec![];
         }
         self.words.searched = self.seen.len();
+        for (place, ball) in std::mem::take(&mut self.words.found) {
+            self.found(place, ball);
+        }
         let from = self.seen.len().saturating_sub(WINDOW);
         let arcs = self.search(from, &[]).arcs();
         let mut wanted = Vec::new();
@@ -160,42 +170,67 @@ impl Follower {
 
     /// The picture in which that is to be looked for; none where it is too old.
     pub fn picture(&self, wanted: &Wanted) -> Option<&Picture> {
-        let held = self.held.iter().find(|held| held.place == wanted.place)?;
-        Some(&held.picture)
+        self.held(wanted.place)
+    }
+
+    /// The number of the last frame among those that are not repeated.
+    pub fn newest(&self) -> Option<usize> {
+        self.held.back().map(|held| held.place)
+    }
+
+    /// The picture of a frame, by its number among those that are not repeated; none where it is too old.
+    pub fn held(&self, place: usize) -> Option<&Picture> {
+        self.held.iter().find(|held| held.place == place).map(|held| &held.picture)
     }
 
     /// Takes a network's word: the ball that it measures there
     /// ([`Localiser::measure`](crate::Localiser::measure)), if it sees one.
     pub fn tell(&mut self, wanted: &Wanted, ball: Option<Measured>) {
-        let least = if wanted.blob.is_some() { SEEN } else { SEEN_ALONE };
-        let ball = ball.filter(|ball| ball.confidence >= least);
-        match (wanted.blob, ball) {
-            (Some(blob), _) => {
+        match wanted.blob {
+            Some(blob) => {
+                let ball = ball.filter(|ball| ball.confidence >= SEEN);
+                self.seen[wanted.place].blobs[blob].is_ball = ball.is_some();
                 self.words.said.insert((wanted.place, blob), ball);
             }
-            (None, Some(ball)) => {
-                let blobs = &mut self.seen[wanted.place].blobs;
-                let at: [f64; 2] = ball.outline.centre.coords.into();
-                let radius = ball.outline.radius;
-                let known = blobs.iter().position(|blob| {
-                    (blob.at[0] - at[0]).hypot(blob.at[1] - at[1]) < SAME * radius && blob.radius < 2.0 * radius
-                });
-                let blob = known.unwrap_or_else(|| {
-                    blobs.push(Blob {
-                        at,
-                        radius,
-                        reach: radius,
-                        direction: 0.0,
-                        contrast: 0.0,
-                        filled: 1.0,
-                        crowd: None,
-                    });
-                    blobs.len() - 1
-                });
-                self.words.asked.insert((wanted.place, blob));
-                self.words.said.insert((wanted.place, blob), Some(ball));
-            }
-            (None, None) => {}
+            None => ball.into_iter().for_each(|ball| self.found(wanted.place, ball)),
+        }
+    }
+
+    /// Takes a ball that a network found in a frame (by its number among those that are not repeated), whether anything moves
+    /// there or not.
+    pub fn found(&mut self, place: usize, ball: Measured) {
+        if ball.confidence < SEEN_ALONE {
+            return;
+        }
+        let Some(seen) = self.seen.get_mut(place) else {
+            return self.words.found.push((place, ball));
+        };
+        let at: [f64; 2] = ball.outline.centre.coords.into();
+        let radius = ball.outline.radius;
+        let own = Blob {
+            at,
+            radius,
+            reach: radius,
+            direction: 0.0,
+            contrast: 0.0,
+            filled: 1.0,
+            is_ball: true,
+            sigma: ball.sigma_px.max(LEAST_SIGMA),
+            crowd: None,
+        };
+        // What moves within it is a part of it.
+        let is_part = |blob: &Blob| {
+            (blob.at[0] - at[0]).hypot(blob.at[1] - at[1]) < (PART * radius).max(1.0) && blob.radius < ALIKE * radius
+        };
+        let mut parts: Vec<usize> = (0..seen.blobs.len()).filter(|&blob| is_part(&seen.blobs[blob])).collect();
+        if parts.is_empty() {
+            seen.blobs.push(own);
+            parts.push(seen.blobs.len() - 1);
+        }
+        for blob in parts {
+            seen.blobs[blob] = own;
+            self.words.asked.insert((place, blob));
+            self.words.said.insert((place, blob), Some(ball));
         }
     }
 }

@@ -4,12 +4,13 @@ mod say;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
 use gravisight::parts::Stretch;
-use gravisight::{Camera, FitOptions, Follower, Forecaster, Localiser, Picture, Scene, Tracked};
+use gravisight::{Camera, FitOptions, Forecaster, Localiser, Picture, Scene, VideoTracker};
 
 use self::say::print;
 use super::fit::{Hits, PARTLY, hits, one_sigma};
@@ -92,11 +93,10 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     let name = || footage.name();
     let mut progress = Progress::new();
-    let follower = followed(&footage, &localiser, &mut progress).with_context(name)?;
+    let tracker = watched(&footage, localiser, &mut progress).with_context(name)?;
     let seeds: Vec<(usize, [f64; 2])> = arguments.seed_label.iter().map(|Seed(frame, at)| (*frame, *at)).collect();
-    let flying = follower.flying(&seeds)?;
     let known = place.as_ref().map(|place| (&place.camera, place.forecaster.scene()));
-    let mut tracked = Tracked::new(&flying, known);
+    let mut tracked = tracker.track(&seeds, known)?;
     if let Some(out) = &arguments.out {
         write_whole(out, tracked.track().to_csv()?.as_bytes())?;
     }
@@ -165,30 +165,17 @@ fn place(arguments: &Arguments) -> Result<Option<Place>> {
     Ok(Some(Place { camera: Camera::from_file(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
 }
 
-/// Once through the footage: what flies, and what the network sees of it.
-fn followed(footage: &Footage, localiser: &Localiser, progress: &mut Progress) -> Result<Follower> {
-    let mut follower = Follower::new();
+/// Once through the footage.
+fn watched(footage: &Footage, localiser: Localiser, progress: &mut Progress) -> Result<VideoTracker> {
+    let mut tracker = VideoTracker::new(Arc::new(localiser));
     let all = footage.times().len();
     footage.each(0..all, &mut |frame: usize, picture: Picture| {
-        follower.watch(picture, footage.times()[frame])?;
-        look(&mut follower, localiser)?;
+        pollster::block_on(tracker.add(picture, footage.times()[frame]))?;
         progress.set(frame as u64 + 1, all as u64, "frames");
         Ok(())
     })?;
-    follower.end();
-    look(&mut follower, localiser)?;
-    Ok(follower)
-}
-
-/// Looks with the network at what seems to fly.
-fn look(follower: &mut Follower, localiser: &Localiser) -> Result<()> {
-    for wanted in follower.wanted() {
-        let Some(picture) = follower.picture(&wanted) else { continue };
-        let found = localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px);
-        let found = pollster::block_on(found)?;
-        follower.tell(&wanted, found);
-    }
-    Ok(())
+    pollster::block_on(tracker.end())?;
+    Ok(tracker)
 }
 
 fn report(out: &Path, footage: &Footage, place: &Place, stretches: &[Stretch]) -> Result<()> {

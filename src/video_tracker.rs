@@ -1,0 +1,118 @@
+//! A video's frames in, its ball out: what moves ([`Follower`]), looked at by a network ([`Localiser`]).
+
+use std::sync::Arc;
+
+use nalgebra::Point2;
+
+use crate::camera::{Camera, Measured, Outline};
+use crate::error::{Error, Result};
+use crate::image::Picture;
+use crate::localise::Localiser;
+use crate::physics::Scene;
+use crate::track::{Follower, Tracked};
+
+/// Frames after which the whole picture is looked at for a ball that hardly moves: it hides in its own background.
+const SPOT_EVERY: usize = 8;
+/// A ball that moved less than so many radii since, and more than so many px, hardly moves.
+const SLOW: f64 = 4.0;
+const LEAST_WAY_PX: f64 = 1.0;
+/// Largest ratio of the radii of one ball in two such pictures.
+const ALIKE: f64 = 1.3;
+
+/// Follows the ball through the frames of a video, one after the other; of a camera that stands still.
+pub struct VideoTracker {
+    localiser: Arc<Localiser>,
+    follower: Follower,
+    /// The number of the frame in which balls were spotted last, and these.
+    spotted: Option<(usize, Vec<Measured>)>,
+    ended: bool,
+}
+
+impl VideoTracker {
+    /// Without any frame yet; `localiser` reads sizes, as `any` does.
+    pub fn new(localiser: Arc<Localiser>) -> Self {
+        Self { localiser, follower: Follower::new(), spotted: None, ended: false }
+    }
+
+    /// Takes the next frame, of `time` s.
+    ///
+    /// # Errors
+    /// [`Error::Data`] for a frame of another size than the first, [`Error::Value`] after [`Self::end`] and for a model that
+    /// reads no sizes; [`Error::OutputNotFinite`] and [`Error::Device`].
+    pub async fn add(&mut self, picture: Picture, time: f64) -> Result<()> {
+        if self.ended {
+            let reason = "comes after the last: track another video with another tracker";
+            return Err(Error::value("video", "frame", reason));
+        }
+        self.follower.watch(picture, time)?;
+        let last = self.spotted.as_ref().map(|(last, _)| *last);
+        if self.follower.newest().is_some_and(|newest| last.is_none_or(|last| newest >= last + SPOT_EVERY)) {
+            self.spot().await?;
+        }
+        self.look().await
+    }
+
+    /// There are no more frames. Harmless twice.
+    ///
+    /// # Errors
+    /// As [`Self::add`].
+    pub async fn end(&mut self) -> Result<()> {
+        if self.ended {
+            return Ok(());
+        }
+        self.ended = true;
+        self.spot().await?;
+        self.follower.end();
+        self.look().await
+    }
+
+    /// The ball in the frames so far; [`Tracked::fit`] makes flights of it. `seeds` are frames and places (px) in which a person
+    /// saw it: what flies through them is the ball. Where the camera (of these pictures) and the scene are known they help to
+    /// tell it.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a seed in a frame that was not given, or outside the picture.
+    pub fn track(&self, seeds: &[(usize, [f64; 2])], place: Option<(&Camera, &Scene)>) -> Result<Tracked> {
+        Ok(Tracked::new(&self.follower.flying(seeds)?, place))
+    }
+
+    /// Looks at what seems to fly.
+    async fn look(&mut self) -> Result<()> {
+        for wanted in self.follower.wanted() {
+            let Some(picture) = self.follower.picture(&wanted) else { continue };
+            let found = self.localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px).await?;
+            self.follower.tell(&wanted, found);
+        }
+        Ok(())
+    }
+
+    /// Looks at the whole of the newest picture; and for a ball that was near in the one before, at those between.
+    async fn spot(&mut self) -> Result<()> {
+        let Some(newest) = self.follower.newest() else { return Ok(()) };
+        let Some(picture) = self.follower.held(newest) else { return Ok(()) };
+        let mut balls = Vec::new();
+        for Outline { centre, radius } in self.localiser.spot(picture).await? {
+            balls.extend(self.localiser.measure(picture, centre.coords.into(), radius, radius).await?);
+        }
+        let Some((last, before)) = self.spotted.replace((newest, balls.clone())) else { return Ok(()) };
+        for ball in balls {
+            let slow = |other: &&Measured| {
+                let way = (ball.outline.centre - other.outline.centre).norm();
+                let ratio = ball.outline.radius / other.outline.radius;
+                (LEAST_WAY_PX..SLOW * ball.outline.radius).contains(&way) && (ALIKE.recip()..ALIKE).contains(&ratio)
+            };
+            let Some(other) = before.iter().find(slow) else { continue };
+            let way = ball.outline.centre - other.outline.centre;
+            for place in last..=newest {
+                let share = (place - last) as f64 / (newest - last).max(1) as f64;
+                let centre: Point2<f64> = other.outline.centre + share * way;
+                let Some(picture) = self.follower.held(place) else { continue };
+                let radius = ball.outline.radius;
+                if let Some(found) = self.localiser.measure(picture, centre.coords.into(), radius, radius).await? {
+                    self.follower.found(place, found);
+                }
+            }
+        }
+        Ok(())
+    }
+}
