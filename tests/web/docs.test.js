@@ -225,11 +225,17 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
     for (const frame of frames) frame.picture = await (await fetch("/clips/train/" + frame.file)).blob();
     const another = { id: "another", fps: ${clip.fps}, camera, scene, frames };
     const clips = [{ ...another, id: "one" }];`;
+  const allFrames = `
+    const frames = ${JSON.stringify(clip.frames)};
+    for (const frame of frames) Object.assign(frame, { picture: await (await fetch("/clips/train/" + frame.file)).blob(), timestampMs: 1000 * frame.t });`;
+  // The clip is of a scene of its own, and no tennis.
+  const ownScene = written.package.get("tracker.js").replace('scene: "tennis"', "scene");
   const fewSteps = written.package.get("tune.js").replaceAll("200", "2");
   const pages = {
     "readme/main": `${written.readme.get("main.js")}\nconsole.log("ready");`,
     "package/main": `${written.package.get("main.js")}\nconsole.log("ready");`,
     "package/track": `${given}${shownVideo}\n${written.package.get("track.js")}\nvideo.play();`,
+    "package/tracker": `${given}${allFrames}\n${ownScene}`,
     "package/tune": `${given}${twoClips}\n${fewSteps}\nconsole.log(JSON.parse(card).name, weights.length);`,
   };
   write(join(folder, "public/clip.webm"), video);
@@ -264,6 +270,13 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
   assert.ok(explained && points.length >= FEWEST && bounces.length > 0);
   run.package.push("track.js");
   await tracking.close();
+
+  const through = await open(browser, "about:blank", complaints);
+  const [tracked] = await Promise.all([logged(through, /the ball is seen in/), through.goto(`${url}package/tracker.html`)]);
+  const [verdict, isExplained, flights] = await Promise.all(tracked.args().map((each) => each.jsonValue()));
+  assert.ok(isExplained && flights.length > 0, verdict);
+  run.package.push("tracker.js");
+  await through.close();
 
   const tuning = await open(browser, "about:blank", complaints);
   const said = Promise.all([/^\d.* px before$/, /^1 \d/, /^2 \d/, /^\d.* px after$/, /^sd-l-tuned \d{6,}$/].map((words) => logged(tuning, words)));
