@@ -31,6 +31,8 @@ const LEAST_WAY_PX: f64 = 8.0;
 const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
 /// Gain below which an arc is chance, and cost of a frame in which the ball is not seen.
 const LEAST_GAIN: f64 = 8.0;
+/// Gain from which what an arc has taken starts no other.
+const STRONG_GAIN: f64 = 20.0;
 const COST_UNSEEN: f64 = 1.5;
 /// Distance (px) and frames within which other blobs tell how crowded a place is.
 const CROWD_PX: f64 = 80.0;
@@ -58,6 +60,8 @@ pub(super) struct Search<'a> {
     /// Of the picture, px, and its pixels.
     pub width: f64,
     pub area: f64,
+    /// Share of the least way that an arc must go: where few frames are looked at it cannot go far.
+    pub least_way: f64,
     /// Frames and places in which a person saw the ball.
     pub seeds: &'a [(usize, [f64; 2])],
 }
@@ -73,12 +77,13 @@ impl Search<'_> {
         let mut used: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
         for frame in 0..self.frames.len() {
             for seed in self.seeds(frame) {
-                // What a strong arc has taken starts no other.
                 if seed.iter().all(|&(frame, index)| used[frame][index]) {
                     continue;
                 }
                 let Some(arc) = self.grow(seed) else { continue };
-                arc.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
+                if arc.gain >= STRONG_GAIN {
+                    arc.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
+                }
                 grown.push(arc);
             }
         }
@@ -156,7 +161,7 @@ impl Search<'_> {
         let balls = members.iter().filter(|&&member| self.blob(member).is_ball).count();
         let least = match 2 * balls > members.len() {
             true => LEAST_WAY_OF_BALL_PX,
-            false => LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)),
+            false => self.least_way * LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)),
         };
         if way < least {
             return None;

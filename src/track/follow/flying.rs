@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use super::super::file::TrackPoint;
 use super::Kept;
-use super::arcs::{Arc, Seen};
+use super::arcs::{Arc, Seen, alike};
 use super::bend::{Falling, Place};
+use super::blobs::Blob;
 use super::chain::{Piece, chain};
 use super::wanted::Words;
 use crate::camera::{Camera, Measured};
@@ -16,6 +17,9 @@ const STREAK: f64 = 2.5;
 /// Share of the variance of a measured radius that frames have in common which are less than so many seconds apart.
 const COMMON: f64 = 0.7;
 const DOUBT_LASTS: f64 = 0.5;
+/// Most frames between two balls that are filled, and how far from between them a ball may be in those, radii.
+const MOST_BETWEEN: usize = 4;
+const NEAR: f64 = 1.5;
 /// Frames in a row that the network says the same of where an arc is cut.
 const RUN: usize = 3;
 /// Radius below which a ball is small, px: networks miss those.
@@ -106,6 +110,7 @@ impl<'a> Flying<'a> {
                 }
             }
         }
+        self.fill(&mut balls);
         for (place, (member, confidence)) in balls {
             let frame = &mut frames[self.numbers[place]];
             let ball = self.followed(member);
@@ -116,6 +121,30 @@ impl<'a> Flying<'a> {
         }
         share_doubt(&mut frames);
         frames
+    }
+
+    /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: an arc ends
+    /// at a bounce or a hit, and the next begins after it.
+    fn fill(&self, balls: &mut BTreeMap<usize, ((usize, usize), f64)>) {
+        let known: Vec<((usize, usize), f64)> = balls.values().copied().collect();
+        for pair in known.windows(2) {
+            let [(before, sure), (after, sure_after)] = [pair[0], pair[1]];
+            if after.0 - before.0 > MOST_BETWEEN + 1 {
+                continue;
+            }
+            let [from, to] = [before, after].map(|(place, index)| &self.seen[place].blobs[index]);
+            let way = [to.at[0] - from.at[0], to.at[1] - from.at[1]];
+            let reach = NEAR * from.radius.max(to.radius) + way[0].hypot(way[1]) / 2.0;
+            for place in before.0 + 1..after.0 {
+                let middle = [from.at[0] + way[0] / 2.0, from.at[1] + way[1] / 2.0];
+                let off = |blob: &Blob| (blob.at[0] - middle[0]).hypot(blob.at[1] - middle[1]);
+                let blobs = self.seen[place].blobs.iter().enumerate();
+                let near = blobs.filter(|(_, blob)| blob.is_ball && alike(blob, from) && off(blob) <= reach);
+                if let Some((index, _)) = near.min_by(|a, b| off(a.1).total_cmp(&off(b.1))) {
+                    balls.insert(place, ((place, index), sure.min(sure_after)));
+                }
+            }
+        }
     }
 
     /// Whether the network sees a ball in a frame of those that are not repeated; none where it did not say.

@@ -258,14 +258,14 @@ impl Follower {
     /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
     pub fn flying(&self, seeds: &[(usize, [f64; 2])]) -> Result<Flying<'_>> {
         let seeds = self.seeds(seeds)?;
-        let arcs = self.search(0, &seeds).arcs();
+        let arcs = self.search(0, 1.0, &seeds).arcs();
         Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts))
     }
 
     /// Arcs are searched from a frame on, of those that are not repeated.
-    fn search<'a>(&'a self, from: usize, seeds: &'a [(usize, [f64; 2])]) -> Search<'a> {
+    fn search<'a>(&'a self, from: usize, least_way: f64, seeds: &'a [(usize, [f64; 2])]) -> Search<'a> {
         let [width, height] = self.size.map(|side| side as f64);
-        Search { frames: &self.seen[from..], width, area: width * height, seeds }
+        Search { frames: &self.seen[from..], width, area: width * height, least_way, seeds }
     }
 
     /// The seeds by the frames that are not repeated.

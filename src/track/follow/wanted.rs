@@ -11,6 +11,8 @@ use crate::image::Picture;
 /// Frames that are held, and those among them that arcs are searched in.
 const HELD: usize = 24;
 const WINDOW: usize = 16;
+/// Share of its least way that an arc must go in those.
+const SHORT_WAY: f64 = 0.25;
 /// Frames after which arcs are searched again.
 const STEP: usize = 8;
 /// Frames beyond an arc's ends in which the ball is looked for where the arc leads, and how many of its blobs a network must
@@ -27,6 +29,8 @@ const PART: f64 = 0.9;
 const ALIKE: f64 = 1.4;
 /// Least standard deviation of the place of what a network finds, px.
 const LEAST_SIGMA: f64 = 0.3;
+/// Length over width from which a blob is a streak.
+const STREAK: f64 = 1.5;
 /// Largest deviation of where an arc leads with which it is worth to look there, radii.
 const MOST_UNSURE: f64 = 4.0;
 
@@ -102,7 +106,7 @@ impl Follower {
             self.found(place, ball);
         }
         let from = self.seen.len().saturating_sub(WINDOW);
-        let arcs = self.search(from, &[]).arcs();
+        let arcs = self.search(from, SHORT_WAY, &[]).arcs();
         let mut wanted = Vec::new();
         for arc in &arcs {
             let members = arc.members.iter().map(|&(frame, blob)| (from + frame, blob));
@@ -126,7 +130,7 @@ impl Follower {
     fn forget(&mut self) {
         for place in self.words.forgotten..self.seen.len().saturating_sub(FORGOTTEN) {
             let kept: Vec<usize> = self.words.asked.range((place, 0)..=(place, usize::MAX)).map(|it| it.1).collect();
-            let search = self.search(0, &[]);
+            let search = self.search(0, 1.0, &[]);
             let blobs = kept
                 .iter()
                 .map(|&blob| Blob { crowd: Some(search.crowd((place, blob))), ..self.seen[place].blobs[blob] });
@@ -150,7 +154,7 @@ impl Follower {
         if arc.members.iter().filter(is_seen).count() < FEWEST_SEEN {
             return vec![];
         }
-        let search = self.search(from, &[]);
+        let search = self.search(from, SHORT_WAY, &[]);
         let (first, last) = (arc.members[0].0, arc.members[arc.members.len() - 1].0);
         let before = first.saturating_sub(BEYOND)..first;
         let after = last + 1..(last + 1 + BEYOND).min(search.frames.len());
@@ -189,7 +193,12 @@ impl Follower {
         match wanted.blob {
             Some(blob) => {
                 let ball = ball.filter(|ball| ball.confidence >= SEEN);
-                self.seen[wanted.place].blobs[blob].is_ball = ball.is_some();
+                if let Some(ball) = &ball {
+                    // Better than the middle of what differs; a streak keeps its length.
+                    let blob = &mut self.seen[wanted.place].blobs[blob];
+                    let reach = if blob.reach < STREAK * blob.radius { 0.0 } else { blob.reach };
+                    *blob = Blob { reach: reach.max(ball.outline.radius), direction: blob.direction, ..blob_of(ball) };
+                }
                 self.words.said.insert((wanted.place, blob), ball);
             }
             None => ball.into_iter().for_each(|ball| self.found(wanted.place, ball)),
@@ -205,19 +214,8 @@ impl Follower {
         let Some(seen) = self.seen.get_mut(place) else {
             return self.words.found.push((place, ball));
         };
-        let at: [f64; 2] = ball.outline.centre.coords.into();
-        let radius = ball.outline.radius;
-        let own = Blob {
-            at,
-            radius,
-            reach: radius,
-            direction: 0.0,
-            contrast: 0.0,
-            filled: 1.0,
-            is_ball: true,
-            sigma: ball.sigma_px.max(LEAST_SIGMA),
-            crowd: None,
-        };
+        let own = blob_of(&ball);
+        let Blob { at, radius, .. } = own;
         // What moves within it is a part of it.
         let is_part = |blob: &Blob| {
             (blob.at[0] - at[0]).hypot(blob.at[1] - at[1]) < (PART * radius).max(1.0) && blob.radius < ALIKE * radius
@@ -232,5 +230,21 @@ impl Follower {
             self.words.asked.insert((place, blob));
             self.words.said.insert((place, blob), Some(ball));
         }
+    }
+}
+
+/// A ball that a network measured.
+fn blob_of(ball: &Measured) -> Blob {
+    let radius = ball.outline.radius;
+    Blob {
+        at: ball.outline.centre.coords.into(),
+        radius,
+        reach: radius,
+        direction: 0.0,
+        contrast: 0.0,
+        filled: 1.0,
+        is_ball: true,
+        sigma: ball.sigma_px.max(LEAST_SIGMA),
+        crowd: None,
     }
 }
