@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { FineTuner, GravisightError, isCached, Localiser, Toolbox } from "gravisight";
+import { FineTuner, GravisightError, isCached, Localiser, Toolbox, VideoTracker } from "gravisight";
 import { pictureOf, samples } from "./support/demo.js";
 
 const model = new URL("../../models/sd-l.json", import.meta.url);
@@ -84,6 +84,44 @@ test("two toolboxes that share a Worker each get their own answers", async () =>
   const worker = new Shared();
   const [one, other] = [await Toolbox.create({ worker }), await Toolbox.create({ worker })];
   assert.deepEqual(await Promise.all([one.court("tennis"), other.court("badminton")]), ["tennis", "badminton"]);
+});
+
+test("a ball is tracked through frames, near the truth; what is missing or wrong is said by name", async () => {
+  const toolbox = await Toolbox.create();
+  assert.ok((await toolbox.scenes()).includes("tennis"));
+  assert.ok((await toolbox.scene("tennis")).net.length > 1);
+  await assert.rejects(toolbox.scene("quidditch"), /quidditch.*tennis/);
+  const simulator = await toolbox.simulator({ environment: 1, camera: 1 });
+  const { camera, scene } = simulator;
+  const { frames } = await simulator.clip(2024, 3);
+  const tracker = await VideoTracker.create();
+  for (const { t, world } of frames.slice(0, 60)) await tracker.add(await simulator.picture(world), 5000 + 1000 * t);
+  await assert.rejects(tracker.add(await simulator.picture(frames[60].world), 5000), { code: "timestamp-order" });
+  await assert.rejects(tracker.track({ camera }), { code: "scene-missing" });
+  await assert.rejects(tracker.track({ camera: { ...camera, width: 300, height: 100 }, scene }), { code: "camera-mismatch" });
+  await assert.rejects(tracker.track({ camera, scene, seeds: [{ frame: 60, image: [1, 1] }] }), /frame 60, the last is 59/);
+
+  const inPicture = await tracker.track();
+  assert.equal(inPicture.explained, null);
+  assert.ok(inPicture.frames.length === 60 && inPicture.frames.every(({ world }) => world === null));
+  const progress = [];
+  const found = await tracker.track({ camera, scene, timesKnown: true, onProgress: ({ stage, loaded, total }) => progress.push([stage, loaded, total]) });
+  assert.deepEqual(progress, [["fit", 1, 1]]);
+  assert.ok(found.explained, found.verdict);
+  assert.ok(found.bounces.length > 0 && found.hits.length === 0 && found.flights.length === 1);
+  const near = found.frames.filter(({ image }, index) => image && Math.hypot(image[0] - frames[index].image[0], image[1] - frames[index].image[1]) < 1);
+  assert.ok(near.length >= 57, `${near.length} of 60 frames`);
+  const off = found.frames.map(({ world }, index) => Math.hypot(...world.map((value, axis) => value - frames[index].world[axis]))).sort((a, b) => a - b);
+  assert.ok(off[30] < 0.03, `${off[30]} m`);
+  assert.ok(found.frames.every(({ timestampMs, sigma, flight }, index) => Math.abs(timestampMs - 5000 - 1000 * frames[index].t) < 1e-6 && sigma > 0 && flight === 0));
+  await assert.rejects(tracker.add(await simulator.picture(frames[60].world), 1e6), /after the last/);
+  tracker.dispose();
+  await assert.rejects(tracker.track(), { code: "disposed" });
+
+  const sized = await VideoTracker.create({ model });
+  await assert.rejects(sized.add(await simulator.picture(frames[0].world), 0), /read sizes/);
+  sized.dispose();
+  toolbox.dispose();
 });
 
 test("a fine-tuner refuses senseless options by name", async () => {

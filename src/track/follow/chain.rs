@@ -105,7 +105,7 @@ fn support(frames: &[Seen], pieces: &mut [Piece]) {
         let near = pieces[..place].partition_point(|piece| piece.last() + BETWEEN < later.first());
         for other in near..place {
             let earlier = &pieces[other];
-            if earlier.arc != later.arc && earlier.meets(later, frames) {
+            if earlier.meets(later, frames) {
                 most[place][0] = most[place][0].max(earlier.confidence());
                 most[other][1] = most[other][1].max(later.confidence());
             }
