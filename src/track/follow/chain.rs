@@ -14,8 +14,6 @@ const SHARED: usize = 1;
 /// A part of an arc that may be the ball.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
-    /// Number of its arc.
-    pub arc: usize,
     /// Frames and blobs' numbers, ascending.
     pub members: Vec<(usize, usize)>,
     /// That it is the ball, log of odds.

@@ -169,7 +169,7 @@ impl<'a> Flying<'a> {
         for end in (1..=members.len()).filter(cut) {
             if end - start > 1 {
                 let members = members[start..end].to_vec();
-                pieces.push(Piece { arc: number, odds: self.odds(&self.arcs[number], &members, falling), members });
+                pieces.push(Piece { odds: self.odds(&self.arcs[number], &members, falling), members });
             }
             start = end;
         }
