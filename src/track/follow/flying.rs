@@ -26,8 +26,9 @@ const RUN: usize = 3;
 const SMALL: f64 = 3.0;
 /// Gain of an arc that says nothing for or against a ball.
 const USUAL_GAIN: f64 = 27.0;
-/// What makes the odds that an arc is the ball's. Fitted by logistic regression to the arcs of `synth --set broadcast`
-/// (split train), with a quarter of the network's words turned: it is not as often right of what cameras take.
+/// What makes the odds that an arc is the ball's. Chosen by hand, after a logistic regression to arcs of `synth --set broadcast`
+/// (split train): milder than that on the network's words, which are not as often right of what cameras take, and stronger on
+/// the bend. So the confidence that follows from them is no measured share of being right.
 struct Weights {
     constant: f64,
     /// Of the logarithm of the gain over the usual one.
