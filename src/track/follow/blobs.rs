@@ -1,5 +1,7 @@
 //! Connected parts of a picture that differ, as discs and streaks.
 
+use rayon::prelude::*;
+
 /// Fewest pixels of a part.
 const FEWEST_PIXELS: usize = 4;
 /// Longest streak, in its widths.
@@ -34,6 +36,10 @@ pub(super) struct Blob {
     /// How crowded its place is, once the blobs about it are forgotten.
     pub crowd: Option<f64>,
 }
+
+/// Rows that a thread looks at, at least, and pixels of one that are looked at together.
+const LINES: usize = 32;
+const FEW: usize = 64;
 
 /// Pixels of one row.
 struct Run {
@@ -80,43 +86,67 @@ pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, radii: [f64;
 /// The runs of pixels above `contrast`, with the number of the connected part (corners count) that each belongs to, and how
 /// many parts there are.
 fn connected(differences: &[u8], width: usize, contrast: u8) -> (Vec<Run>, usize) {
-    let mut runs: Vec<Run> = Vec::new();
+    let mut runs: Vec<Run> = differences
+        .par_chunks(width.max(1))
+        .enumerate()
+        .with_min_len(LINES)
+        .flat_map_iter(|(row, pixels)| runs_of(row, pixels, contrast))
+        .collect();
     // The part that a part was joined to, or itself.
     let mut joined: Vec<usize> = Vec::new();
-    let mut above = 0..0;
-    for (row, pixels) in differences.chunks_exact(width).enumerate() {
-        let first = runs.len();
-        let mut x = 0;
-        while let Some(skipped) = pixels[x..].iter().position(|&difference| difference > contrast) {
-            let start = x + skipped;
-            let end = pixels[start..].iter().position(|&it| it <= contrast).map_or(width, |length| start + length);
-            let mut part = None;
-            for other in &runs[above.clone()] {
-                if other.start <= end && start <= other.end {
-                    let root = root(&mut joined, other.part);
-                    match part {
-                        None => part = Some(root),
-                        Some(own) if own != root => {
-                            joined[own.max(root)] = own.min(root);
-                            part = Some(own.min(root));
-                        }
-                        Some(_) => {}
-                    }
-                }
-            }
-            let part = part.unwrap_or_else(|| {
-                joined.push(joined.len());
-                joined.len() - 1
-            });
-            runs.push(Run { row, start, end, part });
-            x = end;
+    // The runs of the row above that may still touch one.
+    let mut above = 0;
+    for place in 0..runs.len() {
+        let Run { row, start, end, .. } = runs[place];
+        while runs[above].row + 1 < row || (runs[above].row + 1 == row && runs[above].end < start) {
+            above += 1;
         }
-        above = first..runs.len();
+        let mut part = None;
+        for other in runs[above..place].iter().take_while(|other| other.row < row && other.start <= end) {
+            let root = root(&mut joined, other.part);
+            match part {
+                None => part = Some(root),
+                Some(own) if own != root => {
+                    joined[own.max(root)] = own.min(root);
+                    part = Some(own.min(root));
+                }
+                Some(_) => {}
+            }
+        }
+        runs[place].part = part.unwrap_or_else(|| {
+            joined.push(joined.len());
+            joined.len() - 1
+        });
     }
     for run in &mut runs {
         run.part = root(&mut joined, run.part);
     }
     (runs, joined.len())
+}
+
+/// The runs of pixels above `contrast` in a row; they belong to no part yet.
+fn runs_of(row: usize, pixels: &[u8], contrast: u8) -> Vec<Run> {
+    let mut runs = Vec::new();
+    let mut start = None;
+    for (number, few) in pixels.chunks(FEW).enumerate() {
+        // Most are below, all of them.
+        let any = few.iter().fold(0, |most, &it| it.max(most)) > contrast;
+        if !any && start.is_none() {
+            continue;
+        }
+        for (x, &difference) in (number * FEW..).zip(few) {
+            match (start, difference > contrast) {
+                (None, true) => start = Some(x),
+                (Some(from), false) => {
+                    runs.push(Run { row, start: from, end: x, part: 0 });
+                    start = None;
+                }
+                _ => {}
+            }
+        }
+    }
+    runs.extend(start.map(|start| Run { row, start, end: pixels.len(), part: 0 }));
+    runs
 }
 
 fn root(joined: &mut [usize], mut part: usize) -> usize {

@@ -22,6 +22,7 @@ mod tests;
 mod wanted;
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use self::arcs::{Search, Seen};
 use self::blobs::Blob;
@@ -52,10 +53,10 @@ const FEWEST_FRAMES: usize = 5;
 /// Follows the ball through frames that come one after the other.
 pub struct Follower {
     /// Frames that wait for a background, with their times.
-    waiting: Vec<(Planes, f64)>,
+    waiting: Vec<(Arc<Planes>, f64)>,
     background: Option<Background>,
     /// The last frame that was not a repeated one.
-    before: Option<Planes>,
+    before: Option<Arc<Planes>>,
     now: Option<Now>,
     kept: Vec<Kept>,
     /// Blobs of the frames that are not repeated.
@@ -75,7 +76,7 @@ pub struct Follower {
 
 /// A frame that waits for the next one.
 struct Now {
-    planes: Planes,
+    planes: Arc<Planes>,
     time: f64,
     /// Its differences from the frame before.
     since: Option<Vec<u8>>,
@@ -118,7 +119,7 @@ impl Follower {
     /// # Errors
     /// [`Error::Data`] for a frame of another size than the first.
     pub fn watch(&mut self, picture: Picture, time: f64) -> Result<()> {
-        let planes = Planes::of(picture.rgb());
+        let planes = Arc::new(Planes::of(picture.rgb()));
         let size = [planes.width, planes.height];
         if self.kept.is_empty() {
             self.size = size;
@@ -129,7 +130,8 @@ impl Follower {
                 format!("is {width}×{height} px, the first {first_width}×{first_height}: a video has one size");
             return Err(Error::Data { what: format!("frame {}", self.kept.len()), reason });
         }
-        let repeated = self.is_repeated(&planes);
+        let since = self.before.as_ref().map(|before| before.difference(&planes));
+        let repeated = since.as_ref().is_some_and(|since| self.is_repeated(since));
         self.kept.push(Kept { time, repeated });
         if repeated {
             return Ok(());
@@ -137,7 +139,7 @@ impl Follower {
         self.hold(picture);
         self.before = Some(planes.clone());
         if self.background.is_some() {
-            self.step(planes, time);
+            self.step(planes, time, since);
             return Ok(());
         }
         self.waiting.push((planes, time));
@@ -147,11 +149,9 @@ impl Follower {
         Ok(())
     }
 
-    /// Whether a frame shows the one before again.
-    fn is_repeated(&mut self, planes: &Planes) -> bool {
-        let Some(before) = &self.before else { return false };
-        let differences = planes.difference(before);
-        let share = differences.iter().filter(|&&it| it > LEAST_CHANGE).count() as f64 / differences.len() as f64;
+    /// Whether a frame that differs so from the one before shows it again.
+    fn is_repeated(&mut self, differences: &[u8]) -> bool {
+        let share = planes::share_above(differences, LEAST_CHANGE);
         let mut known = self.changed.clone();
         known.sort_by(f64::total_cmp);
         let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
@@ -168,17 +168,18 @@ impl Follower {
     /// Looks at the frames that waited for a background.
     fn begin(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
-        let (planes, times): (Vec<Planes>, Vec<f64>) = waiting.into_iter().unzip();
+        let (planes, times): (Vec<Arc<Planes>>, Vec<f64>) = waiting.into_iter().unzip();
         self.background = Background::of(&planes);
         self.now = None;
         for (planes, time) in planes.into_iter().zip(times) {
-            self.step(planes, time);
+            let since = self.now.as_ref().map(|now| now.planes.difference(&planes));
+            self.step(planes, time, since);
         }
     }
 
-    /// Looks at the frame before this one, which is its next.
-    fn step(&mut self, next: Planes, time: f64) {
-        let until = self.now.as_ref().map(|now| now.planes.difference(&next));
+    /// Looks at the frame before this one, which is its next; `since` is their difference.
+    fn step(&mut self, next: Arc<Planes>, time: f64, since: Option<Vec<u8>>) {
+        let until = self.now.is_some().then_some(since).flatten();
         if let Some(now) = self.now.take() {
             self.look(&now, until.as_deref());
         }
@@ -192,13 +193,11 @@ impl Follower {
     /// The blobs of a frame that has one before and one after it; without either they are what differs from the background.
     fn look(&mut self, now: &Now, until: Option<&[u8]>) {
         let Some(background) = &mut self.background else { return };
-        let differences = background.difference(&now.planes);
-        background.follow(&now.planes);
+        let differences = background.follow(&now.planes);
         let contrast = contrast_of(now.since.as_deref().or(until).unwrap_or(&differences));
         let shorter = self.size[0].min(self.size[1]) as f64;
         let radii = [LEAST_RADIUS, MOST_RADIUS * shorter];
-        let differ = differences.iter().filter(|&&it| it > contrast).count() as f64 / differences.len() as f64;
-        if differ > MOVED {
+        if planes::share_above(&differences, contrast) > MOVED {
             self.moving += 1;
             self.seen.push(Seen { time: now.time, blobs: vec![] });
             if self.moving >= MOVING_FRAMES {
@@ -225,8 +224,7 @@ impl Follower {
                 })
             };
             found.retain(moves);
-            let both: Vec<u8> = since.iter().zip(until).map(|(a, b)| *a.min(b)).collect();
-            for blob in blobs::blobs(&both, width, contrast, radii) {
+            for blob in blobs::blobs(&planes::less_of(since, until), width, contrast, radii) {
                 let known = |other: &Blob| {
                     let off = (other.at[0] - blob.at[0]).hypot(other.at[1] - blob.at[1]);
                     off < SAME * blob.radius.max(1.5) && other.radius < 1.5 * blob.radius

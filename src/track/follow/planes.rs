@@ -1,6 +1,9 @@
 //! What differs between the frames of a video from a camera that stands still.
 
+use std::sync::Arc;
+
 use image::RgbImage;
+use rayon::prelude::*;
 
 /// Frames of which the first background is the median.
 pub(super) const FIRST_FRAMES: usize = 15;
@@ -10,8 +13,12 @@ const CONTRAST_OF_NOISE: f64 = 6.0;
 /// Pixels left out between those that tell the noise.
 const STEP: usize = 37;
 
+/// Rows, and pixels, that a thread does at a time.
+const BAND: usize = 60;
+const PART: usize = 1 << 16;
+
 /// Brightness and the difference of red and blue, 0 to 255, rows from the top: a yellow ball before green is as bright.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Planes {
     pub width: usize,
     pub height: usize,
@@ -21,56 +28,101 @@ pub(super) struct Planes {
 impl Planes {
     pub fn of(rgb: &RgbImage) -> Self {
         let (width, height) = (rgb.width() as usize, rgb.height() as usize);
-        let bytes = rgb.as_raw();
-        let brightness = bytes
-            .chunks_exact(3)
-            .map(|pixel| ((u16::from(pixel[0]) + 2 * u16::from(pixel[1]) + u16::from(pixel[2])) >> 2) as u8);
-        let colour = bytes.chunks_exact(3).map(|pixel| ((255 + u16::from(pixel[0]) - u16::from(pixel[2])) >> 1) as u8);
-        Self { width, height, levels: [brightness.collect(), colour.collect()] }
+        let [mut brightness, mut colour] = [(); 2].map(|()| vec![0; width * height]);
+        let band = BAND * width.max(1);
+        let bands = brightness.par_chunks_mut(band).zip(colour.par_chunks_mut(band));
+        bands.zip(rgb.as_raw().par_chunks(3 * band)).for_each(|((brightness, colour), pixels)| {
+            for ((brightness, colour), pixel) in brightness.iter_mut().zip(colour).zip(pixels.as_chunks::<3>().0) {
+                let [red, green, blue] = pixel.map(u16::from);
+                *brightness = ((red + 2 * green + blue) >> 2) as u8;
+                *colour = ((255 + red - blue) >> 1) as u8;
+            }
+        });
+        Self { width, height, levels: [brightness, colour] }
     }
 
-    /// The largest difference of a pixel's levels in two pictures of one size.
+    /// The largest difference of each pixel's levels in two pictures of one size.
     pub fn difference(&self, other: &Self) -> Vec<u8> {
-        let [a, b] = &self.levels;
-        let [c, d] = &other.levels;
-        let pairs = a.iter().zip(c).zip(b.iter().zip(d));
-        pairs.map(|((a, c), (b, d))| a.abs_diff(*c).max(b.abs_diff(*d).saturating_mul(2))).collect()
+        let mut differences = vec![0; self.width * self.height];
+        let band = BAND * self.width.max(1);
+        let [[a, b], [c, d]] = [self, other].map(|planes| planes.levels.each_ref().map(|it| it.par_chunks(band)));
+        differences.par_chunks_mut(band).zip(a.zip(c)).zip(b.zip(d)).for_each(|((differences, (a, c)), (b, d))| {
+            for (index, difference) in differences.iter_mut().enumerate() {
+                *difference = between([a[index], b[index]], [c[index], d[index]]);
+            }
+        });
+        differences
     }
 }
 
+/// The difference of two pixels' levels.
+#[inline(always)]
+fn between(a: [u8; 2], b: [u8; 2]) -> u8 {
+    a[0].abs_diff(b[0]).max(a[1].abs_diff(b[1]).saturating_mul(2))
+}
+
 /// What stands still.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(super) struct Background(Planes);
 
 impl Background {
     /// The median of frames.
-    pub fn of(frames: &[Planes]) -> Option<Self> {
+    pub fn of(frames: &[Arc<Planes>]) -> Option<Self> {
         let first = frames.first()?;
-        let mut values = vec![0_u8; frames.len()];
-        let mut background = first.clone();
+        let mut background = Planes { levels: first.levels.clone(), ..**first };
+        let band = BAND * first.width.max(1);
         for (plane, levels) in background.levels.iter_mut().enumerate() {
-            for (pixel, level) in levels.iter_mut().enumerate() {
-                values.iter_mut().zip(frames).for_each(|(value, frame)| *value = frame.levels[plane][pixel]);
-                let middle = values.len() / 2;
-                *level = *values.select_nth_unstable(middle).1;
-            }
+            levels.par_chunks_mut(band).enumerate().for_each(|(number, levels)| {
+                let mut values = vec![0; frames.len()];
+                for (pixel, level) in levels.iter_mut().enumerate() {
+                    let index = number * band + pixel;
+                    values.iter_mut().zip(frames).for_each(|(value, frame)| *value = frame.levels[plane][index]);
+                    let middle = values.len() / 2;
+                    *level = *values.select_nth_unstable(middle).1;
+                }
+            });
         }
         Some(Self(background))
     }
 
-    /// Follows light that changes slowly: a level a frame.
-    pub fn follow(&mut self, frame: &Planes) {
-        for (levels, now) in self.0.levels.iter_mut().zip(&frame.levels) {
-            for (level, now) in levels.iter_mut().zip(now) {
-                *level = level.wrapping_add(u8::from(*now > *level)).wrapping_sub(u8::from(*now < *level));
+    /// How much a frame's pixels are not the background's, which then follows light that changes slowly: a level a frame.
+    pub fn follow(&mut self, frame: &Planes) -> Vec<u8> {
+        let mut differences = vec![0; frame.width * frame.height];
+        let band = BAND * frame.width.max(1);
+        let [a, b] = self.0.levels.each_mut().map(|levels| levels.par_chunks_mut(band));
+        let [c, d] = frame.levels.each_ref().map(|levels| levels.par_chunks(band));
+        differences.par_chunks_mut(band).zip(a.zip(c)).zip(b.zip(d)).for_each(|((differences, (a, c)), (b, d))| {
+            for ((difference, (a, c)), (b, d)) in
+                differences.iter_mut().zip(a.iter_mut().zip(c)).zip(b.iter_mut().zip(d))
+            {
+                *difference = between([*a, *b], [*c, *d]);
+                for (level, now) in [(a, c), (b, d)] {
+                    *level = level.wrapping_add(u8::from(*now > *level)).wrapping_sub(u8::from(*now < *level));
+                }
             }
-        }
+        });
+        differences
     }
+}
 
-    /// How much a frame's pixels are not the background's.
-    pub fn difference(&self, frame: &Planes) -> Vec<u8> {
-        self.0.difference(frame)
-    }
+/// The less of two differences of each pixel.
+pub(super) fn less_of(a: &[u8], b: &[u8]) -> Vec<u8> {
+    let mut less = vec![0; a.len()];
+    less.par_chunks_mut(PART).zip(a.par_chunks(PART)).zip(b.par_chunks(PART)).for_each(|((less, a), b)| {
+        less.iter_mut().zip(a).zip(b).for_each(|((less, a), b)| *less = *a.min(b));
+    });
+    less
+}
+
+/// Share of the pixels that differ more than so.
+pub(super) fn share_above(differences: &[u8], least: u8) -> f64 {
+    // Counted in bytes, many at once.
+    let count = |part: &[u8]| {
+        let counts = part.chunks(255).map(|few| few.iter().fold(0, |count, &it| count + u8::from(it > least)));
+        counts.map(usize::from).sum::<usize>()
+    };
+    let count: usize = differences.par_chunks(PART).map(count).sum();
+    count as f64 / differences.len().max(1) as f64
 }
 
 /// The difference of levels that noise does not reach, of the differences of two frames.
