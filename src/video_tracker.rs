@@ -11,7 +11,8 @@ use crate::localise::Localiser;
 use crate::physics::Scene;
 use crate::track::{Follower, Tracked};
 
-/// Frames after which the whole picture is looked at for a ball that hardly moves: it hides in its own background.
+/// Frames after which the whole picture is looked at, if no ball is known, for one that hardly moves: it hides in its own
+/// background.
 const SPOT_EVERY: usize = 8;
 /// A ball that moved less than so many radii since, and more than so many px, hardly moves.
 const SLOW: f64 = 4.0;
@@ -46,7 +47,8 @@ impl VideoTracker {
         }
         self.follower.watch(picture, time)?;
         let last = self.spotted.as_ref().map(|(last, _)| *last);
-        if self.follower.newest().is_some_and(|newest| last.is_none_or(|last| newest >= last + SPOT_EVERY)) {
+        let due = |newest| last.is_none_or(|last| newest >= last + SPOT_EVERY);
+        if self.follower.newest().is_some_and(due) && !self.follower.sees_ball() {
             self.spot().await?;
         }
         self.look().await
@@ -78,12 +80,17 @@ impl VideoTracker {
 
     /// Looks at what seems to fly.
     async fn look(&mut self) -> Result<()> {
-        for wanted in self.follower.wanted() {
-            let Some(picture) = self.follower.picture(&wanted) else { continue };
-            let found = self.localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px).await?;
-            self.follower.tell(&wanted, found);
+        loop {
+            let wanted = self.follower.wanted();
+            if wanted.is_empty() {
+                return Ok(());
+            }
+            for wanted in wanted {
+                let Some(picture) = self.follower.picture(&wanted) else { continue };
+                let found = self.localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px).await?;
+                self.follower.tell(&wanted, found);
+            }
         }
-        Ok(())
     }
 
     /// Looks at the whole of the newest picture; and for a ball that was near in the one before, at those between.
@@ -95,6 +102,9 @@ impl VideoTracker {
             balls.extend(self.localiser.measure(picture, centre.coords.into(), radius, radius).await?);
         }
         let Some((last, before)) = self.spotted.replace((newest, balls.clone())) else { return Ok(()) };
+        if self.follower.held(last).is_none() {
+            return Ok(()); // too long ago
+        }
         for ball in balls {
             let slow = |other: &&Measured| {
                 let way = (ball.outline.centre - other.outline.centre).norm();

@@ -1,13 +1,14 @@
 //! Pictures: decoding, letterboxing to the network's input size, normalisation.
 
 mod decode;
+mod resize;
 #[cfg(test)]
 mod tests;
 
-use image::imageops::FilterType;
 use image::{ImageBuffer, Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
 
+pub use self::resize::{Filter, resized};
 use crate::error::{Error, Result};
 use crate::size::Size;
 
@@ -101,7 +102,7 @@ impl Picture {
         if content == self.size() {
             return normalised(&self.rgb, size, normalisation);
         }
-        let scaled = image::imageops::resize(&self.rgb, content.width, content.height, FilterType::Triangle);
+        let scaled = resized(&self.rgb, [0, 0], self.size(), content, Filter::Bilinear);
         normalised(&scaled, size, normalisation)
     }
 }

@@ -2,13 +2,13 @@
 //! reads best, and read again. A third of the first look's error is left, and what is no ball is told better.
 
 use image::RgbImage;
-use image::imageops::FilterType;
 use nalgebra::Point2;
 
 use super::Localiser;
 use super::size::{Reading, SIGMA_OF_SCALE, peaks, softmax};
 use crate::camera::Outline;
 use crate::error::Result;
+use crate::image::{Filter, resized};
 use crate::model::Peak;
 use crate::size::Size;
 
@@ -17,6 +17,8 @@ const SIDE: u32 = 128;
 /// Radii that the ball is brought to, one after the other, px of the network's input; the mean of the readings counts, for the
 /// network reads each size a little too large or too small.
 const RADII: [f64; 2] = [20.0, 26.0];
+/// The one that a ball of a video is brought to: it is looked at in many frames.
+pub(super) const MEASURED: f64 = 23.0;
 /// Strongest enlargement: beyond it there is nothing more to be seen.
 const MOST_ENLARGED: f64 = 6.0;
 /// Places that are looked at again at most, and the share of the first one's confidence that makes a place worth it.
@@ -51,9 +53,7 @@ impl View {
     }
 
     fn of(&self, rgb: &RgbImage) -> RgbImage {
-        let [left, top] = self.start;
-        let part = image::imageops::crop_imm(rgb, left, top, self.side, self.side).to_image();
-        image::imageops::resize(&part, SIDE, SIDE, FilterType::CatmullRom)
+        resized(rgb, self.start, Size::square(self.side), Size::square(SIDE), Filter::Bicubic)
     }
 
     /// An outline in this view, in the picture.
@@ -85,18 +85,24 @@ impl Localiser {
 
     /// `reading` after a second look.
     async fn closer(&self, rgb: &RgbImage, reading: Reading) -> Result<Reading> {
-        let seen = self.look_at(rgb, &reading.outline, reading.outline.radius).await?;
+        let seen = self.look_at(rgb, &reading.outline, reading.outline.radius, &RADII).await?;
         Ok(match seen {
             Some(seen) => Reading { confidence: (reading.confidence * seen.confidence).sqrt(), ..seen },
             None => Reading { confidence: NOT_SEEN * reading.confidence, ..reading },
         })
     }
 
-    /// The ball that is at most `reach` px from the middle of `outline` and about as large; none where each look does not show
-    /// it.
-    pub(super) async fn look_at(&self, rgb: &RgbImage, outline: &Outline, reach: f64) -> Result<Option<Reading>> {
-        let mut seen = Vec::with_capacity(RADII.len());
-        for radius in RADII {
+    /// The ball that is at most `reach` px from the middle of `outline` and about as large, brought to each of `radii` (px of
+    /// the network's input); none where one look does not show it.
+    pub(super) async fn look_at(
+        &self,
+        rgb: &RgbImage,
+        outline: &Outline,
+        reach: f64,
+        radii: &[f64],
+    ) -> Result<Option<Reading>> {
+        let mut seen = Vec::with_capacity(radii.len());
+        for &radius in radii {
             // All of what may be the ball is to be in view.
             let view = View::around(outline, radius.min(outline.radius * MOST_REACH * f64::from(SIDE) / reach), rgb);
             let field = self.one_field(&view.of(rgb), 0, 0, Size::square(SIDE)).await?;

@@ -2,14 +2,13 @@
 
 use burn::tensor::Transaction;
 use image::RgbImage;
-use image::imageops::FilterType;
 use nalgebra::{Matrix3, Point2, Point3};
 
-use super::closer::LOOKED_AT;
+use super::closer::{LOOKED_AT, MEASURED};
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, device_name};
 use crate::camera::{Camera, Measured, Outline};
 use crate::error::{Error, Result};
-use crate::image::{Picture, tile};
+use crate::image::{Filter, Picture, resized, tile};
 use crate::model::{self, Peak};
 use crate::size::Size;
 
@@ -153,7 +152,7 @@ impl Localiser {
     ) -> Result<Option<Measured>> {
         self.must_read_sizes()?;
         let outline = Outline { centre: image.into(), radius: radius_px };
-        let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px)).await?;
+        let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px), &[MEASURED]).await?;
         Ok(found.map(|Reading { outline, log_sigma, confidence }| Measured {
             outline,
             radius_sigma_px: log_sigma * outline.radius,
@@ -173,7 +172,7 @@ impl Localiser {
         let shrink = f64::from(width.max(height)) / f64::from(SPOTTED_SIDE);
         let side = |side: u32| ((f64::from(side) / shrink).round() as u32).max(1);
         let small = match shrink > 1.0 {
-            true => &image::imageops::thumbnail(rgb, side(width), side(height)),
+            true => &resized(rgb, [0, 0], picture.size(), Size::new(side(width), side(height)), Filter::Bilinear),
             false => rgb,
         };
         let up = |side: u32| side.div_ceil(self.config.input_multiple()) * self.config.input_multiple();
@@ -217,9 +216,8 @@ impl Localiser {
         let mut found = peaks(&field, probability.clone(), places);
         let maps = with_maps.then(|| self.whole_maps(&field, &probability, region, size));
         if width.min(height) / SHRUNK >= LEAST_SHRUNK {
-            let small = image::imageops::crop_imm(picture.rgb(), left, top, width, height).to_image();
             let shrunk = Size::new(width / SHRUNK, height / SHRUNK);
-            let small = image::imageops::resize(&small, shrunk.width, shrunk.height, FilterType::Triangle);
+            let small = resized(picture.rgb(), [left, top], Size::new(width, height), shrunk, Filter::Bilinear);
             let all = Region { left: 0, top: 0, width: shrunk.width, height: shrunk.height };
             let field = self.field(&small, all).await?;
             let scale = [f64::from(width) / f64::from(shrunk.width), f64::from(height) / f64::from(shrunk.height)];

@@ -1,5 +1,7 @@
 //! Which blobs are one thing in flight: on a way through the picture that bends as slowly as a ball's does.
 
+use nalgebra::{Matrix3, Vector3};
+
 use super::blobs::Blob;
 
 /// Largest way between two frames, a share of the picture's width.
@@ -110,13 +112,9 @@ impl Search<'_> {
                 let steps = (second_frame - frame) as f64;
                 for (b, second) in self.frames[second_frame].blobs.iter().enumerate() {
                     let way = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
-                    let length = way[0].hypot(way[1]);
-                    if length > most * steps
-                        || length < 0.5 * steps
-                        || !alike(first, second)
-                        || !along(first, way)
-                        || !along(second, way)
-                    {
+                    let length = (way[0] * way[0] + way[1] * way[1]).sqrt();
+                    let possible = length <= most * steps && length >= 0.5 * steps;
+                    if !(possible && alike(first, second) && along(first, way) && along(second, way)) {
                         continue;
                     }
                     let before = self.frames[second_frame].time - self.frames[frame].time;
@@ -125,8 +123,8 @@ impl Search<'_> {
                         let allowed = TURN_PX + TURN_SHARE * length * share;
                         let to = [second.at[0] + share * way[0], second.at[1] + share * way[1]];
                         for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
-                            let off = (third.at[0] - to[0]).hypot(third.at[1] - to[1]);
-                            if off <= allowed && alike(second, third) {
+                            let off = [third.at[0] - to[0], third.at[1] - to[1]];
+                            if off[0] * off[0] + off[1] * off[1] <= allowed * allowed && alike(second, third) {
                                 seeds.push([(frame, a), (second_frame, b), (third_frame, c)]);
                             }
                         }
@@ -263,7 +261,10 @@ impl Search<'_> {
         let count = frames.len() as f64;
         // Its own thing's blobs: one a frame is no crowd.
         let near = |seen: &Seen| {
-            let near = seen.blobs.iter().filter(|blob| (blob.at[0] - at[0]).hypot(blob.at[1] - at[1]) < CROWD_PX);
+            let near = seen.blobs.iter().filter(|blob| {
+                let off = [blob.at[0] - at[0], blob.at[1] - at[1]];
+                off[0] * off[0] + off[1] * off[1] < CROWD_PX * CROWD_PX
+            });
             near.count().saturating_sub(1)
         };
         let others: usize = self.frames[frames].iter().map(near).sum();
@@ -288,8 +289,7 @@ pub(super) fn alike(a: &Blob, b: &Blob) -> bool {
 
 /// Whether a streak lies along the way of the ball.
 fn along(blob: &Blob, way: [f64; 2]) -> bool {
-    let turn = (way[1].atan2(way[0]) - blob.direction).sin().abs();
-    blob.reach < 2.0 * blob.radius || turn < 0.5
+    blob.reach < 2.0 * blob.radius || (way[1].atan2(way[0]) - blob.direction).sin().abs() < 0.5
 }
 
 /// Standard deviation of a blob's place on the way of its ball, px.
@@ -300,42 +300,47 @@ fn deviation(blob: &Blob, step: f64) -> f64 {
 /// Where blobs lead: a parabola through them (a line through three), in time.
 struct Way {
     middle: f64,
-    /// Coefficients of each coordinate.
-    of: [nalgebra::DVector<f64>; 2],
-    /// (AᵀA)⁻¹.
-    covariance: nalgebra::DMatrix<f64>,
+    /// Coefficients of each coordinate; a line's third is 0.
+    of: [Vector3<f64>; 2],
+    /// (AᵀA)⁻¹; of a line without the third row and column.
+    covariance: Matrix3<f64>,
+    /// Of a blob's place, px.
     sigma: f64,
+    is_line: bool,
 }
 
 impl Way {
     fn through(search: &Search, members: &[(usize, usize)]) -> Option<Self> {
-        let degree = if members.len() > 3 { 2 } else { 1 };
-        let times: Vec<f64> = members.iter().map(|&(frame, _)| search.frames[frame].time).collect();
-        let middle = times.iter().sum::<f64>() / times.len() as f64;
-        let columns = degree + 1;
-        let matrix =
-            nalgebra::DMatrix::from_fn(times.len(), columns, |row, column| (times[row] - middle).powi(column as i32));
-        let covariance = (matrix.transpose() * &matrix).try_inverse()?;
-        let of = [0, 1].map(|axis| {
-            let values = nalgebra::DVector::from_iterator(
-                times.len(),
-                members.iter().map(|&member| search.blob(member).at[axis]),
-            );
-            &covariance * matrix.transpose() * values
-        });
-        let sigma =
-            members.iter().map(|&member| deviation(search.blob(member), 0.0)).sum::<f64>() / members.len() as f64;
-        Some(Self { middle, of, covariance, sigma })
+        let is_line = members.len() <= 3;
+        let count = members.len() as f64;
+        let time = |&(frame, _): &(usize, usize)| search.frames[frame].time;
+        let middle = members.iter().map(time).sum::<f64>() / count;
+        let (mut normal, mut right, mut sigma) = (Matrix3::zeros(), [Vector3::zeros(); 2], 0.0);
+        for member in members {
+            let blob = search.blob(*member);
+            let powers = powers(time(member) - middle, is_line);
+            normal += powers * powers.transpose();
+            right[0] += powers * blob.at[0];
+            right[1] += powers * blob.at[1];
+            sigma += deviation(blob, 0.0) / count;
+        }
+        if is_line {
+            normal[(2, 2)] = 1.0;
+        }
+        let covariance = normal.try_inverse()?;
+        Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line })
     }
 
     /// Where it is at a time, px, and how far that may be off.
     fn at(&self, time: f64) -> ([f64; 2], f64) {
-        let columns = self.covariance.nrows();
-        let powers = nalgebra::DVector::from_fn(columns, |column, _| (time - self.middle).powi(column as i32));
-        let at = [0, 1].map(|axis| self.of[axis].dot(&powers));
-        let spread = (powers.transpose() * &self.covariance * &powers)[0];
+        let powers = powers(time - self.middle, self.is_line);
+        let spread = powers.dot(&(self.covariance * powers));
         // A line is not yet a flight: what bends it is unknown.
-        let bend = if columns == 2 { TURN_PX } else { 0.0 };
-        (at, (self.sigma * spread.sqrt()).hypot(bend))
+        let bend = if self.is_line { TURN_PX } else { 0.0 };
+        ([0, 1].map(|axis| self.of[axis].dot(&powers)), (self.sigma * spread.sqrt()).hypot(bend))
     }
+}
+
+fn powers(time: f64, is_line: bool) -> Vector3<f64> {
+    Vector3::new(1.0, time, if is_line { 0.0 } else { time * time })
 }

@@ -166,12 +166,18 @@ fn with_shadow(network: Option<Network<'_>>) -> (Follower, fn(usize) -> [f64; 2]
         } else {
             follower.end();
         }
-        for wanted in follower.wanted() {
-            let picture = follower.picture(&wanted).unwrap();
-            assert_eq!(picture.size().width, SIZE[0]);
-            let found = network.and_then(|network| network(wanted.frame(), &wanted));
-            if network.is_some() {
-                follower.tell(&wanted, found);
+        loop {
+            let wanted = follower.wanted();
+            if wanted.is_empty() {
+                break;
+            }
+            for wanted in wanted {
+                let picture = follower.picture(&wanted).unwrap();
+                assert_eq!(picture.size().width, SIZE[0]);
+                let found = network.and_then(|network| network(wanted.frame(), &wanted));
+                if network.is_some() {
+                    follower.tell(&wanted, found);
+                }
             }
         }
     }

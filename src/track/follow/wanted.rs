@@ -15,6 +15,8 @@ const WINDOW: usize = 16;
 const SHORT_WAY: f64 = 0.25;
 /// Frames after which arcs are searched again.
 const STEP: usize = 8;
+/// Of so many blobs of an arc one is looked at, until a ball is seen in one.
+const ASKED_EVERY: usize = 3;
 /// Frames beyond an arc's ends in which the ball is looked for where the arc leads, and how many of its blobs a network must
 /// have seen a ball in for that.
 const BEYOND: usize = 4;
@@ -50,6 +52,8 @@ pub(super) struct Words {
     /// Places that were asked for: blobs, and where arcs lead.
     asked: BTreeSet<(usize, usize)>,
     led: Vec<(usize, [f64; 2])>,
+    /// The arcs that are looked at now, of the frames from one on.
+    round: Option<(usize, Vec<Arc>)>,
     /// Frames in which arcs have been searched, and those whose other blobs are forgotten.
     searched: usize,
     forgotten: usize,
@@ -93,37 +97,64 @@ impl Follower {
         }
     }
 
-    /// What a network may look at now: ask after each frame, and after [`Self::end`] until nothing is left. To tell what it
+    /// What a network may look at now: ask after each frame, and after [`Self::end`], until nothing is left. To tell what it
     /// sees is worth much, but may be left out.
     pub fn wanted(&mut self) -> Vec<Wanted> {
-        let ended = self.now.is_none() && self.waiting.is_empty();
-        let due = self.seen.len() >= self.words.searched + STEP || (ended && self.seen.len() > self.words.searched);
-        if !due {
-            return vec![];
+        if self.words.round.is_none() {
+            let ended = self.now.is_none() && self.waiting.is_empty();
+            let due = self.seen.len() >= self.words.searched + STEP || (ended && self.seen.len() > self.words.searched);
+            if !due {
+                return vec![];
+            }
+            self.words.searched = self.seen.len();
+            for (place, ball) in std::mem::take(&mut self.words.found) {
+                self.found(place, ball);
+            }
+            let from = self.seen.len().saturating_sub(WINDOW);
+            self.words.led.retain(|&(place, _)| place >= from);
+            self.words.round = Some((from, self.search(from, SHORT_WAY, &[]).arcs()));
         }
-        self.words.searched = self.seen.len();
-        for (place, ball) in std::mem::take(&mut self.words.found) {
-            self.found(place, ball);
-        }
-        let from = self.seen.len().saturating_sub(WINDOW);
-        let arcs = self.search(from, SHORT_WAY, &[]).arcs();
+        let Some((from, arcs)) = self.words.round.take() else { return vec![] };
         let mut wanted = Vec::new();
         for arc in &arcs {
-            let members = arc.members.iter().map(|&(frame, blob)| (from + frame, blob));
-            for (place, blob) in members {
-                if self.words.asked.insert((place, blob)) {
+            let members: Vec<(usize, usize)> = arc.members.iter().map(|&(frame, blob)| (from + frame, blob)).collect();
+            let seen = members.iter().filter(|&&member| self.is_ball(member)).count();
+            // Most of what moves is no ball: a few looks tell.
+            let mut last = None;
+            for (number, &member) in members.iter().enumerate() {
+                let (place, blob) = member;
+                if self.words.asked.contains(&member) {
+                    last = Some(number);
+                } else if seen > 0 || last.is_none_or(|last| number >= last + ASKED_EVERY) {
+                    last = Some(number);
+                    self.words.asked.insert(member);
                     let Blob { at, radius, reach, .. } = self.seen[place].blobs[blob];
                     wanted.push(Wanted { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
                 }
             }
+            if seen >= FEWEST_SEEN {
+                let beyond = self.beyond(from, arc);
+                self.words.led.extend(beyond.iter().map(|it| (it.place, it.image)));
+                wanted.extend(beyond);
+            }
         }
-        let beyond: Vec<Wanted> = arcs.iter().flat_map(|arc| self.beyond(from, arc)).collect();
-        self.words.led.retain(|&(place, _)| place >= from);
-        self.words.led.extend(beyond.iter().map(|it| (it.place, it.image)));
-        wanted.extend(beyond);
         wanted.retain(|it| self.picture(it).is_some());
-        self.forget();
+        match wanted.is_empty() {
+            true => self.forget(),
+            false => self.words.round = Some((from, arcs)),
+        }
         wanted
+    }
+
+    /// Whether a network sees the ball in one of the last arcs.
+    pub fn sees_ball(&self) -> bool {
+        let from = self.seen.len().saturating_sub(WINDOW);
+        self.words.said.range((from, 0)..).filter(|(_, ball)| ball.is_some()).count() >= FEWEST_SEEN
+    }
+
+    /// Whether a network sees a ball there.
+    fn is_ball(&self, member: (usize, usize)) -> bool {
+        self.words.of(member).is_some_and(Option::is_some)
     }
 
     /// Forgets blobs of long ago that were in no arc: an hour has millions of them.
@@ -149,11 +180,6 @@ impl Follower {
 
     /// Where the ball of an arc may be in the frames before and after it.
     fn beyond(&self, from: usize, arc: &Arc) -> Vec<Wanted> {
-        let is_seen =
-            |&&(frame, blob): &&(usize, usize)| self.words.of((from + frame, blob)).is_some_and(Option::is_some);
-        if arc.members.iter().filter(is_seen).count() < FEWEST_SEEN {
-            return vec![];
-        }
         let search = self.search(from, SHORT_WAY, &[]);
         let (first, last) = (arc.members[0].0, arc.members[arc.members.len() - 1].0);
         let before = first.saturating_sub(BEYOND)..first;

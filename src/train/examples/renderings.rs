@@ -3,14 +3,13 @@
 use std::path::Path;
 
 use image::RgbImage;
-use image::imageops::FilterType;
 use rayon::iter::{IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe};
 use super::sampler::seed;
 use super::{Batch, Labels};
 use crate::error::{Error, Result};
-use crate::image::{Normalisation, Picture};
+use crate::image::{Filter, Normalisation, Picture, resized};
 use crate::size::Size;
 use crate::synth::{Apparent, Drawing, RandomScenes};
 
@@ -124,8 +123,9 @@ pub fn read_photographs(folder: &Path) -> Result<Vec<RgbImage>> {
         if scale >= 1.0 {
             return Ok(rgb);
         }
-        let [width, height] = [rgb.width(), rgb.height()].map(|side| ((f64::from(side) * scale) as u32).max(1));
-        Ok(image::imageops::resize(&rgb, width, height, FilterType::Triangle))
+        let size = Size::new(rgb.width(), rgb.height());
+        let [width, height] = [size.width, size.height].map(|side| ((f64::from(side) * scale) as u32).max(1));
+        Ok(resized(&rgb, [0, 0], size, Size::new(width, height), Filter::Bilinear))
     };
     files.par_iter().map(read).collect()
 }
