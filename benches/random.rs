@@ -131,6 +131,13 @@ fn main() {
             empty.len()
         );
     }
+    if let Some(threshold) = localiser.card().confidence_threshold {
+        println!(
+            "the card's threshold {threshold:.3}: loses {:.1} % of those balls, takes {} pictures without one",
+            100.0 * sure.partition_point(|&confidence| confidence < threshold) as f64 / sure.len() as f64,
+            empty.len() - empty.partition_point(|&confidence| confidence < threshold)
+        );
+    }
     scored.retain(|it| it.plain() && it.ball.radius >= 4.0);
     scored.sort_by(|a, b| b.error().total_cmp(&a.error()));
     let mut worst = RgbImage::new(COLUMNS as u32 * SIDE, (SHEET / COLUMNS) as u32 * SIDE);

@@ -10,6 +10,10 @@ use std::time::Instant;
 use gravisight::internal::Follower;
 use gravisight::{Card, Device, Localiser, Picture, VideoTracker};
 
+/// The command's.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Frames of the beginning that are not timed: of them the background is made.
 const FIRST: usize = 32;
 /// Most frames that are held in memory.

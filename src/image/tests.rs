@@ -95,8 +95,9 @@ fn pictures_too_small_or_too_large_are_refused_by_their_header() {
 #[test]
 fn truncated_foreign_and_empty_files_are_refused() {
     // Noise, so that pixels and not headers fill the file.
-    let noise =
-        RgbImage::from_fn(200, 100, |x, y| Rgb([0, 1, 2].map(|c| (x * 7919 + y * 104_729 + c * 31).wrapping_pow(2) as u8)));
+    let noise = RgbImage::from_fn(200, 100, |x, y| {
+        Rgb([0, 1, 2].map(|c| (x * 7919 + y * 104_729 + c * 31).wrapping_pow(2) as u8))
+    });
     for format in [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP] {
         let bytes = encoded(noise.clone(), format);
         for length in [10, bytes.len() / 2, bytes.len() * 9 / 10, bytes.len() - 20] {

@@ -32,9 +32,7 @@ const LEAST_WAY: f64 = 3.0;
 const LEAST_WAY_PX: f64 = 8.0;
 const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
 /// Gain below which an arc is chance, and cost of a frame in which the ball is not seen.
-const LEAST_GAIN: f64 = 8.0;
-/// Gain from which what an arc has taken starts no other.
-const STRONG_GAIN: f64 = 20.0;
+pub(super) const LEAST_GAIN: f64 = 8.0;
 const COST_UNSEEN: f64 = 1.5;
 /// Distance (px) and frames within which other blobs tell how crowded a place is.
 const CROWD_PX: f64 = 80.0;
@@ -64,6 +62,8 @@ pub(super) struct Search<'a> {
     pub area: f64,
     /// Share of the least way that an arc must go: where few frames are looked at it cannot go far.
     pub least_way: f64,
+    /// Gain from which what an arc has taken starts no other.
+    pub strong_gain: f64,
     /// Frames and places in which a person saw the ball.
     pub seeds: &'a [(usize, [f64; 2])],
 }
@@ -83,7 +83,7 @@ impl Search<'_> {
                     continue;
                 }
                 let Some(arc) = self.grow(seed) else { continue };
-                if arc.gain >= STRONG_GAIN {
+                if arc.gain >= self.strong_gain {
                     arc.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
                 }
                 grown.push(arc);
@@ -203,11 +203,12 @@ impl Search<'_> {
             let frame = if forward { end.0.checked_add(gap)? } else { end.0.checked_sub(gap)? };
             let seen = self.frames.get(frame)?;
             let (to, unsure) = way.at(seen.time);
-            let fits = |blob: &Blob| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
+            let fits = |blob: &&Blob| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
             let near = seen.blobs.iter().enumerate().filter(|(_, blob)| fits(blob)).filter_map(|(index, blob)| {
-                let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]);
-                let sigma = deviation(blob, step).hypot(unsure);
-                (off <= GATE * sigma).then_some((index, off / sigma + 2.0 * (blob.radius / last.radius).ln().abs()))
+                let off = [blob.at[0] - to[0], blob.at[1] - to[1]];
+                let variance = deviation(blob, step).powi(2) + unsure * unsure;
+                let off = ((off[0] * off[0] + off[1] * off[1]) / variance).sqrt();
+                (off <= GATE).then_some((index, off + 2.0 * (blob.radius / last.radius).ln().abs()))
             });
             if let Some((index, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
                 return Some((frame, index));

@@ -8,6 +8,11 @@ const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
 /// What it says for an arc that one which is the ball goes before or after it, log of odds.
 const GOES_ON: f64 = 2.0;
+/// Frames after a piece's end within which the ball is still as large as there, the ratio of the radii up to which it is, and the
+/// blobs at either end that tell.
+const SOON: usize = 12;
+const AS_LARGE: f64 = 2.2;
+const AT_END: usize = 3;
 /// Frames that two arcs may share at no cost: one's last and the other's first.
 const SHARED: usize = 1;
 
@@ -53,6 +58,18 @@ impl Piece {
         shared.saturating_sub(SHARED) as f64 * each(self).min(each(later))
     }
 
+    /// Whether the other, which begins soon after this ends, is as large as this then: a ball is not suddenly nearer.
+    fn is_as_large(&self, later: &Self, frames: &[Seen]) -> bool {
+        let radius = |members: &[(usize, usize)]| {
+            let mut radii: Vec<f64> = members.iter().map(|&(frame, index)| frames[frame].blobs[index].radius).collect();
+            radii.sort_by(f64::total_cmp);
+            radii[radii.len() / 2]
+        };
+        let end = radius(&self.members[self.members.len().saturating_sub(AT_END)..]);
+        let start = radius(&later.members[..later.members.len().min(AT_END)]);
+        (AS_LARGE.recip()..AS_LARGE).contains(&(start / end))
+    }
+
     /// Whether the other begins where and when this ends.
     fn meets(&self, later: &Self, frames: &[Seen]) -> bool {
         let blob = |(frame, index): (usize, usize)| &frames[frame].blobs[index];
@@ -76,9 +93,10 @@ pub(super) fn chain(frames: &[Seen], mut pieces: Vec<Piece>) -> Vec<Piece> {
     let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(pieces.len());
     let mut ends: Vec<usize> = Vec::with_capacity(pieces.len());
     for (place, piece) in pieces.iter().enumerate() {
-        let apart = pieces[..place].partition_point(|other| other.last() < piece.first());
-        let overlaps = (apart..place).filter(|&other| pieces[other].goes_before(piece));
-        let before = overlaps.chain(apart.checked_sub(1).map(|last| ends[last]));
+        let apart = pieces[..place].partition_point(|other| other.last() + SOON < piece.first());
+        let near = (apart..place)
+            .filter(|&other| pieces[other].goes_before(piece) && pieces[other].is_as_large(piece, frames));
+        let before = near.chain(apart.checked_sub(1).map(|last| ends[last]));
         let ways = before.map(|other| (best[other].0 - pieces[other].shared_with(piece), Some(other)));
         let (worth, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
         best.push((worth + piece.worth(), from));

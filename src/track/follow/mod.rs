@@ -27,7 +27,7 @@ use std::sync::Arc;
 use self::arcs::{Search, Seen};
 use self::blobs::Blob;
 pub use self::flying::{Flying, Followed, FollowedFrame};
-use self::planes::{Background, FIRST_FRAMES, Planes, contrast_of};
+use self::planes::{Background, FIRST_FRAMES, Planes, Spare, contrast_of};
 pub use self::stretches::stretches;
 use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
@@ -47,6 +47,8 @@ const MOVING_FRAMES: usize = 3;
 /// Change of a level that is counted to find repeated frames, and frames that tell how much usually changes.
 const LEAST_CHANGE: u8 = 2;
 const USUAL_FRAMES: usize = 50;
+/// Gain from which what an arc has taken starts no other.
+const STRONG_GAIN: f64 = 20.0;
 /// Fewest frames of which a background is made.
 const FEWEST_FRAMES: usize = 5;
 
@@ -72,6 +74,7 @@ pub struct Follower {
     held: VecDeque<Held>,
     /// What a network said of the blobs.
     words: Words,
+    spare: Spare,
 }
 
 /// A frame that waits for the next one.
@@ -111,6 +114,7 @@ impl Follower {
             size: [0; 2],
             held: VecDeque::new(),
             words: Words::default(),
+            spare: Spare::default(),
         }
     }
 
@@ -119,7 +123,7 @@ impl Follower {
     /// # Errors
     /// [`Error::Data`] for a frame of another size than the first.
     pub fn watch(&mut self, picture: Picture, time: f64) -> Result<()> {
-        let planes = Arc::new(Planes::of(picture.rgb()));
+        let planes = Arc::new(Planes::of(picture.rgb(), &mut self.spare));
         let size = [planes.width, planes.height];
         if self.kept.is_empty() {
             self.size = size;
@@ -130,7 +134,7 @@ impl Follower {
                 format!("is {width}×{height} px, the first {first_width}×{first_height}: a video has one size");
             return Err(Error::Data { what: format!("frame {}", self.kept.len()), reason });
         }
-        let since = self.before.as_ref().map(|before| before.difference(&planes));
+        let since = self.before.as_ref().map(|before| before.difference(&planes, &mut self.spare));
         let repeated = since.as_ref().is_some_and(|since| self.is_repeated(since));
         self.kept.push(Kept { time, repeated });
         if repeated {
@@ -172,7 +176,7 @@ impl Follower {
         self.background = Background::of(&planes);
         self.now = None;
         for (planes, time) in planes.into_iter().zip(times) {
-            let since = self.now.as_ref().map(|now| now.planes.difference(&planes));
+            let since = self.now.as_ref().map(|now| now.planes.difference(&planes, &mut self.spare));
             self.step(planes, time, since);
         }
     }
@@ -182,6 +186,10 @@ impl Follower {
         let until = self.now.is_some().then_some(since).flatten();
         if let Some(now) = self.now.take() {
             self.look(&now, until.as_deref());
+            now.since.into_iter().for_each(|bytes| self.spare.give(bytes));
+            if let Some(planes) = Arc::into_inner(now.planes) {
+                planes.levels.into_iter().for_each(|bytes| self.spare.give(bytes));
+            }
         }
         match self.background {
             Some(_) => self.now = Some(Now { planes: next, time, since: until }),
@@ -193,7 +201,7 @@ impl Follower {
     /// The blobs of a frame that has one before and one after it; without either they are what differs from the background.
     fn look(&mut self, now: &Now, until: Option<&[u8]>) {
         let Some(background) = &mut self.background else { return };
-        let differences = background.follow(&now.planes);
+        let differences = background.follow(&now.planes, &mut self.spare);
         let contrast = contrast_of(now.since.as_deref().or(until).unwrap_or(&differences));
         let shorter = self.size[0].min(self.size[1]) as f64;
         let radii = [LEAST_RADIUS, MOST_RADIUS * shorter];
@@ -224,7 +232,8 @@ impl Follower {
                 })
             };
             found.retain(moves);
-            for blob in blobs::blobs(&planes::less_of(since, until), width, contrast, radii) {
+            let both = planes::less_of(since, until, &mut self.spare);
+            for blob in blobs::blobs(&both, width, contrast, radii) {
                 let known = |other: &Blob| {
                     let off = (other.at[0] - blob.at[0]).hypot(other.at[1] - blob.at[1]);
                     off < SAME * blob.radius.max(1.5) && other.radius < 1.5 * blob.radius
@@ -233,7 +242,9 @@ impl Follower {
                     found.push(blob);
                 }
             }
+            self.spare.give(both);
         }
+        self.spare.give(differences);
         self.seen.push(Seen { time: now.time, blobs: found });
     }
 
@@ -256,14 +267,20 @@ impl Follower {
     /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
     pub fn flying(&self, seeds: &[(usize, [f64; 2])]) -> Result<Flying<'_>> {
         let seeds = self.seeds(seeds)?;
-        let arcs = self.search(0, 1.0, &seeds).arcs();
+        let arcs = self.search(0, 1.0, STRONG_GAIN, &seeds).arcs();
         Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts))
     }
 
     /// Arcs are searched from a frame on, of those that are not repeated.
-    fn search<'a>(&'a self, from: usize, least_way: f64, seeds: &'a [(usize, [f64; 2])]) -> Search<'a> {
+    fn search<'a>(
+        &'a self,
+        from: usize,
+        least_way: f64,
+        strong_gain: f64,
+        seeds: &'a [(usize, [f64; 2])],
+    ) -> Search<'a> {
         let [width, height] = self.size.map(|side| side as f64);
-        Search { frames: &self.seen[from..], width, area: width * height, least_way, seeds }
+        Search { frames: &self.seen[from..], width, area: width * height, least_way, strong_gain, seeds }
     }
 
     /// The seeds by the frames that are not repeated.

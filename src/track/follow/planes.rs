@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use image::RgbImage;
+use pulp::Arch;
 use rayon::prelude::*;
 
 /// Frames of which the first background is the median.
@@ -25,31 +26,49 @@ pub(super) struct Planes {
     pub levels: [Vec<u8>; 2],
 }
 
+/// Memory of bytes that is used again: to be given 10 MB anew for each frame takes as long as to fill them.
+#[derive(Default)]
+pub(super) struct Spare(Vec<Vec<u8>>);
+
+impl Spare {
+    fn take(&mut self, length: usize) -> Vec<u8> {
+        self.0.pop().filter(|bytes| bytes.len() == length).unwrap_or_else(|| vec![0; length])
+    }
+
+    pub fn give(&mut self, bytes: Vec<u8>) {
+        self.0.push(bytes);
+    }
+}
+
 impl Planes {
-    pub fn of(rgb: &RgbImage) -> Self {
+    pub fn of(rgb: &RgbImage, spare: &mut Spare) -> Self {
         let (width, height) = (rgb.width() as usize, rgb.height() as usize);
-        let [mut brightness, mut colour] = [(); 2].map(|()| vec![0; width * height]);
+        let [mut brightness, mut colour] = [(); 2].map(|()| spare.take(width * height));
         let band = BAND * width.max(1);
         let bands = brightness.par_chunks_mut(band).zip(colour.par_chunks_mut(band));
         bands.zip(rgb.as_raw().par_chunks(3 * band)).for_each(|((brightness, colour), pixels)| {
-            for ((brightness, colour), pixel) in brightness.iter_mut().zip(colour).zip(pixels.as_chunks::<3>().0) {
-                let [red, green, blue] = pixel.map(u16::from);
-                *brightness = ((red + 2 * green + blue) >> 2) as u8;
-                *colour = ((255 + red - blue) >> 1) as u8;
-            }
+            Arch::new().dispatch(|| {
+                for ((brightness, colour), pixel) in brightness.iter_mut().zip(colour).zip(pixels.as_chunks::<3>().0) {
+                    let [red, green, blue] = pixel.map(u16::from);
+                    *brightness = ((red + 2 * green + blue) >> 2) as u8;
+                    *colour = ((255 + red - blue) >> 1) as u8;
+                }
+            });
         });
         Self { width, height, levels: [brightness, colour] }
     }
 
     /// The largest difference of each pixel's levels in two pictures of one size.
-    pub fn difference(&self, other: &Self) -> Vec<u8> {
-        let mut differences = vec![0; self.width * self.height];
+    pub fn difference(&self, other: &Self, spare: &mut Spare) -> Vec<u8> {
+        let mut differences = spare.take(self.width * self.height);
         let band = BAND * self.width.max(1);
         let [[a, b], [c, d]] = [self, other].map(|planes| planes.levels.each_ref().map(|it| it.par_chunks(band)));
         differences.par_chunks_mut(band).zip(a.zip(c)).zip(b.zip(d)).for_each(|((differences, (a, c)), (b, d))| {
-            for (index, difference) in differences.iter_mut().enumerate() {
-                *difference = between([a[index], b[index]], [c[index], d[index]]);
-            }
+            Arch::new().dispatch(|| {
+                for ((difference, (a, c)), (b, d)) in differences.iter_mut().zip(a.iter().zip(c)).zip(b.iter().zip(d)) {
+                    *difference = between([*a, *b], [*c, *d]);
+                }
+            });
         });
         differences
     }
@@ -86,30 +105,32 @@ impl Background {
     }
 
     /// How much a frame's pixels are not the background's, which then follows light that changes slowly: a level a frame.
-    pub fn follow(&mut self, frame: &Planes) -> Vec<u8> {
-        let mut differences = vec![0; frame.width * frame.height];
+    pub fn follow(&mut self, frame: &Planes, spare: &mut Spare) -> Vec<u8> {
+        let mut differences = spare.take(frame.width * frame.height);
         let band = BAND * frame.width.max(1);
         let [a, b] = self.0.levels.each_mut().map(|levels| levels.par_chunks_mut(band));
         let [c, d] = frame.levels.each_ref().map(|levels| levels.par_chunks(band));
         differences.par_chunks_mut(band).zip(a.zip(c)).zip(b.zip(d)).for_each(|((differences, (a, c)), (b, d))| {
-            for ((difference, (a, c)), (b, d)) in
-                differences.iter_mut().zip(a.iter_mut().zip(c)).zip(b.iter_mut().zip(d))
-            {
-                *difference = between([*a, *b], [*c, *d]);
-                for (level, now) in [(a, c), (b, d)] {
-                    *level = level.wrapping_add(u8::from(*now > *level)).wrapping_sub(u8::from(*now < *level));
+            Arch::new().dispatch(|| {
+                for ((difference, (a, c)), (b, d)) in
+                    differences.iter_mut().zip(a.iter_mut().zip(c)).zip(b.iter_mut().zip(d))
+                {
+                    *difference = between([*a, *b], [*c, *d]);
+                    for (level, now) in [(a, c), (b, d)] {
+                        *level = level.wrapping_add(u8::from(*now > *level)).wrapping_sub(u8::from(*now < *level));
+                    }
                 }
-            }
+            });
         });
         differences
     }
 }
 
 /// The less of two differences of each pixel.
-pub(super) fn less_of(a: &[u8], b: &[u8]) -> Vec<u8> {
-    let mut less = vec![0; a.len()];
+pub(super) fn less_of(a: &[u8], b: &[u8], spare: &mut Spare) -> Vec<u8> {
+    let mut less = spare.take(a.len());
     less.par_chunks_mut(PART).zip(a.par_chunks(PART)).zip(b.par_chunks(PART)).for_each(|((less, a), b)| {
-        less.iter_mut().zip(a).zip(b).for_each(|((less, a), b)| *less = *a.min(b));
+        Arch::new().dispatch(|| less.iter_mut().zip(a).zip(b).for_each(|((less, a), b)| *less = *a.min(b)));
     });
     less
 }
@@ -118,8 +139,10 @@ pub(super) fn less_of(a: &[u8], b: &[u8]) -> Vec<u8> {
 pub(super) fn share_above(differences: &[u8], least: u8) -> f64 {
     // Counted in bytes, many at once.
     let count = |part: &[u8]| {
-        let counts = part.chunks(255).map(|few| few.iter().fold(0, |count, &it| count + u8::from(it > least)));
-        counts.map(usize::from).sum::<usize>()
+        Arch::new().dispatch(|| {
+            let counts = part.chunks(255).map(|few| few.iter().fold(0, |count, &it| count + u8::from(it > least)));
+            counts.map(usize::from).sum::<usize>()
+        })
     };
     let count: usize = differences.par_chunks(PART).map(count).sum();
     count as f64 / differences.len().max(1) as f64

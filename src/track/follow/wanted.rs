@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::Follower;
-use super::arcs::Arc;
+use super::arcs::{Arc, LEAST_GAIN};
 use super::blobs::Blob;
 use crate::camera::Measured;
 use crate::image::Picture;
@@ -15,8 +15,11 @@ const WINDOW: usize = 16;
 const SHORT_WAY: f64 = 0.25;
 /// Frames after which arcs are searched again.
 const STEP: usize = 8;
-/// Of so many blobs of an arc one is looked at, until a ball is seen in one.
+/// Of so many blobs of an arc one is looked at, until a ball is seen in one of so many.
 const ASKED_EVERY: usize = 3;
+const MOST_PER_BALL: usize = 3;
+/// Most such looks at the arcs of most gain, where a ball is known.
+const MOST_PROBES: usize = 8;
 /// Frames beyond an arc's ends in which the ball is looked for where the arc leads, and how many of its blobs a network must
 /// have seen a ball in for that.
 const BEYOND: usize = 4;
@@ -53,10 +56,19 @@ pub(super) struct Words {
     asked: BTreeSet<(usize, usize)>,
     led: Vec<(usize, [f64; 2])>,
     /// The arcs that are looked at now, of the frames from one on.
-    round: Option<(usize, Vec<Arc>)>,
+    round: Option<Round>,
     /// Frames in which arcs have been searched, and those whose other blobs are forgotten.
     searched: usize,
     forgotten: usize,
+}
+
+/// Arcs that are looked at.
+struct Round {
+    /// The frame that theirs are counted from.
+    from: usize,
+    arcs: Vec<Arc>,
+    /// Looks that are left at those in which no ball was seen yet.
+    probes: usize,
 }
 
 impl Words {
@@ -112,21 +124,27 @@ impl Follower {
             }
             let from = self.seen.len().saturating_sub(WINDOW);
             self.words.led.retain(|&(place, _)| place >= from);
-            self.words.round = Some((from, self.search(from, SHORT_WAY, &[]).arcs()));
+            let arcs = self.search(from, SHORT_WAY, LEAST_GAIN, &[]).arcs();
+            let probes = if self.sees_ball() { MOST_PROBES } else { usize::MAX };
+            self.words.round = Some(Round { from, arcs, probes });
         }
-        let Some((from, arcs)) = self.words.round.take() else { return vec![] };
+        let Some(Round { from, arcs, mut probes }) = self.words.round.take() else { return vec![] };
         let mut wanted = Vec::new();
         for arc in &arcs {
             let members: Vec<(usize, usize)> = arc.members.iter().map(|&(frame, blob)| (from + frame, blob)).collect();
-            let seen = members.iter().filter(|&&member| self.is_ball(member)).count();
+            let told: Vec<bool> =
+                members.iter().filter_map(|&member| self.words.of(member)).map(Option::is_some).collect();
+            let seen = told.iter().filter(|&&ball| ball).count();
+            let is_ball = seen > 0 && MOST_PER_BALL * seen >= told.len();
             // Most of what moves is no ball: a few looks tell.
             let mut last = None;
             for (number, &member) in members.iter().enumerate() {
                 let (place, blob) = member;
                 if self.words.asked.contains(&member) {
                     last = Some(number);
-                } else if seen > 0 || last.is_none_or(|last| number >= last + ASKED_EVERY) {
+                } else if is_ball || (probes > 0 && last.is_none_or(|last| number >= last + ASKED_EVERY)) {
                     last = Some(number);
+                    probes -= usize::from(!is_ball);
                     self.words.asked.insert(member);
                     let Blob { at, radius, reach, .. } = self.seen[place].blobs[blob];
                     wanted.push(Wanted { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
@@ -141,7 +159,7 @@ impl Follower {
         wanted.retain(|it| self.picture(it).is_some());
         match wanted.is_empty() {
             true => self.forget(),
-            false => self.words.round = Some((from, arcs)),
+            false => self.words.round = Some(Round { from, arcs, probes }),
         }
         wanted
     }
@@ -152,16 +170,11 @@ impl Follower {
         self.words.said.range((from, 0)..).filter(|(_, ball)| ball.is_some()).count() >= FEWEST_SEEN
     }
 
-    /// Whether a network sees a ball there.
-    fn is_ball(&self, member: (usize, usize)) -> bool {
-        self.words.of(member).is_some_and(Option::is_some)
-    }
-
     /// Forgets blobs of long ago that were in no arc: an hour has millions of them.
     fn forget(&mut self) {
         for place in self.words.forgotten..self.seen.len().saturating_sub(FORGOTTEN) {
             let kept: Vec<usize> = self.words.asked.range((place, 0)..=(place, usize::MAX)).map(|it| it.1).collect();
-            let search = self.search(0, 1.0, &[]);
+            let search = self.search(0, 1.0, LEAST_GAIN, &[]);
             let blobs = kept
                 .iter()
                 .map(|&blob| Blob { crowd: Some(search.crowd((place, blob))), ..self.seen[place].blobs[blob] });
@@ -180,7 +193,7 @@ impl Follower {
 
     /// Where the ball of an arc may be in the frames before and after it.
     fn beyond(&self, from: usize, arc: &Arc) -> Vec<Wanted> {
-        let search = self.search(from, SHORT_WAY, &[]);
+        let search = self.search(from, SHORT_WAY, LEAST_GAIN, &[]);
         let (first, last) = (arc.members[0].0, arc.members[arc.members.len() - 1].0);
         let before = first.saturating_sub(BEYOND)..first;
         let after = last + 1..(last + 1 + BEYOND).min(search.frames.len());
