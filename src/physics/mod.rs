@@ -7,6 +7,7 @@
 mod balls;
 mod cases;
 mod contact;
+mod court;
 mod force;
 mod forecast;
 mod obstacle;

@@ -141,10 +141,10 @@ impl Tracked {
                 hits.push(value.take());
             }
             flights.extend(said["flights"].as_array_mut().into_iter().flatten().map(Value::take));
-            bounces.extend(fit.impacts.iter().map(|impact| {
+            bounces.extend(fit.impacts.iter().zip(&fit.within_lines).map(|(impact, within)| {
                 json!({"time": impact.time, "surface": impact.surface.to_string(),
                     "world": <[f64; 3]>::from(impact.position), "speed": impact.speed,
-                    "sigma": fit.sigma_at(impact.time)})
+                    "sigma": fit.sigma_at(impact.time), "within_lines": within})
             }));
             notes.extend(fit.notes.iter().cloned());
         }

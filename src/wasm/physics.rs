@@ -142,6 +142,8 @@ pub struct FitFrame {
 
 /// Where the ball touches something.
 #[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+#[tsify(missing_as_null)]
 pub struct Impact {
     /// Seconds.
     pub t: f64,
@@ -151,6 +153,8 @@ pub struct Impact {
     pub world: [f64; 3],
     /// Speed at which it approaches, metres a second.
     pub speed: f64,
+    /// The probability that it is within the scene's outermost lines; null where those go round nothing, and of a forecast.
+    pub within_lines: Option<f64>,
 }
 
 /// A number of the scene that was estimated.
@@ -182,8 +186,15 @@ impl From<&FittedFrame> for FitFrame {
 
 impl From<&physics::Impact> for Impact {
     fn from(impact: &physics::Impact) -> Self {
-        Self { t: impact.time, surface: impact.surface.to_string(), world: impact.position.into(), speed: impact.speed }
+        let (world, surface) = (impact.position.into(), impact.surface.to_string());
+        Self { t: impact.time, surface, world, speed: impact.speed, within_lines: None }
     }
+}
+
+/// The impacts of a fit.
+pub fn impacts(fit: &track::Fit) -> impl Iterator<Item = Impact> {
+    let both = fit.impacts.iter().zip(&fit.within_lines);
+    both.map(|(impact, &within_lines)| Impact { within_lines, ..Impact::from(impact) })
 }
 
 impl From<&track::Fit> for Fit {
@@ -191,7 +202,7 @@ impl From<&track::Fit> for Fit {
         let estimates = fit.estimates.iter();
         Self {
             frames: fit.frames.iter().map(FitFrame::from).collect(),
-            impacts: fit.impacts.iter().map(Impact::from).collect(),
+            impacts: impacts(fit).collect(),
             estimates: estimates
                 .map(|it| (it.parameter.name(), Estimate { value: it.value, sigma: it.sigma }))
                 .collect(),

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
-use super::physics::{Flight, Hit, Impact};
+use super::physics::{Flight, Hit, Impact, impacts};
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -180,7 +180,7 @@ impl VideoTrack {
             };
             said.hits.extend(fit.hits.iter().map(hit));
             said.flights.extend(fit.flights.iter().map(Flight::from));
-            said.impacts.extend(fit.impacts.iter().map(Impact::from));
+            said.impacts.extend(impacts(fit));
             said.notes.extend(fit.notes.iter().cloned());
         }
         said

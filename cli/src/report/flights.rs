@@ -186,14 +186,16 @@ fn table_of_flights(fit: &Fit) -> String {
 }
 
 fn table_of_contacts(fit: &Fit) -> String {
-    let row = |time: f64, what: String, at: [f64; 3]| {
+    let row = |time: f64, what: String, at: [f64; 3], within: Option<f64>| {
         let place = at.map(|value| format!("{value:.3}"));
-        (time, [vec![what, format!("{time:.3}")], place.to_vec()].concat())
+        let within = within.map_or(String::new(), |share| format!("{:.1} %", 100.0 * share));
+        (time, [vec![what, format!("{time:.3}")], place.to_vec(), vec![within]].concat())
     };
-    let bounces = fit.impacts.iter().map(|it| row(it.time, it.surface.to_string(), it.position.into()));
-    let hits = fit.hits.iter().map(|it| row(it.time, "hit".into(), it.position.coords.into()));
+    let bounces = fit.impacts.iter().zip(&fit.within_lines);
+    let bounces = bounces.map(|(it, within)| row(it.time, it.surface.to_string(), it.position.into(), *within));
+    let hits = fit.hits.iter().map(|it| row(it.time, "hit".into(), it.position.coords.into(), None));
     let mut rows: Vec<(f64, Vec<String>)> = bounces.chain(hits).collect();
     rows.sort_by(|a, b| a.0.total_cmp(&b.0));
     let rows: Vec<Vec<String>> = rows.into_iter().map(|(_, row)| row).collect();
-    html::table(&["What", "time, s", "x, m", "y, m", "z, m"], &rows)
+    html::table(&["What", "time, s", "x, m", "y, m", "z, m", "within the lines"], &rows)
 }

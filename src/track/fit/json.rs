@@ -56,9 +56,9 @@ impl Fit {
             }
             fields
         };
-        let impacts = self.impacts.iter().map(|impact| {
+        let impacts = self.impacts.iter().zip(&self.within_lines).map(|(impact, within)| {
             json!({"t": impact.time, "surface": impact.surface.to_string(),
-                "world": <[f64; 3]>::from(impact.position), "speed": impact.speed})
+                "world": <[f64; 3]>::from(impact.position), "speed": impact.speed, "within_lines": within})
         });
         let flights = self.flights.iter().map(|flight| {
             json!({"start": flight.start, "end": flight.end, "speed_start": flight.speed[0], "speed_sigma": flight.speed[1],

@@ -147,6 +147,8 @@ pub struct Fit {
     pub explained: bool,
     /// Where the ball touches something, by time (s on the track's clock).
     pub impacts: Vec<Impact>,
+    /// Of each of those the probability that it is within the scene's outermost lines ([`Scene::within_lines`]).
+    pub within_lines: Vec<Option<f64>>,
     /// From hit to hit, bounces between.
     pub flights: Vec<Flight>,
     /// Where something that the scene does not hold changes the ball's way.
@@ -169,6 +171,19 @@ impl Forecaster {
     /// trajectory in front of the camera explains. A label outside the camera's lens model costs itself alone
     /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
+        let mut fit = self.fit_labels(camera, observations, options)?;
+        let within = |impact: &Impact| {
+            let near = fit
+                .frames
+                .iter()
+                .min_by(|a, b| (a.time - impact.time).abs().total_cmp(&(b.time - impact.time).abs()))?;
+            self.scene().within_lines(&impact.position.into(), &near.covariance)
+        };
+        fit.within_lines = fit.impacts.iter().map(within).collect();
+        Ok(fit)
+    }
+
+    fn fit_labels(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
         check_inside(camera, observations)?;
         let (mut usable, mut refused) = within_lens(camera, observations);
@@ -387,5 +402,18 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
         reason,
     };
     let (flights, hits, notes) = (vec![flight], vec![], vec![]);
-    Some(Fit { frames, noise_px: problem.sigma, rms_px, explained, impacts, flights, hits, notes, estimates, spin })
+    let within_lines = vec![];
+    Some(Fit {
+        frames,
+        noise_px: problem.sigma,
+        rms_px,
+        explained,
+        impacts,
+        within_lines,
+        flights,
+        hits,
+        notes,
+        estimates,
+        spin,
+    })
 }

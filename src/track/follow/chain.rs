@@ -44,11 +44,22 @@ impl Piece {
         self.members.len() as f64 * (2.0 * self.confidence() - 1.0)
     }
 
-    /// Whether a ball can fly this and then the other: a few frames may be of both, for arcs end where others take over.
-    fn goes_before(&self, other: &Self) -> bool {
-        let shared = (self.last() + 1).saturating_sub(other.first());
+    /// Whether a ball can fly this and then the other: in a few frames they may be apart, for arcs end where others take over.
+    fn goes_before(&self, other: &Self, frames: &[Seen]) -> bool {
         let most = 1 + self.members.len().min(other.members.len()) / 3;
-        self.first() < other.first() && self.last() < other.last() && shared <= most
+        self.first() < other.first() && self.last() < other.last() && self.apart(other, frames) <= most
+    }
+
+    /// Frames in which two are in different places.
+    fn apart(&self, other: &Self, frames: &[Seen]) -> usize {
+        let is_elsewhere = |&&(frame, index): &&(usize, usize)| {
+            let there = other.members.binary_search_by_key(&frame, |member| member.0);
+            there.is_ok_and(|there| {
+                let [a, b] = [index, other.members[there].1].map(|index| &frames[frame].blobs[index]);
+                (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) > a.radius.min(b.radius)
+            })
+        };
+        self.members.iter().filter(is_elsewhere).count()
     }
 
     /// What two are worth together less than each, for a ball is in one place: the less of theirs in the frames of both.
@@ -79,7 +90,7 @@ impl Piece {
         let step = (end.at[0] - before.at[0]).hypot(end.at[1] - before.at[1]);
         let off = (end.at[0] - start.at[0]).hypot(end.at[1] - start.at[1]);
         let near = MEETS_PX + MEETS_STEP * step * between.max(1) as f64;
-        self.goes_before(later) && between <= BETWEEN && off <= near && alike(end, start)
+        self.goes_before(later, frames) && between <= BETWEEN && off <= near && alike(end, start)
     }
 }
 
@@ -95,7 +106,7 @@ pub(super) fn chain(frames: &[Seen], mut pieces: Vec<Piece>) -> Vec<Piece> {
     for (place, piece) in pieces.iter().enumerate() {
         let apart = pieces[..place].partition_point(|other| other.last() + SOON < piece.first());
         let near = (apart..place)
-            .filter(|&other| pieces[other].goes_before(piece) && pieces[other].is_as_large(piece, frames));
+            .filter(|&other| pieces[other].goes_before(piece, frames) && pieces[other].is_as_large(piece, frames));
         let before = near.chain(apart.checked_sub(1).map(|last| ends[last]));
         let ways = before.map(|other| (best[other].0 - pieces[other].shared_with(piece), Some(other)));
         let (worth, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });

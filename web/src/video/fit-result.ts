@@ -58,8 +58,13 @@ const seconds = (ms: number) => `${(ms / 1000).toFixed(2)} s`;
 const sentence = (words: string) => `${words.charAt(0).toUpperCase()}${words.slice(1)}${/[.?!]$/.test(words) ? "" : "."}`;
 
 function bouncesTable(bounces: Curve["bounces"]): HTMLElement {
-  const rows = bounces.map(({ timestampMs, surface, speed }) => [seconds(timestampMs), surfaceWords(surface), `${speed.toFixed(1)} m/s`]);
-  return tableOf("video-bounce", counted(bounces.length, "bounce"), ["Time", "On", "Speed"], rows);
+  const lined = bounces.some(({ withinLines }) => withinLines !== null);
+  const rows = bounces.map(({ timestampMs, surface, speed, withinLines }) => {
+    const row = [seconds(timestampMs), surfaceWords(surface), `${speed.toFixed(1)} m/s`];
+    return lined ? [...row, withinLines === null ? "" : `${(100 * withinLines).toFixed(0)} %`] : row;
+  });
+  const heads = ["Time", "On", "Speed", ...(lined ? ["Within the lines"] : [])];
+  return tableOf("video-bounce", counted(bounces.length, "bounce"), heads, rows);
 }
 
 function hitsTable(hits: Curve["hits"]): HTMLElement {

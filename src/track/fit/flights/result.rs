@@ -150,6 +150,7 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64, cameras: &[Camera]) -> O
         rms_px: rms(frames.iter()),
         explained: flights.iter().all(|flight| flight.explained),
         impacts: best.events.iter().zip(&path.before).filter_map(impact).collect(),
+        within_lines: vec![],
         hits: hits.iter().map(hit).collect(),
         notes: notes(task, &best, &path, &times),
         flights,
