@@ -63,10 +63,21 @@ impl Picture {
     /// not hold width·height·4 bytes.
     pub fn from_rgba(rgba: &[u8], size: Size) -> Result<Self> {
         check_size(size)?;
-        let buffer = ImageBuffer::from_raw(size.width, size.height, rgba.to_vec());
-        let buffer = buffer
-            .filter(|_| rgba.len() == 4 * size.pixels())
-            .ok_or_else(|| Error::ImageDecode { reason: format!("{} bytes are not {size} RGBA pixels", rgba.len()) })?;
+        let wrong = || Error::ImageDecode { reason: format!("{} bytes are not {size} RGBA pixels", rgba.len()) };
+        if rgba.len() != 4 * size.pixels() {
+            return Err(wrong());
+        }
+        // A video's frames are opaque, and many.
+        let mut rgb = RgbImage::new(size.width, size.height);
+        let mut opaque = u8::MAX;
+        for (to, [red, green, blue, alpha]) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(rgba.as_chunks::<4>().0) {
+            *to = [*red, *green, *blue];
+            opaque &= alpha;
+        }
+        if opaque == u8::MAX {
+            return Ok(Self::from_rgb(rgb));
+        }
+        let buffer = ImageBuffer::from_raw(size.width, size.height, rgba.to_vec()).ok_or_else(wrong)?;
         Ok(Self::from_dynamic(image::DynamicImage::ImageRgba8(buffer)))
     }
 
