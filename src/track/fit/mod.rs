@@ -147,7 +147,7 @@ pub struct Fit {
     pub explained: bool,
     /// Where the ball touches something, by time (s on the track's clock).
     pub impacts: Vec<Impact>,
-    /// Of each of those the probability that it is within the scene's outermost lines ([`Scene::within_lines`]).
+    /// Of each of those the probability that it is within the scene's outermost lines ([`Scene::within_lines`](crate::physics::Scene::within_lines)).
     pub within_lines: Vec<Option<f64>>,
     /// From hit to hit, bounces between.
     pub flights: Vec<Flight>,
