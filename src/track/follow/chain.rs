@@ -142,3 +142,55 @@ fn support(frames: &[Seen], pieces: &mut [Piece]) {
         piece.odds += GOES_ON * (before + after);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::blobs::Blob;
+    use super::*;
+
+    const BLOB: Blob = Blob {
+        at: [0.0; 2],
+        radius: 5.0,
+        reach: 5.0,
+        direction: 0.0,
+        contrast: 50.0,
+        filled: 1.0,
+        is_ball: true,
+        sigma: 1.0,
+        crowd: None,
+    };
+
+    /// In each of forty frames a ball, another blob far from it, and a third twelve times as large.
+    fn frames() -> Vec<Seen> {
+        let frame = |frame: usize| {
+            let x = 10.0 * frame as f64;
+            let other = Blob { at: [x, 300.0], ..BLOB };
+            let blobs = vec![Blob { at: [x, 100.0], ..BLOB }, other, Blob { radius: 60.0, ..other }];
+            Seen { time: frame as f64 / 30.0, blobs }
+        };
+        (0..40).map(frame).collect()
+    }
+
+    fn piece(frames: std::ops::Range<usize>, blob: usize) -> Piece {
+        Piece { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0 }
+    }
+
+    /// First frames and blobs of what is chosen.
+    fn chosen(pieces: Vec<Piece>) -> Vec<(usize, usize)> {
+        chain(&frames(), pieces).iter().map(|piece| piece.members[0]).collect()
+    }
+
+    #[test]
+    fn arcs_that_share_the_ball_go_on_as_one_and_others_do_not() {
+        assert_eq!(chosen(vec![piece(0..18, 0), piece(7..40, 0)]), [(0, 0), (7, 0)]);
+        assert_eq!(chosen(vec![piece(0..18, 1), piece(7..40, 0)]), [(7, 0)]);
+    }
+
+    #[test]
+    fn a_ball_is_not_suddenly_nearer() {
+        assert_eq!(chosen(vec![piece(0..9, 1), piece(11..40, 0)]), [(0, 1), (11, 0)]);
+        assert_eq!(chosen(vec![piece(0..9, 2), piece(11..40, 0)]), [(11, 0)]);
+        // after a while it may be
+        assert_eq!(chosen(vec![piece(0..9, 2), piece(25..40, 0)]), [(0, 2), (25, 0)]);
+    }
+}
