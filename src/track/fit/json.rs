@@ -18,8 +18,12 @@ impl Parameter {
 impl Fit {
     /// 1-σ of the position in the frame next to a time (s), m.
     pub fn sigma_at(&self, time: f64) -> Option<f64> {
-        let near = self.frames.iter().min_by(|a, b| (a.time - time).abs().total_cmp(&(b.time - time).abs()));
-        near.map(FittedFrame::sigma)
+        self.near(time).map(FittedFrame::sigma)
+    }
+
+    /// The frame next to a time, s.
+    pub(super) fn near(&self, time: f64) -> Option<&FittedFrame> {
+        self.frames.iter().min_by(|a, b| (a.time - time).abs().total_cmp(&(b.time - time).abs()))
     }
 
     /// What to think of it, in a sentence.

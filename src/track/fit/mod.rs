@@ -172,13 +172,8 @@ impl Forecaster {
     /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         let mut fit = self.fit_labels(camera, observations, options)?;
-        let within = |impact: &Impact| {
-            let near = fit
-                .frames
-                .iter()
-                .min_by(|a, b| (a.time - impact.time).abs().total_cmp(&(b.time - impact.time).abs()))?;
-            self.scene().within_lines(&impact.position.into(), &near.covariance)
-        };
+        let within =
+            |impact: &Impact| self.scene().within_lines(&impact.position.into(), &fit.near(impact.time)?.covariance);
         fit.within_lines = fit.impacts.iter().map(within).collect();
         Ok(fit)
     }
