@@ -61,7 +61,9 @@ mod testing;
 
 pub use burn::tensor::Device;
 
-pub use self::camera::{Calibration, Camera, Court, Points, Unknowns, calibrate};
+pub use self::camera::{
+    Calibration, Camera, Court, CourtLine, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines,
+};
 pub use self::clips::{Clip, Clips, Frame};
 pub use self::error::{Error, Result};
 pub use self::evaluate::{Metrics, Sample, score};

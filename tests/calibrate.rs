@@ -49,6 +49,7 @@ fn clicked(camera: &Camera, world: &[[f64; 3]], known: bool, noise: f64, seed: u
         distortion: Distortion::default(),
         names: Vec::new(),
         image: world.iter().map(&mut click).collect(),
+        lines: Vec::new(),
         world,
     }
 }
@@ -93,6 +94,7 @@ fn the_optimum_is_the_references() {
     for (index, case) in golden["calibration"].as_array().unwrap().iter().enumerate() {
         let matrix = |rows: &[Vec<f64>]| Matrix3::from_fn(|i, j| rows[i][j]);
         let points = Points {
+            lines: Vec::new(),
             size: Size::new(384, 224),
             intrinsic: Some(matrix(&read(&case["M_int"]))),
             distortion: Distortion::default(),
@@ -296,7 +298,7 @@ proptest! {
     ) {
         let (world, image): (Vec<_>, Vec<_>) = points.into_iter().map(|(w, i)| (Point3::from(w), Point2::from(i))).unzip();
         let intrinsic = known.then(|| Matrix3::new(800.0, 0.0, 320.0, 0.0, 800.0, 240.0, 0.0, 0.0, 1.0));
-        let points = Points { size: Size::new(640, 480), intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image };
+        let points = Points { size: Size::new(640, 480), intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image, lines: Vec::new() };
         if let Ok(found) = calibrate(&points, &Unknowns { focal, principal_point, distortion }) {
             prop_assert!(found.rms_px.is_finite() && found.sigma_centre.iter().all(|sigma| sigma.is_finite()));
         }

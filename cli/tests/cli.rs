@@ -358,53 +358,6 @@ fn forecast_fills_in_the_reference_cases() {
 }
 
 #[test]
-fn clicks_on_a_court_become_a_camera_that_localises() {
-    let folder = scratch("calibrate");
-    // Where a camera at (3, -20, 6) m that looks at the service T of the far side sees a tennis court.
-    let names = [
-        "near singles corner left",
-        "near singles corner right",
-        "far singles corner left",
-        "far singles corner right",
-        "near service T",
-        "far service T",
-        "net post top left",
-        "net post top right",
-    ];
-    let listed = json(&gravisight(&["calibrate", "--list", "tennis", "--json"]));
-    let camera = gravisight::Camera::from_json(
-        r#"{"width":1280,"height":720,"intrinsic":[[1100,0,639.5],[0,1100,359.5],[0,0,1]],
-            "camera_from_world":[[1,0,0,-3],[0,-0.3,-0.9539392014169457,-0.2763647914983259],[0,0.9539392014169457,-0.3,20.878784028338914],[0,0,0,1]]}"#,
-        "camera",
-    )
-    .unwrap();
-    let image: Vec<[f64; 2]> = names
-        .iter()
-        .map(|name| {
-            let world: [f64; 3] = serde_json::from_value(listed["points"][name].clone()).unwrap();
-            camera.image_from_world(&world.into()).unwrap().into()
-        })
-        .collect();
-    let points = serde_json::json!({"width": 1280, "height": 720, "court": "tennis", "names": names, "image": image});
-    let (file, out) = (folder.join("points.json"), folder.join("camera.json"));
-    std::fs::write(&file, points.to_string()).unwrap();
-    let found = json(&gravisight(&["calibrate", "--points", text(&file), "--out", text(&out), "--json"]));
-    assert!(found["rms_px"].as_f64().unwrap() < 1e-6);
-    let focal = numbers(&found["camera"]["intrinsic"])[0];
-    assert!((focal - 1100.0).abs() < 1e-3, "{focal}");
-    assert!(gravisight::Camera::from_file(&out).is_ok());
-    let table = gravisight(&["calibrate", "--points", text(&file)]);
-    assert!(String::from_utf8_lossy(&table.stdout).contains("near service T"));
-    // Refusals: one line, what to do, status 1.
-    std::fs::write(&file, points.to_string().replace("far service T", "far service line")).unwrap();
-    let refused = gravisight(&["calibrate", "--points", text(&file)]);
-    let errors = String::from_utf8_lossy(&refused.stderr);
-    assert_eq!((refused.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
-    assert!(errors.contains("far service line"), "{errors}");
-    assert_eq!(gravisight(&["calibrate"]).status.code(), Some(2));
-}
-
-#[test]
 fn a_training_that_is_killed_goes_on_to_the_same_weights() {
     let folder = scratch("killed");
     let start = |name: &str| {

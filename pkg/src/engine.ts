@@ -61,7 +61,12 @@ export class Engine {
     scenes: () => this.#core.scenes(),
     scene: ({ name }) => this.#core.scene(name),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),
-    calibrate: ({ points, estimate }) => this.#core.calibrate(points, estimate),
+    calibrate: ({ points, estimate, picture }) => {
+      if (!picture) return this.#core.calibrate(points, estimate);
+      const input = pixelsOf(picture);
+      if (input.kind === "encoded") return this.#core.calibrateByLines(points, estimate, input.bytes);
+      return this.#core.calibrateByLinesRgba(points, estimate, input.rgba, input.width, input.height);
+    },
     courts: () => this.#core.courts(),
     court: ({ name }) => this.#core.court(name),
     project: ({ camera, points }) => this.#core.project(camera, Float64Array.from(points)),

@@ -1,13 +1,15 @@
-import type { Camera, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, VideoTrack, VideoTrackFrame, Wanted } from "../wasm/cpu/gravisight.js";
+import type { Camera, CourtLine, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, VideoTrack, VideoTrackFrame, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
   Added as ClipAdded,
+  CalibrationLine,
   CalibrationResult,
   Candidate,
   Camera,
   Card,
   Court,
+  CourtLine,
   Estimate,
   Fit,
   Flight,
@@ -202,6 +204,8 @@ export interface CalibrationPoints {
   world?: Vector[];
   court?: string;
   names?: string[];
+  /** What is painted; without it, what is known of the court. */
+  lines?: CourtLine[];
 }
 
 /** What a calibration can estimate besides the pose (and the focal length, where no intrinsic matrix is given). */

@@ -12,8 +12,8 @@ mod sphere;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 
-pub use self::calibrate::{Calibration, Points, Unknowns, calibrate};
-pub use self::court::Court;
+pub use self::calibrate::{Calibration, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines};
+pub use self::court::{Court, CourtLine};
 pub use self::distortion::Distortion;
 use self::fold::Range;
 pub use self::sphere::{Measured, Outline};

@@ -5,8 +5,10 @@ use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::{js_error, object_of};
-use crate::camera::{Calibration, Camera, Court, Points, Unknowns, calibrate};
+use crate::camera::{Calibration, Camera, Court, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines};
 use crate::error::Result;
+use crate::image::Picture;
+use crate::size::Size;
 
 /// A camera and how good it is.
 #[derive(Serialize, Tsify)]
@@ -26,6 +28,12 @@ pub struct CalibrationResult {
     pub residuals_px: Vec<[f64; 2]>,
     /// Clicks that do not fit the others; they had no part in the camera.
     pub outliers: Vec<WrongClick>,
+    /// Of a calibration by a picture: each of the court's painted lines, in order; else empty.
+    pub lines: Vec<CalibrationLine>,
+    /// Where the camera stands, metres.
+    pub centre: [f64; 3],
+    /// What is doubtful about it, in words; empty where nothing is.
+    pub doubts: Vec<String>,
     /// Standard deviations of the camera.
     pub sigma: CameraSigma,
     /// Standard deviation of a position in the picture's middle, as far as the camera is to blame.
@@ -43,6 +51,18 @@ pub struct WrongClick {
     pub name: Option<String>,
     /// Where the camera puts it less where it was clicked, pixels.
     pub residual_px: [f64; 2],
+}
+
+/// A painted line as the picture shows it.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+pub struct CalibrationLine {
+    /// Whether the picture should show it.
+    pub is_expected: bool,
+    /// Share of it in the picture that was found; 0 where none was.
+    pub share: f64,
+    /// Root mean square distance of that from where the camera puts the line, pixels.
+    pub rms_px: f64,
 }
 
 /// Standard deviations of a camera.
@@ -83,6 +103,11 @@ impl CalibrationResult {
             noise_px: found.noise_px,
             method: found.method.name(),
             outliers: found.outliers.iter().map(wrong).collect(),
+            lines: (found.lines.iter())
+                .map(|&LineSeen { is_expected, share, rms_px, .. }| CalibrationLine { is_expected, share, rms_px })
+                .collect(),
+            centre: found.centre().into(),
+            doubts: found.doubts(points),
             sigma: CameraSigma {
                 rotation: found.sigma_rotation.into(),
                 centre: found.sigma_centre.into(),
@@ -107,6 +132,34 @@ pub fn calibrate_points(points: &str, estimate: Vec<String>) -> std::result::Res
         object_of(&CalibrationResult::new(&found, &points)?)
     };
     run().map_err(js_error)
+}
+
+/// The same with the court's painted lines, as a picture (PNG, JPEG or WebP file) shows them.
+#[wasm_bindgen(js_name = calibrateByLines)]
+pub fn calibrate_by_picture(
+    points: &str,
+    estimate: Vec<String>,
+    file: &[u8],
+) -> std::result::Result<Ts<CalibrationResult>, JsValue> {
+    by_lines(points, &estimate, Picture::decode(file)).map_err(js_error)
+}
+
+/// The same of RGBA pixels.
+#[wasm_bindgen(js_name = calibrateByLinesRgba)]
+pub fn calibrate_by_pixels(
+    points: &str,
+    estimate: Vec<String>,
+    rgba: &[u8],
+    width: u32,
+    height: u32,
+) -> std::result::Result<Ts<CalibrationResult>, JsValue> {
+    by_lines(points, &estimate, Picture::from_rgba(rgba, Size { width, height })).map_err(js_error)
+}
+
+fn by_lines(points: &str, estimate: &[String], picture: Result<Picture>) -> Result<Ts<CalibrationResult>> {
+    let points = Points::from_json(points, "points")?;
+    let found = calibrate_by_lines(&points, &Unknowns::named(estimate)?, &picture?)?;
+    object_of(&CalibrationResult::new(&found, &points)?)
 }
 
 /// Names of the courts whose points are known.

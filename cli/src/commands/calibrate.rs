@@ -1,6 +1,6 @@
 //! `gravisight calibrate`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::{Args, ValueEnum};
@@ -8,10 +8,26 @@ use serde_json::json;
 
 use super::print_line;
 use gravisight::internal::write_whole;
-use gravisight::{Calibration, Court, Points, Unknowns, calibrate};
+use gravisight::{Calibration, Court, Picture, Points, Unknowns, calibrate, calibrate_by_lines};
+
+use crate::footage::Footage;
+use crate::import::is_picture;
+
+/// An example, which a test reads.
+pub const EXAMPLE: &str = r#"{
+  "width": 1920, "height": 1080,
+  "court": "tennis",
+  "names": ["near doubles corner left", "near doubles corner right", "far doubles corner left", "far doubles corner right"],
+  "image": [[312.5, 905.0], [1630.0, 897.5], [601.0, 322.0], [1297.0, 319.5]]
+}"#;
 
 /// Find a camera from labelled points.
 #[derive(Args)]
+#[command(after_long_help = format!("\
+points.json says where points are in the picture (`image`, px from the top left pixel's middle), and which they are: names of a court's
+points (`gravisight calibrate --list tennis`), or `world`, their places in metres. At least 4 in one plane, or 6 in space:\n\n{EXAMPLE}\n
+`intrinsic` (3 rows of 3) and `distortion` (k1, k2, p1, p2, k3) may be given, where they are known. `lines` are painted lines besides
+a court's: {{\"from\": [x,y,z], \"to\": [x,y,z], \"width\": 0.05}}."))]
 pub struct Arguments {
     /// The points (points.json: width, height, intrinsic if known, image, and world or court and names).
     #[arg(long, value_name = "POINTS.JSON", required_unless_present = "list")]
@@ -19,6 +35,10 @@ pub struct Arguments {
     /// Estimate these, too; the focal length is estimated where the file has no intrinsic.
     #[arg(long, value_enum, value_delimiter = ',')]
     estimate: Vec<Unknown>,
+    /// Then let the court's painted lines, as this picture (or a video's first frame) shows them, pull the camera to a fraction
+    /// of a pixel: four to six clicks are enough.
+    #[arg(long, value_name = "PICTURE|VIDEO", conflicts_with = "list")]
+    refine_lines: Option<PathBuf>,
     /// Write the camera here.
     #[arg(long, value_name = "CAMERA.JSON")]
     out: Option<PathBuf>,
@@ -49,7 +69,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let names =
         arguments.estimate.iter().filter_map(|unknown| Some(unknown.to_possible_value()?.get_name().to_string()));
     let unknowns = Unknowns::named(&names.collect::<Vec<_>>())?;
-    let found = calibrate(&points, &unknowns).with_context(|| path.display().to_string())?;
+    let found = match &arguments.refine_lines {
+        Some(shown) => calibrate_by_lines(&points, &unknowns, &first_picture(shown)?),
+        None => calibrate(&points, &unknowns),
+    };
+    let found = found.with_context(|| path.display().to_string())?;
     if let Some(out) = &arguments.out {
         write_whole(out, serde_json::to_string_pretty(&found.camera)?.as_bytes())?;
     }
@@ -60,8 +84,20 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(())
 }
 
+fn first_picture(path: &Path) -> Result<Picture> {
+    if is_picture(path) {
+        return Picture::open(path).with_context(|| path.display().to_string());
+    }
+    let mut first = None;
+    Footage::open(&[path.into()], None)?.each(0..1, &mut |_, picture| {
+        first = Some(picture);
+        Ok(())
+    })?;
+    first.with_context(|| format!("{}: no frame", path.display()))
+}
+
 fn list(court: &str, as_json: bool) -> Result<()> {
-    let Court { about, points } = Court::named(court)?;
+    let Court { about, points, .. } = Court::named(court)?;
     if as_json {
         return Ok(print_line(json!({"court": court, "about": about, "points": points}))?);
     }
@@ -81,6 +117,14 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         let mark = if found.outliers.contains(&index) { "  WRONG CLICK? left out" } else { "" };
         print_line(format_args!("{:7.1} {:8.1} {:9.2}      {name}{mark}", image.x, image.y, residual.norm()))?;
     }
+    for line in found.lines.iter().filter(|line| line.is_expected) {
+        let [from, to] = [points.lines[line.index].from, points.lines[line.index].to];
+        let seen = match line.share {
+            0.0 => "NOT FOUND".into(),
+            share => format!("{:.0} % seen, {:.2} px rms", 100.0 * share, line.rms_px),
+        };
+        print_line(format_args!("line {} from {from:?} to {to:?}: {seen}", line.index))?;
+    }
     let used = points.image.len() - found.outliers.len();
     print_line(format_args!(
         "{used} points, {:.2} px rms (clicks are good to about {:.2} px a coordinate), start by {}",
@@ -88,7 +132,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         found.noise_px,
         found.method.name()
     ))?;
-    let centre = camera.world_from_camera(&nalgebra::Point3::origin());
+    let centre = found.centre();
     let [sx, sy, sz] = <[f64; 3]>::from(found.sigma_centre).map(|sigma| 100.0 * sigma);
     print_line(format_args!(
         "camera at x {:.3}  y {:.3}  z {:.3} m, ± {sx:.1} {sy:.1} {sz:.1} cm; turned to ± {:.2}°",
@@ -103,6 +147,9 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
     print_line(format_args!(
         "a ball in the picture's middle, {depth:.1} m away, is placed to ± {sigma:.1} cm by this camera"
     ))?;
+    for doubt in found.doubts(points) {
+        print_line(format_args!("DOUBTFUL: {doubt}"))?;
+    }
     if with_camera {
         print_line(serde_json::to_string(camera)?)?;
     }

@@ -38,6 +38,7 @@ impl Calibration {
             "camera": self.camera, "rms_px": self.rms_px, "noise_px": self.noise_px, "method": self.method.name(),
             "residuals_px": self.residuals_px.iter().map(|&residual| <[f64; 2]>::from(residual)).collect::<Vec<_>>(),
             "outliers": outliers.collect::<Vec<_>>(),
+            "centre": <[f64; 3]>::from(self.centre().coords), "doubts": self.doubts(points), "lines": self.lines,
             "sigma": {"rotation": <[f64; 3]>::from(self.sigma_rotation), "centre": <[f64; 3]>::from(self.sigma_centre),
                 "focal_px": self.sigma_focal_px},
             "one_sigma": self.one_sigma,

@@ -4,16 +4,20 @@
 //! the reprojection errors. The paper refines by BFGS; Levenberg–Marquardt finds the same optimum in a tenth of the
 //! steps and gives the covariance.
 
+mod doubts;
 mod json;
+mod lines;
+mod paint;
 mod points;
 mod refine;
 mod start;
 
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
+pub use self::lines::{LineSeen, calibrate_by_lines};
 pub use self::points::Points;
 pub use self::refine::Unknowns;
-use self::refine::{Guess, Refined, refine};
+use self::refine::{Guess, Refined, Seen, refine};
 use self::start::{Plane, Pose};
 use super::Camera;
 use crate::error::{Error, Result};
@@ -61,6 +65,8 @@ pub struct Calibration {
     pub residuals_px: Vec<Vector2<f64>>,
     /// Clicks that do not belong to the others, by index; they had no part in the camera.
     pub outliers: Vec<usize>,
+    /// Of [`calibrate_by_lines`]: each of the court's painted lines; else empty.
+    pub lines: Vec<LineSeen>,
     /// 1-σ of the rotation about the camera's own axes, rad.
     pub sigma_rotation: Vector3<f64>,
     /// 1-σ of the camera's place in the world, m.
@@ -106,23 +112,10 @@ impl Calibration {
 /// [`Error::Calibration`] with what to add, where the points do not fix a camera; clicks that the given lens cannot have
 /// seen are among [`Calibration::outliers`], or named there.
 pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
-    let mut unknowns = *unknowns;
-    unknowns.focal |= points.intrinsic.is_none();
-    let problem = Problem { points, unknowns };
-    let outside = problem.outside_the_lens();
-    let all: Vec<usize> = (0..points.image.len()).filter(|index| !outside.contains(index)).collect();
-    problem.check(&all).map_err(|error| problem.without(&outside, error))?;
-    let mut outliers = Vec::new();
-    let mut found = problem.solve(&all);
-    while outliers.len() < all.len().div_ceil(PER_OUTLIER) {
-        let wrong = |count| problem.wrong_clicks(&all, &outliers, count, found.as_ref().ok());
-        let Some((wrong, better)) = wrong(1).or_else(|| wrong(2)) else { break };
-        outliers.extend(wrong);
-        found = Ok(better);
-    }
-    outliers.extend(&outside);
-    outliers.sort_unstable();
-    problem.result(found.map_err(|error| problem.without(&outside, error))?, outliers)
+    let problem = Problem::new(points, unknowns);
+    let (solution, outliers) = problem.by_clicks()?;
+    let variance = problem.variance(&solution.0, &outliers);
+    problem.result(solution, outliers, variance)
 }
 
 /// A refined camera and how its start was found.
@@ -137,7 +130,37 @@ fn refuse(reason: impl Into<String>) -> Error {
     Error::Calibration { reason: reason.into() }
 }
 
-impl Problem<'_> {
+impl<'a> Problem<'a> {
+    fn new(points: &'a Points, unknowns: &Unknowns) -> Self {
+        let mut unknowns = *unknowns;
+        unknowns.focal |= points.intrinsic.is_none();
+        Self { points, unknowns }
+    }
+
+    /// The camera by the clicks, and those that had no part in it.
+    fn by_clicks(&self) -> Result<(Solution, Vec<usize>)> {
+        let outside = self.outside_the_lens();
+        let all: Vec<usize> = (0..self.points.image.len()).filter(|index| !outside.contains(index)).collect();
+        self.check(&all).map_err(|error| self.without(&outside, error))?;
+        let mut outliers = Vec::new();
+        let mut found = self.solve(&all);
+        while outliers.len() < all.len().div_ceil(PER_OUTLIER) {
+            let wrong = |count| self.wrong_clicks(&all, &outliers, count, found.as_ref().ok());
+            let Some((wrong, better)) = wrong(1).or_else(|| wrong(2)) else { break };
+            outliers.extend(wrong);
+            found = Ok(better);
+        }
+        outliers.extend(&outside);
+        outliers.sort_unstable();
+        Ok((found.map_err(|error| self.without(&outside, error))?, outliers))
+    }
+
+    /// The clicks' variance a coordinate, px². As many unknowns as clicks say nothing of it: 1 px, then.
+    fn variance(&self, by_clicks: &Refined, outliers: &[usize]) -> f64 {
+        let freedom = (2 * (self.points.image.len() - outliers.len())).saturating_sub(self.unknowns.count());
+        if freedom > 0 { by_clicks.cost / freedom as f64 } else { 1.0 }
+    }
+
     /// Clicks that a lens which is known cannot have seen, by index.
     fn outside_the_lens(&self) -> Vec<usize> {
         let is_known = self.unknowns == Unknowns::default();
@@ -239,10 +262,11 @@ impl Problem<'_> {
     fn solve(&self, of: &[usize]) -> Result<Solution> {
         let world: Vec<Point3<f64>> = of.iter().map(|&index| self.points.world[index]).collect();
         let image: Vec<Point2<f64>> = of.iter().map(|&index| self.points.image[index]).collect();
+        let clicks: Vec<Seen> = world.iter().zip(&image).map(|(&world, &image)| Seen::click(world, image)).collect();
         let refined = self.starts(&world, &image).into_iter().filter_map(|(start, method)| {
             // The pose first: a focal length must not make up for a start that is far off.
-            let pose = refine(start, &Unknowns::default(), &world, &image)?;
-            Some((refine(pose.guess, &self.unknowns, &world, &image)?, method))
+            let pose = refine(start, &Unknowns::default(), &clicks)?;
+            Some((refine(pose.guess, &self.unknowns, &clicks)?, method))
         });
         // Of two that meet in one minimum, the first.
         let better = |a: Solution, b: Solution| if b.0.cost < a.0.cost * (1.0 - SAME_COST) - SAME_COST { b } else { a };
@@ -295,7 +319,8 @@ impl Problem<'_> {
         (chance * (choices.len() as f64) < FALSE_ALARM).then_some((wrong, better))
     }
 
-    fn result(&self, (refined, method): Solution, outliers: Vec<usize>) -> Result<Calibration> {
+    /// A solution and the variance that its errors have, in the unit of its weights.
+    fn result(&self, (refined, method): Solution, outliers: Vec<usize>, variance: f64) -> Result<Calibration> {
         let vague = || {
             refuse(if self.unknowns.count() > 6 {
                 "the points do not tell the camera's distance, focal length and lens apart; add points at other depths \
@@ -306,9 +331,6 @@ impl Problem<'_> {
         };
         let used = self.points.image.len() - outliers.len();
         let unit = refined.covariance.clone().ok_or_else(vague)?;
-        let freedom = (2 * used).saturating_sub(self.unknowns.count());
-        // As many unknowns as clicks say nothing of the clicks' errors: 1 px, then.
-        let variance = if freedom > 0 { refined.cost / freedom as f64 } else { 1.0 };
         // Small enough for a derivative: a millionth of what clicks of 1 px would leave open.
         let steps: Vec<f64> = unit.diagonal().iter().map(|variance| (1e-6 * variance.sqrt()).max(1e-12)).collect();
         let size = self.points.size;
@@ -319,12 +341,16 @@ impl Problem<'_> {
         let residual = |(world, image): (&Point3<f64>, &Point2<f64>)| {
             camera.image_from_world(world).map_or(Vector2::repeat(f64::INFINITY), |found| found - image)
         };
+        let residuals_px: Vec<Vector2<f64>> = self.points.world.iter().zip(&self.points.image).map(residual).collect();
+        let of_used = residuals_px.iter().enumerate().filter(|(index, _)| !outliers.contains(index));
+        let square = of_used.map(|(_, residual)| residual.norm_squared()).sum::<f64>();
         let mut calibration = Calibration {
-            rms_px: (refined.cost / used as f64).sqrt(),
+            rms_px: (square / used as f64).sqrt(),
             noise_px: variance.sqrt(),
             method,
-            residuals_px: self.points.world.iter().zip(&self.points.image).map(residual).collect(),
+            residuals_px,
             outliers,
+            lines: Vec::new(),
             sigma_rotation: Vector3::from_fn(|axis, _| (unit[(axis, axis)] * variance).sqrt()),
             sigma_centre: Vector3::zeros(),
             sigma_focal_px: if self.unknowns.focal {

@@ -5,7 +5,7 @@ use std::path::Path;
 use nalgebra::{Matrix3, Point2, Point3};
 use serde::Deserialize;
 
-use crate::camera::court::Court;
+use crate::camera::court::{Court, CourtLine};
 use crate::camera::{Camera, Distortion};
 use crate::error::{Error, Result};
 use crate::size::Size;
@@ -25,6 +25,8 @@ pub struct Points {
     pub world: Vec<Point3<f64>>,
     /// Where they were clicked, px.
     pub image: Vec<Point2<f64>>,
+    /// What is painted where, for [`calibrate_by_lines`](crate::calibrate_by_lines).
+    pub lines: Vec<CourtLine>,
 }
 
 /// The file's fields.
@@ -40,11 +42,12 @@ struct PointsFile {
     court: Option<String>,
     names: Option<Vec<String>>,
     image: Vec<[f64; 2]>,
+    lines: Option<Vec<CourtLine>>,
 }
 
 impl Points {
     /// Reads the text of a `points.json`; `what` names it in errors. World coordinates are in the file (`world`), or
-    /// those of named points of a court (`court` and `names`).
+    /// those of named points of a court (`court` and `names`); so are painted lines (`lines`, else the court's).
     ///
     /// # Errors
     /// [`Error::Format`] for a text of another form; [`Error::Value`] for numbers that cannot be; as [`Court::named`].
@@ -64,6 +67,13 @@ impl Points {
         if !names.is_empty() && names.len() != world.len() {
             return Err(Error::value(what, "names", format!("has {} names for {} points", names.len(), world.len())));
         }
+        let of_court = || file.court.as_deref().map(|court| Ok(Court::named(court)?.lines.clone()));
+        let lines = file.lines.map(Ok).or_else(of_court).transpose()?.unwrap_or_default();
+        if let Some(index) = lines.iter().position(|line| !line.is_possible()) {
+            let reason =
+                "is no line: two ends apart, a width over 0 and, where `paint` is given, a unit vector across it";
+            return Err(Error::value(what, format!("lines[{index}]"), reason));
+        }
         let intrinsic = file.intrinsic.map(|rows| Matrix3::from_fn(|row, column| rows[row][column]));
         let size = Size::new(file.width, file.height);
         // Refused as a camera's would be.
@@ -77,6 +87,7 @@ impl Points {
             names,
             world: world.into_iter().map(Point3::from).collect(),
             image: file.image.into_iter().map(Point2::from).collect(),
+            lines,
         })
     }
 

@@ -58,6 +58,26 @@ impl Unknowns {
     }
 }
 
+/// Where something known is seen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    /// m.
+    pub world: Point3<f64>,
+    /// px.
+    pub image: Point2<f64>,
+    /// Of a line's point, the only direction (unit vector) in which the picture says where it is.
+    pub across: Option<Vector2<f64>>,
+    /// 1/σ, px⁻¹.
+    pub weight: f64,
+}
+
+impl Seen {
+    /// A click on a point.
+    pub(super) fn click(world: Point3<f64>, image: Point2<f64>) -> Self {
+        Self { world, image, across: None, weight: 1.0 }
+    }
+}
+
 /// A camera as the refinement moves it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Guess {
@@ -92,7 +112,7 @@ impl Guess {
 
     /// A point's error (found less clicked, px) and its derivative by the parameters; [`None`] behind the camera or
     /// outside the lens's range.
-    fn error(
+    pub(super) fn error(
         &self,
         range: &Range,
         unknowns: &Unknowns,
@@ -136,21 +156,23 @@ impl Guess {
         Some((found - image.coords, derivatives))
     }
 
-    /// Errors and derivatives of all points; [`None`] where one has no image.
-    fn errors(
-        &self,
-        unknowns: &Unknowns,
-        world: &[Point3<f64>],
-        image: &[Point2<f64>],
-    ) -> Option<(DVector<f64>, DMatrix<f64>)> {
+    /// Weighted errors of all that is seen, and their derivatives; [`None`] where something has no image.
+    fn errors(&self, unknowns: &Unknowns, all: &[Seen]) -> Option<(DVector<f64>, DMatrix<f64>)> {
         let range = Range::of(&self.distortion);
-        let mut errors = DVector::zeros(2 * world.len());
-        let mut jacobian = DMatrix::zeros(2 * world.len(), unknowns.count());
-        for (index, (world, image)) in world.iter().zip(image).enumerate() {
-            let (error, derivatives) = self.error(&range, unknowns, world, image)?;
-            errors.fixed_rows_mut::<2>(2 * index).copy_from(&error);
-            for (column, derivative) in derivatives.iter().enumerate() {
-                jacobian.fixed_view_mut::<2, 1>(2 * index, column).copy_from(derivative);
+        let rows = all.iter().map(|seen| if seen.across.is_some() { 1 } else { 2 }).sum();
+        let mut errors = DVector::zeros(rows);
+        let mut jacobian = DMatrix::zeros(rows, unknowns.count());
+        let mut row = 0;
+        for seen in all {
+            let (error, derivatives) = self.error(&range, unknowns, &seen.world, &seen.image)?;
+            let [x, y] = [Vector2::x(), Vector2::y()];
+            let directions = seen.across.map_or_else(|| vec![x, y], |across| vec![across]);
+            for direction in directions.iter().map(|direction| seen.weight * direction) {
+                errors[row] = direction.dot(&error);
+                for (column, derivative) in derivatives.iter().enumerate() {
+                    jacobian[(row, column)] = direction.dot(derivative);
+                }
+                row += 1;
             }
         }
         errors.iter().chain(jacobian.iter()).all(|value| value.is_finite()).then_some((errors, jacobian))
@@ -184,7 +206,7 @@ impl Guess {
 #[derive(Debug, Clone)]
 pub(super) struct Refined {
     pub guess: Guess,
-    /// Sum of squared errors, px².
+    /// Sum of squared weighted errors: px² where these are clicks of weight 1.
     pub cost: f64,
     /// Inverse of the normal matrix: the parameters' covariance for clicks of 1 px; [`None`] where the points do not
     /// tell some of the parameters apart.
@@ -197,14 +219,13 @@ struct Reprojection<'a> {
     errors: DVector<f64>,
     jacobian: DMatrix<f64>,
     unknowns: &'a Unknowns,
-    world: &'a [Point3<f64>],
-    image: &'a [Point2<f64>],
+    seen: &'a [Seen],
 }
 
 impl<'a> Reprojection<'a> {
-    fn of(guess: Guess, unknowns: &'a Unknowns, world: &'a [Point3<f64>], image: &'a [Point2<f64>]) -> Option<Self> {
-        let (errors, jacobian) = guess.errors(unknowns, world, image)?;
-        Some(Self { guess, errors, jacobian, unknowns, world, image })
+    fn of(guess: Guess, unknowns: &'a Unknowns, seen: &'a [Seen]) -> Option<Self> {
+        let (errors, jacobian) = guess.errors(unknowns, seen)?;
+        Some(Self { guess, errors, jacobian, unknowns, seen })
     }
 }
 
@@ -231,7 +252,7 @@ impl LeastSquares for Reprojection<'_> {
     }
 
     fn moved(&self, _: &Self::Normal, step: &DVector<f64>) -> Result<Option<Self>, Infallible> {
-        Ok(Self::of(self.guess.moved(self.unknowns, step.as_slice()), self.unknowns, self.world, self.image))
+        Ok(Self::of(self.guess.moved(self.unknowns, step.as_slice()), self.unknowns, self.seen))
     }
 
     fn is_last(step: &DVector<f64>) -> bool {
@@ -239,14 +260,9 @@ impl LeastSquares for Reprojection<'_> {
     }
 }
 
-/// The nearest minimum; [`None`] where a point has no image at the start.
-pub(super) fn refine(
-    start: Guess,
-    unknowns: &Unknowns,
-    world: &[Point3<f64>],
-    image: &[Point2<f64>],
-) -> Option<Refined> {
-    let Ok(found) = minimised(Reprojection::of(start, unknowns, world, image)?, &DAMPING);
+/// The nearest minimum; [`None`] where something that is seen has no image at the start.
+pub(super) fn refine(start: Guess, unknowns: &Unknowns, seen: &[Seen]) -> Option<Refined> {
+    let Ok(found) = minimised(Reprojection::of(start, unknowns, seen)?, &DAMPING);
     let mut guess = found.guess;
     // Rounding of many small turns.
     if let Some((rotation, _)) = nearest_rotation(&guess.pose.rotation) {

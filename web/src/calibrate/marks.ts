@@ -19,6 +19,7 @@ export interface Scene {
 }
 
 export function paint(context: CanvasRenderingContext2D, place: Place, scene: Scene): void {
+  for (const { run, isFound } of scene.calibration?.lines ?? []) drawLine(context, run.map(place), isFound);
   for (const [index, point] of scene.points.entries()) {
     const put = scene.calibration?.put[index];
     if (put) drawPut(context, place(put), point.click ? place(point.click) : undefined);
@@ -27,6 +28,15 @@ export function paint(context: CanvasRenderingContext2D, place: Place, scene: Sc
     if (click) drawClick(context, place(click), String(index + 1), index === scene.moved, scene.calibration?.outliers.has(index) ?? false);
   }
   if (scene.cross) drawCross(context, place(scene.cross));
+}
+
+/** A court's line where the camera puts it; one that the picture was not seen to show is dashed. */
+function drawLine(context: CanvasRenderingContext2D, run: Pixel[], isFound: boolean): void {
+  const path = new Path2D();
+  for (const at of run) path.lineTo(...at);
+  context.setLineDash(isFound ? [] : [3, 7]);
+  stroke(context, path, PUT, 1);
+  context.setLineDash([]);
 }
 
 function drawPut(context: CanvasRenderingContext2D, at: Pixel, click: Pixel | undefined): void {

@@ -1,4 +1,5 @@
 /** The camera that the core made of the clicks, how sure it is, and which clicks it does not believe. */
+import type { CalibrationLine } from "gravisight";
 import { make } from "../dom";
 import type { Parts } from "../shared/panel";
 import type { Calibration } from "./calibration";
@@ -16,14 +17,16 @@ export class Result {
     this.hint(why);
     this.#part("cal-found").hidden = true;
     this.#part("cal-outliers").replaceChildren();
+    this.#part("cal-doubts").replaceChildren();
     this.#enable(false);
   }
 
-  show({ found: { camera, rmsPx, sigma, pointSigma }, outliers }: Calibration, nameOf: (index: number) => string): void {
+  show({ found: { camera, rmsPx, sigma, pointSigma, centre, doubts, lines }, outliers, withoutLines }: Calibration, nameOf: (index: number) => string): void {
     this.hint("");
     this.#part("cal-found").hidden = false;
     const [[focal = NaN] = []] = camera.intrinsic;
     this.#number("cal-rms", [rmsPx], (value) => value.toFixed(2));
+    this.#number("cal-centre", centre, (value) => value.toFixed(2));
     this.#number("cal-centre-sigma", sigma.centre, centimetres);
     this.#number("cal-point-sigma", pointSigma.world, centimetres);
     this.#number("cal-focal-found", [focal], (value) => value.toFixed(1) + (sigma.focalPx > 0 ? ` ± ${sigma.focalPx.toFixed(1)}` : ""));
@@ -32,6 +35,14 @@ export class Result {
       ...[...outliers].map(([index, { residualPx }]) => {
         const item = make("li", { class: "callout" }, make("strong", { text: `Wrong click? ${nameOf(index)}` }));
         item.append(` does not fit the others and was left out. The camera puts it ${offBy(residualPx)} from your click.`);
+        return item;
+      }),
+    );
+    this.#part("cal-lines").textContent = withoutLines ? `By the clicks alone: ${withoutLines}` : linesWords(lines);
+    this.#part("cal-doubts").replaceChildren(
+      ...doubts.map((doubt) => {
+        const item = make("li", { class: "callout" }, make("strong", { text: "Doubtful" }));
+        item.append(`: ${doubt}`);
         return item;
       }),
     );
@@ -51,6 +62,14 @@ export class Result {
     place.value = values.join(" ");
     place.textContent = values.map(words).join(" · ");
   }
+}
+
+function linesWords(lines: CalibrationLine[]): string {
+  const expected = lines.filter(({ isExpected }) => isExpected);
+  const found = expected.filter(({ share }) => share > 0);
+  if (found.length === 0) return "";
+  const rms = Math.hypot(...found.map(({ rmsPx }) => rmsPx)) / Math.sqrt(found.length);
+  return `Made exact by ${found.length} of the ${expected.length} painted lines that the picture should show; they lie ${rms.toFixed(2)} pixels from where the camera puts them.`;
 }
 
 function centimetres(metres: number): string {

@@ -1,0 +1,110 @@
+//! What about a calibrated camera cannot be, or hardly: words for whoever clicked.
+
+use nalgebra::{Point2, Point3, Vector2};
+
+use super::{Calibration, Points};
+use crate::camera::Camera;
+
+/// Below the ground by more than this, m, and so many σ.
+const BELOW: f64 = 0.1;
+const SIGMAS: f64 = 3.0;
+/// A lens that moves the picture's corners by more than this share is none that cameras have without being a fisheye.
+const BENT: f64 = 0.4;
+/// Widest and narrowest picture, degrees.
+const WIDEST: f64 = 130.0;
+const NARROWEST: f64 = 1.0;
+/// The camera's place is unsure by more than this share of its distance.
+const VAGUE: f64 = 0.2;
+/// Clicks farther from where the lines say than so many of their σ, root mean square.
+const UNLIKE_CLICKS: f64 = 1.5;
+/// Share of the lines in the picture that may be missing.
+const MISSING: f64 = 0.15;
+
+impl Calibration {
+    /// What is doubtful about the camera, in words: below the ground, a lens that no camera has, lines that are not where they should
+    /// be. Empty where nothing is.
+    pub fn doubts(&self, points: &Points) -> Vec<String> {
+        [self.below(points), self.lens(), self.width(), self.vague(points), self.missing(), self.unlike()]
+            .into_iter()
+            .flatten()
+            .collect()
+    }
+
+    /// Where the camera stands in the world, m.
+    pub fn centre(&self) -> Point3<f64> {
+        self.camera.world_from_camera(&Point3::origin())
+    }
+
+    fn below(&self, points: &Points) -> Option<String> {
+        let ground = points.world.iter().map(|point| point.z).fold(0.0, f64::min);
+        let below = ground - self.centre().z;
+        (below > BELOW.max(SIGMAS * self.sigma_centre.z)).then(|| {
+            format!("the camera would be {below:.1} m below the ground: are near and far, or left and right, mixed up?")
+        })
+    }
+
+    fn lens(&self) -> Option<String> {
+        let camera = &self.camera;
+        let [width, height] = camera.size().xy();
+        let inverse = camera.intrinsic().try_inverse()?;
+        let mut most: f64 = 0.0;
+        for corner in [[0.0, 0.0], [width - 1.0, 0.0], [0.0, height - 1.0], [width - 1.0, height - 1.0]] {
+            let seen: Vector2<f64> = (inverse * Point2::from(corner).coords.push(1.0)).xy();
+            let Ok(ideal) = camera.distortion().undistort(seen) else {
+                return Some(
+                    "the lens found does not reach the picture's corners: estimate less of it, or add points near the corners".into(),
+                );
+            };
+            most = most.max((seen - ideal).norm() / ideal.norm().max(f64::MIN_POSITIVE));
+        }
+        (most > BENT).then(|| {
+            format!(
+                "the lens found bends the picture's corners by {:.0} %: estimate less of it, or add points near the corners",
+                100.0 * most
+            )
+        })
+    }
+
+    fn width(&self) -> Option<String> {
+        let degrees = field_of_view(&self.camera);
+        (!(NARROWEST..=WIDEST).contains(&degrees)).then(|| {
+            format!("the picture would be {degrees:.1}° wide: give `intrinsic`, or add points at other depths")
+        })
+    }
+
+    fn vague(&self, points: &Points) -> Option<String> {
+        let distance = self.middle(points).1;
+        let sigma = self.sigma_centre.norm();
+        (sigma > VAGUE * distance).then(|| {
+            format!("the clicks leave open where the camera is, to ± {sigma:.1} m: add points farther apart, at other depths or heights")
+        })
+    }
+
+    fn unlike(&self) -> Option<String> {
+        let of_clicks = self.noise_px * std::f64::consts::SQRT_2;
+        (!self.lines.is_empty() && self.rms_px > UNLIKE_CLICKS * of_clicks).then(|| {
+            format!(
+                "the clicks are {:.1} px (root mean square) from where the painted lines say their points are: is it this court, and was \
+                 each point clicked that its name says?",
+                self.rms_px
+            )
+        })
+    }
+
+    fn missing(&self) -> Option<String> {
+        let expected: Vec<_> = self.lines.iter().filter(|line| line.is_expected).collect();
+        let missing = expected.iter().filter(|line| line.share == 0.0).count();
+        (missing as f64 > MISSING * expected.len() as f64).then(|| {
+            format!(
+                "{missing} of {} painted lines that the picture should show are not where this camera puts them: was each point clicked \
+                 that its name says?",
+                expected.len()
+            )
+        })
+    }
+}
+
+/// How wide the picture is without its lens's distortion, degrees.
+fn field_of_view(camera: &Camera) -> f64 {
+    (2.0 * (camera.size().xy()[0] / 2.0 / camera.intrinsic()[(0, 0)]).atan()).to_degrees()
+}
