@@ -37,6 +37,8 @@ class Step {
   readonly #clicks: Clicks;
   #calibration: Calibration | undefined;
   #timer = 0;
+  /** The step that asked for a camera. */
+  #back = "";
   /** Of the calibration that is wanted; the answers of others come too late. */
   #run = 0;
 
@@ -84,7 +86,9 @@ class Step {
       select.append(...courts.map((name) => new Option(spoken(name), name)));
       // Not filled anew: the user may be writing already.
       select.value = this.#state.given.court;
+      await this.#takeWish();
     });
+    workspace.addEventListener("calibrate", () => void this.#alert.during(() => this.#takeWish()));
   }
 
   get #points(): Point[] {
@@ -108,6 +112,8 @@ class Step {
       if (!this.#calibration) return;
       workspace.camera = this.#calibration.found.camera;
       this.#say("This camera is now the one that the other steps use. It is kept in this browser.");
+      if (this.#back) location.hash = this.#back;
+      this.#showBack("");
     });
     on("cal-save", () => {
       if (this.#calibration) save("camera.json", `${JSON.stringify(this.#calibration.found.camera, null, 1)}\n`);
@@ -172,6 +178,22 @@ class Step {
     // The camera may have moved: clicks of the last picture say nothing about this one.
     if (this.#points.some((point) => point.click)) this.#change(() => this.#points.forEach((point) => (point.click = null)));
     else this.#changed();
+  }
+
+  /** Another step asks for the camera of a picture. */
+  async #takeWish(): Promise<void> {
+    const { wish } = workspace;
+    if (!wish) return;
+    workspace.wish = undefined;
+    await this.#takePicture(wish.picture, wish.name);
+    const court = [...this.#part<HTMLSelectElement>("cal-court").options].map(({ value }) => value).find((name) => name !== "" && name.startsWith(wish.sport));
+    if (wish.sport && court && court !== this.#state.given.court) await this.#takeCourt(court);
+    this.#showBack(wish.back);
+  }
+
+  #showBack(step: string): void {
+    this.#back = step;
+    this.#part("cal-use").textContent = step ? "Use this camera and go back" : "Use this camera";
   }
 
   async #takeSample(): Promise<void> {

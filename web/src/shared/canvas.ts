@@ -31,6 +31,15 @@ export function canvasOf(image: ImageData): HTMLCanvasElement {
   return canvas;
 }
 
+/** What is shown as a picture file, without loss. */
+export function pictureFile(image: CanvasImageSource, { width, height }: Size): Promise<Blob> {
+  const canvas = make("canvas");
+  canvas.width = width;
+  canvas.height = height;
+  contextOf(canvas).drawImage(image, 0, 0, width, height);
+  return blobOf(canvas, "image/png");
+}
+
 /** A canvas as a picture file. */
 export function blobOf(canvas: HTMLCanvasElement, type: "image/png" | "image/webp"): Promise<Blob> {
   return new Promise((resolve, reject) => {

@@ -20,6 +20,16 @@ export interface StoredClip {
   heldOut: boolean;
 }
 
+/** A picture to calibrate on, and who asks. */
+export interface CalibrationWish {
+  picture: Blob;
+  name: string;
+  /** A sport whose court it may show; empty where none is known. */
+  sport: string;
+  /** The step to go back to with the camera. */
+  back: string;
+}
+
 /** The paper's court without its obstacles: gravity and a floor, a ball of 40 cm. */
 const SCENE: Scene = {
   gravity: [0, 0, -9.81],
@@ -30,8 +40,18 @@ const SCENE: Scene = {
 
 const CLIP = "clip ";
 
-/** Fires `camera`, `scene` and `clips` when they change. */
+/** Fires `camera`, `scene` and `clips` when they change, `calibrate` when a picture is to be calibrated on. */
 class Workspace extends EventTarget {
+  /** Until the step Calibrate takes it. */
+  wish: CalibrationWish | undefined;
+
+  /** Opens the step Calibrate with a picture. */
+  calibrate(wish: CalibrationWish): void {
+    this.wish = wish;
+    this.dispatchEvent(new Event("calibrate"));
+    location.hash = "calibrate";
+  }
+
   get camera(): Camera | undefined {
     return parsed("gravisight.camera");
   }

@@ -1,8 +1,8 @@
 /** Step 2: the ball in your own picture, video or webcam; its path through space, as plots and as files. */
 import type { Vector } from "gravisight";
 import { wordsOf } from "../dom";
+import { pictureFile } from "../shared/canvas";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
-import { MODELS } from "../shared/core";
 import { isJson, save } from "../shared/files";
 import { Job, type Watch } from "../shared/job";
 import type { Layer } from "../shared/maps";
@@ -14,7 +14,8 @@ import { makeExample } from "./example";
 import { fitted } from "./fit";
 import { FitResult } from "./fit-result";
 import { Looker } from "./looker";
-import { chosenDevice, Model } from "./model";
+import { Model } from "./model";
+import { Following } from "./following";
 import { Numbers } from "./numbers";
 import markup from "./panel.html?raw";
 import { Place } from "./place";
@@ -23,7 +24,6 @@ import { csvOf, fittedAt, jsonOf } from "./report";
 import type { Curve, Seen } from "./sightings";
 import { PictureSource, type Source } from "./sources";
 import "./style.css";
-import { curveOf, seenOf, Tracking } from "./tracking";
 import { Transport } from "./transport";
 import { VideoSource } from "./video-source";
 
@@ -54,8 +54,7 @@ class Step {
   #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
   #loading: Promise<void> | undefined;
   #fit: Curve | undefined;
-  /** Of the source that is open, once it was tracked. */
-  #tracking: Tracking | undefined;
+  readonly #following: Following;
   /** The sightings that the fit is of. */
   #fitVersion = -1;
   /** Of what is shown now. */
@@ -87,6 +86,10 @@ class Step {
         },
       },
     );
+    this.#following = new Following(
+      { part, place: this.#place, overlay: this.#overlay, transport: this.#transport, looker: this.#looker, job: this.#job },
+      { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve) },
+    );
     this.#listen();
     this.#showPlace();
   }
@@ -103,7 +106,8 @@ class Step {
     onClick("video-example", () => this.#openExample());
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
     onClick("video-stop", () => this.#close());
-    onClick("video-track", () => this.#trackNow());
+    onClick("video-track", () => this.#following.start());
+    onClick("video-calibrate", () => this.#calibrate());
     onClick("video-fit", () => this.#fitNow());
     onClick("video-clear", () => this.#forget());
     onClick("video-csv", () => save(`${this.#fileName}.csv`, csvOf(this.#looker.sightings.all, this.#fit), "text/csv"));
@@ -124,11 +128,14 @@ class Step {
         this.#placeChanged();
       });
     });
-    part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#correct(event)));
+    part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#following.correct(event)));
     const take = (files: File[]) => void this.#alert.during(() => this.#take(files));
     listenForChosen(part<HTMLInputElement>("video-input"), take);
     listenForDropped(this.#panel, part("video-drop"), take);
-    workspace.addEventListener("camera", () => this.#placeChanged());
+    workspace.addEventListener("camera", () => {
+      this.#place.cameraChanged();
+      this.#placeChanged();
+    });
     workspace.addEventListener("scene", () => this.#placeChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
   }
@@ -218,11 +225,20 @@ class Step {
   #close(): void {
     this.#job.abort();
     this.#source?.dispose();
-    this.#endTracking();
+    this.#following.end();
     this.#looker.open(undefined);
     this.#model.dispose();
     this.#loading = undefined;
     this.#showSource();
+  }
+
+  /** Hands the frame that is shown to the step Calibrate, which hands a camera back. */
+  async #calibrate(): Promise<void> {
+    const { current, width, height } = this.#source ?? {};
+    if (!current || !width || !height) throw new Error("First a frame has to be there.");
+    this.#source?.pause();
+    const picture = await pictureFile(current.image, { width, height });
+    workspace.calibrate({ picture, name: `a frame of ${this.#about.name}`, sport: this.#place.sport, back: "video" });
   }
 
   // What is shown.
@@ -243,7 +259,7 @@ class Step {
 
   #showCounts(): void {
     const { sightings, skipped, milliseconds } = this.#looker;
-    const { watched = sightings.all.length, missed = skipped } = this.#tracking ?? {};
+    const { watched = sightings.all.length, missed = skipped } = this.#following.counts ?? {};
     this.#numbers.showCounts(watched, missed, milliseconds, this.#about.kind === "webcam");
   }
 
@@ -271,7 +287,7 @@ class Step {
 
   #showSource(): void {
     this.#transport.open(this.#source);
-    this.#showTrack();
+    this.#following.showWhether();
     this.#part<HTMLFieldSetElement>("video-layers").disabled = !this.#source;
   }
 
@@ -299,77 +315,6 @@ class Step {
 
   // What is made of it.
 
-  /** Gives the whole source to a tracker. */
-  async #trackNow(): Promise<void> {
-    const source = this.#source;
-    const { camera, scene } = this.#place;
-    if (!source || !camera || !scene) throw new Error("To track takes a video, its camera, and its place and ball.");
-    source.pause();
-    this.#forget();
-    this.#looker.tracked = true;
-    try {
-      await this.#job.run("Loading the model…", async (watch) => {
-        // The one that reads sizes, whatever the step Try shows.
-        const which = { model: MODELS.any, device: chosenDevice() };
-        this.#tracking = await Tracking.through(source, { camera, scene }, which, watch, ({ image, timeMs }) => {
-          this.#overlay.showPlain(image, "A frame that is being looked at");
-          this.#transport.showTime(timeMs);
-        });
-        await this.#showTracked(watch);
-      });
-    } catch (thrown) {
-      this.#forget();
-      throw thrown;
-    }
-  }
-
-  async #showTracked(watch: Watch): Promise<void> {
-    const { camera } = this.#place;
-    if (!this.#tracking || !camera) return;
-    const found = await this.#tracking.track(watch);
-    this.#looker.sightings.replace(seenOf(found, camera));
-    this.#showCurve(curveOf(found));
-    this.#source?.seek(this.#looker.sightings.all[0]?.timeMs ?? 0);
-  }
-
-  /** A person says where the ball is, after the track was made: it is made anew. */
-  async #correct(event: MouseEvent): Promise<void> {
-    const { current } = this.#source ?? {};
-    if (!this.#tracking || !current || this.#job.isRunning) return;
-    const { left, top, width, height } = (event.currentTarget as HTMLElement | null ?? this.#part("video-overlay")).getBoundingClientRect();
-    const at = (part: number, all: number) => part * all - 0.5;
-    const { timeMs } = current;
-    this.#tracking.mark(timeMs, [at((event.clientX - left) / width, this.#about.width), at((event.clientY - top) / height, this.#about.height)]);
-    await this.#job.run("Finding the flights…", (watch) => this.#showTracked(watch));
-    this.#source?.seek(timeMs);
-  }
-
-  #endTracking(): void {
-    this.#tracking?.dispose();
-    this.#tracking = undefined;
-    this.#looker.tracked = false;
-  }
-
-  /** Whether the source can be tracked, and why not. */
-  #showTrack(): void {
-    const source = this.#source;
-    const { camera, scene } = this.#place;
-    const reason = !source
-      ? "Closed: choose a video again to track it."
-      : source.kind === "webcam"
-        ? "The webcam has no end: record a video to track it."
-        : source.durationMs <= 0
-          ? "One picture is no flight: choose a video to track it."
-          : !camera
-            ? "First it takes the camera."
-            : !scene
-              ? "First it takes the place and the ball."
-              : "";
-    this.#part<HTMLButtonElement>("video-track").disabled = reason !== "";
-    this.#part("video-overlay").dataset.marking = String(this.#tracking !== undefined);
-    this.#part("video-track-why").textContent = reason || (this.#tracking ? "Is the ball elsewhere in a frame? Click it there: the track is made anew." : "Every frame, then the flights: a video takes a few times as long as it lasts.");
-  }
-
   async #fitNow(): Promise<void> {
     const { camera, scene } = this.#place;
     if (!camera || !scene) throw new Error("A fit needs the camera, and the place and ball.");
@@ -388,12 +333,12 @@ class Step {
     this.#view.setMarks([...fit.bounces, ...fit.hits].map(({ world }) => world));
     if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
     this.#refresh();
-    this.#showTrack();
+    this.#following.showWhether();
   }
 
   /** Forgets all positions. */
   #forget(): void {
-    this.#endTracking();
+    this.#following.end();
     this.#looker.forget();
     this.#fit = this.#shown = undefined;
     this.#fitResult.clear();
@@ -426,7 +371,7 @@ class Step {
     const ball = this.#part<HTMLInputElement>("video-ball");
     ball.disabled = !scene || this.#place.example !== undefined;
     ball.value = scene ? String(Number((200 * scene.ball.radius).toFixed(2))) : "";
-    this.#showTrack();
+    this.#following.showWhether();
   }
 
   #saveJson(): void {

@@ -43,6 +43,11 @@ export class Place {
     this.#radius = radius;
   }
 
+  /** The other steps have another camera: it is newer than one that was dropped. */
+  cameraChanged(): void {
+    delete this.#dropped.camera;
+  }
+
   /** Whose camera and scene they are, in words. */
   get words(): string {
     if (this.example) return "Camera and scene: the example’s own.";
