@@ -7,12 +7,11 @@ use rand::rngs::StdRng;
 use super::super::random::canvas::{Canvas, Colour, Ellipse, Line, Polygon, mix};
 use super::super::random::noise::smooth;
 use super::Kind;
-use crate::camera::Camera;
+use crate::camera::{Camera, Court};
 use crate::physics::Scene;
 use crate::size::Size;
 
-/// Half a line's width, m, and the least, px.
-const HALF_LINE: f64 = 0.03;
+/// Half a line's least width, px.
 const LEAST_HALF: f64 = 0.4;
 /// Opacity of a net.
 const NET: f32 = 0.35;
@@ -144,18 +143,18 @@ pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: Colour, r
         let seen = camera.camera_from_world(&point.into());
         (seen.z > 0.3).then(|| camera.image_from_camera(&seen).ok().map(|at| (at, seen.z))).flatten()
     };
-    let focal = camera.intrinsic()[(0, 0)];
-    for [from, to] in &scene.lines {
+    for line in Court::named(kind.name()).map_or(&[][..], |court| &court.lines) {
         // In short pieces: a line's width is another at either end, and its end may be behind the camera.
-        let piece =
-            |share: f64| -> [f64; 3] { std::array::from_fn(|axis| from[axis] + share * (to[axis] - from[axis])) };
         for part in 0..20 {
-            let ends = [part, part + 1].map(|number| image(piece(f64::from(number) / 20.0)));
-            if let [Some((a, depth)), Some((b, _))] = ends {
-                let half = (HALF_LINE * focal / depth * 0.7).max(LEAST_HALF) as f32;
-                let line = Line { from: [a.x as f32, a.y as f32], to: [b.x as f32, b.y as f32], half };
-                canvas.fill(&line, 1.2, 0.9, |_, _| [0.93, 0.93, 0.9]);
-            }
+            let edges = [part, part + 1].map(|number| {
+                let edges = line.edges(f64::from(number) / 20.0)?;
+                Some([image(edges[0].into())?.0, image(edges[1].into())?.0])
+            });
+            let [Some([a, b]), Some([c, d])] = edges else { continue };
+            let [from, to] = [nalgebra::center(&a, &b), nalgebra::center(&c, &d)];
+            let half = (0.5 * (to - from).normalize().perp(&(b - a)).abs()).max(LEAST_HALF) as f32;
+            let line = Line { from: [from.x as f32, from.y as f32], to: [to.x as f32, to.y as f32], half };
+            canvas.fill(&line, 1.2, 0.9, |_, _| [0.93, 0.93, 0.9]);
         }
     }
     let surface = scene.boxes.iter().map(|cuboid| cuboid.position[2] + cuboid.half_size[2]).fold(0.0, f64::max);
