@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 
 pub use self::resize::{Filter, resized};
 use crate::error::{Error, Result};
+use crate::kernels::Vectors;
+use crate::kernels::pixels::rgb_of_rgba;
 use crate::size::Size;
 
 /// Smallest side of a picture that can show a ball, px.
@@ -69,11 +71,8 @@ impl Picture {
         }
         // A video's frames are opaque, and many.
         let mut rgb = RgbImage::new(size.width, size.height);
-        let mut opaque = u8::MAX;
-        for (to, [red, green, blue, alpha]) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(rgba.as_chunks::<4>().0) {
-            *to = [*red, *green, *blue];
-            opaque &= alpha;
-        }
+        let mut opaque = 0;
+        rgb_of_rgba(Vectors::best(), rgba, &mut rgb, &mut opaque);
         if opaque == u8::MAX {
             return Ok(Self::from_rgb(rgb));
         }

@@ -8,6 +8,7 @@ mod gradient;
 mod map;
 mod norm;
 mod parallel;
+pub mod pixels;
 mod resample;
 mod simd;
 #[cfg(test)]

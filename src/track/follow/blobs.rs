@@ -2,6 +2,9 @@
 
 use rayon::prelude::*;
 
+use crate::kernels::Vectors;
+use crate::kernels::pixels::largest;
+
 /// Fewest pixels of a part.
 const FEWEST_PIXELS: usize = 4;
 /// Longest streak, in its widths.
@@ -128,10 +131,11 @@ fn connected(differences: &[u8], width: usize, contrast: u8) -> (Vec<Run>, usize
 fn runs_of(row: usize, pixels: &[u8], contrast: u8) -> Vec<Run> {
     let mut runs = Vec::new();
     let mut start = None;
-    for (number, few) in pixels.chunks(FEW).enumerate() {
+    let mut most = vec![0; pixels.len().div_ceil(FEW)];
+    largest(Vectors::best(), pixels, FEW, &mut most);
+    for ((number, few), most) in pixels.chunks(FEW).enumerate().zip(most) {
         // Most are below, all of them.
-        let any = few.iter().fold(0, |most, &it| it.max(most)) > contrast;
-        if !any && start.is_none() {
+        if most <= contrast && start.is_none() {
             continue;
         }
         for (x, &difference) in (number * FEW..).zip(few) {

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use image::RgbImage;
-use pulp::Arch;
 use rayon::prelude::*;
+
+use crate::kernels::{Vectors, pixels};
 
 /// Frames of which the first background is the median.
 pub(super) const FIRST_FRAMES: usize = 15;
@@ -46,14 +47,8 @@ impl Planes {
         let [mut brightness, mut colour] = [(); 2].map(|()| spare.take(width * height));
         let band = BAND * width.max(1);
         let bands = brightness.par_chunks_mut(band).zip(colour.par_chunks_mut(band));
-        bands.zip(rgb.as_raw().par_chunks(3 * band)).for_each(|((brightness, colour), pixels)| {
-            Arch::new().dispatch(|| {
-                for ((brightness, colour), pixel) in brightness.iter_mut().zip(colour).zip(pixels.as_chunks::<3>().0) {
-                    let [red, green, blue] = pixel.map(u16::from);
-                    *brightness = ((red + 2 * green + blue) >> 2) as u8;
-                    *colour = ((255 + red - blue) >> 1) as u8;
-                }
-            });
+        bands.zip(rgb.as_raw().par_chunks(3 * band)).for_each(|((brightness, colour), rgb)| {
+            pixels::levels(Vectors::best(), rgb, brightness, colour);
         });
         Self { width, height, levels: [brightness, colour] }
     }
@@ -64,20 +59,10 @@ impl Planes {
         let band = BAND * self.width.max(1);
         let [[a, b], [c, d]] = [self, other].map(|planes| planes.levels.each_ref().map(|it| it.par_chunks(band)));
         differences.par_chunks_mut(band).zip(a.zip(c)).zip(b.zip(d)).for_each(|((differences, (a, c)), (b, d))| {
-            Arch::new().dispatch(|| {
-                for ((difference, (a, c)), (b, d)) in differences.iter_mut().zip(a.iter().zip(c)).zip(b.iter().zip(d)) {
-                    *difference = between([*a, *b], [*c, *d]);
-                }
-            });
+            pixels::differences(Vectors::best(), [a, b], [c, d], differences);
         });
         differences
     }
-}
-
-/// The difference of two pixels' levels.
-#[inline(always)]
-fn between(a: [u8; 2], b: [u8; 2]) -> u8 {
-    a[0].abs_diff(b[0]).max(a[1].abs_diff(b[1]).saturating_mul(2))
 }
 
 /// What stands still.
@@ -111,16 +96,7 @@ impl Background {
         let [a, b] = self.0.levels.each_mut().map(|levels| levels.par_chunks_mut(band));
         let [c, d] = frame.levels.each_ref().map(|levels| levels.par_chunks(band));
         differences.par_chunks_mut(band).zip(a.zip(c)).zip(b.zip(d)).for_each(|((differences, (a, c)), (b, d))| {
-            Arch::new().dispatch(|| {
-                for ((difference, (a, c)), (b, d)) in
-                    differences.iter_mut().zip(a.iter_mut().zip(c)).zip(b.iter_mut().zip(d))
-                {
-                    *difference = between([*a, *b], [*c, *d]);
-                    for (level, now) in [(a, c), (b, d)] {
-                        *level = level.wrapping_add(u8::from(*now > *level)).wrapping_sub(u8::from(*now < *level));
-                    }
-                }
-            });
+            pixels::differences_followed(Vectors::best(), [a, b], [c, d], differences);
         });
         differences
     }
@@ -130,19 +106,17 @@ impl Background {
 pub(super) fn less_of(a: &[u8], b: &[u8], spare: &mut Spare) -> Vec<u8> {
     let mut less = spare.take(a.len());
     less.par_chunks_mut(PART).zip(a.par_chunks(PART)).zip(b.par_chunks(PART)).for_each(|((less, a), b)| {
-        Arch::new().dispatch(|| less.iter_mut().zip(a).zip(b).for_each(|((less, a), b)| *less = *a.min(b)));
+        pixels::less(Vectors::best(), a, b, less);
     });
     less
 }
 
 /// Share of the pixels that differ more than so.
 pub(super) fn share_above(differences: &[u8], least: u8) -> f64 {
-    // Counted in bytes, many at once.
     let count = |part: &[u8]| {
-        Arch::new().dispatch(|| {
-            let counts = part.chunks(255).map(|few| few.iter().fold(0, |count, &it| count + u8::from(it > least)));
-            counts.map(usize::from).sum::<usize>()
-        })
+        let mut count = 0;
+        pixels::count_above(Vectors::best(), part, least, &mut count);
+        count
     };
     let count: usize = differences.par_chunks(PART).map(count).sum();
     count as f64 / differences.len().max(1) as f64
