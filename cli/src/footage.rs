@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use gravisight::{Picture, Size};
 
 use crate::import::{is_picture, left_out, pictures_in};
-use crate::video::{Stream, packet_times};
+use crate::video::{Oddities, Stream, packet_times};
 
 /// Frames in order, read one by one as often as wanted.
 pub struct Footage {
@@ -33,6 +33,9 @@ impl Footage {
             [folder] if folder.is_dir() => Media::Pictures(pictures_in(folder)?),
             [file] if !is_picture(file) => {
                 ensure!(file.exists(), "{}: no such video or folder", file.display());
+                for words in Oddities::of(file)?.words() {
+                    eprintln!("gravisight: note: {}: {words}", file.display());
+                }
                 Media::Video(file.clone())
             }
             pictures => Media::Pictures(pictures.to_vec()),

@@ -108,6 +108,58 @@ pub fn packet_times(video: &Path) -> Result<Vec<f64>> {
     Ok(times)
 }
 
+/// What is odd about a video's pictures.
+#[derive(Debug, Default, PartialEq)]
+pub struct Oddities {
+    /// Each frame is two half pictures, one of odd rows and one of even ones, taken one after the other.
+    pub interlaced: bool,
+    /// High dynamic range: levels that no usual screen shows.
+    pub hdr: bool,
+    /// Streams of pictures besides the first.
+    pub others: usize,
+}
+
+impl Oddities {
+    /// # Errors
+    /// [`Error::Data`] where ffprobe is not installed or cannot read it.
+    pub fn of(video: &Path) -> Result<Self> {
+        let entries = "stream=field_order,color_transfer:stream_disposition=attached_pic";
+        let arguments = ["-v", "error", "-select_streams", "v", "-show_entries", entries, "-of", "json"];
+        let mut command = Command::new("ffprobe");
+        command.args(arguments).arg(file_url(video)?);
+        let text = output(command, "ffprobe", video)?;
+        let said: serde_json::Value = serde_json::from_str(&text).map_err(|error| Error::Data {
+            what: video.display().to_string(),
+            reason: format!("`ffprobe`: {error}"),
+        })?;
+        let streams = said["streams"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let is = |name: &str, values: &[&str]| {
+            streams.first().and_then(|first| first[name].as_str()).is_some_and(|value| values.contains(&value))
+        };
+        // A song's cover counts as a stream of pictures.
+        let films = streams.iter().filter(|stream| stream["disposition"]["attached_pic"].as_u64() != Some(1));
+        Ok(Self {
+            interlaced: is("field_order", &["tt", "bb", "tb", "bt"]),
+            hdr: is("color_transfer", &["smpte2084", "arib-std-b67"]),
+            others: films.count().saturating_sub(1),
+        })
+    }
+
+    /// For people.
+    pub fn words(&self) -> Vec<String> {
+        let all = [
+            (self.interlaced).then(|| {
+                "it is interlaced: of every frame the first half picture is taken, so small balls are seen half as well as they \
+                 could be; `ffmpeg -i IN -vf bwdif=send_field OUT` makes of it twice the frames a second"
+                    .to_string()
+            }),
+            self.hdr.then(|| "it is of high dynamic range, which is seen flat: less contrast, small balls may be missed".into()),
+            (self.others > 0).then(|| format!("it has {} streams of pictures: the first is taken", self.others + 1)),
+        ];
+        all.into_iter().flatten().collect()
+    }
+}
+
 /// The pictures of a video, one after the other: none is kept.
 pub struct Stream {
     program: Child,
@@ -128,6 +180,9 @@ impl Stream {
         command.args(["-v", "error", "-nostdin", "-i"]).arg(file_url(video)?);
         // Each frame once; pictures with a header of their own: of a film that is turned, they are turned.
         command.args(["-map", "0:v:0"]).args(passthrough(video)?);
+        if Oddities::of(video)?.interlaced {
+            command.args(["-vf", "bwdif=mode=send_frame"]);
+        }
         command.args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "-"]);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut program = command.spawn().map_err(|error| cannot_run("ffmpeg", &error, video))?;

@@ -200,3 +200,91 @@ fn footage_of_sports_is_made_with_its_truth() {
     assert!(gravisight(&arguments).status.success());
     assert_eq!(folder.join("toss-000.mp4").metadata().unwrap().modified().unwrap(), before);
 }
+
+#[test]
+fn odd_videos_are_read_and_named() {
+    let (clip, folder) = sample("odd", 0);
+    let frames = folder.join("frames/%d.png");
+    let film = |name: &str, arguments: &[&str]| {
+        let out = folder.join(name);
+        let fps = clip.fps.to_string();
+        let mut command = Command::new("ffmpeg");
+        command.args(["-v", "error", "-y", "-framerate", &fps, "-i", text(&frames)]);
+        command.args(arguments).arg(&out);
+        assert!(command.status().unwrap().success(), "{name}");
+        out
+    };
+    let x264 = ["-c:v", "libx264", "-crf", "12", "-pix_fmt", "yuv420p"];
+    let plain = film("plain.mp4", &x264);
+    let interlaced = film(
+        "interlaced.mp4",
+        &[
+            "-c:v",
+            "libx264",
+            "-crf",
+            "12",
+            "-pix_fmt",
+            "yuv420p",
+            "-flags",
+            "+ildct+ilme",
+            "-vf",
+            "setfield=tff",
+            "-x264-params",
+            "tff=1",
+        ],
+    );
+    let hdr = film(
+        "hdr.mp4",
+        &[&x264[..], &["-color_trc", "smpte2084", "-color_primaries", "bt2020", "-colorspace", "bt2020nc"]].concat(),
+    );
+    // With sound, and two more streams of pictures.
+    let crowded = folder.join("crowded.mkv");
+    let mut command = Command::new("ffmpeg");
+    command.args([
+        "-v",
+        "error",
+        "-y",
+        "-i",
+        text(&plain),
+        "-f",
+        "lavfi",
+        "-i",
+        "testsrc=s=64x64:d=2",
+        "-f",
+        "lavfi",
+        "-i",
+        "sine=d=2",
+    ]);
+    command.args(["-map", "0:v", "-map", "1:v", "-map", "1:v", "-map", "2:a"]).arg(&crowded);
+    assert!(command.status().unwrap().success());
+    // A phone that was held upright.
+    let turned = folder.join("turned.mp4");
+    let mut command = Command::new("ffmpeg");
+    command.args(["-v", "error", "-y", "-display_rotation", "90", "-i", text(&plain), "-c", "copy"]).arg(&turned);
+    assert!(command.status().unwrap().success());
+    for (video, word) in [(&plain, ""), (&interlaced, "interlaced"), (&hdr, "dynamic range"), (&crowded, "3 streams")] {
+        let output = gravisight(&["track", text(video), "--json"]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(0), "{}: {said}", video.display());
+        assert!(
+            if word.is_empty() { !said.contains("note") } else { said.contains(word) },
+            "{}: {said}",
+            video.display()
+        );
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let right = found["frames"].as_array().unwrap().iter().zip(&clip.frames).filter(|(found, frame)| {
+            frame
+                .image
+                .zip(found["image"].as_array())
+                .is_some_and(|(truth, _)| distance(&found["image"], truth) < 2.0)
+        });
+        let seen = clip.frames.iter().filter(|frame| frame.image.is_some()).count();
+        let share = right.count() as f64 / seen as f64;
+        println!("{}: {share:.2}", video.display());
+        assert!(share > 0.8, "{}: {share}", video.display());
+    }
+    let camera = folder.join("camera.json");
+    let output = gravisight(&["track", text(&turned), "--camera", text(&camera), "--scene", "floor"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("aspect ratios"), "{said}");
+}

@@ -30,7 +30,7 @@ export interface Calls {
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];
-  calibrate: [{ points: string; estimate: string[]; picture?: PictureMessage }, Core.CalibrationResult];
+  calibrate: [{ points: string; estimate: string[]; picture?: PictureMessage | undefined }, Core.CalibrationResult];
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];
