@@ -1,9 +1,9 @@
-import { cp, mkdir, readdir } from "node:fs/promises";
+import { createHash } from "node:crypto";
+import { cp, mkdir, readdir, readFile, writeFile } from "node:fs/promises";
 import { createReadStream, existsSync, statSync } from "node:fs";
 import { basename, extname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { defineConfig, type Plugin } from "vite";
-import { generateSW } from "workbox-build";
 
 const here = fileURLToPath(new URL(".", import.meta.url));
 const modelsFolder = fileURLToPath(new URL("../models", import.meta.url));
@@ -48,10 +48,7 @@ function models(): Plugin {
   };
 }
 
-/**
- * The service worker: what has its hash in its name is taken from the cache, the rest from the network where there is one,
- * so that no visitor sees files of two versions.
- */
+/** Writes the names of the files with a hash into the service worker. */
 function offline(): Plugin {
   let outDir = "";
   return {
@@ -61,28 +58,12 @@ function offline(): Plugin {
       outDir = join(config.root, config.build.outDir);
     },
     async closeBundle() {
-      await generateSW({
-        globDirectory: outDir,
-        globPatterns: ["assets/*.{js,css}"],
-        dontCacheBustURLsMatching: /assets\//,
-        swDest: join(outDir, "offline.js"),
-        inlineWorkboxRuntime: true,
-        sourcemap: false,
-        clientsClaim: true,
-        runtimeCaching: [
-          {
-            urlPattern: ({ sameOrigin, url }) => sameOrigin && url.pathname.endsWith(".wasm"),
-            handler: "CacheFirst",
-            options: { cacheName: "wasm", expiration: { maxEntries: 3 } },
-          },
-          {
-            // Weights are kept by the package, by their sha256.
-            urlPattern: ({ sameOrigin, url }) => sameOrigin && !url.pathname.endsWith(".safetensors"),
-            handler: "NetworkFirst",
-            options: { cacheName: "files", matchOptions: { ignoreSearch: true } },
-          },
-        ],
-      });
+      const all = await readdir(join(outDir, "assets"));
+      const files = all.filter((name) => [".js", ".css"].includes(extname(name))).map((name) => `./assets/${name}`).sort();
+      const build = createHash("sha256").update(files.join()).digest("hex").slice(0, 12);
+      const worker = await readFile(join(here, "offline.js"), "utf8");
+      const filled = worker.replace("const FILES = [];", `const FILES = ${JSON.stringify(files)};`).replace('const BUILD = "";', `const BUILD = "${build}";`);
+      await writeFile(join(outDir, "offline.js"), filled);
     },
   };
 }

@@ -1,4 +1,5 @@
 /** Reads the address: `?device=cpu|webgpu|auto`, and in the step's files `?model=URL of a JSON card`. */
+import "./shared/trusted";
 import type { DeviceChoice } from "gravisight";
 import { element } from "./dom";
 import { startLive } from "./live";

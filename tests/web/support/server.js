@@ -21,15 +21,15 @@ export async function serve() {
   return { url: `http://127.0.0.1:${port}/`, close: () => server.close() };
 }
 
-const TYPES = { ".js": "text/javascript", ".html": "text/html", ".wasm": "application/wasm", ".json": "application/json" };
+const TYPES = { ".js": "text/javascript", ".html": "text/html", ".wasm": "application/wasm", ".json": "application/json", ".css": "text/css", ".svg": "image/svg+xml" };
 
-/** Serves a folder under a content security policy. */
+/** Serves a folder, under a content security policy if that is not empty. */
 export async function serveFolder(folder, policy) {
   const server = createServer((request, response) => {
     const path = join(folder, decodeURIComponent(new URL(request.url, "http://localhost").pathname));
     if (path.includes("..") || !existsSync(path) || !statSync(path).isFile()) return response.writeHead(404).end();
     response.setHeader("Content-Type", TYPES[extname(path)] ?? "application/octet-stream");
-    response.setHeader("Content-Security-Policy", policy);
+    if (policy) response.setHeader("Content-Security-Policy", policy);
     response.end(readFileSync(path));
   });
   await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));

@@ -1,5 +1,6 @@
 /** What the steps' panels are made of. */
 import { make, wordsOf } from "../dom";
+import { markupOf } from "./trusted";
 
 /** Finds a part of a step by its `data-part`. */
 export type Parts = <T extends HTMLElement = HTMLElement>(name: string) => T;
@@ -7,7 +8,7 @@ export type Parts = <T extends HTMLElement = HTMLElement>(name: string) => T;
 /** Fills `panel` with the markup of a step and returns a finder of its parts by `data-part`. */
 export function fill(panel: HTMLElement, markup: string): Parts {
   const template = document.createElement("template");
-  template.innerHTML = markup;
+  template.innerHTML = markupOf(markup);
   panel.replaceChildren(template.content);
   return <T extends HTMLElement>(name: string): T => {
     const found = panel.querySelector<T>(`[data-part="${name}"]`);
