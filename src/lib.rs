@@ -84,7 +84,7 @@ pub mod parts {
     pub use crate::evaluate::{Bins, Statistic};
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::physics::{Cuboid, Impact, Potential};
-    pub use crate::track::{FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
+    pub use crate::track::{Elsewhere, FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.

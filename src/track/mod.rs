@@ -10,5 +10,5 @@ mod tracked;
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub use self::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
-pub use self::follow::{Followed, FollowedFrame, Follower};
+pub use self::follow::{Elsewhere, Followed, FollowedFrame, Follower};
 pub use self::tracked::{Stretch, Tracked};

@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use super::file::Track;
 use super::fit::{Fit, FitOptions, Observation};
-use super::follow::{Flying, FollowedFrame, stretches};
+use super::follow::{Elsewhere, Flying, FollowedFrame, stretches};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
@@ -62,7 +62,13 @@ impl Tracked {
         // Of a rate that was raised, a video's own times are no longer those of the frames.
         let times_known = options.times_known && !self.frames.iter().any(|frame| frame.repeated);
         let options = FitOptions { times_known, ..options.clone() };
-        let (_, observations) = self.track().observations(None)?;
+        let (_, mut observations) = self.track().observations(None)?;
+        // What another view shows is not where this camera would put it.
+        for (observation, frame) in observations.iter_mut().zip(&self.frames) {
+            if frame.elsewhere.is_some() {
+                (observation.image, observation.radius) = (None, None);
+            }
+        }
         let ranges = stretches(&observations);
         let count = ranges.len();
         self.metres = true;
@@ -106,7 +112,51 @@ impl Tracked {
                 format!("{head}: {explained} of {} stretches; {seen}{wrong}", stretches.len())
             }
         };
-        said + &self.cuts_in_words()
+        said + &self.cuts_in_words() + &self.moved_in_words()
+    }
+
+    /// Frames in which the camera looks elsewhere than at first, first and last, and how far what stands still is away there at
+    /// most, px; none where that is not known.
+    pub fn elsewhere(&self) -> Vec<(Range<usize>, Option<f64>)> {
+        let mut found: Vec<(Range<usize>, Option<f64>)> = Vec::new();
+        let frames = self.frames.iter().enumerate().filter(|(_, frame)| !frame.repeated);
+        let mut goes_on = false;
+        for (number, frame) in frames {
+            let px = match frame.elsewhere {
+                None => {
+                    goes_on = false;
+                    continue;
+                }
+                Some(Elsewhere::Moved(px)) => Some(px),
+                Some(Elsewhere::Cut) => None,
+            };
+            match found.last_mut().filter(|_| goes_on) {
+                Some((range, most)) => {
+                    range.end = number + 1;
+                    *most = most.zip(px).map(|(most, px)| most.max(px));
+                }
+                None => found.push((number..number + 1, px)),
+            }
+            goes_on = true;
+        }
+        found
+    }
+
+    /// What a camera that does not stand still means.
+    fn moved_in_words(&self) -> String {
+        let moved = self.elsewhere();
+        let part = |(frames, px): &(Range<usize>, Option<f64>)| match px {
+            Some(px) => format!("{} to {} (by up to {px:.0} px)", frames.start, frames.end - 1),
+            None => format!("{} to {}", frames.start, frames.end - 1),
+        };
+        let parts: Vec<String> = moved.iter().map(part).collect();
+        match parts.is_empty() {
+            true => String::new(),
+            false => {
+                let hold = if self.metres { ", so there are no metres there" } else { "" };
+                format!("; the camera looks elsewhere than at first in frames {}{hold}", parts.join(", "))
+            }
+        }
     }
 
     /// What a change of the whole picture means.
@@ -115,8 +165,7 @@ impl Tracked {
             return String::new();
         }
         let frames: Vec<String> = self.cuts.iter().map(usize::to_string).collect();
-        let hold = if self.metres { "; metres hold only where the view is the calibrated one" } else { "" };
-        format!("; most of the picture changes at frame {}: a cut, or the camera moved{hold}", frames.join(", "))
+        format!("; most of the picture changes at frame {}: a cut, or the camera moved", frames.join(", "))
     }
 
     /// As `gravisight track --json` prints it: a stretch's flights, hits and bounces count on from those before.
@@ -149,7 +198,11 @@ impl Tracked {
             notes.extend(fit.notes.iter().cloned());
         }
         let verdict = self.verdict();
-        json!({"verdict": verdict, "frames": frames, "flights": flights, "hits": hits, "bounces": bounces, "notes": notes})
+        let elsewhere = self.elsewhere().into_iter();
+        let elsewhere =
+            elsewhere.map(|(frames, px)| json!({"from": frames.start, "to": frames.end - 1, "moved_px": px}));
+        let elsewhere: Vec<Value> = elsewhere.collect();
+        json!({"verdict": verdict, "elsewhere": elsewhere, "frames": frames, "flights": flights, "hits": hits, "bounces": bounces, "notes": notes})
     }
 }
 

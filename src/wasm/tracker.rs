@@ -37,8 +37,23 @@ pub struct VideoTrack {
     pub impacts: Vec<Impact>,
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
     pub cuts: Vec<usize>,
+    /// Frames in which the camera looks elsewhere than at first: no metres there.
+    pub elsewhere: Vec<OtherView>,
     /// What is odd about the track, in words.
     pub notes: Vec<String>,
+}
+
+/// Frames of a video that show another view than the first.
+#[derive(Serialize, Tsify)]
+#[serde(rename_all = "camelCase")]
+#[tsify(missing_as_null)]
+pub struct OtherView {
+    /// The first of them.
+    pub from: usize,
+    /// The last.
+    pub to: usize,
+    /// How far what stands still is away at most from where it was, pixels; null where that is not known.
+    pub moved_px: Option<f64>,
 }
 
 /// The ball in a frame of a video.
@@ -164,6 +179,9 @@ impl VideoTrack {
             hits: vec![],
             impacts: vec![],
             cuts: tracked.cuts.clone(),
+            elsewhere: (tracked.elsewhere().into_iter())
+                .map(|(frames, moved_px)| OtherView { from: frames.start, to: frames.end - 1, moved_px })
+                .collect(),
             notes: vec![],
         };
         for Stretch { frames, fit, .. } in &tracked.stretches {

@@ -56,6 +56,15 @@ pub struct Followed {
     pub reach_px: f64,
 }
 
+/// Where a camera looks that no longer looks where it did at first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Elsewhere {
+    /// It turned, moved or zoomed: what stands still is so far away in the picture, px, from where it was.
+    Moved(f64),
+    /// Most of the picture changed at once.
+    Cut,
+}
+
 /// A frame of a video that was followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FollowedFrame {
@@ -67,6 +76,8 @@ pub struct FollowedFrame {
     pub ball: Option<Followed>,
     /// Probability that this is the ball; 0 without one.
     pub confidence: f64,
+    /// Where the camera looks, if not where it did at first: then a camera that was calibrated there makes no metres here.
+    pub elsewhere: Option<Elsewhere>,
 }
 
 /// All that flew in a video.
@@ -78,14 +89,22 @@ pub struct Flying<'a> {
     /// Numbers of the frames of which `seen` tells.
     numbers: Vec<usize>,
     cuts: Vec<usize>,
+    elsewhere: &'a [Option<Elsewhere>],
 }
 
 impl<'a> Flying<'a> {
-    pub(super) fn new(kept: &'a [Kept], seen: &'a [Seen], arcs: Vec<Arc>, words: &'a Words, cuts: &[usize]) -> Self {
+    pub(super) fn new(
+        kept: &'a [Kept],
+        seen: &'a [Seen],
+        arcs: Vec<Arc>,
+        words: &'a Words,
+        cuts: &[usize],
+        elsewhere: &'a [Option<Elsewhere>],
+    ) -> Self {
         let numbers: Vec<usize> =
             kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
         let cuts = cuts.iter().map(|&place| numbers[place]).collect();
-        Self { kept, seen, arcs, words, numbers, cuts }
+        Self { kept, seen, arcs, words, numbers, cuts, elsewhere }
     }
 
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
@@ -97,9 +116,12 @@ impl<'a> Flying<'a> {
     pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> Vec<FollowedFrame> {
         let frame = |(number, kept): (usize, &Kept)| {
             let point = TrackPoint { frame: number as u64, time: Some(kept.time), ..TrackPoint::default() };
-            FollowedFrame { point, repeated: kept.repeated, ball: None, confidence: 0.0 }
+            FollowedFrame { point, repeated: kept.repeated, ball: None, confidence: 0.0, elsewhere: None }
         };
         let mut frames: Vec<FollowedFrame> = self.kept.iter().enumerate().map(frame).collect();
+        for (&number, &elsewhere) in self.numbers.iter().zip(self.elsewhere) {
+            frames[number].elsewhere = elsewhere;
+        }
         let falling = place.map(|(camera, scene)| Falling { camera, scene });
         let pieces = (0..self.arcs.len()).flat_map(|arc| self.pieces(arc, falling.as_ref())).collect();
         let mut balls: BTreeMap<usize, ((usize, usize), f64)> = BTreeMap::new();

@@ -16,6 +16,7 @@ mod blobs;
 mod chain;
 mod flying;
 mod planes;
+mod steady;
 mod stretches;
 #[cfg(test)]
 mod tests;
@@ -26,8 +27,9 @@ use std::sync::Arc;
 
 use self::arcs::{Search, Seen};
 use self::blobs::Blob;
-pub use self::flying::{Flying, Followed, FollowedFrame};
+pub use self::flying::{Elsewhere, Flying, Followed, FollowedFrame};
 use self::planes::{Background, FIRST_FRAMES, Planes, Spare, contrast_of};
+use self::steady::{Steady, View};
 pub use self::stretches::stretches;
 use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
@@ -47,6 +49,8 @@ const MOVING_FRAMES: usize = 3;
 /// Change of a level that is counted to find repeated frames, and frames that tell how much usually changes.
 const LEAST_CHANGE: u8 = 2;
 const USUAL_FRAMES: usize = 50;
+/// Frames between two looks at whether the camera still stands where it did.
+const STEADY_EVERY: usize = 4;
 /// Gain from which what an arc has taken starts no other.
 const STRONG_GAIN: f64 = 20.0;
 /// Fewest frames of which a background is made.
@@ -69,6 +73,10 @@ pub struct Follower {
     moving: usize,
     /// From where on the background was another, of `seen`.
     cuts: Vec<usize>,
+    /// What stood still at first, if that can be found again.
+    steady: Option<Steady>,
+    /// Of each of `seen`, whether the camera looks elsewhere than at first.
+    elsewhere: Vec<Option<Elsewhere>>,
     size: [usize; 2],
     /// The last frames that are not repeated.
     held: VecDeque<Held>,
@@ -111,6 +119,8 @@ impl Follower {
             changed: vec![],
             moving: 0,
             cuts: vec![],
+            steady: None,
+            elsewhere: vec![],
             size: [0; 2],
             held: VecDeque::new(),
             words: Words::default(),
@@ -174,6 +184,11 @@ impl Follower {
         let waiting = std::mem::take(&mut self.waiting);
         let (planes, times): (Vec<Arc<Planes>>, Vec<f64>) = waiting.into_iter().unzip();
         self.background = Background::of(&planes);
+        if self.seen.is_empty()
+            && let [first, .., last] = planes.as_slice()
+        {
+            self.steady = Steady::of(&[first, &planes[planes.len() / 2], last]);
+        }
         self.now = None;
         for (planes, time) in planes.into_iter().zip(times) {
             let since = self.now.as_ref().map(|now| now.planes.difference(&planes, &mut self.spare));
@@ -208,10 +223,9 @@ impl Follower {
         if planes::share_above(&differences, contrast) > MOVED {
             self.moving += 1;
             self.seen.push(Seen { time: now.time, blobs: vec![] });
+            self.look_where(&now.planes);
             if self.moving >= MOVING_FRAMES {
-                // Another camera, or this one elsewhere.
-                self.cuts.push(self.seen.len() - MOVING_FRAMES);
-                (self.background, self.moving) = (None, 0);
+                self.cut();
             }
             return;
         }
@@ -246,6 +260,39 @@ impl Follower {
         }
         self.spare.give(differences);
         self.seen.push(Seen { time: now.time, blobs: found });
+        self.look_where(&now.planes);
+    }
+
+    /// Whether the camera still looks where it did, of the last frame that was seen.
+    fn look_where(&mut self, planes: &Planes) {
+        let mut now = self.elsewhere.last().copied().flatten();
+        if self.elsewhere.len().is_multiple_of(STEADY_EVERY)
+            && let Some(steady) = &mut self.steady
+        {
+            let before = now;
+            now = match steady.view(planes) {
+                View::First => None,
+                View::Moved(px) => Some(Elsewhere::Moved(px)),
+                View::Unknown => now,
+            };
+            // When between the two looks it began to move, nobody saw.
+            if before.is_none() && now.is_some() {
+                let since = self.elsewhere.len().saturating_sub(STEADY_EVERY - 1);
+                self.elsewhere[since..].fill(now);
+            }
+        }
+        self.elsewhere.push(now);
+    }
+
+    /// From some frames ago on it is another picture.
+    fn cut(&mut self) {
+        self.cuts.push(self.seen.len() - MOVING_FRAMES);
+        (self.background, self.moving) = (None, 0);
+        if let Some(steady) = &mut self.steady {
+            steady.start_again();
+            let from = self.seen.len() - MOVING_FRAMES;
+            self.elsewhere[from..].fill(Some(Elsewhere::Cut));
+        }
     }
 
     /// There are no more frames: the last ones are looked at, which waited for the next.
@@ -258,6 +305,7 @@ impl Follower {
         }
         // Frames that nothing could be compared with.
         self.seen.extend(self.waiting.drain(..).map(|(_, time)| Seen { time, blobs: vec![] }));
+        self.elsewhere.resize(self.seen.len(), self.elsewhere.last().copied().flatten());
     }
 
     /// What flew in the frames that were watched until [`Self::end`]. `seeds` are frames and places (px) in which a person saw it:
@@ -268,7 +316,7 @@ impl Follower {
     pub fn flying(&self, seeds: &[(usize, [f64; 2])]) -> Result<Flying<'_>> {
         let seeds = self.seeds(seeds)?;
         let arcs = self.search(0, 1.0, STRONG_GAIN, &seeds).arcs();
-        Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts))
+        Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts, &self.elsewhere))
     }
 
     /// Arcs are searched from a frame on, of those that are not repeated.

@@ -245,3 +245,32 @@ fn a_streak_has_its_middle_its_width_and_its_direction() {
     let ball = frames[15].ball.unwrap();
     assert!((ball.radius_px - RADIUS).abs() < 1.0 && ball.reach_px > 9.0, "{ball:?}");
 }
+
+#[test]
+fn a_slow_pan_is_no_view_for_metres() {
+    // Half a pixel a frame from frame 40 on, and back again from frame 70 on.
+    let shift =
+        |frame: usize| (frame.saturating_sub(40) / 2).min(15) as i32 - (frame.saturating_sub(70) / 2).min(15) as i32;
+    let mut follower = Follower::new();
+    for frame in 0..120 {
+        let still = ground(frame);
+        let mut rgb = RgbImage::from_fn(SIZE[0], SIZE[1], |x, y| {
+            let column = (x as i32 + shift(frame)).min(SIZE[0] as i32 - 1);
+            *still.get_pixel(column as u32, y)
+        });
+        disc(&mut rgb, ball_at(frame % 40), RADIUS, YELLOW);
+        follower.watch(Picture::from_rgb(rgb), frame as f64 / FPS).unwrap();
+    }
+    follower.end();
+    let frames = frames_of(&follower, &[]);
+    let elsewhere: Vec<bool> = frames.iter().map(|frame| frame.elsewhere.is_some()).collect();
+    assert!(!elsewhere[..40].contains(&true) && !elsewhere[106..].contains(&true), "{elsewhere:?}");
+    let seen = |frame: &usize| !frames[*frame].repeated;
+    assert!((47..94).filter(seen).all(|frame| elsewhere[frame]), "{elsewhere:?}");
+    let most = frames.iter().filter_map(|frame| match frame.elsewhere {
+        Some(Elsewhere::Moved(px)) => Some(px),
+        _ => None,
+    });
+    let most = most.fold(0.0, f64::max);
+    assert!((most - 15.0).abs() < 0.5, "{most}");
+}
