@@ -93,7 +93,7 @@ pub mod parts {
 pub mod internal {
     pub use crate::files::{NewFolder, write_whole};
     pub use crate::image::Normalisation;
-    pub use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, save, sha256_hex};
+    pub use crate::model::{ANY, BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex};
     pub use crate::physics::Case;
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
     pub use crate::synth::{Engine, Set, Shot, Split, Studio};

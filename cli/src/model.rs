@@ -3,12 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
+use gravisight::internal::{ANY, SD_L};
 use gravisight::{Card, Device, Localiser};
-
-/// The models that `--model` defaults to, built into the command: with a ball's radius the one for any ball, without the one
-/// of the paper's scenes.
-const ANY: (&str, &[u8]) = (include_str!("../../models/any.json"), include_bytes!("../../models/any.safetensors"));
-const SD_L: (&str, &[u8]) = (include_str!("../../models/sd-l.json"), include_bytes!("../../models/sd-l.safetensors"));
 
 /// Path of the card of `--model M`: M itself, M with `.json`, or beside M's `.safetensors`.
 pub fn card_path(model: &Path) -> PathBuf {
@@ -23,7 +19,7 @@ pub fn card_path(model: &Path) -> PathBuf {
     }
 }
 
-/// Loads `--model`, or a built-in one.
+/// Loads `--model`, or a built-in one: with a ball's radius the one for any ball, without that of the paper's scenes.
 pub fn open(model: Option<&Path>, ball_radius: Option<f64>, device: &Device) -> Result<Localiser> {
     let Some(model) = model else {
         let (card, weights) = if ball_radius.is_some() { ANY } else { SD_L };

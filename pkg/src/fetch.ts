@@ -4,10 +4,19 @@ import { isFile, readFile } from "./node.js";
 
 export type OnBytes = (loaded: number, total: number | null) => void;
 
+/** No card, and no weights or build of the core, is larger: whoever sends more than that sends something else. */
+const MOST_TEXT = 1 << 20;
+const MOST_BYTES = 256 << 20;
+
 /** Fetches the text of `url`. */
 export async function fetchText(url: string, what: string): Promise<string> {
-  if (isFile(url)) return new TextDecoder().decode(await fileBytes(url, what));
-  return (await fetchOk(url, what)).text();
+  return new TextDecoder().decode(await fetchBytes(url, what, () => {}, MOST_TEXT));
+}
+
+/** Whether what `from` names may be fetched from `url`: what came over a network names no file of this machine. */
+export function mayFetch(url: string, from: string): boolean {
+  const isOfNetwork = (address: string) => /^https?:/.test(address);
+  return !isOfNetwork(from) || isOfNetwork(url);
 }
 
 async function fileBytes(url: string, what: string): Promise<Uint8Array<ArrayBuffer>> {
@@ -44,8 +53,8 @@ function statusOf(response: Response): string {
   return `${response.status} ${response.statusText}`.trim();
 }
 
-/** Fetches the whole of `url`. */
-export async function fetchBytes(url: string, what: string, onBytes: OnBytes): Promise<Uint8Array<ArrayBuffer>> {
+/** Fetches the whole of `url`, of at most so many bytes; one that sends more is not heard to its end. */
+export async function fetchBytes(url: string, what: string, onBytes: OnBytes, most = MOST_BYTES): Promise<Uint8Array<ArrayBuffer>> {
   if (isFile(url)) {
     const bytes = await fileBytes(url, what);
     onBytes(bytes.length, bytes.length);
@@ -53,11 +62,17 @@ export async function fetchBytes(url: string, what: string, onBytes: OnBytes): P
   }
   const response = await fetchOk(url, what);
   const total = lengthOf(response);
+  const tooLarge = new GravisightError("fetch", `Could not fetch ${what} from ${url}: more than ${most >> 20} MB, so it is something else.`);
+  if (total !== null && total > most) {
+    await response.body?.cancel();
+    throw tooLarge;
+  }
   onBytes(0, total);
-  const counted = response.body?.pipeThrough(counter(onBytes, total)) ?? null;
+  const counted = response.body?.pipeThrough(counter(onBytes, total, most, tooLarge)) ?? null;
   try {
     return new Uint8Array(await new Response(counted).arrayBuffer());
   } catch (thrown) {
+    if (thrown instanceof GravisightError) throw thrown;
     throw new GravisightError("fetch", `The connection broke while fetching ${what} from ${url}: ${wordsOf(thrown)}.`, { cause: thrown });
   }
 }
@@ -68,11 +83,12 @@ function lengthOf(response: Response): number | null {
   return announced > 0 && !response.headers.has("content-encoding") ? announced : null;
 }
 
-function counter(onBytes: OnBytes, total: number | null): TransformStream<Uint8Array<ArrayBuffer>, Uint8Array<ArrayBuffer>> {
+function counter(onBytes: OnBytes, total: number | null, most: number, tooLarge: Error): TransformStream<Uint8Array<ArrayBuffer>, Uint8Array<ArrayBuffer>> {
   let loaded = 0;
   return new TransformStream({
     transform(chunk, controller) {
       loaded += chunk.byteLength;
+      if (loaded > most) return controller.error(tooLarge);
       onBytes(loaded, total);
       controller.enqueue(chunk);
     },

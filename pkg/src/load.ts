@@ -3,7 +3,7 @@ import type * as Core from "../wasm/cpu/gravisight.js";
 import { lastPanic, loadBuild, nameOf, type CoreModule } from "./builds.js";
 import { cached, cardText, keep } from "./cache.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
-import { fetchBytes } from "./fetch.js";
+import { fetchBytes, mayFetch } from "./fetch.js";
 import { ownModel } from "./own.js";
 import type { Request } from "./protocol.js";
 import { untilTrap } from "./trap.js";
@@ -92,7 +92,9 @@ function weightsOf(cardUrl: string, card: string): { url: string; sha256: string
   }
   const { weights, sha256 } = content ?? {};
   const file = typeof weights === "string" && weights !== "" ? weights : cardUrl.replace(/\.json(?=$|[?#])/, ".safetensors");
-  return { url: new URL(file, cardUrl).href, sha256: typeof sha256 === "string" ? sha256 : undefined };
+  const { href } = new URL(file, cardUrl);
+  if (!mayFetch(href, cardUrl)) throw new GravisightError("fetch", `The model's card ${cardUrl} names weights at ${href}, which is not on a network as the card is.`);
+  return { url: href, sha256: typeof sha256 === "string" ? sha256 : undefined };
 }
 
 /** Null where this thread has a WebGPU adapter. The DOM's types do not know WebGPU in every version. */

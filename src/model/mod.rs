@@ -3,6 +3,8 @@
 //! Burn only; no camera, no files but weights. The device is always an argument.
 
 mod backbone;
+#[cfg(not(target_arch = "wasm32"))]
+mod built_in;
 mod card;
 mod config;
 mod decode;
@@ -17,6 +19,8 @@ mod tests;
 mod weights;
 
 pub use self::backbone::BackboneConfig;
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::built_in::{ANY, SD_L};
 pub use self::card::{Card, DepthFrom, check_input, sha256_hex};
 #[cfg(test)]
 pub use self::config::HeatmapConfig;

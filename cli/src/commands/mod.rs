@@ -1,5 +1,6 @@
 //! One file a subcommand.
 
+mod batch;
 mod calibrate;
 mod evaluate;
 mod film;
@@ -42,6 +43,7 @@ enum Command {
     Saliency(saliency::Arguments),
     Fit(fit::Arguments),
     Forecast(forecast::Arguments),
+    Batch(batch::Arguments),
 }
 
 impl Arguments {
@@ -50,6 +52,7 @@ impl Arguments {
         let done = match self.command {
             Command::Fit(arguments) => return fit::run(arguments),
             Command::Track(arguments) => return track::run(arguments),
+            Command::Batch(arguments) => return batch::run(&arguments),
             Command::Scene(arguments) => scene::run(arguments),
             Command::Localise(arguments) => localise::run(arguments),
             Command::Evaluate(arguments) => evaluate::run(arguments),
