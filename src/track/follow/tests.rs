@@ -272,5 +272,6 @@ fn a_slow_pan_is_no_view_for_metres() {
         _ => None,
     });
     let most = most.fold(0.0, f64::max);
-    assert!((most - 15.0).abs() < 0.5, "{most}");
+    // It stands at 15 px for less than there are frames between two looks.
+    assert!((13.0..15.5).contains(&most), "{most}");
 }
