@@ -1,46 +1,17 @@
 //! Rallies of simulated table tennis with spins that nobody knows, hits, and labels as trackers give them: what `fit` makes
 //! of them, against the simulator's truth.
 
+mod table;
+
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Observation, Scene, State};
-use nalgebra::{Matrix3, Matrix4, Point2, Point3, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+use table::{FOCAL, SCENE, SIZE, VIEWS, camera, median, normal};
 
-const SCENE: &str = r#"{"gravity": [0, 0, -9.81], "ball": {"radius": 0.02}, "floor": {"height": -0.76},
-    "boxes": [{"position": [0, 0, -0.38], "half_size": [0.7625, 1.37, 0.38]}]}"#;
 const FPS: f64 = 25.0;
-/// Pictures' size, px, and focal length.
-const SIZE: [f64; 2] = [1920.0, 1080.0];
-const FOCAL: f64 = 1500.0;
 /// Where the players stand, m from the net.
 const PLAYER: f64 = 2.0;
-
-/// Standard normal (Box and Muller).
-fn normal(random: &mut StdRng) -> f64 {
-    let (a, b) = (random.random_range(1e-12..1.0_f64), random.random_range(0.0..std::f64::consts::TAU));
-    (-2.0 * a.ln()).sqrt() * b.cos()
-}
-
-/// A camera at `eye` that looks at the table's middle.
-fn camera(eye: [f64; 3]) -> Camera {
-    let eye = Vector3::from(eye);
-    let forward = (Vector3::new(0.0, 0.0, 0.1) - eye).normalize();
-    let right = forward.cross(&Vector3::z()).normalize();
-    let down = forward.cross(&right);
-    let rotation = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
-    let mut pose = Matrix4::identity();
-    pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    pose.fixed_view_mut::<3, 1>(0, 3).copy_from(&(-rotation * eye));
-    let rows = |matrix: &Matrix4<f64>| -> Vec<Vec<f64>> {
-        matrix.row_iter().map(|row| row.iter().copied().collect()).collect()
-    };
-    let text = serde_json::json!({"width": SIZE[0] as u32, "height": SIZE[1] as u32, "camera_from_world": rows(&pose),
-        "intrinsic": [[FOCAL, 0.0, SIZE[0] / 2.0 - 0.5], [0.0, FOCAL, SIZE[1] / 2.0 - 0.5], [0.0, 0.0, 1.0]]});
-    Camera::from_json(&text.to_string(), "camera").unwrap()
-}
-
-const VIEWS: [(&str, [f64; 3]); 3] =
-    [("side", [5.5, 0.0, 1.2]), ("oblique", [4.5, -4.5, 2.0]), ("behind", [0.4, -6.5, 1.8])];
 
 /// What a rally was.
 struct Rally {
@@ -171,12 +142,6 @@ fn scored(view: [f64; 3], count: u64, sizes: bool) -> Score {
     score
 }
 
-fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 fn said(name: &str, score: &Score) {
     println!(
         "{name:8} flights {} median of their means {:.1} cm, {} more than a metre off; hits {} found {} invented {}; within 1 and 2 sigma {:.0} {:.0} %; {:.2} s",
@@ -289,154 +254,4 @@ fn a_pause_begins_anew_and_a_long_track_ends() {
     if let Ok(fit) = forecaster.fit(&camera, &chaos, &FitOptions::default()) {
         assert!(!fit.explained, "{}", fit.verdict());
     }
-}
-
-/// The oblique camera, rolled by 0.2 radians: one that is level sees in its mirror what could be true as well.
-fn rolled() -> Camera {
-    let mut value = serde_json::to_value(camera(VIEWS[1].1)).unwrap();
-    let rows = |value: &serde_json::Value, row: usize| -> Vec<f64> {
-        (0..4).map(|column| value["camera_from_world"][row][column].as_f64().unwrap()).collect()
-    };
-    let (right, down) = (rows(&value, 0), rows(&value, 1));
-    let (sine, cosine) = 0.2_f64.sin_cos();
-    let mix = |a: f64, b: f64| right.iter().zip(&down).map(|(r, d)| a * r + b * d).collect::<Vec<f64>>();
-    value["camera_from_world"][0] = mix(cosine, sine).into();
-    value["camera_from_world"][1] = mix(-sine, cosine).into();
-    Camera::from_json(&value.to_string(), "camera").unwrap()
-}
-
-/// A shot over the table with its bounce, of 70 frames at 100 a second, seen obliquely, and its labels of half a pixel.
-fn shot(seed: u64, sizes: bool) -> (Vec<Point3<f64>>, Vec<Observation>) {
-    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
-    let forecaster = Forecaster::new(&scene).unwrap();
-    let mut random = StdRng::seed_from_u64(1000 + seed);
-    let mut within = |from: f64, to: f64| random.random_range(from..to);
-    let start = State {
-        position: Point3::new(within(-0.4, 0.4), -1.6, within(0.2, 0.4)),
-        velocity: Vector3::new(within(-0.6, 0.6), within(3.5, 6.0), within(0.0, 1.5)),
-        spin: Vector3::new(within(-150.0, 150.0), within(-80.0, 80.0), within(-80.0, 80.0)),
-    };
-    let times: Vec<f64> = (0..70).map(|frame| 0.01 * f64::from(frame)).collect();
-    let world: Vec<Point3<f64>> =
-        forecaster.forecast(&start, &times).states.iter().map(|state| state.position).collect();
-    let camera = rolled();
-    let label = |(&time, world): (&f64, &Point3<f64>)| {
-        let image = camera.image_from_world(world).unwrap();
-        let image = Point2::new(image.x + 0.5 * normal(&mut random), image.y + 0.5 * normal(&mut random));
-        let radius = FOCAL * 0.02 / camera.camera_from_world(world).z * (1.0 + 0.03 * normal(&mut random));
-        Observation { time, image: Some(image), radius: sizes.then_some([radius, 0.03 * radius]) }
-    };
-    let observations = times.iter().zip(&world).map(label).collect();
-    (world, observations)
-}
-
-/// What is said of a track: whether it is explained, and all reasons and notes.
-fn said_of(scene: &str, observations: &[Observation]) -> (bool, String) {
-    let scene = Scene::from_json(scene, "scene").unwrap().with_ball("table-tennis").unwrap();
-    match Forecaster::new(&scene).unwrap().fit(&rolled(), observations, &FitOptions::default()) {
-        Ok(fit) => (fit.explained, format!("{} {}", fit.verdict(), fit.notes.join(" "))),
-        Err(error) => (false, error.to_string()),
-    }
-}
-
-/// How many of twelve shots, spoilt by `spoil`, are called explained, and of how many it is said `what` is wrong.
-fn spoilt(scene: &str, sizes: bool, what: &[&str], spoil: impl Fn(&mut Vec<Observation>)) -> [usize; 2] {
-    let mut counts = [0; 2];
-    for seed in 0..12 {
-        let mut observations = shot(seed, sizes).1;
-        spoil(&mut observations);
-        let (explained, words) = said_of(scene, &observations);
-        println!("{explained} {words}");
-        counts[0] += usize::from(explained);
-        counts[1] += usize::from(what.iter().any(|what| words.contains(what)));
-    }
-    println!("{what:?}: {counts:?}");
-    counts
-}
-
-#[test]
-fn what_people_get_wrong_is_not_explained_and_named() {
-    let moved = |to: fn(Point2<f64>) -> Point2<f64>| {
-        move |all: &mut Vec<Observation>| all.iter_mut().for_each(|seen| seen.image = seen.image.map(to))
-    };
-    let slower = |all: &mut Vec<Observation>| all.iter_mut().for_each(|seen| seen.time *= 1.5);
-    let upwards = SCENE.replace("-9.81", "9.81");
-    let high = SCENE.replace("[0, 0, -0.38]", "[0, 0, -0.28]");
-    let [explained, _] = spoilt(SCENE, false, &[], |_| ());
-    assert!(explained >= 11, "{explained}");
-    let mirrored = spoilt(SCENE, false, &["mirrored"], moved(|at| Point2::new(SIZE[0] - 1.0 - at.x, at.y)));
-    let turned = moved(|at| Point2::new(SIZE[0] - 1.0 - at.x, SIZE[1] - 1.0 - at.y));
-    let turned = spoilt(SCENE, false, &["upside down"], turned);
-    let upwards = spoilt(&upwards, false, &["upwards"], |_| ());
-    let slower = spoilt(SCENE, false, &["frames a second"], slower);
-    let larger = spoilt(SCENE, false, &["another resolution"], moved(|at| at * 2.0));
-    let high = spoilt(&high, true, &["apparent size"], |_| ());
-    println!("{mirrored:?} {turned:?} {upwards:?} {slower:?} {larger:?} {high:?}");
-    for ([explained, named], what) in
-        [(mirrored, "mirrored"), (turned, "turned"), (upwards, "gravity"), (slower, "rate"), (larger, "resolution")]
-    {
-        assert!(explained <= 1 && named >= 8, "{what}: {explained} explained, {named} named");
-    }
-    assert!(high[1] >= 9, "the table's height: {} named", high[1]);
-}
-
-#[test]
-fn the_larger_part_of_a_track_of_two_balls_is_fitted() {
-    let (world, mut observations) = shot(3, false);
-    let other: Vec<usize> = (2..observations.len()).step_by(4).collect();
-    for &frame in &other {
-        observations[frame].image = Some(Point2::new(200.0 + 9.0 * frame as f64, 900.0 - 5.0 * frame as f64));
-    }
-    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
-    let fit = Forecaster::new(&scene).unwrap();
-    let fit = fit.fit(&rolled(), &observations, &FitOptions::default()).unwrap();
-    assert!(other.iter().all(|&frame| fit.frames[frame].outlier), "{:?}", fit.verdict());
-    let named =
-        other.iter().filter(|&&frame| fit.frames[frame].refused.as_ref().is_some_and(|why| why.contains("another")));
-    assert!(2 * named.count() > other.len());
-    let errors: Vec<f64> =
-        fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm()).collect();
-    assert!(median(&errors) < 0.1, "{:.2} m; {}", median(&errors), fit.verdict());
-}
-
-#[test]
-fn repeated_frames_are_left_out_and_told() {
-    // 50 pictures a second as 60: every sixth shows the one before.
-    let (world, taken) = shot(5, false);
-    let shown = |frame: usize| 5 * frame / 6;
-    let observations: Vec<Observation> =
-        (0..83).map(|frame| Observation { time: frame as f64 / 120.0, ..taken[shown(frame)] }).collect();
-    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
-    let fit = Forecaster::new(&scene).unwrap().fit(&rolled(), &observations, &FitOptions::default()).unwrap();
-    assert!(fit.notes.iter().any(|note| note.contains("again")), "{:?}", fit.notes);
-    assert!(fit.explained, "{}", fit.verdict());
-    let errors = fit.frames.iter().enumerate().filter(|(_, frame)| frame.refused.is_none());
-    let errors: Vec<f64> = errors.map(|(index, frame)| (frame.state.position - world[shown(index)]).norm()).collect();
-    assert!(median(&errors) < 0.05, "{} m", median(&errors));
-}
-
-#[test]
-fn a_cameras_uncertainty_enters_sigma() {
-    // Farther from everything by so much, m.
-    let with_distance = |by: f64| {
-        let mut value = serde_json::to_value(rolled()).unwrap();
-        value["camera_from_world"][2][3] = (value["camera_from_world"][2][3].as_f64().unwrap() + by).into();
-        Camera::from_json(&value.to_string(), "camera").unwrap()
-    };
-    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
-    let forecaster = Forecaster::new(&scene).unwrap();
-    // One standard deviation of 30 cm, and the camera is off by as much.
-    let (taken, moved) = (with_distance(0.3), with_distance(0.6));
-    let mut worse = [0, 0];
-    for seed in 0..6 {
-        let (world, observations) = shot(seed, false);
-        for (told, worse) in [false, true].into_iter().zip(&mut worse) {
-            let cameras = if told { vec![moved.clone()] } else { vec![] };
-            let fit = forecaster.fit(&taken, &observations, &FitOptions { cameras, ..FitOptions::default() }).unwrap();
-            let errors = fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm());
-            *worse += errors.zip(&fit.frames).filter(|(error, frame)| *error > 2.0 * frame.sigma()).count();
-        }
-    }
-    let [untold, told] = worse;
-    assert!(10 * told < 420 && untold > 2 * told, "of 420 frames beyond two sigma: {untold} untold, {told} told");
 }

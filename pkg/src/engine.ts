@@ -57,7 +57,7 @@ export class Engine {
       this.#module ??= await loadBuild("cpu", wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       return null;
     },
-    fitTrack: ({ frames, camera, scene, noisePx, estimate }) => this.#core.fitTrack(frames, camera, scene, noisePx, estimate),
+    fitTrack: ({ frames, camera, scene, noisePx, estimate, cameraSigma }) => this.#core.fitTrack(frames, camera, scene, noisePx, estimate, cameraSigma),
     scenes: () => this.#core.scenes(),
     scene: ({ name }) => this.#core.scene(name),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),

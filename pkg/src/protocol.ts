@@ -26,7 +26,7 @@ export interface Calls {
   trackVideo: [{ known: string }, Core.VideoTrack];
 
   open: [Source, null];
-  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[] }, Core.Fit];
+  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string }, Core.Fit];
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];

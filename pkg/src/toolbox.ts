@@ -87,7 +87,7 @@ export class Toolbox {
   /** The trajectory behind a 2D track; {@link Track} is more convenient. */
   fitTrack(
     frames: { t: number; image: [number, number] | null; radius?: [number, number] | null }[],
-    scene: { camera: Camera; scene: Scene; noisePx?: number; estimate?: Parameter[]; signal?: AbortSignal },
+    scene: { camera: Camera; scene: Scene; noisePx?: number; estimate?: Parameter[]; cameraSigma?: Camera[]; signal?: AbortSignal },
   ): Promise<Fit> {
     return this.#call("fitTrack", () => ({
       frames: jsonOf(frames, "track"),
@@ -95,6 +95,7 @@ export class Toolbox {
       scene: jsonOf(scene.scene, "scene"),
       noisePx: scene.noisePx,
       estimate: [...(scene.estimate ?? [])],
+      cameraSigma: jsonOf(scene.cameraSigma ?? [], "cameraSigma"),
     }), scene.signal);
   }
 

@@ -7,6 +7,8 @@ import type { Camera, CoreOptions, Parameter, Scene, Trajectory } from "./types.
 export interface TrackOptions extends CoreOptions {
   camera: Camera;
   scene: Scene;
+  /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
+  cameraSigma?: Camera[];
   /** Found with less confidence than this, a position counts as not seen. Default: 0.5. */
   leastConfidence?: number;
   /** Standard deviation of the 2D positions, pixels; found from them where missing. */
@@ -91,7 +93,7 @@ export class Track {
    * @throws {@link GravisightError} `fit` for too few sightings, or a track that nothing explains.
    */
   async fit(options: { signal?: AbortSignal } = {}): Promise<Trajectory> {
-    const { camera, scene, noisePx, estimate } = this.#options;
+    const { camera, scene, noisePx, estimate, cameraSigma } = this.#options;
     const start = this.#sightings[0]?.timestampMs ?? 0;
     const frames = this.#sightings.map(({ timestampMs, image, radius }) => ({ t: (timestampMs - start) / 1000, image, radius }));
     const { signal } = options;
@@ -100,6 +102,7 @@ export class Track {
       scene,
       ...(noisePx !== undefined && { noisePx }),
       ...(estimate && { estimate }),
+      ...(cameraSigma && { cameraSigma }),
       ...(signal && { signal }),
     });
     const at = (t: number) => start + 1000 * t;

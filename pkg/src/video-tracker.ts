@@ -20,6 +20,8 @@ export interface VideoTrackerOptions extends ModelOptions {
 export interface TrackVideoOptions extends Pick<VideoTrackerOptions, "camera" | "scene" | "ball"> {
   /** Places in which a person saw the ball: the frame's index, and pixels. What flies through them is the ball. */
   seeds?: { frame: number; image: [number, number] }[];
+  /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
+  cameraSigma?: Camera[];
   /** Most hits of a racket, a foot or a hand between two pauses. Default: as many as the track needs. */
   hits?: number;
   /** Whether every frame of the video was given, with its own time. Default: false. */
@@ -87,7 +89,7 @@ export class VideoTracker {
    */
   async track(options: TrackVideoOptions = {}): Promise<TrackedVideo> {
     this.#transport.throwIfClosed();
-    const { signal, onProgress, hits, seeds = [], timesKnown = false } = options;
+    const { signal, onProgress, hits, seeds = [], timesKnown = false, cameraSigma = [] } = options;
     const { camera, scene, ball } = { ...this.#place, ...options };
     if (!camera !== !scene) {
       throw new GravisightError(camera ? "scene-missing" : "camera-missing", `Metres need camera and scene, and there is no ${camera ? "scene" : "camera"}.`);
@@ -97,6 +99,7 @@ export class VideoTracker {
       ...(camera && { camera }),
       ...(place && { scene: ball ? { ...place, ball: { ...place.ball, radius: ball.radius } } : place }),
       ...(hits !== undefined && { hits }),
+      cameraSigma,
       seeds: seeds.map(({ frame, image }) => [frame, image]),
       timesKnown,
     };

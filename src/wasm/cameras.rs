@@ -34,6 +34,8 @@ pub struct CalibrationResult {
     pub centre: [f64; 3],
     /// What is doubtful about it, in words; empty where nothing is.
     pub doubts: Vec<String>,
+    /// The camera moved by one standard deviation along each independent direction: `cameraSigma` of what depends on the camera.
+    pub one_sigma: Vec<Camera>,
     /// Standard deviations of the camera.
     pub sigma: CameraSigma,
     /// Standard deviation of a position in the picture's middle, as far as the camera is to blame.
@@ -108,6 +110,7 @@ impl CalibrationResult {
                 .collect(),
             centre: found.centre().into(),
             doubts: found.doubts(points),
+            one_sigma: found.one_sigma.clone(),
             sigma: CameraSigma {
                 rotation: found.sigma_rotation.into(),
                 centre: found.sigma_centre.into(),

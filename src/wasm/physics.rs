@@ -238,11 +238,18 @@ pub fn fit_track(
     scene: &str,
     noise_px: Option<f64>,
     estimate: Vec<String>,
+    camera_sigma: &str,
 ) -> std::result::Result<Ts<Fit>, JsValue> {
-    fit(frames, camera, scene, noise_px, &estimate).map_err(js_error)
+    fit(frames, [camera, camera_sigma], scene, noise_px, &estimate).map_err(js_error)
 }
 
-fn fit(frames: &str, camera: &str, scene: &str, noise_px: Option<f64>, estimate: &[String]) -> Result<Ts<Fit>> {
+fn fit(
+    frames: &str,
+    [camera, camera_sigma]: [&str; 2],
+    scene: &str,
+    noise_px: Option<f64>,
+    estimate: &[String],
+) -> Result<Ts<Fit>> {
     let frames: Vec<TrackFrame> = serde_json::from_str(frames).map_err(Error::format("track"))?;
     if noise_px.is_some_and(|noise| !(noise.is_finite() && noise > 0.0)) {
         return Err(Error::value("track", "noisePx", "must be positive"));
@@ -260,7 +267,8 @@ fn fit(frames: &str, camera: &str, scene: &str, noise_px: Option<f64>, estimate:
         .map(|frame| Observation { time: frame.t, image: frame.image.map(Point2::from), radius: frame.radius })
         .collect();
     let forecaster = Forecaster::new(&Scene::from_json(scene, "scene")?)?;
-    let options = FitOptions { noise_px, estimate, ..FitOptions::default() };
+    let cameras: Vec<Camera> = serde_json::from_str(camera_sigma).map_err(Error::format("cameraSigma"))?;
+    let options = FitOptions { noise_px, estimate, cameras, ..FitOptions::default() };
     let fit = forecaster.fit(&Camera::from_json(camera, "camera")?, &observations, &options)?;
     object_of(&Fit::from(&fit))
 }

@@ -88,6 +88,9 @@ struct Known {
     /// For metres: of the pictures' aspect.
     camera: Option<serde_json::Value>,
     scene: Option<serde_json::Value>,
+    /// The camera moved by one standard deviation along each independent direction.
+    #[serde(default)]
+    camera_sigma: Vec<Camera>,
     /// Most hits between two pauses; as many as the track needs where missing.
     hits: Option<usize>,
     /// Frames (from 0) and pixels in which a person saw the ball.
@@ -159,7 +162,10 @@ impl JsVideoTracker {
         let known_place = place.as_ref().map(|(camera, forecaster)| (camera, forecaster.scene()));
         let mut tracked = self.tracker.track(&known.seeds, known_place)?;
         if let Some((camera, forecaster)) = &place {
-            let options = FitOptions { hits: known.hits, times_known: known.times_known, ..FitOptions::default() };
+            let cameras = known.camera_sigma.iter().map(|moved| moved.for_picture(camera.size()));
+            let cameras = cameras.collect::<Result<Vec<Camera>>>()?;
+            let options =
+                FitOptions { hits: known.hits, times_known: known.times_known, cameras, ..FitOptions::default() };
             tracked.fit(forecaster, camera, &options, |done, all| {
                 // Nobody has to listen.
                 on_progress.call2(&JsValue::NULL, &done.into(), &all.into()).ok();

@@ -72,6 +72,26 @@ test("the tools run, several at the same time", async () => {
   await assert.rejects(one.courts(), { code: "disposed" });
 });
 
+test("how unsure a camera is enters the flight's uncertainty", async () => {
+  const toolbox = await Toolbox.create();
+  const scene = await toolbox.scene("volleyball");
+  const truth = { width: 1920, height: 1080, intrinsic: [[1500, 0, 959.5], [0, 1500, 539.5], [0, 0, 1]], camera_from_world: [[0, 1, 0, 0], [0, 0, -1, 2], [-1, 0, 0, 12], [0, 0, 0, 1]] };
+  const { points } = await toolbox.court("volleyball");
+  const names = ["near corner left", "far corner left", "near attack line left", "far attack line left", "near corner right", "far corner right"].filter((name) => points[name]);
+  const clicks = (await toolbox.project(truth, names.map((name) => points[name]))).map(([x, y], index) => [x + (index % 2 ? 3 : -3), y + (index % 3 ? 2 : -2)]);
+  const found = await toolbox.calibrate({ width: 1920, height: 1080, court: "volleyball", names, image: clicks });
+  assert.ok(found.oneSigma.length >= 6 && Array.isArray(found.doubts) && found.centre.length === 3);
+  const times = [...Array(40).keys()].map((frame) => frame / 40);
+  const { states } = await toolbox.forecast(scene, { position: [0, -5, 1.5], velocity: [0.5, 8, 4] }, times);
+  const seen = await toolbox.project(found.camera, states.map(([x, y, z]) => [x, y, z]));
+  const frames = times.map((t, index) => ({ t, image: seen[index] }));
+  const mean = ({ frames: fitted }) => fitted.reduce((sum, { sigma }) => sum + (typeof sigma === "number" ? sigma : Math.hypot(...sigma)), 0) / fitted.length;
+  const [without, withIt] = await Promise.all([[], found.oneSigma].map((cameraSigma) => toolbox.fitTrack(frames, { camera: found.camera, scene, cameraSigma })));
+  assert.ok(mean(withIt) > mean(without) * 1.02, `${mean(withIt)} ${mean(without)}`);
+  await assert.rejects(toolbox.fitTrack(frames, { camera: found.camera, scene, cameraSigma: [{}] }), /cameraSigma/);
+  toolbox.dispose();
+});
+
 test("two toolboxes that share a Worker each get their own answers", async () => {
   // It answers one message after the other, as the package's own does; both hear each answer.
   class Shared extends EventTarget {

@@ -110,7 +110,7 @@ class Step {
     on("cal-undo", () => this.#undo());
     on("cal-use", () => {
       if (!this.#calibration) return;
-      workspace.camera = this.#calibration.found.camera;
+      workspace.setCamera(this.#calibration.found.camera, this.#calibration.found.oneSigma);
       this.#say("This camera is now the one that the other steps use. It is kept in this browser.");
       if (this.#back) location.hash = this.#back;
       this.#showBack("");

@@ -57,8 +57,18 @@ class Workspace extends EventTarget {
   }
 
   set camera(camera: Camera | undefined) {
+    this.setCamera(camera, []);
+  }
+
+  /** The same with how unsure it is: `oneSigma` of its calibration. */
+  setCamera(camera: Camera | undefined, oneSigma: Camera[]): void {
     store("gravisight.camera", camera);
+    store("gravisight.camera-sigma", oneSigma);
     this.dispatchEvent(new Event("camera"));
+  }
+
+  get cameraSigma(): Camera[] {
+    return parsed("gravisight.camera-sigma") ?? [];
   }
 
   get scene(): Scene {

@@ -6,6 +6,7 @@ import type { Seen } from "./sightings";
 
 export interface FitOptions {
   camera: Camera;
+  cameraSigma: Camera[];
   scene: Scene;
   /** Least confidence of a sighting. */
   threshold: number;
@@ -14,8 +15,8 @@ export interface FitOptions {
   signal: AbortSignal;
 }
 
-export async function fitted(all: Seen[], { camera, scene, threshold, size, signal }: FitOptions): Promise<Trajectory> {
-  const track = await Track.create({ camera, scene, toolbox: await tools(), leastConfidence: threshold });
+export async function fitted(all: Seen[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Trajectory> {
+  const track = await Track.create({ camera, cameraSigma, scene, toolbox: await tools(), leastConfidence: threshold });
   for (const { timeMs, image: [u, v], confidence } of all) {
     // In the pixels that the camera speaks of, which need not be the video's; an integer is a pixel's centre.
     const image: [number, number] = [((u + 0.5) * camera.width) / size.width - 0.5, ((v + 0.5) * camera.height) / size.height - 0.5];

@@ -44,7 +44,7 @@ export class Following {
   /** Gives the whole source to a tracker. */
   async start(): Promise<void> {
     const { looker, place, job, overlay, transport } = this.#with;
-    const { camera, scene } = place;
+    const { camera, cameraSigma, scene } = place;
     const { source } = looker;
     if (!source || !camera || !scene) throw new Error("To track takes a video, its camera, and its place and ball.");
     source.pause();
@@ -54,7 +54,7 @@ export class Following {
       await job.run("Loading the model…", async (watch) => {
         // The one that reads sizes, whatever the step Try shows.
         const which = { model: MODELS.any, device: chosenDevice() };
-        this.#tracking = await Tracking.through(source, { camera, scene }, which, watch, ({ image, timeMs }) => {
+        this.#tracking = await Tracking.through(source, { camera, cameraSigma, scene }, which, watch, ({ image, timeMs }) => {
           overlay.showPlain(image, "A frame that is being looked at");
           transport.showTime(timeMs);
         });

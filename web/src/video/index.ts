@@ -316,12 +316,12 @@ class Step {
   // What is made of it.
 
   async #fitNow(): Promise<void> {
-    const { camera, scene } = this.#place;
+    const { camera, cameraSigma, scene } = this.#place;
     if (!camera || !scene) throw new Error("A fit needs the camera, and the place and ball.");
     this.#source?.pause();
     const { all, version } = this.#looker.sightings;
     const { threshold } = this.#model;
-    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, scene, threshold, size: this.#about, signal }));
+    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, scene, threshold, size: this.#about, signal }));
     this.#showCurve(fit, version);
   }
 

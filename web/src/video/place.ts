@@ -16,6 +16,11 @@ export class Place {
     return this.example?.camera ?? this.#dropped.camera?.content ?? workspace.camera;
   }
 
+  /** How unsure the camera is, where that is known. */
+  get cameraSigma(): Camera[] {
+    return this.example || this.#dropped.camera ? [] : workspace.cameraSigma;
+  }
+
   /** Undefined where nobody said what ball it is. */
   get scene(): Scene | undefined {
     if (this.example) return this.example.scene;

@@ -16,6 +16,8 @@ const SLOWER = 0.7;
 
 export interface Known {
   camera: Camera;
+  /** How unsure that is: `oneSigma` of its calibration. */
+  cameraSigma: Camera[];
   scene: Scene;
 }
 
