@@ -20,7 +20,7 @@ fuzz_target!(|input: Input| {
     let Ok(scene) = Scene::named(names[usize::from(input.scene) % names.len()]) else { return };
     let Ok(forecaster) = Forecaster::new(&scene) else { return };
     let [x, y, z, u, v, w] = input.start;
-    let state = State::new([x, y, z].into(), [u, v, w].into());
+    let state = State { position: [x, y, z].into(), velocity: [u, v, w].into(), spin: [0.0; 3].into() };
     let times: Vec<f64> = input.times.iter().copied().take(8).collect();
     let found = forecaster.forecast(&state, &times);
     assert!(found.states.iter().all(|state| state.position.iter().all(|value| value.is_finite())));
