@@ -2,8 +2,12 @@
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime};
 
 use crate::error::{Error, Result};
+
+/// What a run left that did not come to its end is removed once nothing has changed in it for so long: another machine may be writing there.
+const LEFT: Duration = Duration::from_secs(60);
 
 /// Writes `bytes` under a temporary name beside `path`, syncs, then renames.
 ///
@@ -25,6 +29,28 @@ pub(crate) fn temporary_name(path: &Path) -> PathBuf {
     path.with_file_name(name)
 }
 
+/// Removes the temporary folders that runs left beside `path` which were killed.
+fn remove_left(path: &Path) {
+    let (Some(folder), Some(name)) = (path.parent(), path.file_name()) else { return };
+    let start = format!(".{}.", name.to_string_lossy());
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let id = name.strip_prefix(&start).and_then(|rest| rest.strip_suffix(".tmp")).and_then(|id| id.parse().ok());
+        let Some(id) = id else { continue };
+        let changed = entry.metadata().and_then(|about| about.modified()).ok();
+        let age = changed.and_then(|changed| SystemTime::now().duration_since(changed).ok());
+        if !is_running(id) && age.is_some_and(|age| age > LEFT) {
+            std::fs::remove_dir_all(entry.path()).unwrap_or_default();
+        }
+    }
+}
+
+/// Whether a process of this machine has the number; where that cannot be told, yes.
+fn is_running(id: u32) -> bool {
+    let processes = Path::new("/proc");
+    !processes.join("self").exists() || processes.join(id.to_string()).exists()
+}
+
 /// A folder that is filled under a temporary name and appears when it is whole; dropped before, it is gone.
 #[derive(Debug)]
 pub struct NewFolder {
@@ -43,6 +69,7 @@ impl NewFolder {
             return Err(Error::Data { what: path.display().to_string(), reason });
         }
         let goal = std::path::absolute(path).map_err(Error::io(path))?;
+        remove_left(&goal);
         let temporary = temporary_name(&goal);
         std::fs::create_dir_all(&temporary).map_err(Error::io(&temporary))?;
         Ok(Self { goal, temporary })
@@ -67,5 +94,33 @@ impl NewFolder {
 impl Drop for NewFolder {
     fn drop(&mut self) {
         std::fs::remove_dir_all(&self.temporary).unwrap_or_default();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_a_killed_run_left_goes_and_what_one_that_runs_writes_stays() {
+        let folder = crate::testing::scratch("left");
+        let make = |id: u32, name: &str, age: u64| {
+            let path = folder.join(format!(".{name}.{id}.tmp"));
+            std::fs::create_dir(&path).unwrap();
+            std::fs::write(path.join("part"), b"part").unwrap();
+            let then = SystemTime::now() - Duration::from_secs(age);
+            std::fs::File::open(&path).unwrap().set_modified(then).unwrap();
+            path
+        };
+        // No process has so large a number.
+        let killed = make(u32::MAX, "clips", 3600);
+        let just_now = make(u32::MAX - 1, "clips", 1);
+        let of_another = make(u32::MAX, "others", 3600);
+        let running = make(std::process::id(), "other", 3600);
+        let new = NewFolder::at(&folder.join("clips")).unwrap();
+        assert!(!killed.exists() && just_now.exists() && of_another.exists() && running.exists());
+        new.finish().unwrap();
+        assert!(folder.join("clips").is_dir());
     }
 }

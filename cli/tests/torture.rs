@@ -1,0 +1,188 @@
+//! Runs that are killed at any moment: nothing half made is taken for whole, and what goes on ends in the same bits. Few times here;
+//! `scripts/torture` sets TORTURE to many.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use common::{root, scratch};
+use gravisight::Clips;
+
+/// How often each is killed.
+fn times() -> u32 {
+    std::env::var("TORTURE").ok().and_then(|text| text.parse().ok()).unwrap_or(3)
+}
+
+fn start(arguments: &[&str]) -> Child {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_gravisight"));
+    command.args(arguments).current_dir(root()).stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Shares of 1 that look random and are the same each time.
+fn share(number: u32) -> f64 {
+    f64::from(number.wrapping_mul(2_654_435_769).rotate_left(13)) / f64::from(u32::MAX)
+}
+
+/// Every file below a folder, by its path there, without hidden ones.
+fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![folder.to_path_buf()];
+    while let Some(next) = folders.pop() {
+        for entry in std::fs::read_dir(&next).into_iter().flatten().flatten() {
+            let path = entry.path();
+            match path.is_dir() {
+                _ if entry.file_name().to_string_lossy().starts_with('.') => {}
+                true => folders.push(path),
+                false => drop(found.insert(path.strip_prefix(folder).unwrap().into(), std::fs::read(&path).unwrap())),
+            }
+        }
+    }
+    found
+}
+
+/// Lets a run go on for a share of the time that a whole one takes, and kills it; whether it was killed before its end.
+fn killed(mut child: Child, after: Duration) -> bool {
+    std::thread::sleep(after);
+    child.kill().ok();
+    // 3: it came to its end, and not all is explained.
+    !matches!(child.wait().unwrap().code(), Some(0 | 3))
+}
+
+#[test]
+fn clips_are_clips_only_when_they_are_whole_and_go_on_where_they_were() {
+    let folder = scratch("synth");
+    let [first, out] = ["first", "clips"].map(|name| folder.join(name));
+    let made = |out: &Path| {
+        start(&["synth", "--set", "sd-s", "--split", "val", "--clips", "2", "--seed", "3", "--out", text(out)])
+    };
+    let started = Instant::now();
+    assert!(made(&first).wait().unwrap().success());
+    let lasts = started.elapsed();
+    let whole = contents(&first);
+    let mut died = 0;
+    for number in 0..times() {
+        died += u32::from(killed(made(&out), lasts.mul_f64(share(number + 1))));
+        let ended = Clips::read(&out).is_ok();
+        assert!(!ended || contents(&out) == whole, "it says that it is whole, and is not");
+        // Every other time it goes on from what was left.
+        if number % 2 == 0 || ended {
+            assert!(made(&out).wait().unwrap().success());
+            assert!(contents(&out) == whole, "what went on is not what is made at once");
+            std::fs::remove_dir_all(&out).unwrap();
+        }
+    }
+    println!("synth: {died} of {} killed before the end", times());
+}
+
+#[test]
+fn a_trajectory_is_there_whole_or_not_at_all() {
+    let folder = scratch("fit");
+    let out = folder.join("trajectory.csv");
+    let scene = folder.join("scene.json");
+    std::fs::write(&scene, serde_json::to_string(&gravisight::Scene::named("floor").unwrap()).unwrap()).unwrap();
+    let camera = folder.join("camera.json");
+    std::fs::write(
+        &camera,
+        r#"{"width":1280,"height":720,"intrinsic":[[1100,0,639.5],[0,1100,359.5],[0,0,1]],
+            "camera_from_world":[[1,0,0,0],[0,0,-1,1.5],[0,1,0,6],[0,0,0,1]]}"#,
+    )
+    .unwrap();
+    let seen = gravisight::Camera::from_file(&camera).unwrap();
+    let mut track = String::from("Frame,Visibility,X,Y\n");
+    for frame in 0..40 {
+        let t = f64::from(frame) / 50.0;
+        let at = seen.image_from_world(&[-1.5 + 3.0 * t, 0.4 * t, 1.0 + 4.0 * t - 4.905 * t * t].into()).unwrap();
+        track += &format!("{frame},1,{},{}\n", at.x, at.y);
+    }
+    let file = folder.join("track.csv");
+    std::fs::write(&file, track).unwrap();
+    let arguments = [
+        "fit",
+        "--track",
+        text(&file),
+        "--camera",
+        text(&camera),
+        "--scene",
+        text(&scene),
+        "--fps",
+        "50",
+        "--out",
+        text(&out),
+    ];
+    let started = Instant::now();
+    start(&arguments).wait().unwrap();
+    let lasts = started.elapsed();
+    let whole = std::fs::read(&out).unwrap();
+    let mut died = 0;
+    for number in 0..times() {
+        std::fs::remove_file(&out).ok();
+        died += u32::from(killed(start(&arguments), lasts.mul_f64(1.2 * share(number + 1))));
+        assert!(std::fs::read(&out).map_or(true, |found| found == whole), "it is there and is not whole");
+    }
+    println!("fit: {died} of {} killed before the end", times());
+}
+
+#[test]
+fn a_training_that_is_killed_often_ends_in_the_same_weights() {
+    let folder = scratch("train");
+    let [whole, out] = ["whole", "killed"].map(|name| folder.join(name));
+    let train = |out: &Path| {
+        start(&[
+            "train",
+            "--config",
+            "tests/golden/tiny.toml",
+            "--out",
+            text(out),
+            "--set",
+            "checkpoint_every=2",
+            "--set",
+            "phases=[{steps=40, batch=4, crop=32, learning_rate=1e-3}]",
+            "--set",
+            "validate_every=20",
+        ])
+    };
+    let started = Instant::now();
+    assert!(train(&whole).wait().unwrap().success());
+    let lasts = started.elapsed();
+    let weights = |folder: &Path| {
+        let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+        names
+            .filter(|path| path.extension().is_some_and(|it| it == "safetensors"))
+            .map(|path| std::fs::read(path).unwrap())
+            .next()
+    };
+    let expected = weights(&whole).unwrap();
+    let (mut died, mut rounds) = (0, 0);
+    while died < times() {
+        std::fs::remove_dir_all(&out).ok();
+        let mut child = train(&out);
+        // Each round is killed again and again until it has come through.
+        for number in 0.. {
+            let after = lasts.mul_f64(0.1 + 0.6 * share(rounds * 1000 + number));
+            if !killed(child, after) {
+                break;
+            }
+            died += 1;
+            let resumable = out.join("checkpoints").is_dir();
+            // Killed before there was a run: it begins anew.
+            if !resumable {
+                std::fs::remove_dir_all(&out).ok();
+            }
+            child = if resumable { start(&["train", "--resume", text(&out)]) } else { train(&out) };
+            if died >= times() {
+                assert!(child.wait().unwrap().success());
+                break;
+            }
+        }
+        assert!(weights(&out).unwrap() == expected, "the weights differ after {died} kills");
+        rounds += 1;
+    }
+    println!("train: killed {died} times in {rounds} runs");
+}
