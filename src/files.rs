@@ -104,7 +104,8 @@ mod tests {
     #[test]
     #[cfg(target_os = "linux")]
     fn what_a_killed_run_left_goes_and_what_one_that_runs_writes_stays() {
-        let folder = crate::testing::scratch("left");
+        let folder = std::env::temp_dir().join(format!("gravisight-left-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
         let make = |id: u32, name: &str, age: u64| {
             let path = folder.join(format!(".{name}.{id}.tmp"));
             std::fs::create_dir(&path).unwrap();
@@ -122,5 +123,6 @@ mod tests {
         assert!(!killed.exists() && just_now.exists() && of_another.exists() && running.exists());
         new.finish().unwrap();
         assert!(folder.join("clips").is_dir());
+        std::fs::remove_dir_all(&folder).unwrap();
     }
 }
