@@ -1,5 +1,8 @@
 //! Cameras from labelled points: `cargo test --release --test calibrate -- --nocapture` prints how far off they are.
 
+mod clicking;
+
+use clicking::{Noise, looking};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
@@ -7,33 +10,6 @@ use proptest::prelude::*;
 use serde_json::Value;
 
 const ONLY_POSE: Unknowns = Unknowns { focal: false, principal_point: false, distortion: 0 };
-
-/// Reproducible Gaussian noise.
-struct Noise(u64);
-
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
-
-/// A camera that stands at `at` and looks at `to`.
-fn looking(at: [f64; 3], to: [f64; 3], focal: f64, size: Size, distortion: Distortion) -> Camera {
-    let forward = (Vector3::from(to) - Vector3::from(at)).normalize();
-    let right = forward.cross(&Vector3::z()).normalize();
-    let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-    let middle = size.xy().map(|side| (side - 1.0) / 2.0);
-    let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);
-    Camera::new(size, intrinsic, distortion, rotation, -rotation * Vector3::from(at)).unwrap()
-}
 
 /// Clicks on `world` as `camera` sees it, with noise, px.
 fn clicked(camera: &Camera, world: &[[f64; 3]], known: bool, noise: f64, seed: u64) -> Points {

@@ -1,10 +1,13 @@
 //! A camera by a few clicks and a court's painted lines: `cargo test --release --test court_lines -- --nocapture` prints how far off it is.
 //! The pictures are drawn here, pixel by pixel from the ground's paint.
 
+mod clicking;
+
+use clicking::{Noise, looking};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, CourtLine, Picture, Points, Size, Unknowns, calibrate, calibrate_by_lines};
 use image::{Rgb, RgbImage};
-use nalgebra::{Matrix3, Point2, Point3, Vector3};
+use nalgebra::{Point2, Point3, Vector3};
 
 const SIZE: Size = Size { width: 1280, height: 720 };
 /// Rays a pixel, along each side.
@@ -12,41 +15,15 @@ const RAYS: u32 = 3;
 const NEAR_AND_FAR: [&str; 4] =
     ["near doubles corner left", "near doubles corner right", "far doubles corner left", "far doubles corner right"];
 
-/// Reproducible noise.
-struct Noise(u64);
-
-impl Noise {
-    fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn between(&mut self, least: f64, most: f64) -> f64 {
-        least + (most - least) * self.uniform()
-    }
-
-    fn normal(&mut self) -> f64 {
-        (-2.0 * (1.0 - self.uniform()).ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
-    }
-}
-
-fn looking(at: [f64; 3], to: [f64; 3], focal: f64, distortion: Distortion) -> Camera {
-    let forward = (Vector3::from(to) - Vector3::from(at)).normalize();
-    let right = forward.cross(&Vector3::z()).normalize();
-    let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-    let middle = SIZE.xy().map(|side| (side - 1.0) / 2.0);
-    let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);
-    Camera::new(SIZE, intrinsic, distortion, rotation, -rotation * Vector3::from(at)).unwrap()
+fn between(random: &mut Noise, least: f64, most: f64) -> f64 {
+    least + (most - least) * random.uniform()
 }
 
 /// A camera behind a tennis court, at the height of broadcast or of a fence.
 fn behind(random: &mut Noise, distortion: Distortion) -> Camera {
-    let at = [random.between(-4.0, 4.0), random.between(-26.0, -20.0), random.between(4.0, 10.0)];
-    let to = [random.between(-1.0, 1.0), random.between(-3.0, 0.0), 0.0];
-    looking(at, to, random.between(1200.0, 1500.0), distortion)
+    let at = [between(random, -4.0, 4.0), between(random, -26.0, -20.0), between(random, 4.0, 10.0)];
+    let to = [between(random, -1.0, 1.0), between(random, -3.0, 0.0), 0.0];
+    looking(at, to, between(random, 1200.0, 1500.0), SIZE, distortion)
 }
 
 /// What a court looks like: painted lines of the widths that there really are, people before them, texture, noise.
@@ -65,7 +42,7 @@ impl Look {
         let widest = lines.iter().map(|line| line.width).fold(0.0, f64::max);
         for line in &mut lines {
             if line.width == widest {
-                line.width *= random.between(0.5, 1.0);
+                line.width *= between(random, 0.5, 1.0);
             }
             let off = 0.08 * line.width.min(0.05) * random.normal();
             let aside = line.paint.map_or_else(|| Vector3::new(1.0, 0.0, 0.0), Vector3::from) * off;
@@ -73,13 +50,13 @@ impl Look {
                 *end = (Vector3::from(*end) + aside).into();
             }
         }
-        let ground = [random.between(30.0, 130.0), random.between(40.0, 120.0), random.between(40.0, 150.0)];
+        let ground = [between(random, 30.0, 130.0), between(random, 40.0, 120.0), between(random, 40.0, 150.0)];
         let person = |random: &mut Noise| {
-            let [x, y] = [random.between(0.0, 1200.0), random.between(100.0, 600.0)];
-            [x, y, x + random.between(20.0, 60.0), y + random.between(60.0, 150.0)]
+            let [x, y] = [between(random, 0.0, 1200.0), between(random, 100.0, 600.0)];
+            [x, y, x + between(random, 20.0, 60.0), y + between(random, 60.0, 150.0)]
         };
         let people = (0..4).map(|_| person(random)).collect();
-        Self { lines, ground, paint: random.between(190.0, 245.0), people, noise: 3.0 }
+        Self { lines, ground, paint: between(random, 190.0, 245.0), people, noise: 3.0 }
     }
 
     fn is_painted(&self, at: &Point3<f64>) -> bool {
@@ -195,7 +172,7 @@ fn lines_pull_four_clicks_to_a_fraction_of_a_pixel() {
 fn a_table_and_its_lens() {
     let mut random = Noise(7);
     let lens = Distortion { k1: -0.12, k2: 0.03, ..Distortion::default() };
-    let truth = looking([2.6, -2.9, 2.1], [0.1, 0.1, 0.76], 1150.0, lens);
+    let truth = looking([2.6, -2.9, 2.1], [0.1, 0.1, 0.76], 1150.0, SIZE, lens);
     let names = [
         "near corner left",
         "near corner right",
