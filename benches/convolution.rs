@@ -269,7 +269,9 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
         Box::new(move || {
             let (before, now) = (pen.take().expect("a network"), next.take().expect("a batch"));
             let begin = Instant::now();
-            let (after, _) = pollster::block_on(step(before, &mut optimiser, now, &options, &device)).unwrap();
+            let (after, _) =
+                pollster::block_on(step(before, &mut optimiser, now, &options, &mut Default::default(), &device))
+                    .unwrap();
             let time = begin.elapsed().as_secs_f64();
             pen = Some(after);
             next = Some(batch.clone());

@@ -137,6 +137,9 @@ fn show(progress: &mut Progress, now: &TrainProgress) {
     if future > 0.0 {
         losses += &format!(", future {future:.2} px");
     }
+    for (law, factor) in &now.laws {
+        losses += &format!(", {law} × {factor:.3}");
+    }
     progress.set(step as u64, steps as u64, &format!("{losses}), {seconds:.2} s a step"));
     match &now.validation {
         Some(Validation::Score(score)) => {

@@ -64,7 +64,7 @@ impl Place {
     }
 }
 
-/// What a forecast must meet.
+/// A 2D position that a forecast must meet, or that tells where the ball flies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Target {
     /// A 2D label, px of the clip's picture.
@@ -76,18 +76,44 @@ pub enum Target {
         /// Its place.
         place: Place,
     },
+    /// The network's own 2D position in this frame when it last saw it.
+    Remembered(FrameId),
 }
 
-/// Three neighbouring frames that a forecast starts from, and what it must meet.
+/// A frame of a run's clips: numbers of the clip and of the frame in it.
+pub type FrameId = [usize; 2];
+
+/// What a forecast starts from: position and velocity.
+#[derive(Debug, Clone)]
+pub enum Start {
+    /// Three neighbouring pictures of the batch, from `Window::first` on; the middle one's time is 0.
+    Pictures {
+        /// Their places.
+        places: [Place; 3],
+        /// Their times, s.
+        times: [f64; 3],
+    },
+    /// One picture of the batch, at time 0, and the 2D positions around it.
+    Track {
+        /// Its place.
+        place: Place,
+        /// Which frame it is.
+        frame: FrameId,
+        /// Times, s, and 2D positions of the frames around and of itself, by time.
+        around: Vec<(f64, Target)>,
+        /// The clip's physics with nothing to touch.
+        free: Arc<Forecaster>,
+    },
+}
+
+/// What a forecast starts from, and what it must meet.
 #[derive(Debug, Clone)]
 pub struct Window {
-    /// Index in the batch of the first of the three pictures; the others follow.
+    /// Index in the batch of the first of its pictures; the others follow.
     pub first: usize,
-    /// Their places.
-    pub places: [Place; 3],
-    /// Their times, s; the middle one's is 0.
-    pub times: [f64; 3],
-    /// From the clip's first frame to the middle one, s.
+    /// Position and velocity at time 0.
+    pub start: Start,
+    /// From the clip's first frame to time 0, s.
     pub since_start: f64,
     /// The camera of the clip's pictures.
     pub camera: Camera,
@@ -95,4 +121,11 @@ pub struct Window {
     pub forecaster: Arc<Forecaster>,
     /// Times, s, and targets.
     pub ahead: Vec<(f64, Target)>,
+}
+
+impl Window {
+    /// Times of what the forecast must meet, s.
+    pub fn times(&self) -> Vec<f64> {
+        self.ahead.iter().map(|(time, _)| *time).collect()
+    }
 }

@@ -21,7 +21,7 @@ mod teacher;
 #[cfg(test)]
 mod tests;
 
-pub use self::batch::{Batch, Labels, Place, Target, Window};
+pub use self::batch::{Batch, FrameId, Labels, Place, Start, Target, Window};
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
@@ -37,12 +37,15 @@ pub(super) use self::sampler::Sampler;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::source::Source;
 pub(super) use self::teacher::{TaughtClip, teach};
-use super::recipe::Recipe;
+use super::recipe::{Recipe, Velocity};
 use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 
 /// Share of the picture's side by which a label may lie outside (a ball cut by the edge).
 const LABEL_MARGIN: f64 = 0.05;
+
+/// Fewest frames around one that tell its velocity.
+const FEWEST_AROUND: usize = 3;
 
 /// A frame and what it teaches.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -90,8 +93,11 @@ impl Examples {
             return refuse("no frame shows the ball (`visible`: true)".into());
         }
         let examples = Self { clips, frames, of_frame };
-        if recipe.supervision.is_future() && examples.windows(&recipe.future.ahead).is_empty() {
-            let longest = recipe.future.ahead.iter().max().unwrap_or(&0) + 2;
+        if recipe.supervision.is_future() && examples.windows(recipe).is_empty() {
+            let longest = match recipe.future.velocity {
+                Velocity::Pictures => recipe.future.ahead.iter().max().unwrap_or(&0) + 2,
+                Velocity::Labels => recipe.future.ahead.iter().min().unwrap_or(&0).max(&FEWEST_AROUND) + 1,
+            };
             return refuse(format!(
                 "no clip shows the ball in a window of {longest} frames; take shorter `future.ahead`, or longer clips"
             ));
@@ -104,13 +110,36 @@ impl Examples {
         self.frames.get((*self.of_frame.get(clip)?.get(frame)?)?)
     }
 
-    /// Middles (clip, frame) of the windows that have their neighbours and all frames `ahead`.
-    pub fn windows(&self, ahead: &[usize]) -> Vec<(usize, usize)> {
+    /// Frames (clip, frame) that forecasts start from: those that have their neighbours and all frames ahead; where 2D
+    /// positions tell the velocity, those that have enough of them, and one to be met.
+    pub fn windows(&self, recipe: &Recipe) -> Vec<(usize, usize)> {
+        let ahead = &recipe.future.ahead;
         let has = |clip: usize, frame: usize| self.example(clip, frame).is_some();
-        let whole = |&(clip, frame): &(usize, usize)| {
-            frame > 0 && has(clip, frame - 1) && has(clip, frame + 1) && ahead.iter().all(|by| has(clip, frame + by))
+        let whole = |&(clip, frame): &(usize, usize)| match recipe.future.velocity {
+            Velocity::Pictures => {
+                frame > 0
+                    && has(clip, frame - 1)
+                    && has(clip, frame + 1)
+                    && ahead.iter().all(|by| has(clip, frame + by))
+            }
+            Velocity::Labels => {
+                self.around(clip, frame, recipe.future.around).len() > FEWEST_AROUND
+                    && !self.before_and_ahead(clip, frame, ahead).is_empty()
+            }
         };
         self.frames.iter().map(|example| (example.clip, example.frame)).filter(whole).collect()
+    }
+
+    /// Frames of `clip` with a 2D target that are at most `reach` from `frame`, itself included, in order.
+    pub(super) fn around(&self, clip: usize, frame: usize, reach: usize) -> Vec<usize> {
+        let near = frame.saturating_sub(reach)..=frame + reach;
+        near.filter(|&frame| self.example(clip, frame).is_some()).collect()
+    }
+
+    /// Frames of `clip` with a 2D target that are one of `ahead` before or after `frame`.
+    pub(super) fn before_and_ahead(&self, clip: usize, frame: usize, ahead: &[usize]) -> Vec<usize> {
+        let both = ahead.iter().flat_map(|&by| [frame.checked_sub(by), Some(frame + by)]).flatten();
+        both.filter(|&frame| self.example(clip, frame).is_some()).collect()
     }
 
     /// Smallest, mean and largest depth, m: of the depth targets; where forecasts teach, the distances between the

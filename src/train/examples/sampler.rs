@@ -7,18 +7,18 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
-use super::super::recipe::{Phase, Recipe, Supervision};
+use super::super::recipe::{Phase, Recipe, Supervision, Velocity};
 use super::augment::{Crop, View, change_light};
 use super::teacher::{forecaster, scene_of};
-use super::{Batch, Example, Examples, Labels, Pictures, Place, Target, Window};
+use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window};
 use crate::camera::Outline;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::image::{NetworkInput, tile};
-use crate::physics::Forecaster;
+use crate::physics::{Forecaster, Scene};
 use crate::size::Size;
 
-/// Pictures of a window that the forecast starts from.
+/// Pictures of a window that the forecast starts from, where pictures tell the velocity.
 const STARTS: usize = 3;
 
 /// Draws batches.
@@ -28,8 +28,8 @@ pub struct Sampler {
     pictures: Pictures,
     /// Middles of windows, clip and frame; where forecasts teach.
     windows: Vec<(usize, usize)>,
-    /// One a clip, likewise.
-    forecasters: Vec<Arc<Forecaster>>,
+    /// One a clip, likewise, with everything and with nothing to touch.
+    forecasters: Vec<[Arc<Forecaster>; 2]>,
     /// Whether it is apparent radii that are learned.
     reads_size: bool,
     /// Grid of crops, px.
@@ -44,6 +44,9 @@ struct Shot {
     frame: Option<usize>,
     seed: u64,
 }
+
+/// A window's first picture in the batch, and its middle: clip and frame.
+type Opened = (usize, (usize, usize));
 
 /// One picture of a batch.
 struct Drawn {
@@ -63,9 +66,16 @@ impl Sampler {
     pub fn new(recipe: &Recipe, examples: Examples, pictures: Pictures) -> Result<Self> {
         let (mut windows, mut forecasters) = (vec![], vec![]);
         if recipe.supervision.is_future() {
-            windows = examples.windows(&recipe.future.ahead);
+            windows = examples.windows(recipe);
             for clip in &examples.clips.clips {
-                forecasters.push(Arc::new(forecaster(scene_of(clip)?, recipe.future.numeric)?));
+                let scene = scene_of(clip)?;
+                if let Some(law) = recipe.future.learn.iter().find(|law| !law.is_of(scene)) {
+                    let reason = format!("its scene has no {} that could be learned (`future.learn`)", law.name());
+                    return Err(Error::Data { what: format!("clip `{}`", clip.id), reason });
+                }
+                let [scene, free] =
+                    [scene, &in_free_flight(scene)].map(|scene| forecaster(scene, recipe.future.numeric));
+                forecasters.push([Arc::new(scene?), Arc::new(free?)]);
             }
         }
         let architecture = recipe.architecture(1.0);
@@ -83,10 +93,10 @@ impl Sampler {
     /// # Errors
     /// As [`Clips::picture`](crate::clips::Clips::picture).
     pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
-        let (shots, middles) = self.shots(phase, step);
+        let (shots, opened) = self.shots(phase, step);
         let drawn: Vec<Drawn> = shots.par_iter().map(|shot| self.draw(shot, phase)).collect::<Result<_>>()?;
         let Size { width, height } = self.crop(phase).map_or(self.recipe.input, Size::square);
-        let windows = middles.iter().enumerate().map(|(index, &middle)| self.window(index, middle, &drawn)).collect();
+        let windows = opened.iter().map(|&opened| self.window(opened, &drawn)).collect();
         let mut batch = Batch {
             pictures: Vec::with_capacity(drawn.len() * 3 * (width * height) as usize),
             size: [height as usize, width as usize],
@@ -110,18 +120,29 @@ impl Sampler {
         phase.crop.or_else(|| self.reads_size.then(|| width.min(height)))
     }
 
-    /// What is drawn, and the middles of its windows.
-    fn shots(&self, phase: &Phase, step: usize) -> (Vec<Shot>, Vec<(usize, usize)>) {
+    /// What is drawn, and its windows.
+    fn shots(&self, phase: &Phase, step: usize) -> (Vec<Shot>, Vec<Opened>) {
         let seed = |index: usize| seed(self.recipe.seed, step, index);
         let mut random = StdRng::seed_from_u64(seed(usize::MAX));
-        let pick = |random: &mut StdRng| self.examples.frames[random.random_range(0..self.examples.frames.len())];
-        if self.windows.is_empty() {
+        if self.windows.is_empty() || self.recipe.future.velocity == Velocity::Labels {
+            // Where forecasts teach, a frame that none starts from would only show where the ball is.
+            let starts = &self.windows;
+            let mut opened = Vec::new();
             let shot = |index: usize| {
-                let example = pick(&mut random);
+                let (clip, frame) = match starts.is_empty() {
+                    true => {
+                        let example = self.examples.frames[random.random_range(0..self.examples.frames.len())];
+                        (example.clip, example.frame)
+                    }
+                    false => starts[random.random_range(0..starts.len())],
+                };
                 let empty = random.random_bool(self.recipe.empty_share);
-                Shot { clip: example.clip, frame: (!empty).then_some(example.frame), seed: seed(index) }
+                if !starts.is_empty() && !empty {
+                    opened.push((index, (clip, frame)));
+                }
+                Shot { clip, frame: (!empty).then_some(frame), seed: seed(index) }
             };
-            return ((0..phase.batch).map(shot).collect(), vec![]);
+            return ((0..phase.batch).map(shot).collect(), opened);
         }
         let ahead = &self.recipe.future.ahead;
         let count = (phase.batch / (STARTS + ahead.len())).max(1);
@@ -133,31 +154,50 @@ impl Sampler {
         });
         let shots =
             frames.enumerate().map(|(index, (clip, frame))| Shot { clip, frame: Some(frame), seed: seed(index) });
-        (shots.collect(), middles)
+        let shots: Vec<Shot> = shots.collect();
+        let opened = middles.iter().enumerate().map(|(index, &middle)| (index * (STARTS + ahead.len()), middle));
+        (shots, opened.collect())
     }
 
-    /// The `index`-th window of a batch, whose pictures are in order.
-    fn window(&self, index: usize, (clip, middle): (usize, usize), drawn: &[Drawn]) -> Window {
+    /// The window whose first picture is `first` of `drawn`; the others follow.
+    fn window(&self, (first, (clip, middle)): Opened, drawn: &[Drawn]) -> Window {
         let ahead = &self.recipe.future.ahead;
-        let first = index * (STARTS + ahead.len());
         let frames = &self.pictures.clips()[clip].frames;
-        let later = ahead.iter().enumerate().map(|(number, by)| {
-            let label = self.examples.example(clip, middle + by).map_or([0.0; 2], |example| example.image);
-            let picture = first + STARTS + number;
-            match self.recipe.supervision {
-                Supervision::Future2dGt => Target::Label(label),
-                _ => Target::Predicted { picture, place: drawn[picture].place },
+        let since = |frame: usize| frames[frame].t - frames[middle].t;
+        let [forecaster, free] = &self.forecasters[clip];
+        let label = |frame: usize| self.examples.example(clip, frame).map_or([0.0; 2], |example| example.image);
+        let (start, ahead) = match self.recipe.future.velocity {
+            Velocity::Pictures => {
+                let target = |(number, frame): (usize, usize)| {
+                    let picture = first + STARTS + number;
+                    let target = match self.recipe.supervision {
+                        Supervision::Future2dGt => Target::Label(label(frame)),
+                        _ => Target::Predicted { picture, place: drawn[picture].place },
+                    };
+                    (since(frame), target)
+                };
+                let places = [0, 1, 2].map(|number| drawn[first + number].place);
+                let times = [0, 1, 2].map(|number| since(middle + number - 1));
+                let later = ahead.iter().map(|by| middle + by).enumerate();
+                (Start::Pictures { places, times }, later.map(target).collect())
             }
-        });
-        Window {
-            first,
-            places: [0, 1, 2].map(|number| drawn[first + number].place),
-            times: [0, 1, 2].map(|number| frames[middle + number - 1].t - frames[middle].t),
-            since_start: frames[middle].t - frames[0].t,
-            camera: self.pictures.clips()[clip].camera.clone(),
-            forecaster: self.forecasters[clip].clone(),
-            ahead: ahead.iter().map(|by| frames[middle + by].t - frames[middle].t).zip(later).collect(),
-        }
+            Velocity::Labels => {
+                let target = |frame: usize| {
+                    let target = match self.recipe.supervision {
+                        Supervision::Future2dGt => Target::Label(label(frame)),
+                        _ => Target::Remembered([clip, frame]),
+                    };
+                    (since(frame), target)
+                };
+                let around = self.examples.around(clip, middle, self.recipe.future.around);
+                let around = around.into_iter().map(target).collect();
+                let frame = [clip, middle];
+                let start = Start::Track { place: drawn[first].place, frame, around, free: free.clone() };
+                (start, self.examples.before_and_ahead(clip, middle, ahead).into_iter().map(target).collect())
+            }
+        };
+        let camera = self.pictures.clips()[clip].camera.clone();
+        Window { first, start, since_start: since(middle) - since(0), camera, forecaster: forecaster.clone(), ahead }
     }
 
     fn draw(&self, shot: &Shot, phase: &Phase) -> Result<Drawn> {
@@ -230,6 +270,11 @@ impl Sampler {
         let place = Place { linear: unscale * linear, origin: unscale * (origin + half) - half, zoom: view.zoom };
         (values, view.of_input(in_input), place)
     }
+}
+
+/// `scene` with nothing in it to touch.
+fn in_free_flight(scene: &Scene) -> Scene {
+    Scene { floor: None, walls: vec![], boxes: vec![], ..scene.clone() }
 }
 
 /// The ball's outline in the clip's picture.

@@ -7,6 +7,7 @@ use burn::store::{ModuleRecord, RecordError};
 use serde::{Deserialize, Serialize};
 
 use super::super::recipe::Recipe;
+use super::knowledge::Knowledge;
 use super::publish::Best;
 use super::trainer::{State, Watch};
 use crate::error::{Error, Result};
@@ -18,6 +19,8 @@ const AVERAGE: &str = "average.bpk";
 const OPTIMISER: &str = "optimiser.bpk";
 /// The watch's two numbers as text, from which they are read to the bit. (JSON would round, and has no infinity.)
 const WATCH: &str = "watch.txt";
+/// What forecasts need besides.
+const KNOWLEDGE: &str = "knowledge.txt";
 /// Folder of the weights that scored best so far.
 const BEST: &str = "best";
 const SCORE: &str = "score.json";
@@ -43,6 +46,10 @@ impl State {
         if let Some(Watch { mean, lowest }) = self.watch {
             std::fs::write(at(WATCH), format!("{mean} {lowest}")).map_err(Error::io(at(WATCH)))?;
             files.push(WATCH);
+        }
+        if self.knowledge != Knowledge::default() {
+            std::fs::write(at(KNOWLEDGE), self.knowledge.text()).map_err(Error::io(at(KNOWLEDGE)))?;
+            files.push(KNOWLEDGE);
         }
         for file in files {
             std::fs::File::open(at(file)).and_then(|file| file.sync_all()).map_err(Error::io(at(file)))?;
@@ -77,6 +84,7 @@ impl State {
             average: read(blank.valid(), AVERAGE)?,
             optimiser: Self::blank_optimiser(recipe).load(at(OPTIMISER)).map_err(record(&at(OPTIMISER)))?,
             watch: read_watch(&at(WATCH))?,
+            knowledge: read_knowledge(&at(KNOWLEDGE), recipe)?,
         }))
     }
 }
@@ -90,6 +98,15 @@ fn read_watch(file: &Path) -> Result<Option<Watch>> {
     let numbers = text.split_once(' ').and_then(|(mean, lowest)| Some((mean.parse().ok()?, lowest.parse().ok()?)));
     let (mean, lowest) = numbers.ok_or_else(|| damaged(file, "not two numbers"))?;
     Ok(Some(Watch { mean, lowest }))
+}
+
+/// What the run knows besides; nothing where forecasts do not teach.
+fn read_knowledge(file: &Path, recipe: &Recipe) -> Result<Knowledge> {
+    if !file.exists() {
+        return Ok(Knowledge::first(recipe));
+    }
+    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+    Knowledge::from_text(recipe, &text).ok_or_else(|| damaged(file, "not a step, laws and frames"))
 }
 
 /// What is written beside the weights.

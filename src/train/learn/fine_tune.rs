@@ -170,7 +170,7 @@ impl FineTuner {
                 none.insert(Pictures::in_memory(Clips { folder: PathBuf::new(), clips }, pictures)?)
             }
         };
-        let scored = score(&localiser, validation, None).await?;
+        let scored = score(&localiser, validation, None, self.trainer.laws()).await?;
         Best::keep(&mut self.best, &scored, self.trainer.average());
         Ok(scored)
     }

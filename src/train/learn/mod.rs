@@ -6,6 +6,9 @@ mod checkpoint;
 mod ema;
 mod fine_tune;
 mod future;
+mod knowledge;
+mod launch;
+mod laws;
 #[cfg(not(target_arch = "wasm32"))]
 mod log;
 mod loss;

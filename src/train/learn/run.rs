@@ -1,5 +1,6 @@
 //! The training loop: steps, scores, log, checkpoints, and the model at the end.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -45,6 +46,9 @@ pub struct TrainProgress {
     pub seconds: f64,
     /// Part of it that was spent waiting for pictures, s.
     pub waited: f64,
+    /// Numbers of the scenes that are learned along, each as a factor of what the scenes say.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub laws: BTreeMap<&'static str, f64>,
     /// Score on the validation clips, after some steps.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub validation: Option<Validation>,
@@ -217,6 +221,7 @@ impl<'a> Run<'a> {
             learning_rate,
             seconds: began.elapsed().as_secs_f64(),
             waited,
+            laws: self.trainer.laws().factors().map(|(law, factor)| (law.name(), factor)).collect(),
             validation: if scores { Some(self.validate()?) } else { None },
         }))
     }
@@ -226,10 +231,10 @@ impl<'a> Run<'a> {
         let device = self.device.clone().without_autodiff();
         let average = self.trainer.average();
         let localiser = Localiser::from_pen(average.clone(), self.card.clone(), &device);
-        let frames = self.recipe.validate_frames;
+        let (frames, laws) = (self.recipe.validate_frames, self.trainer.laws());
         let scored = pollster::block_on(async {
             Ok::<_, Error>(match &self.validation {
-                HeldOut::Clips(pictures) => Validation::Score(score(&localiser, pictures, Some(frames)).await?),
+                HeldOut::Clips(pictures) => Validation::Score(score(&localiser, pictures, Some(frames), laws).await?),
                 HeldOut::Scenes(renderings) => Validation::Size(score_sizes(&localiser, renderings, frames).await?),
             })
         });

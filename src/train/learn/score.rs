@@ -6,6 +6,7 @@ use serde::Serialize;
 use super::super::examples::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::examples::Renderings;
+use super::laws::Laws;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
@@ -43,11 +44,12 @@ pub struct Score {
 }
 
 /// Scores `localiser` on about `frames` frames of the clips of `pictures`: whole clips, evenly spread; on all where absent.
+/// Their scenes are under `laws`.
 ///
 /// # Errors
 /// [`Error::Data`] where no frame has a label, and for a picture that cannot be localised; as
 /// [`Pictures::with`].
-pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<usize>) -> Result<Score> {
+pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<usize>, laws: &Laws) -> Result<Score> {
     let clips = pictures.clips();
     let count = frames.map_or(clips.len(), |frames| clips_with(frames, clips));
     let (mut forecast, mut image, mut dtg, mut confidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -62,7 +64,7 @@ pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<us
             dtg.extend(frame.world.map(|truth| distance(position, &Point3::from(truth))));
         }
         if let Some(scene) = &clip.scene {
-            forecast.extend(forecast_errors(clip, &Forecaster::new(scene)?, &found));
+            forecast.extend(forecast_errors(clip, &Forecaster::new(&laws.scene(scene))?, &found));
         }
     }
     if image.is_empty() {

@@ -7,6 +7,7 @@ use burn::tensor::{Device, Tensor, TensorData};
 use super::super::examples::Batch;
 use super::super::recipe::HeatmapLoss;
 use super::future::future;
+use super::knowledge::Knowledge;
 use super::loss::map_losses;
 use crate::error::{Error, Result};
 use crate::model::{Pen, decode};
@@ -48,7 +49,8 @@ pub struct StepReport {
 }
 
 /// Forward, backward, clip, update: the new network and what was found. `pen` must be on `device`,
-/// an autodiff device. A loss that is not finite leaves the weights alone; look at the report.
+/// an autodiff device. A loss that is not finite leaves the weights alone; look at the report. `knowledge` is what
+/// forecasts need besides, where they teach.
 ///
 /// # Errors
 /// [`Error::Device`] for a device that cannot be read.
@@ -57,6 +59,7 @@ pub async fn step(
     optimiser: &mut ModuleOptimizer,
     batch: Batch,
     options: &StepOptions,
+    knowledge: &mut Knowledge,
     device: &Device,
 ) -> Result<(Pen, StepReport)> {
     let [height, width] = batch.size;
@@ -66,7 +69,7 @@ pub async fn step(
     let config = pen.config().clone();
     let future = match batch.windows.is_empty() {
         true => None,
-        false => Some(future(&decode(output.clone(), &config), &batch.windows, options.robust_px).await?),
+        false => Some(future(&decode(output.clone(), &config), &batch.windows, options, knowledge).await?),
     };
     let (transition, with_centre) = (options.depth_transition, options.centre_weight > 0.0);
     let losses = map_losses(output, &batch.labels, &config, options.heatmap_loss, transition, with_centre);

@@ -7,6 +7,8 @@ use burn::tensor::Device;
 use super::super::examples::Batch;
 use super::super::recipe::Recipe;
 use super::ema::Ema;
+use super::knowledge::Knowledge;
+use super::laws::Laws;
 use super::step::{StepOptions, StepReport, step};
 use crate::error::{Error, Result};
 use crate::model::Pen;
@@ -28,6 +30,8 @@ pub struct State {
     pub optimiser: ModuleOptimizer,
     /// Before the first step there is none.
     pub watch: Option<Watch>,
+    /// What is known besides, where forecasts teach.
+    pub knowledge: Knowledge,
 }
 
 /// What the loss on the maps was.
@@ -42,7 +46,14 @@ pub struct Watch {
 impl State {
     /// The start from `model`.
     pub fn first(recipe: &Recipe, model: Pen) -> Self {
-        Self { step: 0, average: model.valid(), model, optimiser: Self::blank_optimiser(recipe), watch: None }
+        Self {
+            step: 0,
+            average: model.valid(),
+            model,
+            optimiser: Self::blank_optimiser(recipe),
+            watch: None,
+            knowledge: Knowledge::first(recipe),
+        }
     }
 
     /// The optimiser of a training at its start.
@@ -60,22 +71,24 @@ pub struct Trainer {
     optimiser: ModuleOptimizer,
     ema: Ema,
     watch: Option<Watch>,
+    knowledge: Knowledge,
 }
 
 impl Trainer {
     /// Goes on from `state`; `device` is an autodiff device.
     pub fn new(recipe: &Recipe, state: State, device: &Device) -> Self {
-        let State { step, model, average, optimiser, watch } = state;
+        let State { step, model, average, optimiser, watch, knowledge } = state;
         let ema = Ema::new(average, recipe.ema_decay, step);
         let model = if recipe.fixed_norms { model.with_fixed_norms() } else { model };
-        Self { recipe: recipe.clone(), device: device.clone(), step, model, optimiser, ema, watch }
+        Self { recipe: recipe.clone(), device: device.clone(), step, model, optimiser, ema, watch, knowledge }
     }
 
     /// What it would go on from.
     #[cfg(not(target_arch = "wasm32"))]
     pub fn state(&self) -> State {
         let Self { step, watch, .. } = *self;
-        State { step, model: self.model.clone(), average: self.average(), optimiser: self.optimiser.clone(), watch }
+        let (model, optimiser) = (self.model.clone(), self.optimiser.clone());
+        State { step, model, average: self.average(), optimiser, watch, knowledge: self.knowledge.clone() }
     }
 
     /// Steps done.
@@ -91,6 +104,11 @@ impl Trainer {
     /// A copy of the averaged weights, which stays as it is. (A clone's norms would go on moving with the average.)
     pub fn average(&self) -> Pen {
         self.ema.model().valid()
+    }
+
+    /// Physics that is learned along.
+    pub fn laws(&self) -> &Laws {
+        &self.knowledge.laws
     }
 
     /// The next step, on `batch`: what was found, and its learning rate. None after the last.
@@ -110,7 +128,8 @@ impl Trainer {
             clip_norm: self.recipe.clip_norm,
             learning_rate: phase.learning_rate(index),
         };
-        let (model, report) = step(self.model.clone(), &mut self.optimiser, batch, &options, &self.device).await?;
+        let (knowledge, device) = (&mut self.knowledge, &self.device);
+        let (model, report) = step(self.model.clone(), &mut self.optimiser, batch, &options, knowledge, device).await?;
         self.step += 1;
         if !report.loss.is_finite() || self.explodes(report.heatmap + options.depth_weight * report.depth, index) {
             return Err(Error::Diverged { step: self.step, loss: report.loss });

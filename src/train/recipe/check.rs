@@ -104,10 +104,16 @@ impl Recipe {
     }
 
     fn check_future(&self) -> Result<()> {
-        let FutureConfig { ahead, weight, robust_px, .. } = &self.future;
+        let FutureConfig { ahead, weight, robust_px, around, learn, .. } = &self.future;
         let refuse = |field: &str, reason: String| Err(Error::value("run configuration", field, reason));
         if ahead.is_empty() || ahead.iter().any(|&frames| frames < 2) {
             return refuse("future.ahead", "needs frames ahead, each at least 2 (the window holds 1)".into());
+        }
+        if !learn.is_empty() && !self.supervision.is_future() {
+            return refuse("future.learn", "needs a supervision that learns through forecasts (future-2d-…)".into());
+        }
+        if !(2..=1000).contains(around) {
+            return refuse("future.around", format!("must be from 2 to 1000 frames, not {around}"));
         }
         if !(weight.is_finite() && *weight > 0.0) {
             return refuse("future.weight", format!("must be positive, not {weight}"));

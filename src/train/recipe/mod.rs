@@ -11,7 +11,7 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::parts::{Augmentation, FitConfig, FutureConfig, HeatmapLoss, Network, Phase, Supervision};
+pub use self::parts::{Augmentation, FitConfig, FutureConfig, HeatmapLoss, Law, Network, Phase, Supervision, Velocity};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::paths::{RunPaths, TrainConfig};
 #[cfg(not(target_arch = "wasm32"))]

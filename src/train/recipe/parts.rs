@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::physics::{Contact, Scene};
+
 /// What teaches depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Supervision {
@@ -71,13 +73,74 @@ pub struct FutureConfig {
     pub robust_px: f64,
     /// Solve the equations of motion numerically even where there is a closed form, to compare.
     pub numeric: bool,
+    /// Where the forecast's velocity is from.
+    pub velocity: Velocity,
+    /// Frames on either side that tell the velocity, with [`Velocity::Labels`].
+    pub around: usize,
+    /// Numbers of the scenes that are known only roughly, and learned along with the network.
+    pub learn: Vec<Law>,
 }
 
 impl Default for FutureConfig {
     /// The paper's Δn for its synthetic data; robust, because one start inside a wall forecasts hundreds of px.
     fn default() -> Self {
-        Self { ahead: vec![4, 8, 15], weight: 0.05, ramp: 500, robust_px: 10.0, numeric: false }
+        Self {
+            ahead: vec![4, 8, 15],
+            weight: 0.5,
+            ramp: 300,
+            robust_px: 3.0,
+            numeric: false,
+            velocity: Velocity::Labels,
+            around: 5,
+            learn: vec![],
+        }
     }
+}
+
+/// A number of the clips' physics that forecasts can tell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Law {
+    /// The size of the gravitational acceleration. Depth and gravity tell each other: this needs contacts, whose places are
+    /// known.
+    Gravity,
+    /// The restitution of the contact model `bounce`.
+    Restitution,
+    /// The ball's drag coefficient.
+    Drag,
+}
+
+impl Law {
+    /// Its name in a recipe.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gravity => "gravity",
+            Self::Restitution => "restitution",
+            Self::Drag => "drag",
+        }
+    }
+
+    /// Whether `scene` has it: what is zero stays zero.
+    pub fn is_of(self, scene: &Scene) -> bool {
+        match self {
+            Self::Gravity => scene.gravity != [0.0; 3],
+            Self::Drag => scene.ball.drag_coefficient > 0.0,
+            Self::Restitution => matches!(scene.contact, Contact::Bounce { restitution, .. } if restitution > 0.0),
+        }
+    }
+}
+
+/// Where the velocity is from that a forecast starts with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Velocity {
+    /// The network's positions in three neighbouring pictures, as in the paper. Their depth noise weighs some twenty
+    /// times as much as their common depth, so this needs very long.
+    Pictures,
+    /// 2D positions around one picture (the labels; with `future-2d-predict` what the network itself found there), in
+    /// free flight: closed form, linear in the depth of that picture. Forecasts go both ways in time.
+    #[default]
+    Labels,
 }
 
 /// Random changes of training pictures.

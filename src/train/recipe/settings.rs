@@ -6,10 +6,11 @@ use super::{Recipe, RunPaths, TrainConfig};
 use crate::error::{Error, Result};
 
 /// The recipes of the published models and of the paper, and a short one, by name.
-const PRESETS: [(&str, &str); 7] = [
+const PRESETS: [(&str, &str); 8] = [
     ("any", include_str!("../../../models/any.toml")),
     ("quick", include_str!("../../../models/quick.toml")),
     ("sd-s", include_str!("../../../models/sd-s.toml")),
+    ("sd-s-future", include_str!("../../../models/sd-s-future.toml")),
     ("sd-m", include_str!("../../../models/sd-m.toml")),
     ("sd-l", include_str!("../../../models/sd-l.toml")),
     ("spring", include_str!("../../../models/spring.toml")),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 
+use super::super::laws::Laws;
 use super::super::score::score;
 use crate::clips::{Clips, Frame};
 use crate::error::Error;
@@ -95,10 +96,21 @@ fn every_supervision_runs_and_resumes_to_the_same_weights() {
     let _alone = alone();
     let folder = synthetic("supervised", 2, 45, |clip| clip.frames.truncate(45));
     let extra = "empty_share = 0.3\nvalidate_every = 2\naugmentation = { shift = 4, flip = 0.5, blur = 0.1, colour = 0.1, zoom = 0.1, roll_degrees = 5.0 }";
-    for (supervision, more) in
-        [("physics-fit", ""), ("mixed", "labelled_share = 0.5"), ("future-2d-predict", ""), ("future-2d-gt", "")]
+    let pictures = "future = { velocity = \"pictures\" }";
+    for (number, (supervision, more)) in [
+        ("physics-fit", ""),
+        ("mixed", "labelled_share = 0.5"),
+        ("future-2d-predict", ""),
+        ("future-2d-predict", pictures),
+        ("future-2d-gt", "future = { learn = [\"gravity\"] }"),
+        ("future-2d-gt", pictures),
+    ]
+    .into_iter()
+    .enumerate()
     {
-        let of = |kind: &str| on(&format!("{supervision}_{kind}"), &folder, supervision, &format!("{extra}\n{more}"));
+        let of = |kind: &str| {
+            on(&format!("{supervision}_{number}_{kind}"), &folder, supervision, &format!("{extra}\n{more}"))
+        };
         let card = start(&of("whole"), &mut |_| {}).unwrap();
         let expected = std::fs::read(card.with_extension("safetensors")).unwrap();
         let path = of("killed");
@@ -151,8 +163,13 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
     let device = Device::flex();
     let weights = std::fs::read(path.with_file_name("out/t.safetensors")).unwrap();
     let localiser = Localiser::new(card, weights, &device).unwrap();
-    let published =
-        pollster::block_on(score(&localiser, &Pictures::new(Clips::read(&folder).unwrap(), 0), Some(2))).unwrap();
+    let published = pollster::block_on(score(
+        &localiser,
+        &Pictures::new(Clips::read(&folder).unwrap(), 0),
+        Some(2),
+        &Laws::default(),
+    ))
+    .unwrap();
     let published = published.forecast_px.unwrap();
     assert!((published - best.1).abs() < 0.01 * best.1, "{published} {scores:?}");
     assert!(scores.iter().any(|(_, score)| *score > 1.05 * best.1), "{scores:?}");
@@ -176,21 +193,25 @@ fn labels_written_otherwise_are_recognised() {
 #[test]
 fn clips_that_cannot_teach_are_refused_by_name() {
     let short = synthetic("short", 1, 0, |clip| clip.frames.truncate(12));
+    let brief = synthetic("brief", 1, 0, |clip| clip.frames.truncate(3));
     let invisible = synthetic("invisible", 1, 0, |clip| {
         clip.frames.iter_mut().for_each(|frame| (frame.visible, frame.image, frame.world) = (false, None, None));
     });
     let floating = synthetic("floating", 1, 0, |clip| clip.scene.as_mut().unwrap().gravity = [0.0; 3]);
     let nowhere = synthetic("nowhere", 1, 0, |clip| clip.scene = None);
-    for (folder, supervision, named) in [
-        (&short, "future-2d-predict", "17 frames"),
-        (&invisible, "future-2d-gt", "visible"),
-        (&invisible, "physics-fit", "explains 0 of 1"),
-        (&invisible, "3d-gt", "visible"),
-        (&floating, "physics-fit", "gravity"),
-        (&floating, "future-2d-gt", "gravity"),
-        (&nowhere, "physics-fit", "scene"),
+    for (folder, supervision, named, more) in [
+        (&short, "future-2d-gt", "17 frames", "future = { velocity = \"pictures\" }"),
+        (&brief, "future-2d-gt", "5 frames", ""),
+        (&floating, "future-2d-gt", "gravity", "future = { learn = [\"gravity\"] }"),
+        (&short, "future-2d-gt", "no drag", "future = { learn = [\"drag\"] }"),
+        (&invisible, "future-2d-gt", "visible", ""),
+        (&invisible, "physics-fit", "explains 0 of 1", ""),
+        (&invisible, "3d-gt", "visible", ""),
+        (&floating, "physics-fit", "gravity", ""),
+        (&floating, "future-2d-gt", "gravity", ""),
+        (&nowhere, "physics-fit", "scene", ""),
     ] {
-        let error = start(&on("refused", folder, supervision, ""), &mut |_| {}).unwrap_err().to_string();
+        let error = start(&on("refused", folder, supervision, more), &mut |_| {}).unwrap_err().to_string();
         assert!(error.contains(named), "{supervision}: {error}");
     }
 }
