@@ -1,6 +1,7 @@
 //! Files that appear whole or not at all.
 
-use std::io::Write as _;
+use std::fs::TryLockError;
+use std::io::{Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
@@ -8,6 +9,65 @@ use crate::error::{Error, Result};
 
 /// What a run left that did not come to its end is removed once nothing has changed in it for so long: another machine may be writing there.
 const LEFT: Duration = Duration::from_secs(60);
+
+/// Largest file that is read into memory, bytes: labels of a million frames have less. Videos are not read so.
+const LARGEST: u64 = 512 << 20;
+
+/// What is in the file at `path`, where that is at most 512 MB.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Data`] for a larger file, or one without end, of which no more is read.
+pub fn read(path: &Path) -> Result<Vec<u8>> {
+    let mut file = std::fs::File::open(path).map_err(Error::io(path))?;
+    let says = file.metadata().map_err(Error::io(path))?.len();
+    let mut bytes = Vec::new();
+    if says <= LARGEST {
+        (&mut file).take(LARGEST + 1).read_to_end(&mut bytes).map_err(Error::io(path))?;
+    }
+    if says.max(bytes.len() as u64) > LARGEST {
+        let reason = format!("is larger than the {} MB that are read; split it", LARGEST >> 20);
+        return Err(Error::Data { what: path.display().to_string(), reason });
+    }
+    Ok(bytes)
+}
+
+/// The text in the file at `path`.
+///
+/// # Errors
+/// As [`read`]; [`Error::Format`] for what is no UTF-8.
+pub fn read_text(path: &Path) -> Result<String> {
+    String::from_utf8(read(path)?).map_err(|error| Error::format(path.display().to_string())(error.utf8_error()))
+}
+
+/// A folder that one run writes into, and no other while it runs: a lock on a file in it that names the process. The system
+/// takes it back when the process ends, however that comes.
+#[derive(Debug)]
+pub struct Claim {
+    _file: std::fs::File,
+}
+
+impl Claim {
+    /// Of `folder`, which is there. Where the file system knows no locks, all runs have it.
+    ///
+    /// # Errors
+    /// [`Error::Data`] with the other's number where another run has it; [`Error::Io`].
+    pub fn of(folder: &Path) -> Result<Self> {
+        let path = folder.join(".lock");
+        let mut options = std::fs::OpenOptions::new();
+        options.read(true).write(true).create(true).truncate(false);
+        let mut file = options.open(&path).map_err(Error::io(&path))?;
+        if let Err(TryLockError::WouldBlock) = file.try_lock() {
+            let mut other = String::new();
+            // On some systems a locked file cannot be read.
+            file.take(20).read_to_string(&mut other).unwrap_or_default();
+            let reason = format!("process {} is writing there; wait for it, or choose another folder", other.trim());
+            return Err(Error::Data { what: folder.display().to_string(), reason });
+        }
+        let named = file.set_len(0).and_then(|()| file.rewind()).and_then(|()| write!(file, "{}", std::process::id()));
+        named.map_err(Error::io(&path))?;
+        Ok(Self { _file: file })
+    }
+}
 
 /// Writes `bytes` under a temporary name beside `path`, syncs, then renames.
 ///
@@ -100,6 +160,34 @@ impl Drop for NewFolder {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn files_too_large_and_without_end_are_refused_and_text_is_utf8() {
+        let path = std::env::temp_dir().join(format!("gravisight-large-{}", std::process::id()));
+        // It takes no room.
+        std::fs::File::create(&path).unwrap().set_len(6 << 30).unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("512 MB"));
+        std::fs::write(&path, b"\xff\xfe").unwrap();
+        assert!(matches!(read_text(&path), Err(Error::Format { .. })));
+        std::fs::remove_file(&path).unwrap();
+        assert!(matches!(read(&path), Err(Error::Io { .. })));
+        #[cfg(target_os = "linux")]
+        assert!(read(Path::new("/dev/zero")).unwrap_err().to_string().contains("512 MB"));
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_is_replaced_and_what_it_points_to_stays() {
+        let folder = std::env::temp_dir().join(format!("gravisight-link-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let [elsewhere, link] = ["elsewhere", "link"].map(|name| folder.join(name));
+        std::fs::write(&elsewhere, b"theirs").unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &link).unwrap();
+        write_whole(&link, b"ours").unwrap();
+        assert_eq!(std::fs::read(&elsewhere).unwrap(), b"theirs");
+        assert_eq!(std::fs::read(&link).unwrap(), b"ours");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 
     #[test]
     #[cfg(target_os = "linux")]

@@ -36,7 +36,6 @@ mod camera;
 mod clips;
 mod error;
 mod evaluate;
-#[cfg(not(target_arch = "wasm32"))]
 mod files;
 mod image;
 mod kernels;
@@ -91,7 +90,7 @@ pub mod parts {
 #[doc(hidden)]
 #[cfg(not(target_arch = "wasm32"))]
 pub mod internal {
-    pub use crate::files::{NewFolder, write_whole};
+    pub use crate::files::{Claim, NewFolder, read, read_text, write_whole};
     pub use crate::image::Normalisation;
     pub use crate::model::{ANY, BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex};
     pub use crate::physics::Case;

@@ -41,7 +41,7 @@ impl Table {
     #[cfg(not(target_arch = "wasm32"))]
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
         let what = path.display().to_string();
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let bytes = crate::files::read(path)?;
         Self::from_text(&String::from_utf8(bytes).map_err(Error::format(&what))?, &what)
     }
 

@@ -122,7 +122,7 @@ impl Camera {
     /// # Errors
     /// [`Error::Io`], else as [`Camera::from_json`].
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = crate::files::read_text(path)?;
         Self::from_json(&text, &path.display().to_string())
     }
 }

@@ -1,19 +1,20 @@
 //! `clips.jsonl`: reading, checking and writing.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-#[cfg(not(target_arch = "wasm32"))]
-use crate::files::write_whole;
+use crate::files::{read_text, write_whole};
 use crate::image::Picture;
 use crate::physics::Scene;
 
 /// Name of the index in a clips folder.
 const INDEX: &str = "clips.jsonl";
+/// Broken clips that are named one by one.
+const SHOWN: usize = 10;
 
 /// A folder of clips.
 #[derive(Debug, Clone)]
@@ -75,14 +76,26 @@ impl Clips {
     /// empty file.
     pub fn read(folder: &Path) -> Result<Self> {
         let index = folder.join(INDEX);
-        let text = std::fs::read_to_string(&index).map_err(Error::io(&index))?;
-        let lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
-        let clips = lines
-            .map(|(number, line)| {
-                let what = format!("{}:{}", index.display(), number + 1);
-                Clip::from_line(line, folder, &what)
-            })
-            .collect::<Result<Vec<_>>>()?;
+        let text = read_text(&index)?;
+        let (mut clips, mut refused) = (Vec::new(), Vec::new());
+        for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+            let what = format!("{}:{}", index.display(), number + 1);
+            match Clip::from_line(line, folder, &what) {
+                Ok(clip) => clips.push(clip),
+                Err(error) => refused.push(error),
+            }
+        }
+        match refused.len() {
+            0 => {}
+            1 => return Err(refused.remove(0)),
+            count => {
+                let all = clips.len() + count;
+                let shown: String = refused.iter().take(SHOWN).map(|error| format!("\n  {error}")).collect();
+                let more = if count > SHOWN { format!("\n  and {} more", count - SHOWN) } else { String::new() };
+                let reason = format!("{count} of its {all} clips cannot be read:{shown}{more}");
+                return Err(Error::Data { what: index.display().to_string(), reason });
+            }
+        }
         if clips.is_empty() {
             return Err(Error::Data { what: index.display().to_string(), reason: "holds no clips".into() });
         }
@@ -186,6 +199,10 @@ impl Clip {
                 return refuse("t", format!("must grow from frame to frame, not be {}", frame.t));
             }
             before = frame.t;
+            if !frame.file.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {
+                let file = frame.file.display();
+                return refuse("file", format!("must be a path within the clips' folder, without `..`, not `{file}`"));
+            }
             if frame.image.is_some_and(|image| image.iter().any(|value| !value.is_finite())) {
                 return refuse("image", "must be finite".into());
             }
@@ -201,7 +218,7 @@ impl Clip {
 fn inlined(value: Value, folder: &Path, what: &str, field: &str) -> Result<(Value, String)> {
     let Value::String(path) = value else { return Ok((value, format!("{what}: {field}"))) };
     let path = folder.join(path);
-    let text = std::fs::read_to_string(&path).map_err(Error::io(&path))?;
+    let text = read_text(&path)?;
     let name = path.display().to_string();
     Ok((serde_json::from_str(&text).map_err(Error::format(&name))?, name))
 }

@@ -2,7 +2,7 @@
 
 use std::io::Cursor;
 
-use image::{ColorType, DynamicImage, ImageDecoder, ImageFormat, ImageReader, Limits, Rgb, RgbImage};
+use image::{ColorType, DynamicImage, ImageDecoder, ImageError, ImageFormat, ImageReader, Limits, Rgb, RgbImage};
 
 use super::{MAX_PIXELS, Picture, check_size};
 use crate::error::{Error, Result};
@@ -19,7 +19,13 @@ impl Picture {
     /// [`Error::ImageDecode`] for other bytes or a truncated file; [`Error::ImageSize`] for a size
     /// outside the limits, before any pixel is decoded.
     pub fn decode(bytes: &[u8]) -> Result<Self> {
-        let refuse = |error: image::ImageError| Error::ImageDecode { reason: error.to_string() };
+        let refuse = |error: ImageError| Error::ImageDecode {
+            reason: match error {
+                // Some sizes do not even come to the check below.
+                ImageError::Limits(_) => format!("its header claims more than {MAX_PIXELS} pixels"),
+                other => other.to_string(),
+            },
+        };
         let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
         let reader = reader.map_err(|error| Error::ImageDecode { reason: error.to_string() })?;
         let Some(format) = reader.format() else {
@@ -45,7 +51,7 @@ impl Picture {
     /// # Errors
     /// [`Error::Io`] with the path, else as [`Picture::decode`], which does not know it.
     pub fn open(path: &std::path::Path) -> Result<Self> {
-        Self::decode(&std::fs::read(path).map_err(Error::io(path))?)
+        Self::decode(&crate::files::read(path)?)
     }
 
     pub(super) fn from_dynamic(decoded: DynamicImage) -> Self {

@@ -97,7 +97,7 @@ impl Card {
     /// # Errors
     /// [`Error::Io`], else as [`Card::from_json`].
     pub fn from_file(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = crate::files::read_text(path)?;
         Self::from_json(&text, &path.display().to_string())
     }
 
@@ -108,7 +108,7 @@ impl Card {
     pub fn with_weights(path: &Path) -> Result<(Self, Vec<u8>)> {
         let card = Self::from_file(path)?;
         let weights = path.with_file_name(&card.weights);
-        let bytes = std::fs::read(&weights).map_err(Error::io(&weights))?;
+        let bytes = crate::files::read(&weights)?;
         Ok((card, bytes))
     }
 

@@ -330,7 +330,7 @@ impl Scene {
     /// [`Error::Io`], else as [`Self::from_json`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = crate::files::read_text(path)?;
         Self::from_json(&text, &path.display().to_string())
     }
 

@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 
 use super::fit::PARTLY;
 use super::print_line;
-use gravisight::internal::write_whole;
+use gravisight::internal::{read_text, write_whole};
 
 /// Subcommands that a batch runs: those whose result is one JSON object an input.
 const KNOWN: [&str; 5] = ["track", "label", "localise", "evaluate", "fit"];
@@ -86,7 +86,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
 }
 
 fn items(list: &Path) -> Result<Vec<Item>> {
-    let text = std::fs::read_to_string(list).with_context(|| list.display().to_string())?;
+    let text = read_text(list)?;
     let folder = list.parent().unwrap_or(Path::new(""));
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
     let inputs: Vec<PathBuf> = lines.map(|line| folder.join(line)).collect();

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::print_line;
 use crate::report::{Flights, write_flights};
-use gravisight::internal::write_whole;
+use gravisight::internal::{read_text, write_whole};
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
 
 /// Exit status where some flight is not explained.
@@ -146,7 +146,7 @@ pub(super) fn one_sigma(path: &Path) -> Result<Vec<Camera>> {
     struct Calibrated {
         one_sigma: Vec<Camera>,
     }
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let text = read_text(path)?;
     let found: Calibrated = serde_json::from_str(&text)
         .with_context(|| format!("{}: is no JSON object as `gravisight calibrate --json` prints it", path.display()))?;
     Ok(found.one_sigma)

@@ -8,7 +8,7 @@ use nalgebra::{Matrix6, Point3, Vector3};
 use serde_json::{Value, json};
 
 use super::print_line;
-use gravisight::internal::Case;
+use gravisight::internal::{Case, read_text};
 use gravisight::{Forecast, ForecastOptions, Forecaster, Integrator, Scene};
 
 /// Forecast where a ball will be: positions, velocities, and their derivatives by the start.
@@ -97,7 +97,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
 
 /// The cases of a file with `r`, `v`, `jacobian` and `status` filled in.
 fn run_cases(path: &std::path::Path, options: ForecastOptions) -> Result<()> {
-    let text = std::fs::read_to_string(path).with_context(|| path.display().to_string())?;
+    let text = read_text(path)?;
     let what = path.display().to_string();
     let written: Value = serde_json::from_str(&text).with_context(|| what.clone())?;
     let cases = Case::all_from_json(&text, &what)?;

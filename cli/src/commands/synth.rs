@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 use super::{film, print_line};
 use crate::progress::Progress;
-use gravisight::internal::{NewFolder, write_whole};
+use gravisight::internal::{Claim, NewFolder, write_whole};
 use gravisight::internal::{Set, Shot, Split, Studio};
 use gravisight::{Clip, Clips};
 
@@ -115,7 +115,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let shots = set.shots(split);
     // An engine that cannot work says so before there is a folder.
     arguments.engine.open(&Studio::new(shots[0])?)?;
-    claim(out, &json!({"engine": arguments.engine.name(), "split": split.name(), "seed": arguments.seed}))?;
+    let _claim =
+        claim(out, &json!({"engine": arguments.engine.name(), "split": split.name(), "seed": arguments.seed}))?;
     let all = (shots.len() * arguments.clips) as u64;
     let progress = Mutex::new((Progress::new(), 0_u64));
     let began = std::time::Instant::now();
@@ -170,7 +171,7 @@ fn shoot(arguments: &Arguments, shot: Shot, split: Split, done: impl Fn(&Clip) +
 }
 
 /// Makes the folder, or checks that it was begun in the same way.
-fn claim(out: &Path, settings: &Value) -> Result<()> {
+fn claim(out: &Path, settings: &Value) -> Result<Claim> {
     let file = out.join(SETTINGS);
     match std::fs::read_to_string(&file) {
         Ok(text) => {
@@ -190,7 +191,7 @@ fn claim(out: &Path, settings: &Value) -> Result<()> {
         }
         Err(error) => return Err(error).with_context(|| file.display().to_string()),
     }
-    Ok(())
+    Ok(Claim::of(out)?)
 }
 
 /// Draws a clip, unless it is there; how many pictures were drawn.

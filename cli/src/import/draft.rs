@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::{Point2, distance};
 
 use super::pictures::format_of;
+use gravisight::internal::read;
 use gravisight::{Camera, Clip, Error, Frame, Picture, Result, Scene};
 
 /// What reads a clip; it gets the name of a folder that is not there yet, for files of its own.
@@ -96,7 +97,7 @@ impl Draft {
 
     /// The bytes of a picture, which is whole and of the camera's size, and the extension it should have.
     fn picture(&self, path: &Path) -> Result<(Vec<u8>, &'static str)> {
-        let bytes = std::fs::read(path).map_err(Error::io(path))?;
+        let bytes = read(path)?;
         let refuse = |reason: String| Error::Data { what: path.display().to_string(), reason };
         let extension = format_of(&bytes).ok_or_else(|| refuse("is no PNG, JPEG or WebP picture".into()))?;
         let found = Picture::decode(&bytes).map_err(|error| refuse(error.to_string()))?.size();

@@ -1,6 +1,7 @@
 //! NumPy's `.npz`: a zip of `.npy` files, of which matrices of floats are read.
 //! Format: numpy.lib.format, versions 1 to 3.
 
+use gravisight::internal::read;
 use gravisight::{Error, Result};
 use std::io::{Cursor, Read as _};
 use std::path::Path;
@@ -34,7 +35,7 @@ impl Matrix {
 /// # Errors
 /// [`Error::Io`]; [`Error::Format`] for another file, a missing or other array; [`Error::Value`] for NaN.
 pub(super) fn matrix(path: &Path, name: &str) -> Result<Matrix> {
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
+    let bytes = read(path)?;
     let what = path.display().to_string();
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).map_err(Error::format(&what))?;
     let what = format!("{what}: {name}");

@@ -14,8 +14,7 @@ const MOST_LEFT_OUT: u64 = 1000;
 
 /// The text of a UTF-8 file, without a byte order mark.
 pub(super) fn read_text(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path).map_err(Error::io(path))?;
-    let text = String::from_utf8(bytes).map_err(Error::format(path.display().to_string()))?;
+    let text = gravisight::internal::read_text(path)?;
     Ok(text.strip_prefix('\u{feff}').map(str::to_string).unwrap_or(text))
 }
 

@@ -7,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::html;
 use super::plots::{self, ACCENT, Axis, FOUND, Mark, OTHER, TRUTH};
+use gravisight::internal::read_text;
 use gravisight::{Error, Result};
 
 /// Most points of a drawn curve; what lies between two is averaged.
@@ -75,7 +76,7 @@ impl Log {
     /// # Errors
     /// [`Error::Io`]; [`Error::Format`] with the line.
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = read_text(path)?;
         let mut curves = Self::default();
         for (index, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
             let what = || format!("{}:{}", path.display(), index + 1);

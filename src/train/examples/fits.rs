@@ -43,7 +43,7 @@ impl Fits {
         if !file.exists() {
             return Ok(None);
         }
-        let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+        let text = crate::files::read_text(file)?;
         let kept = text.lines().next().and_then(|line| serde_json::from_str::<Inputs>(line).ok());
         let inputs = inputs(clips, config)?.inputs;
         Ok(kept.filter(|kept| kept.inputs == inputs).map(|_| Self { text, kept: true }))

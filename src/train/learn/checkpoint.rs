@@ -11,7 +11,7 @@ use super::knowledge::Knowledge;
 use super::publish::Best;
 use super::trainer::{State, Watch};
 use crate::error::{Error, Result};
-use crate::files::{temporary_name, write_whole};
+use crate::files::{read_text, temporary_name, write_whole};
 use crate::model::Pen;
 
 const MODEL: &str = "model.bpk";
@@ -94,7 +94,7 @@ fn read_watch(file: &Path) -> Result<Option<Watch>> {
     if !file.exists() {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+    let text = read_text(file)?;
     let numbers = text.split_once(' ').and_then(|(mean, lowest)| Some((mean.parse().ok()?, lowest.parse().ok()?)));
     let (mean, lowest) = numbers.ok_or_else(|| damaged(file, "not two numbers"))?;
     Ok(Some(Watch { mean, lowest }))
@@ -105,7 +105,7 @@ fn read_knowledge(file: &Path, recipe: &Recipe) -> Result<Knowledge> {
     if !file.exists() {
         return Ok(Knowledge::first(recipe));
     }
-    let text = std::fs::read_to_string(file).map_err(Error::io(file))?;
+    let text = read_text(file)?;
     Knowledge::from_text(recipe, &text).ok_or_else(|| damaged(file, "not a step, laws and frames"))
 }
 
@@ -160,7 +160,7 @@ impl Best {
         if !file.exists() {
             return Ok(None);
         }
-        let text = std::fs::read_to_string(&file).map_err(Error::io(&file))?;
+        let text = read_text(&file)?;
         serde_json::from_str(&text).map(Some).map_err(Error::format(file.display().to_string()))
     }
 }

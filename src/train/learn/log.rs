@@ -34,6 +34,6 @@ pub(super) fn log_until(path: &Path, step: usize) -> Result<String> {
     if step == 0 || !path.exists() {
         return Ok(String::new());
     }
-    let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+    let text = crate::files::read_text(path)?;
     Ok(text.lines().take(step).flat_map(|line| [line, "\n"]).collect())
 }

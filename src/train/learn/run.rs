@@ -19,7 +19,7 @@ use super::step::StepReport;
 use super::trainer::{State, Trainer};
 use crate::clips::Clips;
 use crate::error::{Error, Result};
-use crate::files::write_whole;
+use crate::files::{Claim, write_whole};
 use crate::localise::Localiser;
 use crate::model::{self, Card, Pen};
 
@@ -184,6 +184,7 @@ impl<'a> Run<'a> {
 
     /// All steps that are left, then the model.
     fn finish(mut self, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+        let _claim = Claim::of(&self.paths.out)?;
         if let Some(fits) = &self.fits {
             fits.save(&self.paths.fits())?;
         }
@@ -290,5 +291,5 @@ fn with_start(pen: Pen, paths: &RunPaths) -> Result<Pen> {
         return model::load_into(pen, weights);
     }
     let Some(path) = &paths.backbone_weights else { return Ok(pen) };
-    model::load_backbone_timm(pen, std::fs::read(path).map_err(Error::io(path))?)
+    model::load_backbone_timm(pen, crate::files::read(path)?)
 }

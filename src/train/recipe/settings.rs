@@ -44,7 +44,7 @@ impl TrainSettings {
     /// # Errors
     /// [`Error::Io`], [`Error::Format`].
     pub fn read(path: &Path) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path))?;
+        let text = crate::files::read_text(path)?;
         let mut fields: toml::Table = toml::from_str(&text).map_err(Error::format(path.display().to_string()))?;
         let folder = path.parent().unwrap_or(Path::new("."));
         for name in RunPaths::FIELDS {
