@@ -110,3 +110,26 @@ pub fn seen_by(camera: usize, name: &str, count: usize, drawn: usize, change: im
     clips.write_index().unwrap();
     folder
 }
+
+/// A copy of a folder and of all that is in it.
+pub fn copy_tree(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap().map(|entry| entry.unwrap().path()) {
+        let name = entry.file_name().unwrap();
+        match entry.is_dir() {
+            true => copy_tree(&entry, &to.join(name)),
+            false => drop(std::fs::copy(&entry, to.join(name)).unwrap()),
+        }
+    }
+}
+
+/// A PNG whose header says that it is of this size.
+pub fn claiming_size(mut png: Vec<u8>, width: u32, height: u32) -> Vec<u8> {
+    png[16..20].copy_from_slice(&width.to_be_bytes());
+    png[20..24].copy_from_slice(&height.to_be_bytes());
+    let sum = png[12..29].iter().fold(u32::MAX, |sum, &byte| {
+        (0..8).fold(sum ^ u32::from(byte), |sum, _| if sum & 1 == 1 { sum >> 1 ^ 0xedb8_8320 } else { sum >> 1 })
+    });
+    png[29..33].copy_from_slice(&(!sum).to_be_bytes());
+    png
+}

@@ -26,9 +26,10 @@ const OF_A_CLIP: usize = 12;
 const SLACK: f64 = 1.5;
 
 /// Name, set, what the mean DtG must reach where it was trained, and elsewhere (cm).
-const MODELS: [(&str, Set, [f64; 2]); 5] = [
+const MODELS: [(&str, Set, [f64; 2]); 6] = [
     ("sd-s", Set::SdS, [4.0, f64::NAN]),
     ("sd-s-1px", Set::SdS, [7.0, f64::NAN]),
+    ("sd-s-future", Set::SdS, [12.0, f64::NAN]),
     ("sd-m", Set::SdM, [6.0, 12.0]),
     ("sd-l", Set::SdL, [6.0, 12.0]),
     ("spring", Set::Spring, [4.0, f64::NAN]),

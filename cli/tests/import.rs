@@ -5,7 +5,7 @@ mod common;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use common::{root, scratch};
+use common::{copy_tree, root, scratch};
 use gravisight::Camera;
 use gravisight::Scene;
 use gravisight::{Clip, Clips};
@@ -55,17 +55,6 @@ fn copy(set: Set, name: &str) -> PathBuf {
     let folder = set.2.split('/').next().unwrap();
     copy_tree(&fixtures().join(folder), &to.join(folder));
     to
-}
-
-fn copy_tree(from: &Path, to: &Path) {
-    std::fs::create_dir_all(to).unwrap();
-    for entry in std::fs::read_dir(from).unwrap().map(|entry| entry.unwrap().path()) {
-        let name = entry.file_name().unwrap();
-        match entry.is_dir() {
-            true => copy_tree(&entry, &to.join(name)),
-            false => drop(std::fs::copy(&entry, to.join(name)).unwrap()),
-        }
-    }
 }
 
 fn is_close(found: &[f64], expected: &Value) -> bool {

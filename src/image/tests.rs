@@ -7,6 +7,7 @@ use image::{DynamicImage, GrayImage, ImageBuffer, ImageFormat, Luma, Rgb, RgbIma
 use super::{Normalisation, Picture};
 use crate::error::Error;
 use crate::size::Size;
+use crate::testing::claiming_size;
 
 /// A 40×20 picture with a gradient.
 fn gradient() -> RgbImage {
@@ -21,14 +22,7 @@ fn encoded(picture: impl Into<DynamicImage>, format: ImageFormat) -> Vec<u8> {
 
 /// The header of a PNG of this size, without pixels.
 fn png_header(width: u32, height: u32) -> Vec<u8> {
-    let mut bytes = encoded(gradient(), ImageFormat::Png);
-    bytes[16..20].copy_from_slice(&width.to_be_bytes());
-    bytes[20..24].copy_from_slice(&height.to_be_bytes());
-    let sum = bytes[12..29].iter().fold(u32::MAX, |sum, &byte| {
-        (0..8).fold(sum ^ u32::from(byte), |sum, _| if sum & 1 == 1 { sum >> 1 ^ 0xedb8_8320 } else { sum >> 1 })
-    });
-    bytes[29..33].copy_from_slice(&(!sum).to_be_bytes());
-    bytes
+    claiming_size(encoded(gradient(), ImageFormat::Png), width, height)
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Learning: steps, runs, fine-tuning.
 
 mod fine_tune;
+mod future;
 mod run;
 mod score;
 mod step;
