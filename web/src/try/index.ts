@@ -146,6 +146,7 @@ export class App {
     this.#loading.set("localising");
     try {
       const result = await localiser.localise(subject.picture, options(subject, signal));
+      if (signal.aborted) return;
       this.#result.show(result, subject);
       this.#stage.showResult(result, subject.truth?.image);
       if (subject.truth && OWN_MODEL === null) void this.#compare(subject, signal);
