@@ -34,8 +34,13 @@ impl Scored {
         (self.radius / self.ball.radius).ln().abs()
     }
 
+    /// From the image of the ball's centre, to which its outline's lies a little farther out.
     fn offset(&self) -> f64 {
-        (self.image[0] - self.ball.centre[0]).hypot(self.image[1] - self.ball.centre[1])
+        let Apparent { centre, radius, focal, principal_point, .. } = self.ball;
+        let nearer = 1.0 / (1.0 + (radius / focal).powi(2));
+        let off =
+            |axis: usize| self.image[axis] - principal_point[axis] - (centre[axis] - principal_point[axis]) * nearer;
+        off(0).hypot(off(1))
     }
 
     fn found(&self) -> bool {
@@ -62,6 +67,17 @@ fn circle(picture: &mut RgbImage, [x, y]: [f64; 2], radius: f64, colour: Rgb<u8>
     }
 }
 
+/// The camera that sees the ball so; of a picture without one, any.
+fn camera(ball: Option<&Apparent>) -> Camera {
+    let middle = f64::from(SIDE) / 2.0 - 0.5;
+    let (focal, [x, y]) = ball.map_or((500.0, [middle; 2]), |ball| (ball.focal, ball.principal_point));
+    let camera = format!(
+        r#"{{"intrinsic": [[{focal}, 0, {x}], [0, {focal}, {y}], [0, 0, 1]], "width": {SIDE}, "height": {SIDE},
+            "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
+    );
+    Camera::from_json(&camera, "camera").unwrap()
+}
+
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
     let [card, photographs, sheet] = arguments.as_slice() else {
@@ -72,18 +88,12 @@ fn main() {
     let weights = std::fs::read(path.with_file_name(&card.weights)).unwrap();
     let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
     let scenes = RandomScenes::new(read_photographs(Path::new(photographs)).unwrap(), 0.1);
-    // A camera with which radius and depth are one another's inverse.
-    let camera = format!(
-        r#"{{"intrinsic": [[500, 0, {c}], [0, 500, {c}], [0, 0, 1]], 
-            "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]], "width": {SIDE}, "height": {SIDE}}}"#,
-        c = f64::from(SIDE) / 2.0 - 0.5
-    );
-    let camera = Camera::from_json(&camera, "camera").unwrap();
     let options = LocaliseOptions { ball_radius: Some(0.1), ..LocaliseOptions::default() };
     let (mut scored, mut empty) = (vec![], vec![]);
     for seed in FIRST..FIRST + COUNT {
         let drawing = scenes.draw(Size::square(SIDE), seed, 1);
         let picture = drawing.picture();
+        let camera = camera(drawing.balls.first());
         let found = block_on(localiser.localise(&Picture::from_rgb(picture.clone()), &camera, options)).unwrap();
         let Some(&ball) = drawing.balls.first() else {
             empty.push(found.confidence);

@@ -69,7 +69,7 @@ fn main() {
     let card = Card::from_json(&std::fs::read_to_string(model).expect("a model's card"), model).expect("a card");
     let weights = std::fs::read(Path::new(model).with_file_name(&card.weights)).expect("its weights");
     let localiser = Localiser::new(card, weights, &Device::flex()).expect("a model");
-    let mut tracker = VideoTracker::new(Arc::new(localiser));
+    let mut tracker = VideoTracker::new(Arc::new(localiser), None);
     let all = timed(Box::new(|number, picture| {
         pollster::block_on(tracker.add(picture, number as f64 / fps)).unwrap();
     }));

@@ -34,6 +34,7 @@
 
 mod camera;
 mod clips;
+mod contour;
 mod error;
 mod evaluate;
 mod files;

@@ -23,6 +23,7 @@ const ALIKE: f64 = 1.3;
 /// Follows the ball through the frames of a video, one after the other; of a camera that stands still.
 pub struct VideoTracker {
     localiser: Arc<Localiser>,
+    camera: Option<Camera>,
     follower: Follower,
     /// The number of the frame in which balls were spotted last, and these.
     spotted: Option<(usize, Vec<Measured>)>,
@@ -30,20 +31,26 @@ pub struct VideoTracker {
 }
 
 impl VideoTracker {
-    /// Without any frame yet; `localiser` reads sizes, as `any` does.
-    pub fn new(localiser: Arc<Localiser>) -> Self {
-        Self { localiser, follower: Follower::new(), spotted: None, ended: false }
+    /// Without any frame yet; `localiser` reads sizes, as `any` does. The `camera` that films, if it is known, tells how balls
+    /// away from the middle are drawn out.
+    pub fn new(localiser: Arc<Localiser>, camera: Option<Camera>) -> Self {
+        Self { localiser, camera, follower: Follower::new(), spotted: None, ended: false }
     }
 
     /// Takes the next frame, of `time` s.
     ///
     /// # Errors
     /// [`Error::Data`] for a frame of another size than the first, [`Error::Value`] after [`Self::end`] and for a model that
-    /// reads no sizes; [`Error::OutputNotFinite`] and [`Error::Device`].
+    /// reads no sizes; [`Error::CameraMismatch`] for a camera of another shape; [`Error::OutputNotFinite`] and [`Error::Device`].
     pub async fn add(&mut self, picture: Picture, time: f64) -> Result<()> {
         if self.ended {
             let reason = "comes after the last: track another video with another tracker";
             return Err(Error::value("video", "frame", reason));
+        }
+        if let Some(camera) = &self.camera
+            && camera.size() != picture.size()
+        {
+            self.camera = Some(camera.for_picture(picture.size())?);
         }
         self.follower.watch(picture, time)?;
         let last = self.spotted.as_ref().map(|(last, _)| *last);
@@ -80,6 +87,7 @@ impl VideoTracker {
 
     /// Looks at what seems to fly.
     async fn look(&mut self) -> Result<()> {
+        let camera = self.camera.as_ref();
         loop {
             let wanted = self.follower.wanted();
             if wanted.is_empty() {
@@ -87,7 +95,8 @@ impl VideoTracker {
             }
             for wanted in wanted {
                 let Some(picture) = self.follower.picture(&wanted) else { continue };
-                let found = self.localiser.measure(picture, wanted.image, wanted.radius_px, wanted.reach_px).await?;
+                let found =
+                    self.localiser.measure(picture, camera, wanted.image, wanted.radius_px, wanted.reach_px).await?;
                 self.follower.tell(&wanted, found);
             }
         }
@@ -97,9 +106,10 @@ impl VideoTracker {
     async fn spot(&mut self) -> Result<()> {
         let Some(newest) = self.follower.newest() else { return Ok(()) };
         let Some(picture) = self.follower.held(newest) else { return Ok(()) };
+        let camera = self.camera.as_ref();
         let mut balls = Vec::new();
         for Outline { centre, radius } in self.localiser.spot(picture).await? {
-            balls.extend(self.localiser.measure(picture, centre.coords.into(), radius, radius).await?);
+            balls.extend(self.localiser.measure(picture, camera, centre.coords.into(), radius, radius).await?);
         }
         let Some((last, before)) = self.spotted.replace((newest, balls.clone())) else { return Ok(()) };
         if self.follower.held(last).is_none() {
@@ -118,7 +128,9 @@ impl VideoTracker {
                 let centre: Point2<f64> = other.outline.centre + share * way;
                 let Some(picture) = self.follower.held(place) else { continue };
                 let radius = ball.outline.radius;
-                if let Some(found) = self.localiser.measure(picture, centre.coords.into(), radius, radius).await? {
+                if let Some(found) =
+                    self.localiser.measure(picture, camera, centre.coords.into(), radius, radius).await?
+                {
                     self.follower.found(place, found);
                 }
             }

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error`, `size` and the tests' `testing` are open to all.
-const ARROWS: [(&str, &[&str]); 17] = [
+const ARROWS: [(&str, &[&str]); 18] = [
     ("size", &[]),
     ("error", &["size"]),
     ("files", &[]),
@@ -17,9 +17,10 @@ const ARROWS: [(&str, &[&str]); 17] = [
     ("kernels", &[]),
     ("model", &["image", "files", "kernels"]),
     ("physics", &["files"]),
-    ("track", &["camera", "image", "kernels", "least_squares", "physics", "table"]),
+    ("contour", &["camera", "image"]),
+    ("track", &["camera", "contour", "image", "kernels", "least_squares", "physics", "table"]),
     ("clips", &["camera", "files", "image", "physics"]),
-    ("localise", &["camera", "image", "model"]),
+    ("localise", &["camera", "contour", "image", "model"]),
     ("evaluate", &["camera", "clips", "image", "localise"]),
     ("synth", &["camera", "clips", "physics"]),
     ("train", &["camera", "clips", "evaluate", "files", "image", "localise", "model", "physics", "synth", "track"]),
@@ -43,13 +44,14 @@ const WASM: (&str, &[&str]) = (
     ],
 );
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 12] = [
+const WITHOUT_BURN: [&str; 13] = [
     "size",
     "error",
     "files",
     "table",
     "least_squares",
     "camera",
+    "contour",
     "image",
     "kernels",
     "physics",

@@ -41,8 +41,8 @@ export class Engine {
       const input = pixelsOf(picture);
       return input.kind === "encoded" ? core.saliency(input.bytes) : core.saliencyRgba(input.rgba, input.width, input.height);
     },
-    addFrame: async ({ picture, time }) => {
-      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker());
+    addFrame: async ({ picture, time, camera }) => {
+      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(camera));
       const input = pixelsOf(picture);
       if (input.kind === "encoded") await tracker.add(input.bytes, time);
       else await tracker.addRgba(input.rgba, input.width, input.height, time);

@@ -22,7 +22,7 @@ export interface Calls {
   localise: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Timed];
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
-  addFrame: [{ picture: PictureMessage; time: number }, null];
+  addFrame: [{ picture: PictureMessage; time: number; camera?: string }, null];
   trackVideo: [{ known: string }, Core.VideoTrack];
 
   open: [Source, null];

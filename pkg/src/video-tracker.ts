@@ -8,7 +8,10 @@ import type { Ball, Camera, DrawablePicture, ModelOptions, Picture, Progress, Sc
 
 /** Options of {@link VideoTracker.create}. */
 export interface VideoTrackerOptions extends ModelOptions {
-  /** The camera, which stands still. Without it and a scene only the 2D track comes out. */
+  /**
+   * The camera, which stands still. Without it and a scene only the 2D track comes out. Given here rather than to
+   * {@link VideoTracker.track}, it also tells how balls away from the middle of a wide picture are drawn out.
+   */
   camera?: Camera;
   /** The place and its ball: an object, or the name of a sport ({@link Toolbox.scenes}). */
   scene?: Scene | string;
@@ -67,7 +70,8 @@ export class VideoTracker {
    * Gives the next frame. Frames are held by the core only until it has looked at them.
    *
    * @param timestampMs must increase from call to call (else `timestamp-order`, and nothing else happens).
-   * @throws {@link GravisightError} `data` for a frame of another size than the first.
+   * @throws {@link GravisightError} `data` for a frame of another size than the first; `camera-mismatch` for one that the
+   * camera's shape is not.
    */
   async add(frame: Picture | DrawablePicture, timestampMs: number): Promise<void> {
     this.#transport.throwIfClosed();
@@ -78,7 +82,9 @@ export class VideoTracker {
     this.#last = timestampMs;
     this.#start ??= timestampMs;
     const { picture, transfer } = await pictureToSend(frame);
-    await this.#transport.call("addFrame", { picture, time: (timestampMs - this.#start) / 1000 }, { transfer });
+    const { camera } = this.#place;
+    const request = { picture, time: (timestampMs - this.#start) / 1000, ...(camera && { camera: jsonOf(camera, "camera") }) };
+    await this.#transport.call("addFrame", request, { transfer });
   }
 
   /**

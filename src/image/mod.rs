@@ -1,6 +1,7 @@
 //! Pictures: decoding, letterboxing to the network's input size, normalisation.
 
 mod decode;
+mod levels;
 mod resize;
 #[cfg(test)]
 mod tests;
@@ -8,6 +9,7 @@ mod tests;
 use image::{ImageBuffer, Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
 
+pub use self::levels::{Levels, levels_at, levels_between};
 pub use self::resize::{Filter, resized};
 use crate::error::{Error, Result};
 use crate::kernels::Vectors;

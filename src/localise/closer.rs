@@ -5,8 +5,9 @@ use image::RgbImage;
 use nalgebra::Point2;
 
 use super::Localiser;
+use super::outline::refined;
 use super::size::{Reading, SIGMA_OF_SCALE, peaks, softmax};
-use crate::camera::Outline;
+use crate::camera::{Camera, Outline};
 use crate::error::Result;
 use crate::image::{Filter, resized};
 use crate::model::Peak;
@@ -65,10 +66,11 @@ impl View {
 
 impl Localiser {
     /// The `readings` of the picture `rgb`, the likeliest first, after a second look at those that may be the ball: the
-    /// likeliest `count` first.
+    /// likeliest `count` first. `camera` took the picture, if that is known.
     pub(super) async fn look_closer(
         &self,
         rgb: &RgbImage,
+        camera: Option<&Camera>,
         readings: Vec<Reading>,
         count: usize,
     ) -> Result<Vec<Reading>> {
@@ -76,7 +78,7 @@ impl Localiser {
         let mut seen = Vec::with_capacity(readings.len());
         for (place, reading) in readings.into_iter().enumerate() {
             let look = place < count || reading.confidence >= worth;
-            seen.push(if look { self.closer(rgb, reading).await? } else { reading });
+            seen.push(if look { self.closer(rgb, camera, reading).await? } else { reading });
         }
         seen.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
         seen.truncate(count);
@@ -84,10 +86,13 @@ impl Localiser {
     }
 
     /// `reading` after a second look.
-    async fn closer(&self, rgb: &RgbImage, reading: Reading) -> Result<Reading> {
+    async fn closer(&self, rgb: &RgbImage, camera: Option<&Camera>, reading: Reading) -> Result<Reading> {
         let seen = self.look_at(rgb, &reading.outline, reading.outline.radius, &RADII).await?;
         Ok(match seen {
-            Some(seen) => Reading { confidence: (reading.confidence * seen.confidence).sqrt(), ..seen },
+            Some(seen) => {
+                let confidence = (reading.confidence * seen.confidence).sqrt();
+                refined(rgb, camera, Reading { confidence, ..seen })
+            }
             None => Reading { confidence: NOT_SEEN * reading.confidence, ..reading },
         })
     }

@@ -3,6 +3,7 @@
 //! The only room that knows both model and camera.
 
 mod closer;
+mod outline;
 mod saliency;
 mod size;
 #[cfg(test)]

@@ -5,6 +5,7 @@ use image::RgbImage;
 use nalgebra::{Matrix3, Point2, Point3};
 
 use super::closer::{LOOKED_AT, MEASURED};
+use super::outline::refined;
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, device_name};
 use crate::camera::{Camera, Measured, Outline};
 use crate::error::{Error, Result};
@@ -87,7 +88,9 @@ impl Localiser {
         let radius = self.ball_radius(&options)?;
         let size = picture.size();
         let camera_of_picture = camera.for_picture(size)?;
-        let (readings, maps) = self.readings(picture, options.region, options.candidates.max(1), options.maps).await?;
+        let (readings, maps) = self
+            .readings(picture, Some(&camera_of_picture), options.region, options.candidates.max(1), options.maps)
+            .await?;
         let Some(best) = readings.first() else {
             return Err(Error::OutputNotFinite { device: device_name(&self.device) });
         };
@@ -139,13 +142,15 @@ impl Localiser {
     }
 
     /// Measures the ball that something else found at `image` with about the radius `radius_px`; `reach_px` from its middle it may
-    /// still be (half a streak's length). None where the network sees no such ball.
+    /// still be (half a streak's length). `camera` took the picture; without one, balls are circles. None where the network sees
+    /// no such ball.
     ///
     /// # Errors
     /// [`Error::Value`] where the model reads no sizes; [`Error::OutputNotFinite`] and [`Error::Device`].
     pub async fn measure(
         &self,
         picture: &Picture,
+        camera: Option<&Camera>,
         image: [f64; 2],
         radius_px: f64,
         reach_px: f64,
@@ -153,6 +158,7 @@ impl Localiser {
         self.must_read_sizes()?;
         let outline = Outline { centre: image.into(), radius: radius_px };
         let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px), &[MEASURED]).await?;
+        let found = found.map(|reading| refined(picture.rgb(), camera, reading));
         Ok(found.map(|Reading { outline, log_sigma, confidence }| Measured {
             outline,
             radius_sigma_px: log_sigma * outline.radius,
@@ -194,14 +200,15 @@ impl Localiser {
         Err(Error::value("model", "depth_from", reason))
     }
 
-    /// The likeliest `count` places of the ball in (a `region` of) `picture`, without any camera; where asked for, also the
-    /// heatmap and the apparent radii.
+    /// The likeliest `count` places of the ball in (a `region` of) `picture`, which `camera` took, if that is known; where asked
+    /// for, also the heatmap and the apparent radii.
     ///
     /// # Errors
     /// [`Error::Value`] for a region outside the picture; [`Error::OutputNotFinite`] and [`Error::Device`].
     pub(crate) async fn readings(
         &self,
         picture: &Picture,
+        camera: Option<&Camera>,
         region: Option<Region>,
         count: usize,
         with_maps: bool,
@@ -248,7 +255,7 @@ impl Localiser {
             log_sigma: SIGMA_OF_SCALE * peak.log_scale,
             confidence: peak.confidence,
         });
-        Ok((self.look_closer(picture.rgb(), readings.collect(), count).await?, maps))
+        Ok((self.look_closer(picture.rgb(), camera, readings.collect(), count).await?, maps))
     }
 
     /// The network's maps of a part of a picture: at once, or tile by tile.

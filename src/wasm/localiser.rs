@@ -152,9 +152,11 @@ impl JsLocaliser {
         picture.and_then(|picture| self.saliency_of(&picture)).map_err(js_error)
     }
 
-    /// Follows the ball through a video with this model, which lives as long as the tracker does.
-    pub fn tracker(&self) -> JsVideoTracker {
-        JsVideoTracker::new(Arc::clone(&self.localiser))
+    /// Follows the ball through a video with this model, which lives as long as the tracker does; `camera` (JSON) films it, if
+    /// that is known.
+    pub fn tracker(&self, camera: Option<String>) -> std::result::Result<JsVideoTracker, JsValue> {
+        let camera = camera.map(|camera| Camera::from_json(&camera, "camera")).transpose().map_err(js_error)?;
+        Ok(JsVideoTracker::new(Arc::clone(&self.localiser), camera))
     }
 
     /// The device, in words.

@@ -139,8 +139,8 @@ impl JsVideoTracker {
 }
 
 impl JsVideoTracker {
-    pub(super) fn new(localiser: Arc<Localiser>) -> Self {
-        Self { tracker: VideoTracker::new(localiser), size: None }
+    pub(super) fn new(localiser: Arc<Localiser>, camera: Option<Camera>) -> Self {
+        Self { tracker: VideoTracker::new(localiser, camera), size: None }
     }
 
     async fn watch(&mut self, picture: Result<Picture>, time: f64) -> Result<()> {

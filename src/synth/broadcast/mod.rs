@@ -11,7 +11,7 @@ use rand::{RngExt, SeedableRng};
 
 use self::play::Play;
 use self::stage::Person;
-use super::random::canvas::{Canvas, Colour};
+use super::random::canvas::{Canvas, Colour, Ellipse};
 use super::random::noise::Normals;
 use crate::camera::Camera;
 use crate::error::Result;
@@ -245,7 +245,7 @@ impl Film {
         let time = number as f64 / self.fps;
         let world = self.play.at(&self.forecaster, time);
         let image = self.camera.image_from_world(&world)?;
-        let radius_px = self.radius_px(&world);
+        let radius_px = f64::from(self.outline(&world).semi[1]);
         let mut canvas = self.empty.clone();
         let gone = self.cut.is_some_and(|cut| (cut..cut + CUT_LASTS).contains(&time));
         let [width, height] = self.camera.size().xy();
@@ -255,9 +255,7 @@ impl Film {
             canvas.planes.iter_mut().for_each(|plane| plane.reverse());
         } else {
             if let Some(at) = &self.second {
-                let place = self.camera.image_from_world(at)?;
-                let place = [place.x as f32, place.y as f32, self.radius_px(at) as f32];
-                stage::ball(&mut canvas, &[place], self.paint, self.light);
+                stage::ball(&mut canvas, &[self.outline(at)], self.paint, self.light);
             }
             let depth = |at: &Point3<f64>| self.camera.camera_from_world(at).z;
             let mut people: Vec<&Person> = self.people.iter().collect();
@@ -265,7 +263,7 @@ impl Film {
             let (behind, before): (Vec<&Person>, Vec<&Person>) =
                 people.into_iter().partition(|person| depth(&person.feet(time)) > depth(&world));
             behind.iter().for_each(|person| drop(person.paint(&mut canvas, &self.camera, time)));
-            self.paint_ball(&mut canvas, time)?;
+            self.paint_ball(&mut canvas, time);
             for person in before {
                 let hides = person.paint(&mut canvas, &self.camera, time);
                 visible &= !hides.iter().any(|[x, y, half]| {
@@ -288,20 +286,31 @@ impl Film {
         Ok((picture, Filmed { time, world: world.coords.into(), image: image.coords.into(), radius_px, visible }))
     }
 
-    fn radius_px(&self, at: &Point3<f64>) -> f64 {
-        self.camera.intrinsic()[(0, 0)] * self.scene.ball.radius / self.camera.camera_from_world(at).z
+    /// The picture of a ball at a place: an ellipse, longer away from the camera's axis (the cameras have no lens).
+    fn outline(&self, at: &Point3<f64>) -> Ellipse {
+        let (centre, radius) = (self.camera.camera_from_world(at), self.scene.ball.radius);
+        let intrinsic = self.camera.intrinsic();
+        let beyond = centre.z.powi(2) - radius.powi(2);
+        let across = intrinsic[(0, 0)] * radius / beyond.sqrt();
+        let along = across * ((centre.coords.norm_squared() - radius.powi(2)) / beyond).sqrt();
+        let middle = [0, 1]
+            .map(|axis| (intrinsic[(axis, axis)] * centre[axis] * centre.z / beyond + intrinsic[(axis, 2)]) as f32);
+        let out = centre.y.atan2(centre.x);
+        Ellipse {
+            centre: middle,
+            semi: [along, across].map(|semi| semi as f32),
+            axis: [out.cos() as f32, out.sin() as f32],
+        }
     }
 
-    fn paint_ball(&self, canvas: &mut Canvas, time: f64) -> Result<()> {
-        let mut places = Vec::with_capacity(EXPOSURES);
-        for part in 0..EXPOSURES {
-            let at = time + self.exposure * ((part as f64 + 0.5) / EXPOSURES as f64 - 0.5);
-            let world = self.play.at(&self.forecaster, at.max(0.0));
-            let image = self.camera.image_from_world(&world)?;
-            places.push([image.x as f32, image.y as f32, self.radius_px(&world) as f32]);
-        }
-        stage::ball(canvas, &places, self.paint, self.light);
-        Ok(())
+    fn paint_ball(&self, canvas: &mut Canvas, time: f64) {
+        let outlines: Vec<Ellipse> = (0..EXPOSURES)
+            .map(|part| {
+                let at = time + self.exposure * ((part as f64 + 0.5) / EXPOSURES as f64 - 0.5);
+                self.outline(&self.play.at(&self.forecaster, at.max(0.0)))
+            })
+            .collect();
+        stage::ball(canvas, &outlines, self.paint, self.light);
     }
 }
 

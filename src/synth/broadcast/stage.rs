@@ -180,13 +180,14 @@ fn on_plane(camera: &Camera, column: usize, row: usize, height: f64) -> Option<P
     (share > 0.0 && share < 1e4).then(|| eye + way * share)
 }
 
-/// Lays the ball over a picture as the shutter saw it: its places (centre and radius, px) while that was open.
-pub(super) fn ball(canvas: &mut Canvas, places: &[[f32; 3]], paint: Colour, light: [f32; 2]) {
-    let share = 1.0 / places.len() as f32;
+/// Lays the ball over a picture as the shutter saw it: its outlines while that was open.
+pub(super) fn ball(canvas: &mut Canvas, outlines: &[Ellipse], paint: Colour, light: [f32; 2]) {
+    let share = 1.0 / outlines.len() as f32;
     let size = Size::new(canvas.width as u32, canvas.height as u32);
     let mut covered: std::collections::BTreeMap<usize, (f32, Colour)> = std::collections::BTreeMap::new();
-    for &[x, y, radius] in places {
-        let disc = Ellipse { centre: [x, y], semi: [radius, radius], axis: [1.0, 0.0] };
+    for disc in outlines {
+        let ([x, y], radius, [cos, sin]) = (disc.centre, disc.semi[0], disc.axis);
+        let light = [cos * light[0] + sin * light[1], cos * light[1] - sin * light[0]];
         let within = |at: f32, side: u32| at.clamp(0.0, side as f32) as usize;
         for row in within(y - radius - 1.0, size.height)..within(y + radius + 2.0, size.height) {
             for column in within(x - radius - 1.0, size.width)..within(x + radius + 2.0, size.width) {

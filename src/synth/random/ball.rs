@@ -36,6 +36,10 @@ pub struct Placed {
     pub outline: Ellipse,
     /// Way during the exposure, px.
     pub streak: [f32; 2],
+    /// The camera's focal length, px.
+    pub focal: f64,
+    /// Its principal point, px.
+    pub principal_point: [f64; 2],
 }
 
 /// A random ball of `radius` about `centre`, px: turned into an ellipse as a camera sees it off its axis, perhaps in motion.
@@ -56,7 +60,13 @@ pub fn place(centre: [f32; 2], radius: f32, random: &mut StdRng) -> Placed {
     } else {
         [0.0; 2]
     };
-    Placed { outline, streak }
+    // The outline's centre is farther out than the centre's image.
+    let out = focal * tangent * (1.0 + beyond.recip());
+    let principal_point = [
+        f64::from(centre[0]) - out * f64::from(direction.cos()),
+        f64::from(centre[1]) - out * f64::from(direction.sin()),
+    ];
+    Placed { outline, streak, focal, principal_point }
 }
 
 /// How a ball's surface is coloured; points are on the unit sphere, in its own frame.

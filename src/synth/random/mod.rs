@@ -50,6 +50,10 @@ pub struct Apparent {
     pub visible: f64,
     /// Its way during the exposure, px.
     pub streak: f64,
+    /// Focal length of the camera that sees it so, px.
+    pub focal: f64,
+    /// Principal point of that camera, px: it may lie outside the picture, as a crop's does.
+    pub principal_point: [f64; 2],
 }
 
 /// A picture of a random scene.
@@ -153,6 +157,8 @@ impl RandomScenes {
             radius: f64::from(ball.radius),
             visible: f64::from(ball.visible),
             streak: f64::from(ball.streak),
+            focal: ball.focal,
+            principal_point: ball.principal_point,
         };
         Drawing { balls: balls.iter().map(apparent).collect(), canvas }
     }
@@ -170,6 +176,8 @@ struct Ball {
     occluder: Option<(Polygon, Colour, Colour)>,
     /// Share of it that is seen.
     visible: f32,
+    focal: f64,
+    principal_point: [f64; 2],
 }
 
 impl Ball {
@@ -193,7 +201,8 @@ impl Ball {
         })?;
         let occluder = random.random_bool(OCCLUDED).then(|| background::occluder(centre, radius, random));
         let [dx, dy] = placed.streak;
-        Some(Self { centre, radius, streak: dx.hypot(dy), layer, area, occluder, visible: 0.0 })
+        let ball::Placed { focal, principal_point, .. } = placed;
+        Some(Self { centre, radius, streak: dx.hypot(dy), layer, area, occluder, visible: 0.0, focal, principal_point })
     }
 }
 

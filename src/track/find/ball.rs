@@ -1,9 +1,8 @@
 //! What a clip tells of its ball once most of its frames are labelled: colour, and radius and place near each frame.
 
-use super::Circle;
 use super::evidence::{Candidate, median, median_colour};
-use super::frame::Levels;
-use super::outline::RadiusPrior;
+use crate::contour::{Circle, RadiusPrior};
+use crate::image::Levels;
 
 /// Frames to either side that tell the radius of one.
 const RADIUS_FRAMES: usize = 4;

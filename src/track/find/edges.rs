@@ -1,6 +1,9 @@
 //! Edges that move: where a frame has a gradient that the background has not.
 
-use super::frame::{Background, Levels, Raster};
+use image::RgbImage;
+
+use super::background::Background;
+use crate::image::{Levels, levels_at};
 
 /// Gradient that is an edge, in shares of the least contrast, per pixel: an edge is spread over two pixels or three.
 const LEAST_GRADIENT: f32 = 0.4;
@@ -23,8 +26,8 @@ struct Gradient {
 }
 
 /// The moving edges of `frame`, one pixel thin.
-pub(super) fn moving_edges(frame: &Raster, background: &Background) -> Vec<Edge> {
-    let (width, height) = (frame.width, frame.height);
+pub(super) fn moving_edges(frame: &RgbImage, background: &Background) -> Vec<Edge> {
+    let (width, height) = (frame.width() as usize, frame.height() as usize);
     let changed: Vec<bool> =
         (0..width * height).map(|pixel| background.differs(frame, pixel % width, pixel / width)).collect();
     let mut gradients = vec![Gradient::default(); width * height];
@@ -62,7 +65,7 @@ pub(super) fn moving_edges(frame: &Raster, background: &Background) -> Vec<Edge>
 
 /// The strongest channel's gradient, as strong as the weaker of it and of its difference from the background's:
 /// a standing edge has no difference, and where the ball hides one the frame has no gradient.
-fn moving_gradient(frame: &Raster, still: Option<&Raster>, x: usize, y: usize) -> Gradient {
+fn moving_gradient(frame: &RgbImage, still: Option<&RgbImage>, x: usize, y: usize) -> Gradient {
     let [right, down] = sobel(frame, x, y);
     let [still_right, still_down] = still.map_or([Levels::default(); 2], |still| sobel(still, x, y));
     let mut strongest = Gradient::default();
@@ -78,8 +81,8 @@ fn moving_gradient(frame: &Raster, still: Option<&Raster>, x: usize, y: usize) -
 }
 
 /// Gradient to the right and down, levels a pixel (Sobel's weights).
-fn sobel(raster: &Raster, x: usize, y: usize) -> [Levels; 2] {
-    let at = |dx: usize, dy: usize| raster.levels[(y + dy - 1) * raster.width + x + dx - 1];
+fn sobel(rgb: &RgbImage, x: usize, y: usize) -> [Levels; 2] {
+    let at = |dx: usize, dy: usize| levels_at(rgb, x + dx - 1, y + dy - 1);
     let [a, b, c] = [at(0, 0), at(1, 0), at(2, 0)];
     let [d, f] = [at(0, 1), at(2, 1)];
     let [g, h, i] = [at(0, 2), at(1, 2), at(2, 2)];

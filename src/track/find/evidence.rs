@@ -1,8 +1,10 @@
 //! What speaks for a circle being the ball: its inside.
 
-use super::Circle;
-use super::frame::{Background, Levels, Raster};
-use super::outline::Outline;
+use image::RgbImage;
+
+use super::background::Background;
+use crate::contour::{Circle, Contour};
+use crate::image::{Levels, levels_at};
 
 /// Rings of samples inside a circle, and samples on each.
 const RINGS: usize = 5;
@@ -38,7 +40,7 @@ const SHADED: f64 = 4.0;
 /// A circle that may be the ball.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Candidate {
-    pub outline: Outline,
+    pub outline: Contour,
     /// Median colour of what is not background inside.
     pub colour: Levels,
     /// Share of the inside that is not background, 0..1.
@@ -52,20 +54,21 @@ pub(super) struct Candidate {
 }
 
 impl Candidate {
-    pub fn of(outline: Outline, frame: &Raster, background: &Background) -> Self {
+    pub fn of(outline: Contour, frame: &RgbImage, background: &Background) -> Self {
         let differs = |place: &&(usize, usize)| background.differs(frame, place.0, place.1);
         let inside = inside(&outline.circle, frame);
-        let mut changed: Vec<Levels> = inside.iter().filter(differs).map(|&(x, y)| frame.at(x, y)).collect();
+        let mut changed: Vec<Levels> = inside.iter().filter(differs).map(|&(x, y)| levels_at(frame, x, y)).collect();
         let share = changed.len() as f64 / inside.len().max(1) as f64;
         if changed.is_empty() {
-            changed = inside.iter().map(|&(x, y)| frame.at(x, y)).collect();
+            changed = inside.iter().map(|&(x, y)| levels_at(frame, x, y)).collect();
         }
         let colour = median_colour(&changed);
         let ring = ring(&outline.circle, frame);
         let surround = ring.iter().filter(differs).count();
         let surround = surround as f64 / ring.len().max(1) as f64;
         let shade = background.still.as_ref().map_or(0.0, |still| {
-            let pairs: Vec<[Levels; 2]> = inside.iter().map(|&(x, y)| [frame.at(x, y), still.at(x, y)]).collect();
+            let pairs: Vec<[Levels; 2]> =
+                inside.iter().map(|&(x, y)| [levels_at(frame, x, y), levels_at(still, x, y)]).collect();
             shade(&pairs)
         });
         let mut candidate = Self { outline, colour, changed: share, surround, shade, gain: 0.0 };
@@ -75,7 +78,7 @@ impl Candidate {
 
     /// Log of the odds by the outline and the inside's difference from the background.
     fn shape_gain(&self) -> f64 {
-        let Outline { circle, coverage, rms, .. } = self.outline;
+        let Contour { circle, coverage, rms, .. } = self.outline;
         let outline = COVERED * (coverage - HALF_COVERED) * (circle.radius / SURE_RADIUS).min(1.0);
         let blurred = BLURRED * (rms - SHARP).max(0.0);
         let spot = SPOT * (self.surround - HALF_SURROUNDED).max(0.0);
@@ -84,7 +87,7 @@ impl Candidate {
 }
 
 /// Pixels inside a circle and the picture, evenly spread.
-fn inside(circle: &Circle, frame: &Raster) -> Vec<(usize, usize)> {
+fn inside(circle: &Circle, frame: &RgbImage) -> Vec<(usize, usize)> {
     let mut pixels = Vec::with_capacity(RINGS * SAMPLES);
     for ring in 0..RINGS {
         // Rings of equal areas.
@@ -98,7 +101,7 @@ fn inside(circle: &Circle, frame: &Raster) -> Vec<(usize, usize)> {
 }
 
 /// Pixels on a ring about a circle.
-fn ring(circle: &Circle, frame: &Raster) -> Vec<(usize, usize)> {
+fn ring(circle: &Circle, frame: &RgbImage) -> Vec<(usize, usize)> {
     let distance = (RING * circle.radius).max(circle.radius + RING_PX);
     let place = |sample: usize| {
         let (sin, cos) = (std::f64::consts::TAU * sample as f64 / RING_SAMPLES as f64).sin_cos();
@@ -108,9 +111,9 @@ fn ring(circle: &Circle, frame: &Raster) -> Vec<(usize, usize)> {
 }
 
 /// The pixel at a place in the picture.
-fn pixel(x: f64, y: f64, frame: &Raster) -> Option<(usize, usize)> {
+fn pixel(x: f64, y: f64, frame: &RgbImage) -> Option<(usize, usize)> {
     let (x, y) = (x.round(), y.round());
-    let inside = x >= 0.0 && y >= 0.0 && x < frame.width as f64 && y < frame.height as f64;
+    let inside = x >= 0.0 && y >= 0.0 && x < f64::from(frame.width()) && y < f64::from(frame.height());
     inside.then_some((x as usize, y as usize))
 }
 

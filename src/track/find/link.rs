@@ -1,7 +1,7 @@
 //! Which candidate of each frame is the ball: the path through a clip that is best on the whole.
 
-use super::Circle;
 use super::evidence::Candidate;
+use crate::contour::Circle;
 
 /// Most frames a path may leap over without seeing the ball and still go on.
 const LONGEST_GAP: usize = 10;

@@ -10,22 +10,21 @@
 //! candidates of all frames tells the ball's colour and its radius near each frame; frames where an outline is bad
 //! or missing are looked at again with that. Nothing is interpolated: a label is where an outline is.
 
+mod background;
 mod ball;
 mod confidence;
 mod edges;
 mod evidence;
-mod frame;
 mod link;
-mod outline;
 #[cfg(test)]
 mod tests;
 mod vote;
 
+use self::background::Background;
 use self::ball::Ball;
 use self::evidence::Candidate;
-use self::frame::{Background, Raster};
-use self::outline::{Finder, Outline};
 use crate::camera::Camera;
+use crate::contour::{Circle, Contour, Finder, RadiusPrior};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::size::Size;
@@ -67,14 +66,6 @@ pub struct Proposal {
     pub doubtful: bool,
 }
 
-/// A circle in the picture, px.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Circle {
-    x: f64,
-    y: f64,
-    radius: f64,
-}
-
 /// Proposes the label of each of a clip's `count` frames; none where the ball is not seen.
 ///
 /// `read` gives a frame's picture and is asked up to three times for it, so that a long clip need not be in
@@ -103,9 +94,7 @@ pub fn propose_labels(
         Ok(picture)
     };
     let background = Background::of(count, &read)?;
-    let watch = |frame: usize| {
-        read(frame).map(|picture| Watch { frame: Raster::of(&picture), background: &background, camera, radii })
-    };
+    let watch = |frame: usize| read(frame).map(|picture| Watch { picture, background: &background, camera, radii });
     let mut frames = each(count, &|frame| {
         let found = watch(frame)?.look();
         observe();
@@ -155,7 +144,7 @@ fn chosen(frames: &[Vec<Candidate>]) -> Vec<Option<Candidate>> {
 fn needs_second_look(ball: &Ball, frame: usize, candidates: &[Candidate]) -> bool {
     let radius = ball.radius(frame);
     let good = |candidate: Candidate| {
-        let Outline { circle, coverage, rms, .. } = candidate.outline;
+        let Contour { circle, coverage, rms, .. } = candidate.outline;
         let ordinary = radius.is_none_or(|prior| (circle.radius - prior.radius).abs() < prior.sigma);
         coverage > GOOD_COVERAGE && rms < GOOD_RMS && ordinary
     };
@@ -167,7 +156,7 @@ fn needs_second_look(ball: &Ball, frame: usize, candidates: &[Candidate]) -> boo
 
 /// A frame and what it is compared with.
 struct Watch<'a> {
-    frame: Raster,
+    picture: Picture,
     background: &'a Background,
     camera: &'a Camera,
     radii: [f64; 2],
@@ -176,8 +165,9 @@ struct Watch<'a> {
 impl Watch<'_> {
     /// The candidates of a frame, best first.
     fn look(&self) -> Vec<Candidate> {
-        let edges = edges::moving_edges(&self.frame, self.background);
-        let guesses = vote::circles(&edges, [self.frame.width, self.frame.height], self.radii);
+        let edges = edges::moving_edges(self.picture.rgb(), self.background);
+        let [width, height] = [self.picture.rgb().width(), self.picture.rgb().height()].map(|side| side as usize);
+        let guesses = vote::circles(&edges, [width, height], self.radii);
         best(guesses.iter().filter_map(|guess| self.candidate(guess, None, true)).collect())
     }
 
@@ -204,13 +194,18 @@ impl Watch<'_> {
         best(found)
     }
 
-    fn candidate(&self, guess: &Circle, prior: Option<outline::RadiusPrior>, moving: bool) -> Option<Candidate> {
-        let finder = Finder { frame: &self.frame, background: self.background, camera: self.camera, moving };
-        let outline = finder.outline(guess, prior)?;
+    fn candidate(&self, guess: &Circle, prior: Option<RadiusPrior>, moving: bool) -> Option<Candidate> {
+        let finder = Finder {
+            rgb: self.picture.rgb(),
+            still: self.background.still.as_ref().filter(|_| moving),
+            contrast: &|x, y| self.background.contrast(x, y),
+            camera: self.camera,
+        };
+        let outline = finder.contour(guess, prior)?;
         let [least, most] = self.radii;
         let radius = outline.circle.radius;
         let asked = radius >= least * (1.0 - RADIUS_TOLERANCE) && radius <= most * (1.0 + RADIUS_TOLERANCE);
-        asked.then(|| Candidate::of(outline, &self.frame, self.background))
+        asked.then(|| Candidate::of(outline, self.picture.rgb(), self.background))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Circles that edges vote for (Hough): each edge pixel names the centres that lie across it.
 
-use super::Circle;
 use super::edges::Edge;
+use crate::contour::Circle;
 
 /// Ratio of a circle's radius to that of the next class below.
 const RATIO: f64 = 1.12;

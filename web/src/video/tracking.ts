@@ -37,7 +37,7 @@ export class Tracking {
 
   /** Gives all frames of a source; `shown` sees each. */
   static async through(source: Source, known: Known, { model, device }: { model: string; device: DeviceChoice }, { signal, progress }: Watch, shown: (frame: Frame) => void): Promise<Tracking> {
-    const tracker = await VideoTracker.create({ model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
+    const tracker = await VideoTracker.create({ camera: known.camera, model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
     const tracking = new Tracking(tracker, known);
     signal.addEventListener("abort", () => tracker.dispose(), { once: true });
     try {

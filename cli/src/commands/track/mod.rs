@@ -10,7 +10,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
 use gravisight::parts::Stretch;
-use gravisight::{Camera, FitOptions, Forecaster, Localiser, Picture, Scene, VideoTracker};
+use gravisight::{Camera, FitOptions, Forecaster, Picture, Scene, VideoTracker};
 
 use self::say::print;
 use super::fit::{Hits, PARTLY, hits, one_sigma};
@@ -93,7 +93,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     let name = || footage.name();
     let mut progress = Progress::new();
-    let tracker = watched(&footage, localiser, &mut progress).with_context(name)?;
+    let camera = place.as_ref().map(|place| place.camera.clone());
+    let tracker =
+        watched(&footage, VideoTracker::new(Arc::new(localiser), camera), &mut progress).with_context(name)?;
     let seeds: Vec<(usize, [f64; 2])> = arguments.seed_label.iter().map(|Seed(frame, at)| (*frame, *at)).collect();
     let known = place.as_ref().map(|place| (&place.camera, place.forecaster.scene()));
     let mut tracked = tracker.track(&seeds, known)?;
@@ -166,8 +168,7 @@ fn place(arguments: &Arguments) -> Result<Option<Place>> {
 }
 
 /// Once through the footage.
-fn watched(footage: &Footage, localiser: Localiser, progress: &mut Progress) -> Result<VideoTracker> {
-    let mut tracker = VideoTracker::new(Arc::new(localiser));
+fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress) -> Result<VideoTracker> {
     let all = footage.times().len();
     footage.each(0..all, &mut |frame: usize, picture: Picture| {
         pollster::block_on(tracker.add(picture, footage.times()[frame]))?;

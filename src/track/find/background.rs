@@ -1,11 +1,9 @@
-//! A picture as levels that can be sampled between pixels, and the clip's background.
+//! What stands still in a clip, and what differs from it.
+
+use image::RgbImage;
 
 use crate::error::Result;
-use crate::image::Picture;
-use crate::size::Size;
-
-/// Channels of a picture.
-pub(super) type Levels = [f32; 3];
+use crate::image::{Levels, Picture, levels_at};
 
 /// Frames that a median needs before it can be taken for the background.
 const FEWEST_FRAMES: usize = 5;
@@ -20,54 +18,14 @@ const LEAST_CONTRAST: f32 = 6.0;
 /// The same in standard deviations of the noise.
 const LEAST_CONTRAST_SIGMAS: f32 = 4.0;
 
-/// Levels 0..255, rows from the top.
-#[derive(Debug, Clone)]
-pub(super) struct Raster {
-    pub width: usize,
-    pub height: usize,
-    pub levels: Vec<Levels>,
-}
-
 /// What stands still in a clip.
 #[derive(Debug, Clone)]
 pub(super) struct Background {
     /// The median of the frames; none where there are too few of them.
-    pub still: Option<Raster>,
+    pub still: Option<RgbImage>,
     /// Smallest difference of two levels that is not noise, by pixel; one for all where there is no median.
     contrasts: Vec<f32>,
     width: usize,
-}
-
-impl Raster {
-    pub fn of(picture: &Picture) -> Self {
-        let Size { width, height } = picture.size();
-        let [width, height] = [width as usize, height as usize];
-        let levels = picture.rgb().pixels().map(|pixel| pixel.0.map(f32::from)).collect();
-        Self { width, height, levels }
-    }
-
-    /// Levels at a pixel of the picture.
-    pub fn at(&self, x: usize, y: usize) -> Levels {
-        self.levels[y * self.width + x]
-    }
-
-    /// Levels between pixels; none outside the picture.
-    pub fn between(&self, x: f64, y: f64) -> Option<Levels> {
-        let inside = x >= 0.0 && y >= 0.0 && x <= (self.width - 1) as f64 && y <= (self.height - 1) as f64;
-        if !inside {
-            return None;
-        }
-        let (column, row) = ((x as usize).min(self.width - 2), (y as usize).min(self.height - 2));
-        let (u, v) = ((x - column as f64) as f32, (y - row as f64) as f32);
-        let first = row * self.width + column;
-        let [a, b] = [self.levels[first], self.levels[first + 1]];
-        let [c, d] = [self.levels[first + self.width], self.levels[first + self.width + 1]];
-        Some(std::array::from_fn(|channel| {
-            let above = a[channel] + u * (b[channel] - a[channel]);
-            let below = c[channel] + u * (d[channel] - c[channel]);
-            above + v * (below - above)
-        }))
-    }
 }
 
 impl Background {
@@ -80,8 +38,8 @@ impl Background {
             return Ok(Self { still: None, contrasts: vec![LEAST_CONTRAST], width: 1 });
         }
         let first = read(0)?;
-        let Size { width, height } = first.size();
-        let [width, height] = [width as usize, height as usize];
+        let size = first.size();
+        let [width, height] = [size.width as usize, size.height as usize];
         let most = (MOST_PIXELS / (width * height)).clamp(FEWEST_FRAMES, MOST_FRAMES).min(count);
         let chosen = (1..most).map(|index| index * (count - 1) / (most - 1));
         let mut frames = vec![first];
@@ -90,11 +48,11 @@ impl Background {
         }
         let bytes: Vec<&[u8]> = frames.iter().map(|frame| frame.rgb().as_raw().as_slice()).collect();
         let mut values = vec![0_u8; frames.len()];
-        let mut levels = Vec::with_capacity(width * height);
+        let mut still = RgbImage::new(size.width, size.height);
         let mut noise = Vec::with_capacity(width * height);
-        for pixel in 0..width * height {
+        for (pixel, colour) in still.pixels_mut().enumerate() {
             let middles = [0, 1, 2].map(|channel| median_and_deviation(&bytes, 3 * pixel + channel, &mut values));
-            levels.push(middles.map(|(median, _)| f32::from(median)));
+            colour.0 = middles.map(|(median, _)| median);
             noise.push(middles.iter().map(|&(_, deviation)| f32::from(deviation)).fold(0.0, f32::max));
         }
         // Neighbours' noise is alike, and a median of so few frames jumps from pixel to pixel.
@@ -103,7 +61,7 @@ impl Background {
             LEAST_CONTRAST.max(LEAST_CONTRAST_SIGMAS * sigma)
         };
         let contrasts = (0..width * height).map(contrast).collect();
-        Ok(Self { still: Some(Raster { width, height, levels }), contrasts, width })
+        Ok(Self { still: Some(still), contrasts, width })
     }
 
     /// Smallest difference of two levels that is not noise at a pixel.
@@ -112,8 +70,10 @@ impl Background {
     }
 
     /// Whether a pixel of `frame` is not the background's.
-    pub fn differs(&self, frame: &Raster, x: usize, y: usize) -> bool {
-        self.still.as_ref().is_none_or(|still| differ(frame.at(x, y), still.at(x, y), self.contrast(x, y)))
+    pub fn differs(&self, frame: &RgbImage, x: usize, y: usize) -> bool {
+        self.still
+            .as_ref()
+            .is_none_or(|still| differ(levels_at(frame, x, y), levels_at(still, x, y), self.contrast(x, y)))
     }
 }
 

@@ -1,15 +1,15 @@
-//! The ball's outline to a part of a pixel, and the image of its centre.
+//! A ball's outline in a picture to a part of a pixel (the sphere's apparent contour), and the image of its centre.
 //!
 //! A sphere's outline is a circular cone of rays about the ray of its centre. So edge points are looked for across
 //! the circle that was guessed, turned into rays, seen in the plane across the guessed centre's ray, where the
 //! outline is a circle about the centre's own image; the lens and the perspective, which make the outline in the
 //! picture an ellipse beside the centre's image, drop out.
 
+use image::RgbImage;
 use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
 
-use super::Circle;
-use super::frame::{Background, Levels, Raster};
 use crate::camera::Camera;
+use crate::image::{Levels, levels_between};
 
 /// Directions in which an edge is looked for.
 const DIRECTIONS: usize = 64;
@@ -17,8 +17,8 @@ const DIRECTIONS: usize = 64;
 const STEP: f64 = 0.25;
 /// Half the distance of the two samples whose difference is the slope, px: an edge is about two pixels wide.
 const HALF_SLOPE: f64 = 0.75;
-/// Rounds of looking and fitting.
-const ROUNDS: usize = 3;
+/// How far from a guess an edge is looked for, px and shares of the radius, in each round of looking and fitting.
+const REACHES: [[f64; 2]; 3] = [[2.0, 0.2], [1.5, 0.1], [1.5, 0.1]];
 /// Rounds of reweighting in a fit.
 const REWEIGHTS: usize = 8;
 /// Distance from the circle at which an edge point loses its weight (Tukey), px and shares of the radius.
@@ -26,19 +26,35 @@ const OUTLIER_PX: f64 = 0.6;
 const OUTLIER_SHARE: f64 = 0.03;
 /// Fewest edge points that make a circle.
 const FEWEST_POINTS: usize = 10;
+/// Blur of an edge (standard deviation, px) and the share of the slopes a pixel beside the strongest in that, of a difference
+/// over twice HALF_SLOPE.
+const SOFTNESS: [(f64, f64); 6] = [(0.3, 0.205), (0.5, 0.357), (0.75, 0.527), (1.0, 0.660), (1.5, 0.815), (2.0, 0.889)];
 /// Error of one edge point that is always there, px.
 const POINT_ERROR: f64 = 0.15;
 
+/// A circle in the picture, px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Circle {
+    /// Its centre.
+    pub x: f64,
+    /// The same, down.
+    pub y: f64,
+    /// Its radius.
+    pub radius: f64,
+}
+
 /// What is known of the radius before an outline is fitted, px.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct RadiusPrior {
+pub struct RadiusPrior {
+    /// The likeliest.
     pub radius: f64,
+    /// Its standard deviation.
     pub sigma: f64,
 }
 
 /// A fitted outline.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Outline {
+pub struct Contour {
     /// The image of the ball's centre, and the outline's mean distance from it, px.
     pub circle: Circle,
     /// Share of the directions (within the picture) in which there is an edge on the circle.
@@ -47,6 +63,18 @@ pub(super) struct Outline {
     pub rms: f64,
     /// Standard deviation of the centre by the fit along its worse axis, px.
     pub sigma: f64,
+    /// Half the angle of the cone of rays about the centre's ray, rad: its sine is the ball's radius over its distance.
+    pub half_angle: f64,
+}
+
+/// Points on edges about a circle.
+struct Edges {
+    /// In the plane across its centre's ray.
+    points: Vec<Vector2<f64>>,
+    /// Of each: the slopes a pixel beside the strongest, as a share of that.
+    softness: Vec<f64>,
+    /// Directions that were in the picture.
+    asked: usize,
 }
 
 /// A circle in the plane across the guessed centre's ray, px at that ray.
@@ -60,68 +88,72 @@ struct Fitted {
 }
 
 /// Where outlines are looked for.
-pub(super) struct Finder<'a> {
-    pub frame: &'a Raster,
-    pub background: &'a Background,
+pub struct Finder<'a> {
+    /// The picture.
+    pub rgb: &'a RgbImage,
+    /// What stands still behind: edges that are there as well do not count.
+    pub still: Option<&'a RgbImage>,
+    /// Smallest difference of two levels that is not noise, at a pixel.
+    pub contrast: &'a dyn Fn(usize, usize) -> f32,
+    /// That took the picture.
     pub camera: &'a Camera,
-    /// Whether edges must move to count.
-    pub moving: bool,
 }
 
 impl Finder<'_> {
     /// The outline near `guess`; none where there are too few edges for one or it is lost.
-    pub fn outline(&self, guess: &Circle, prior: Option<RadiusPrior>) -> Option<Outline> {
+    pub fn contour(&self, guess: &Circle, prior: Option<RadiusPrior>) -> Option<Contour> {
         let mut circle = *guess;
-        let mut outline = None;
-        for round in 0..ROUNDS {
-            let reach = match round {
-                0 => 2.0 + 0.2 * circle.radius,
-                _ => 1.5 + 0.1 * circle.radius,
-            };
+        let mut contour = None;
+        for [px, share] in REACHES {
+            let reach = px + share * circle.radius;
             let plane = Plane::across(self.camera, &circle)?;
-            let (points, asked) = self.edge_points(&circle, reach, &plane);
-            let fitted = fit(&points, circle.radius, prior)?;
+            let edges = self.edge_points(&circle, reach, &plane);
+            let fitted = fit(&edges.points, circle.radius, prior)?;
             let centre = plane.image(fitted.centre)?;
             let moved = (centre.x - guess.x).hypot(centre.y - guess.y);
             if moved > 2.0 + 0.5 * guess.radius || fitted.radius < 1.0 || fitted.radius > 2.0 * guess.radius + 2.0 {
                 return None;
             }
             circle = Circle { x: centre.x, y: centre.y, radius: fitted.radius };
-            outline = Some(summary(circle, asked, &fitted));
+            contour = Some(summary(circle, edges, &fitted, plane.scale));
         }
-        outline
+        contour
     }
 
     /// The strongest edge in each direction, and in how many directions there was picture to look at.
-    fn edge_points(&self, circle: &Circle, reach: f64, plane: &Plane) -> (Vec<Vector2<f64>>, usize) {
+    fn edge_points(&self, circle: &Circle, reach: f64, plane: &Plane) -> Edges {
         let reach = reach.min(circle.radius - HALF_SLOPE).max(2.0 * STEP);
-        let mut asked = 0;
-        let mut points = Vec::with_capacity(DIRECTIONS);
+        let mut found =
+            Edges { points: Vec::with_capacity(DIRECTIONS), softness: Vec::with_capacity(DIRECTIONS), asked: 0 };
         for index in 0..DIRECTIONS {
             let (sin, cos) = (std::f64::consts::TAU * index as f64 / DIRECTIONS as f64).sin_cos();
             let place = |distance: f64| Point2::new(circle.x + distance * cos, circle.y + distance * sin);
-            let inside = self.frame.between(place(circle.radius).x, place(circle.radius).y).is_some();
-            asked += usize::from(inside);
-            let Some(distance) = self.strongest(&place, circle.radius, reach).filter(|_| inside) else {
+            let inside = levels_between(self.rgb, place(circle.radius).x, place(circle.radius).y).is_some();
+            found.asked += usize::from(inside);
+            let Some((distance, softness)) = self.strongest(&place, circle.radius, reach).filter(|_| inside) else {
                 continue;
             };
-            points.extend(plane.place(&place(distance)));
+            if let Some(point) = plane.place(&place(distance)) {
+                found.points.push(point);
+                found.softness.push(softness);
+            }
         }
-        (points, asked)
+        found
     }
 
-    /// Distance of the strongest slope within `reach` of `radius`; none where nothing is stronger than noise.
-    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<f64> {
+    /// Distance of the strongest slope within `reach` of `radius`, and how strong the slopes a pixel beside it are for its share;
+    /// none where nothing is stronger than noise.
+    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<(f64, f64)> {
         let count = (2.0 * reach / STEP).round() as usize + 1;
         let pad = (HALF_SLOPE / STEP).round() as usize;
         let first = radius - reach;
         let at = |index: usize| first + (index as f64 - pad as f64) * STEP;
-        let samples = |raster: &Raster| -> Vec<Option<Levels>> {
+        let samples = |rgb: &RgbImage| -> Vec<Option<Levels>> {
             let places = (0..count + 2 * pad).map(|index| place(at(index)));
-            places.map(|point| raster.between(point.x, point.y)).collect()
+            places.map(|point| levels_between(rgb, point.x, point.y)).collect()
         };
-        let frame = samples(self.frame);
-        let still = self.background.still.as_ref().filter(|_| self.moving).map(samples);
+        let frame = samples(self.rgb);
+        let still = self.still.map(samples);
         let strength: Vec<f32> = (0..count).map(|index| slope(&frame, still.as_deref(), index, 2 * pad)).collect();
         // An edge near the guess is preferred to one a little stronger at the rim.
         let weighted = |index: usize| {
@@ -133,13 +165,17 @@ impl Finder<'_> {
             return None;
         }
         let at_edge = place(at(best + pad));
-        if strength[best] < self.background.contrast(at_edge.x.round() as usize, at_edge.y.round() as usize) {
+        if strength[best] < (self.contrast)(at_edge.x.round() as usize, at_edge.y.round() as usize) {
             return None;
         }
         let (before, peak, after) = (strength[best - 1], strength[best], strength[best + 1]);
         let bend = before - 2.0 * peak + after;
         let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-1.0, 1.0) } else { 0.0 };
-        Some(at(best + pad) + f64::from(shift) * STEP)
+        let beside = (1.0 / STEP) as usize;
+        let of_two = [best.checked_sub(beside), Some(best + beside)].map(|index| strength.get(index?).copied());
+        let (sum, count) = of_two.into_iter().flatten().fold((0.0, 0), |(sum, count), it| (sum + it, count + 1));
+        let softness = if count > 0 { sum / count as f32 / peak } else { 0.0 };
+        Some((at(best + pad) + f64::from(shift) * STEP, f64::from(softness)))
     }
 }
 
@@ -243,10 +279,24 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
     Some(Fitted { centre, radius, covariance, inliers: kept.len(), rms })
 }
 
-/// Of directions, `asked` were in the picture.
-fn summary(circle: Circle, asked: usize, fitted: &Fitted) -> Outline {
+/// Standard deviation of the blur (a Gaussian's, px) of an edge whose slopes a pixel beside the strongest are of the share
+/// `softness` of it.
+fn blur_of(softness: f64) -> f64 {
+    let after = SOFTNESS.iter().position(|&(_, known)| known > softness).unwrap_or(SOFTNESS.len() - 1).max(1);
+    let ((low, from), (high, to)) = (SOFTNESS[after - 1], SOFTNESS[after]);
+    low + (high - low) * ((softness - from) / (to - from)).clamp(0.0, 1.0)
+}
+
+fn summary(circle: Circle, Edges { asked, mut softness, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
     let centre = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
     let coverage = (fitted.inliers as f64 / asked.max(1) as f64).min(1.0);
-    Outline { circle, coverage, rms: fitted.rms, sigma }
+    let middle = softness.len() / 2;
+    // There are points, or there is no circle.
+    let blur = blur_of(*softness.select_nth_unstable_by(middle, f64::total_cmp).1);
+    // Blur moves a round edge inwards, by half its variance times the curvature.
+    let larger = 1.0 + 0.5 * (blur / fitted.radius).powi(2);
+    let circle = Circle { radius: larger * circle.radius, ..circle };
+    let half_angle = (larger * fitted.radius / scale).atan();
+    Contour { circle, coverage, rms: fitted.rms, sigma, half_angle }
 }
