@@ -29,6 +29,10 @@ const FEWEST_POINTS: usize = 10;
 /// Blur of an edge (standard deviation, px) and the share of the slopes a pixel beside the strongest in that, of a difference
 /// over twice HALF_SLOPE.
 const SOFTNESS: [(f64, f64); 6] = [(0.3, 0.205), (0.5, 0.357), (0.75, 0.527), (1.0, 0.660), (1.5, 0.815), (2.0, 0.889)];
+/// Fading from which it is the light's: patterns and shadows make less. And how far inside its rim the edge of a ball that fades
+/// as a lit sphere's does seems to be, px by what is beyond (of a slope as the square root's, blurred by half a pixel).
+const LEAST_FADING: f64 = 0.15;
+const INSIDE: f64 = 2.6;
 /// Error of one edge point that is always there, px.
 const POINT_ERROR: f64 = 0.15;
 
@@ -65,6 +69,19 @@ pub struct Contour {
     pub sigma: f64,
     /// Half the angle of the cone of rays about the centre's ray, rad: its sine is the ball's radius over its distance.
     pub half_angle: f64,
+    /// How far inside the ball's rim that edge may lie, px: where a ball fades into the dark towards its rim, as one that is lit
+    /// from the camera alone before black.
+    pub inside: f64,
+}
+
+/// A slope across a circle.
+struct Edge {
+    /// From the circle's centre, px.
+    distance: f64,
+    /// Mean of the slopes a pixel inside and outside, as a share of it.
+    softness: Option<f64>,
+    /// By how much the slope 1.5 px inside is stronger than the one outside, as a share of it.
+    fading: Option<f64>,
 }
 
 /// Points on edges about a circle.
@@ -73,6 +90,8 @@ struct Edges {
     points: Vec<Vector2<f64>>,
     /// Of each: the slopes a pixel beside the strongest, as a share of that.
     softness: Vec<f64>,
+    /// Of each: as [`Edge::fading`].
+    fading: Vec<f64>,
     /// Directions that were in the picture.
     asked: usize,
 }
@@ -123,27 +142,28 @@ impl Finder<'_> {
     /// The strongest edge in each direction, and in how many directions there was picture to look at.
     fn edge_points(&self, circle: &Circle, reach: f64, plane: &Plane) -> Edges {
         let reach = reach.min(circle.radius - HALF_SLOPE).max(2.0 * STEP);
-        let mut found =
-            Edges { points: Vec::with_capacity(DIRECTIONS), softness: Vec::with_capacity(DIRECTIONS), asked: 0 };
+        let mut found = Edges { points: Vec::with_capacity(DIRECTIONS), softness: vec![], fading: vec![], asked: 0 };
         for index in 0..DIRECTIONS {
             let (sin, cos) = (std::f64::consts::TAU * index as f64 / DIRECTIONS as f64).sin_cos();
             let place = |distance: f64| Point2::new(circle.x + distance * cos, circle.y + distance * sin);
             let inside = levels_between(self.rgb, place(circle.radius).x, place(circle.radius).y).is_some();
             found.asked += usize::from(inside);
-            let Some((distance, softness)) = self.strongest(&place, circle.radius, reach).filter(|_| inside) else {
+            let Some(Edge { distance, softness, fading }) =
+                self.strongest(&place, circle.radius, reach).filter(|_| inside)
+            else {
                 continue;
             };
             if let Some(point) = plane.place(&place(distance)) {
                 found.points.push(point);
-                found.softness.push(softness);
+                found.softness.extend(softness);
+                found.fading.extend(fading);
             }
         }
         found
     }
 
-    /// Distance of the strongest slope within `reach` of `radius`, and how strong the slopes a pixel beside it are for its share;
-    /// none where nothing is stronger than noise.
-    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<(f64, f64)> {
+    /// The strongest slope within `reach` of `radius`; none where nothing is stronger than noise.
+    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<Edge> {
         let count = (2.0 * reach / STEP).round() as usize + 1;
         let pad = (HALF_SLOPE / STEP).round() as usize;
         let first = radius - reach;
@@ -171,11 +191,14 @@ impl Finder<'_> {
         let (before, peak, after) = (strength[best - 1], strength[best], strength[best + 1]);
         let bend = before - 2.0 * peak + after;
         let shift = if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-1.0, 1.0) } else { 0.0 };
-        let beside = (1.0 / STEP) as usize;
-        let of_two = [best.checked_sub(beside), Some(best + beside)].map(|index| strength.get(index?).copied());
-        let (sum, count) = of_two.into_iter().flatten().fold((0.0, 0), |(sum, count), it| (sum + it, count + 1));
-        let softness = if count > 0 { sum / count as f32 / peak } else { 0.0 };
-        Some((at(best + pad) + f64::from(shift) * STEP, f64::from(softness)))
+        let off = |px: f64| {
+            let steps = (px / STEP).round() as isize;
+            best.checked_add_signed(steps).and_then(|index| strength.get(index)).map(|it| f64::from(it / peak))
+        };
+        let pair = |px: f64| Some((off(-px)?, off(px)?));
+        let softness = pair(1.0).map(|(inside, outside)| 0.5 * (inside + outside));
+        let fading = pair(1.5).map(|(inside, outside)| inside - outside);
+        Some(Edge { distance: at(best + pad) + f64::from(shift) * STEP, softness, fading })
     }
 }
 
@@ -287,16 +310,18 @@ fn blur_of(softness: f64) -> f64 {
     low + (high - low) * ((softness - from) / (to - from)).clamp(0.0, 1.0)
 }
 
-fn summary(circle: Circle, Edges { asked, mut softness, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
+fn summary(circle: Circle, Edges { asked, mut softness, fading, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
     let centre = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
     let coverage = (fitted.inliers as f64 / asked.max(1) as f64).min(1.0);
     let middle = softness.len() / 2;
-    // There are points, or there is no circle.
-    let blur = blur_of(*softness.select_nth_unstable_by(middle, f64::total_cmp).1);
+    let softness = if softness.is_empty() { 0.0 } else { *softness.select_nth_unstable_by(middle, f64::total_cmp).1 };
+    let blur = blur_of(softness);
+    let fading = fading.iter().map(|it| it.clamp(-1.0, 1.0)).sum::<f64>() / fading.len().max(1) as f64;
+    let inside = INSIDE * (fading - LEAST_FADING).max(0.0);
     // Blur moves a round edge inwards, by half its variance times the curvature.
     let larger = 1.0 + 0.5 * (blur / fitted.radius).powi(2);
     let circle = Circle { radius: larger * circle.radius, ..circle };
     let half_angle = (larger * fitted.radius / scale).atan();
-    Contour { circle, coverage, rms: fitted.rms, sigma, half_angle }
+    Contour { circle, coverage, rms: fitted.rms, sigma, half_angle, inside }
 }

@@ -84,7 +84,7 @@ pub(super) fn refined(rgb: &RgbImage, camera: Option<&Camera>, reading: Reading)
     let share = 1.0 / (1.0 + (-signs.weigh(&TRUST)).exp());
     Reading {
         outline: Outline { centre: centre + share * (edge.centre - centre), radius: radius * (share * apart).exp() },
-        log_sigma: signs.weigh(&SIGMA).exp(),
+        log_sigma: signs.weigh(&SIGMA).exp().hypot(contour.inside / radius),
         ..reading
     }
 }
@@ -170,6 +170,26 @@ mod tests {
                 assert!(off.abs() < 2.0 * found.log_sigma && found.log_sigma < first.log_sigma, "{}", found.log_sigma);
             }
         }
+    }
+
+    #[test]
+    fn a_ball_that_fades_into_the_dark_looks_smaller_and_says_so() {
+        // Lit from the camera, before black: nothing is seen of its rim.
+        let camera = camera(79.5);
+        let truth = camera.outline(&Point3::new(0.0, 0.0, 19.0), 1.0).unwrap();
+        let rgb = RgbImage::from_fn(SIZE.width, SIZE.height, |x, y| {
+            let parts = (0..PARTS * PARTS).map(|index| {
+                let at = |at: u32, part: u32| f64::from(at) + (f64::from(part) + 0.5) / f64::from(PARTS) - 0.5;
+                let [dx, dy] = [at(x, index % PARTS) - truth.centre.x, at(y, index / PARTS) - truth.centre.y];
+                let share = dx.hypot(dy) / truth.radius;
+                if share < 1.0 { 10.0 + 160.0 * (1.0 - share * share).sqrt() } else { 0.0 }
+            });
+            image::Rgb([(parts.sum::<f64>() / f64::from(PARTS * PARTS)).round() as u8; 3])
+        });
+        let found = refined(&rgb, Some(&camera), reading(truth, 0.95));
+        let off = (found.outline.radius / truth.radius).ln();
+        assert!(off < -0.02, "the test's ball does not fade: {off}");
+        assert!(off.abs() < 2.0 * found.log_sigma, "{off} {}", found.log_sigma);
     }
 
     #[test]
