@@ -32,11 +32,12 @@ pub struct View {
 
 impl View {
     /// A random view of an input of `size`: with `crop`, a square of that side around `centre`, on a grid; then moved,
-    /// turned, magnified and mirrored within the configuration's bounds.
+    /// turned, magnified and mirrored within the configuration's bounds; and magnified `magnified` times in any case.
     pub fn random(
         size: [u32; 2],
         crop: Option<Crop>,
         centre: [f64; 2],
+        magnified: f64,
         config: &Augmentation,
         random: &mut StdRng,
     ) -> Self {
@@ -51,7 +52,7 @@ impl View {
         }
         let mut within = |range: f64| if range > 0.0 { random.random_range(-range..range) } else { 0.0 };
         let turn = Rotation2::new(within(config.roll_degrees.to_radians()));
-        let zoom = (1.0 + config.zoom).powf(within(1.0) * f64::from(config.zoom > 0.0));
+        let zoom = magnified * (1.0 + config.zoom).powf(within(1.0) * f64::from(config.zoom > 0.0));
         let mirror = if config.flip > 0.0 && random.random_bool(config.flip) { -1.0 } else { 1.0 };
         let linear = turn.matrix() / zoom * Matrix2::new(mirror, 0.0, 0.0, 1.0);
         // Turned and magnified about the ball where there is one to keep in sight, in a crop.

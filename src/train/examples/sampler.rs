@@ -1,5 +1,6 @@
 //! Drawing batches: which frames, which part of them, with which labels.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{Matrix2, Vector2};
@@ -20,6 +21,10 @@ use crate::size::Size;
 
 /// Pictures of a window that the forecast starts from, where pictures tell the velocity.
 const STARTS: usize = 3;
+
+/// Radii, px, at which a network that reads sizes sees a ball again, and the largest enlargement for that.
+const AGAIN: Range<f64> = 18.0..28.0;
+const MOST_ENLARGED: f64 = 6.0;
 
 /// Draws batches.
 pub struct Sampler {
@@ -207,7 +212,7 @@ impl Sampler {
             let centre = [0, 1].map(|_| random.random_range(0.0..1.0));
             let empty = self.pictures.with_empty(shot.clip, |picture| {
                 let size = picture.size().xy();
-                self.view(picture, [centre[0] * size[0], centre[1] * size[1]], phase, &mut random)
+                self.view(picture, [centre[0] * size[0], centre[1] * size[1]], 1.0, phase, &mut random)
             })?;
             return match empty {
                 Some((values, _, place)) => Ok(Drawn { values, image: None, depth: [1.0, 0.0], place }),
@@ -222,23 +227,29 @@ impl Sampler {
             let reason = format!("frame {frame} has no target");
             return Err(Error::Data { what: format!("clip `{}`", self.pictures.clips()[shot.clip].id), reason });
         };
-        let (values, image, place) =
-            self.pictures.with(shot.clip, frame, |picture| self.view(picture, example.image, phase, &mut random))?;
         let [depth, weight] = example.depth.unwrap_or([1.0, 0.0]);
-        if self.reads_size {
-            let (clip, scale) = (&self.pictures.clips()[shot.clip], place.linear.determinant().abs().sqrt());
-            let outline = outline(clip, example, depth)?;
+        let outline = match self.reads_size {
+            true => Some(outline(&self.pictures.clips()[shot.clip], example, depth)?),
+            false => None,
+        };
+        let magnified = outline.as_ref().map_or(1.0, |outline| as_looked_at_again(outline, &mut random));
+        let (values, image, place) = self
+            .pictures
+            .with(shot.clip, frame, |picture| self.view(picture, example.image, magnified, phase, &mut random))?;
+        if let Some(outline) = outline {
+            let scale = place.linear.determinant().abs().sqrt();
             let image = place.of_clip(outline.centre.into());
             return Ok(Drawn { values, image: Some(image), depth: [outline.radius / scale, weight], place });
         }
         Ok(Drawn { values, image: Some(image), depth: [depth / place.zoom, weight], place })
     }
 
-    /// A random view of `picture` around `centre` (px of it): its values, where the centre is in it, and the way back.
+    /// A random view of `picture` around `centre` (px of it), `magnified`: its values, where the centre is in it, and the way back.
     fn view(
         &self,
         picture: &crate::image::Picture,
         centre: [f64; 2],
+        magnified: f64,
         phase: &Phase,
         random: &mut StdRng,
     ) -> (Vec<f32>, [f64; 2], Place) {
@@ -261,7 +272,7 @@ impl Sampler {
         let size = [input.size.width, input.size.height];
         let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
         let crop = crop.map(|side| Crop { side, grid: self.grid });
-        let view = View::random(size, crop, in_input, &self.recipe.augmentation, random);
+        let view = View::random(size, crop, in_input, magnified, &self.recipe.augmentation, random);
         let mut values = view.cut(&input.values, size);
         change_light(&mut values, view.size, &self.recipe.augmentation, random);
         let (linear, origin) = view.to_input();
@@ -270,6 +281,13 @@ impl Sampler {
         let place = Place { linear: unscale * linear, origin: unscale * (origin + half) - half, zoom: view.zoom };
         (values, view.of_input(in_input), place)
     }
+}
+
+/// How much larger a picture is shown: in half of the cases so much that the ball has a size at which the localiser looks at it
+/// again, and not else.
+fn as_looked_at_again(outline: &Outline, random: &mut StdRng) -> f64 {
+    let (again, radius) = (random.random_bool(0.5), random.random_range(AGAIN));
+    if again { (radius / outline.radius).clamp(1.0, MOST_ENLARGED) } else { 1.0 }
 }
 
 /// `scene` with nothing in it to touch.
