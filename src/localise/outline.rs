@@ -17,8 +17,9 @@ use crate::size::Size;
 const CONTRAST: f32 = 6.0;
 /// Smallest rms of an edge about its cone that means something, px: below, all are as good.
 const LEAST_RMS: f64 = 0.05;
-/// Least standard deviation of the network's log(radius) that a difference is compared with.
-const LEAST_SIGMA: f64 = 0.005;
+/// Least standard deviation of log(radius) that a network is believed: one that was fine-tuned to a few clips is surer of itself
+/// than of other pictures it should be.
+const LEAST_SIGMA: f64 = 0.015;
 /// Difference of the two logs of the radius from which the edge is another thing's.
 const MOST_APART: f64 = 0.3;
 /// Largest surprise that a difference can be.
@@ -53,6 +54,7 @@ impl Signs {
 
 /// `reading` after a look at the edge in `rgb`, which `camera` took; without a camera, balls are circles.
 pub(super) fn refined(rgb: &RgbImage, camera: Option<&Camera>, reading: Reading) -> Reading {
+    let reading = Reading { log_sigma: reading.log_sigma.max(LEAST_SIGMA), ..reading };
     let long;
     let camera = match camera {
         Some(camera) => camera,
@@ -79,7 +81,7 @@ pub(super) fn refined(rgb: &RgbImage, camera: Option<&Camera>, reading: Reading)
         sigma: reading.log_sigma.ln(),
         rms: (contour.rms.max(LEAST_RMS) / radius).ln(),
         missing: 1.0 - contour.coverage,
-        surprise: (apart / reading.log_sigma.max(LEAST_SIGMA)).powi(2).ln_1p().min(MOST_SURPRISE),
+        surprise: (apart / reading.log_sigma).powi(2).ln_1p().min(MOST_SURPRISE),
     };
     let share = 1.0 / (1.0 + (-signs.weigh(&TRUST)).exp());
     Reading {
