@@ -10,16 +10,12 @@ use super::size::{Reading, SIGMA_OF_SCALE, peaks, softmax};
 use crate::camera::{Camera, Outline};
 use crate::error::Result;
 use crate::image::{Filter, resized};
-use crate::model::Peak;
 use crate::size::Size;
 
 /// Side of what is looked at again, px of the network's input.
 const SIDE: u32 = 128;
-/// Radii that the ball is brought to, one after the other, px of the network's input; the mean of the readings counts, for the
-/// network reads each size a little too large or too small.
-const RADII: [f64; 2] = [20.0, 26.0];
-/// The one that a ball of a video is brought to: it is looked at in many frames.
-pub(super) const MEASURED: f64 = 23.0;
+/// Radius that the ball is brought to, px of the network's input: among those that it reads best.
+const RADIUS: f64 = 23.0;
 /// Strongest enlargement: beyond it there is nothing more to be seen.
 const MOST_ENLARGED: f64 = 6.0;
 /// Places that are looked at again at most, and the share of the first one's confidence that makes a place worth it.
@@ -87,7 +83,7 @@ impl Localiser {
 
     /// `reading` after a second look.
     async fn closer(&self, rgb: &RgbImage, camera: Option<&Camera>, reading: Reading) -> Result<Reading> {
-        let seen = self.look_at(rgb, &reading.outline, reading.outline.radius, &RADII).await?;
+        let seen = self.look_at(rgb, &reading.outline, reading.outline.radius).await?;
         Ok(match seen {
             Some(seen) => {
                 let confidence = (reading.confidence * seen.confidence).sqrt();
@@ -97,37 +93,20 @@ impl Localiser {
         })
     }
 
-    /// The ball that is at most `reach` px from the middle of `outline` and about as large, brought to each of `radii` (px of
-    /// the network's input); none where one look does not show it.
-    pub(super) async fn look_at(
-        &self,
-        rgb: &RgbImage,
-        outline: &Outline,
-        reach: f64,
-        radii: &[f64],
-    ) -> Result<Option<Reading>> {
-        let mut seen = Vec::with_capacity(radii.len());
-        for &radius in radii {
-            // All of what may be the ball is to be in view.
-            let view = View::around(outline, radius.min(outline.radius * MOST_REACH * f64::from(SIDE) / reach), rgb);
-            let field = self.one_field(&view.of(rgb), 0, 0, Size::square(SIDE)).await?;
-            let same = |found: &Outline| {
-                (found.centre - outline.centre).norm() < reach
-                    && (SAME_SIZE.recip()..SAME_SIZE).contains(&(found.radius / outline.radius))
-            };
-            let found = peaks(&field, softmax(&field.logits), PLACES).into_iter();
-            let mut found = found.map(|peak| (view.in_picture(peak.image, peak.radius), peak));
-            match found.find(|(outline, _)| same(outline)) {
-                Some(found) => seen.push(found),
-                None => return Ok(None),
-            }
-        }
-        let mean = |value: &dyn Fn(&(Outline, Peak)) -> f64| seen.iter().map(value).sum::<f64>() / seen.len() as f64;
-        let centre = Point2::new(mean(&|it| it.0.centre.x), mean(&|it| it.0.centre.y));
-        Ok(Some(Reading {
-            outline: Outline { centre, radius: mean(&|it| it.0.radius.ln()).exp() },
-            log_sigma: SIGMA_OF_SCALE * mean(&|it| it.1.log_scale),
-            confidence: mean(&|it| it.1.confidence),
-        }))
+    /// The ball that is at most `reach` px from the middle of `outline` and about as large; none where a closer look shows none.
+    pub(super) async fn look_at(&self, rgb: &RgbImage, outline: &Outline, reach: f64) -> Result<Option<Reading>> {
+        // All of what may be the ball is to be in view.
+        let view = View::around(outline, RADIUS.min(outline.radius * MOST_REACH * f64::from(SIDE) / reach), rgb);
+        let field = self.one_field(&view.of(rgb), 0, 0, Size::square(SIDE)).await?;
+        let same = |found: &Reading| {
+            (found.outline.centre - outline.centre).norm() < reach
+                && (SAME_SIZE.recip()..SAME_SIZE).contains(&(found.outline.radius / outline.radius))
+        };
+        let found = peaks(&field, softmax(&field.logits), PLACES).into_iter().map(|peak| Reading {
+            outline: view.in_picture(peak.image, peak.radius),
+            log_sigma: SIGMA_OF_SCALE * peak.log_scale,
+            confidence: peak.confidence,
+        });
+        Ok(found.into_iter().find(same))
     }
 }

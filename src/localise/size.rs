@@ -4,7 +4,7 @@ use burn::tensor::Transaction;
 use image::RgbImage;
 use nalgebra::{Matrix3, Point2, Point3};
 
-use super::closer::{LOOKED_AT, MEASURED};
+use super::closer::LOOKED_AT;
 use super::outline::refined;
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, device_name};
 use crate::camera::{Camera, Measured, Outline};
@@ -157,7 +157,7 @@ impl Localiser {
     ) -> Result<Option<Measured>> {
         self.must_read_sizes()?;
         let outline = Outline { centre: image.into(), radius: radius_px };
-        let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px), &[MEASURED]).await?;
+        let found = self.look_at(picture.rgb(), &outline, reach_px.max(radius_px)).await?;
         let found = found.map(|reading| refined(picture.rgb(), camera, reading));
         Ok(found.map(|Reading { outline, log_sigma, confidence }| Measured {
             outline,
