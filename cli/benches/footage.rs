@@ -13,6 +13,8 @@ const NEAR_PX: f64 = 2.0;
 const NEAR_FRAMES: f64 = 1.5;
 /// How far a flight's ends may be from the true ones, as a share of how long it lasts.
 const ENDS: f64 = 0.25;
+/// Upper ends of the classes of confidence that are compared with the share of what is right.
+const SURE: [f64; 6] = [0.8, 0.9, 0.95, 0.98, 0.999, 1.1];
 
 /// Counts of a kind of footage: found, and of how many.
 #[derive(Default)]
@@ -26,6 +28,8 @@ struct Score {
     /// Errors as shares of the depth, and in stated sigmas.
     shares: Vec<f64>,
     sigmas: Vec<f64>,
+    /// Of what was found: how sure it was said to be, and whether it is the ball.
+    sure: Vec<(f64, bool)>,
     seconds: f64,
 }
 
@@ -68,6 +72,7 @@ fn score(video: &Path, score: &mut Score) {
         }
         if image.len() == 2 {
             count(&mut score.precision, near);
+            score.sure.push((frame["confidence"].as_f64().unwrap(), near));
         }
         let world = numbers(&frame["world"]);
         if world.len() == 3 {
@@ -118,6 +123,16 @@ fn main() {
         let stem = video.file_stem().unwrap().to_string_lossy();
         let kind = stem.rsplit_once('-').map_or(&*stem, |(kind, _)| kind);
         score(video, scores.entry(kind.into()).or_default());
+    }
+    let sure: Vec<(f64, bool)> = scores.values().flat_map(|score| score.sure.clone()).collect();
+    let mut from = 0.0;
+    for to in SURE {
+        let class: Vec<&(f64, bool)> = sure.iter().filter(|(sure, _)| (from..to).contains(sure)).collect();
+        let all = class.len().max(1) as f64;
+        let said = class.iter().map(|(sure, _)| sure).sum::<f64>() / all;
+        let right = class.iter().filter(|(_, right)| *right).count() as f64 / all;
+        println!("confidence {from:.3} to {to:.3}: {:>5} frames, {said:.3} said, {right:.3} right", class.len());
+        from = to;
     }
     println!(
         "{:<13} {:>7} {:>10} {:>10} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7}",
