@@ -94,6 +94,30 @@ fn a_clip_becomes_flights_in_metres() {
 }
 
 #[test]
+fn frames_that_are_doubtful_are_shown_in_the_report() {
+    let (clip, folder) = sample("doubtful", 0);
+    let frame = |number: usize| folder.join(format!("frames/{number}.png"));
+    let elsewhere = image::open(frame(85)).unwrap().into_rgb8();
+    // Something hides the ball for eight frames.
+    for number in 40..48 {
+        let mut picture = image::open(frame(number)).unwrap().into_rgb8();
+        let [x, y] = clip.frames[number].image.unwrap().map(|at| (at - 25.0).clamp(0.0, 173.0) as u32);
+        let patch = image::imageops::crop_imm(&elsewhere, x, y, 50, 50).to_image();
+        image::imageops::replace(&mut picture, &patch, x.into(), y.into());
+        picture.save(frame(number)).unwrap();
+    }
+    let [frames, camera, scene, page] =
+        ["frames", "camera.json", "scene.json", "report.html"].map(|name| folder.join(name));
+    let place = ["--camera", text(&camera), "--scene", text(&scene), "--report", text(&page)];
+    let output = gravisight(&[&["track", text(&frames), "--fps", "15"], place.as_slice()].concat());
+    assert!([Some(0), Some(3)].contains(&output.status.code()), "{}", String::from_utf8_lossy(&output.stderr));
+    let page = std::fs::read_to_string(&page).unwrap();
+    let (_, doubts) = page.split_once("What is doubtful").expect("the chapter");
+    assert!(doubts.contains("no ball found from frame 40 to 4"), "{}", &doubts[..doubts.len().min(400)]);
+    assert!(doubts.contains("data:image/png"), "no picture");
+}
+
+#[test]
 fn without_a_camera_there_is_a_track_alone() {
     let (clip, folder) = sample("flat", 0);
     let output = gravisight(&["track", text(&folder.join("frames")), "--fps", "15", "--seed-label", "3,1,1"]);

@@ -124,7 +124,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if let Some(plot) = &arguments.plot {
         let name = arguments.track.file_name().unwrap_or_default().to_string_lossy();
         let flights = Flights { name: &name, camera: &camera, scene: &scene, observations: &observations, fit: &fit };
-        write_flights(plot, &[flights])?;
+        write_flights(plot, &[flights], "")?;
     }
     match arguments.json {
         true => print_line(as_json(&frames, &fit))?,

@@ -28,11 +28,11 @@ pub struct Flights<'a> {
     pub fit: &'a Fit,
 }
 
-/// Writes the page to `path`, whole: of one fit, or of a video's one after the other.
+/// Writes the page to `path`, whole: of one fit, or of a video's one after the other; then what else there is to show (HTML).
 ///
 /// # Errors
 /// [`gravisight::Error::Io`] for a file that cannot be written.
-pub fn write(path: &Path, all: &[Flights<'_>]) -> Result<()> {
+pub fn write(path: &Path, all: &[Flights<'_>], more: &str) -> Result<()> {
     let name = all.first().map_or("", |flights| flights.name);
     let mut body = format!("<header>\n{}", html::text("h1", name));
     for (number, flights) in all.iter().enumerate() {
@@ -48,6 +48,7 @@ pub fn write(path: &Path, all: &[Flights<'_>]) -> Result<()> {
         }
         body += &stretch(flights)?;
     }
+    body += more;
     body += "</main>\n";
     write_whole(path, html::page(name, &body).as_bytes())
 }

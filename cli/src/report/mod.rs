@@ -1,5 +1,6 @@
 //! What an evaluation found, as one HTML file that needs nothing else: no network, no other file.
 
+pub mod doubts;
 mod flights;
 mod html;
 mod log;

@@ -119,11 +119,17 @@ fn part(drawing: &RgbImage, sample: &Sample, share: f64, marks: &str) -> Result<
     let sides = [drawing.width(), drawing.height()];
     let apart = [0, 1].map(|axis| 1.4 * (found[axis] - truth[axis]).abs() / f64::from(sides[axis]));
     let share = share.max(apart[0]).max(apart[1]).min(1.0);
-    let [width, height] = sides.map(|side| ((f64::from(side) * share).ceil() as u32).min(side));
+    let middle = [0, 1].map(|axis| (found[axis] + truth[axis]) / 2.0);
+    cut(drawing, middle, sides.map(|side| f64::from(side) * share), marks)
+}
+
+/// The part of `drawing` around `middle` of about the size `sides`, px; `marks` (SVG, in px of the picture) lie over it.
+pub fn cut(drawing: &RgbImage, middle: [f64; 2], sides: [f64; 2], marks: &str) -> Result<String> {
+    let all = [drawing.width(), drawing.height()];
+    let [width, height] = [0, 1].map(|axis| (sides[axis].ceil() as u32).clamp(1, all[axis]));
     let [left, top]: [u32; 2] = std::array::from_fn(|axis| {
         let part = [width, height][axis];
-        let start = (found[axis] + truth[axis] - f64::from(part)) / 2.0;
-        start.clamp(0.0, f64::from(sides[axis] - part)) as u32
+        (middle[axis] - f64::from(part) / 2.0).clamp(0.0, f64::from(all[axis] - part)) as u32
     });
     let part = imageops::crop_imm(drawing, left, top, width, height).to_image();
     let longest = width.max(height);

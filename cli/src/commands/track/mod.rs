@@ -2,6 +2,7 @@
 
 mod say;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -9,8 +10,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
-use gravisight::parts::Stretch;
-use gravisight::{Camera, FitOptions, Forecaster, Picture, Scene, VideoTracker};
+use gravisight::{Camera, FitOptions, Forecaster, Picture, Scene, Tracked, VideoTracker};
 
 use self::say::print;
 use super::fit::{Hits, PARTLY, hits, one_sigma};
@@ -20,7 +20,7 @@ use crate::footage::Footage;
 use crate::model;
 use crate::overlay;
 use crate::progress::Progress;
-use crate::report::{Flights, write_flights};
+use crate::report::{Flights, doubts, write_flights};
 
 /// Follow the ball through a video: its flights, bounces and hits in metres.
 ///
@@ -120,7 +120,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         overlay::write(out, &footage, &seen)?;
     }
     if let (Some(out), Some(place)) = (&arguments.report, &place) {
-        report(out, &footage, place, &tracked.stretches)?;
+        report(out, &footage, place, &tracked)?;
     }
     match arguments.json {
         true => print_line(tracked.as_json())?,
@@ -179,9 +179,9 @@ fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress
     Ok(tracker)
 }
 
-fn report(out: &Path, footage: &Footage, place: &Place, stretches: &[Stretch]) -> Result<()> {
+fn report(out: &Path, footage: &Footage, place: &Place, tracked: &Tracked) -> Result<()> {
     let name = footage.name();
-    let flights: Vec<Flights<'_>> = stretches
+    let flights: Vec<Flights<'_>> = (tracked.stretches)
         .iter()
         .filter_map(|stretch| {
             let fit = stretch.fit.as_ref().ok()?;
@@ -197,5 +197,13 @@ fn report(out: &Path, footage: &Footage, place: &Place, stretches: &[Stretch]) -
     if flights.is_empty() {
         bail!("--report: no flight could be fitted, so there is nothing to show");
     }
-    Ok(write_flights(out, &flights)?)
+    let doubts = doubts::doubts(tracked);
+    let mut looks = BTreeMap::new();
+    footage.each(doubts::frames(&doubts), &mut |frame, picture: Picture| {
+        if let Some(doubt) = doubts.iter().find(|doubt| doubt.frame == frame) {
+            looks.insert(frame, doubts::look(doubt, picture.rgb())?);
+        }
+        Ok(())
+    })?;
+    Ok(write_flights(out, &flights, &doubts::chapter(&doubts, &looks))?)
 }
