@@ -55,17 +55,8 @@ impl Signs {
 /// `reading` after a look at the edge in `rgb`, which `camera` took; without a camera, balls are circles.
 pub(super) fn refined(rgb: &RgbImage, camera: Option<&Camera>, reading: Reading) -> Reading {
     let reading = Reading { log_sigma: reading.log_sigma.max(LEAST_SIGMA), ..reading };
-    let long;
-    let camera = match camera {
-        Some(camera) => camera,
-        None => match long_lens(rgb) {
-            Some(camera) => {
-                long = camera;
-                &long
-            }
-            None => return reading,
-        },
-    };
+    let long = if camera.is_none() { long_lens(rgb) } else { None };
+    let Some(camera) = camera.or(long.as_ref()) else { return reading };
     let Outline { centre, radius } = reading.outline;
     let finder = Finder { rgb, still: None, contrast: &|_, _| CONTRAST, camera };
     let seen = finder.contour(&Circle { x: centre.x, y: centre.y, radius }, None);
