@@ -76,6 +76,7 @@ fn scenes_that_it_never_saw() {
         errors[errors.len() / 2]
     );
     assert!(near >= MOSTLY && within >= MOSTLY, "{near} {within}");
+    assert!(errors[errors.len() / 2] < 0.01, "median {}", errors[errors.len() / 2]);
     for (_, it) in &found {
         // Symmetric, positive, and longest along the view.
         let covariance = it.covariance.unwrap();
