@@ -16,6 +16,8 @@ const FIRST: u64 = 1 << 40;
 const SIDE: u32 = 256;
 /// Upper ends of the bins of radii, px.
 const BINS: [f64; 4] = [4.0, 10.0, 25.0, 60.0];
+/// Way during the exposure, in radii, up to which a ball is still.
+const STILL: f64 = 0.3;
 /// Pictures of the sheet, and in a row of it.
 const SHEET: usize = 24;
 const COLUMNS: usize = 6;
@@ -127,6 +129,20 @@ fn main() {
             );
         }
         from = to;
+    }
+    let large: Vec<&Scored> = scored.iter().filter(|it| it.plain() && it.ball.radius >= 4.0).collect();
+    let still = |it: &Scored| it.ball.streak < STILL * it.ball.radius;
+    for (name, test) in [
+        ("all", &(|_: &Scored| true) as &dyn Fn(&Scored) -> bool),
+        ("found, still", &|it| it.found() && still(it)),
+        ("found, in motion", &|it| it.found() && !still(it)),
+    ] {
+        let errors: Vec<f64> = large.iter().filter(|it| test(it)).map(|it| it.error()).collect();
+        println!(
+            "wholly seen, from 4 px on, {name}: {} balls, {:.2} % off (median)",
+            errors.len(),
+            100.0 * median(errors)
+        );
     }
     let mut sure: Vec<f64> =
         scored.iter().filter(|it| it.plain() && it.ball.radius >= 4.0).map(|it| it.confidence).collect();

@@ -11,7 +11,7 @@ use gravisight::Result;
 
 /// Pictures at most.
 const MOST: usize = 24;
-/// Confidence below which a frame is looked at: one in ten such may be another thing.
+/// Confidence below which a frame is worth a look.
 const DOUBTFUL: f64 = 0.9;
 /// Frames without the ball, between others with it, that are worth a look.
 const GONE: usize = 3;
