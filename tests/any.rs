@@ -112,7 +112,7 @@ fn what_must_be_said_is_asked_for() {
 }
 
 #[test]
-fn candidates_come_in_order_and_share_one_confidence() {
+fn candidates_come_in_order() {
     for (clip, _, rgb) in samples().iter().take(6) {
         let found = localise(rgb, &clip.camera, LocaliseOptions { candidates: 5, ..options() }).unwrap();
         let plain = localise(rgb, &clip.camera, options()).unwrap();
@@ -120,7 +120,7 @@ fn candidates_come_in_order_and_share_one_confidence() {
         let first = found.candidates[0];
         assert_eq!((first.image, first.world, first.confidence), (plain.image, plain.world, plain.confidence));
         assert!(found.candidates.is_sorted_by(|a, b| a.confidence >= b.confidence));
-        assert!(found.candidates.iter().map(|it| it.confidence).sum::<f64>() <= 1.0 + 1e-9);
+        assert!(found.candidates.iter().all(|it| (0.0..=1.0).contains(&it.confidence)));
     }
 }
 

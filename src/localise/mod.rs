@@ -2,7 +2,7 @@
 //!
 //! The only room that knows both model and camera.
 
-mod closer;
+pub(crate) mod closer;
 mod outline;
 mod saliency;
 mod size;
@@ -32,6 +32,8 @@ const RUNNERS: usize = 4;
 /// A loaded model on a device, ready for pictures.
 pub struct Localiser {
     pen: Pen,
+    /// The network that judges whether a place shows a ball, where there is one.
+    closer: Option<Box<Localiser>>,
     /// The last used comes last.
     runners: Mutex<Vec<(Size, Arc<PenRunner>)>>,
     config: PenConfig,
@@ -97,7 +99,7 @@ pub struct Candidate {
     pub depth_sigma: f64,
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// From 0 to 1; those of all candidates add up to at most 1.
+    /// From 0 to 1: as [`Localisation::confidence`]; of `any` the probability that this is a ball.
     pub confidence: f64,
 }
 
@@ -120,7 +122,8 @@ pub struct Localisation {
     pub camera: [f64; 3],
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// Share of the heatmap's mass around the position found, 0 to 1.
+    /// Share of the heatmap's mass around the position found, 0 to 1; of a model with a network that judges (`closer` in
+    /// its card, as `any` has) the probability that it is a ball.
     pub confidence: f64,
     /// The likeliest places, the one above first; where asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -162,15 +165,23 @@ impl Localiser {
     /// [`Error::WeightsNotFinite`].
     pub fn new(card: Card, weights: Vec<u8>, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
-        let pen = model::load(&card.architecture, weights, device)?;
-        Ok(Self::from_pen(pen, card, device))
+        let Some(architecture) = card.closer.clone() else {
+            let pen = model::load(&card.architecture, weights, device)?;
+            return Ok(Self::from_pen(pen, card, device));
+        };
+        let [own, closer] = model::parted(&weights)?;
+        let pen = model::load(&card.architecture, own, device)?;
+        let closer = model::load(&architecture, closer, device)?;
+        let input = Size::square(model::CLOSER_SIDE);
+        let closer = Self::from_pen(closer, Card { architecture, closer: None, input, ..card.clone() }, device);
+        Ok(Self { closer: Some(Box::new(closer)), ..Self::from_pen(pen, card, device) })
     }
 
     /// A localiser from a network already in memory.
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
         let runners = Mutex::new(vec![(card.input, Arc::new(pen.clone().runner(card.input, device)))]);
-        Self { pen, runners, config, card, device: device.clone() }
+        Self { pen, closer: None, runners, config, card, device: device.clone() }
     }
 
     /// The network, ready for pictures of `size`.
@@ -213,7 +224,10 @@ impl Localiser {
     /// # Errors
     /// [`Error::OutputNotFinite`], [`Error::Device`].
     pub async fn warm_up(&self) -> Result<()> {
-        self.run(self.test_pattern()).await.map(|_| ())
+        for network in [Some(self), self.closer.as_deref()].into_iter().flatten() {
+            network.run(network.test_pattern()).await?;
+        }
+        Ok(())
     }
 
     /// Refuses a device whose maps differ from those of `reference`, the same model on another
@@ -222,6 +236,14 @@ impl Localiser {
     /// # Errors
     /// [`Error::Device`] with the difference; else as [`Self::warm_up`].
     pub async fn check_against(&self, reference: &Self) -> Result<()> {
+        self.check_network(reference).await?;
+        match (&self.closer, &reference.closer) {
+            (Some(closer), Some(reference)) => closer.check_network(reference).await,
+            _ => Ok(()),
+        }
+    }
+
+    async fn check_network(&self, reference: &Self) -> Result<()> {
         let found = self.run(self.test_pattern()).await?;
         let expected = reference.run(self.test_pattern()).await?;
         let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);

@@ -213,10 +213,25 @@ impl Localiser {
         count: usize,
         with_maps: bool,
     ) -> Result<(Vec<Reading>, Option<Maps>)> {
+        let (mut readings, maps) = self.first_look(picture, region, count.max(PLACES), with_maps).await?;
+        readings.truncate(count.max(LOOKED_AT));
+        Ok((self.look_closer(picture.rgb(), camera, readings, count).await?, maps))
+    }
+
+    /// The same before anything is looked at again: `count` places or more.
+    ///
+    /// # Errors
+    /// As [`Self::readings`].
+    pub(crate) async fn first_look(
+        &self,
+        picture: &Picture,
+        region: Option<Region>,
+        places: usize,
+        with_maps: bool,
+    ) -> Result<(Vec<Reading>, Option<Maps>)> {
         let size = picture.size();
         let region = region.unwrap_or(Region { left: 0, top: 0, width: size.width, height: size.height });
         region.check(size)?;
-        let places = count.max(PLACES);
         let Region { left, top, width, height } = region;
         let field = self.field(picture.rgb(), region).await?;
         let probability = softmax(&field.logits);
@@ -246,7 +261,6 @@ impl Localiser {
             found.extend(apart);
         }
         found.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        found.truncate(count.max(LOOKED_AT));
         let readings = found.into_iter().map(|peak| Reading {
             outline: Outline {
                 centre: Point2::new(peak.image[0] + f64::from(left), peak.image[1] + f64::from(top)),
@@ -255,7 +269,7 @@ impl Localiser {
             log_sigma: SIGMA_OF_SCALE * peak.log_scale,
             confidence: peak.confidence,
         });
-        Ok((self.look_closer(picture.rgb(), camera, readings.collect(), count).await?, maps))
+        Ok((readings.collect(), maps))
     }
 
     /// The network's maps of a part of a picture: at once, or tile by tile.

@@ -6,7 +6,7 @@ use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use super::config::PenConfig;
+use super::config::{CLOSER_SIDE, PenConfig};
 use crate::error::{Error, Result};
 use crate::image::Normalisation;
 use crate::size::Size;
@@ -28,6 +28,11 @@ pub struct Card {
     /// Architecture.
     #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
     pub architecture: PenConfig,
+    /// Architecture of the network that judges whether a place shows a ball, whose tensors are in the same file, their
+    /// names behind `closer.`; absent where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
+    pub closer: Option<PenConfig>,
     /// Size of the network's input.
     pub input: Size,
     /// Normalisation of the network's input.
@@ -74,6 +79,12 @@ impl Card {
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
         let card: Self = serde_json::from_str(text).map_err(Error::format(what))?;
         check_input(&card.architecture, card.input, &card.normalisation, what)?;
+        if let Some(closer) = &card.closer {
+            check_input(closer, Size::square(CLOSER_SIDE), &card.normalisation, what)?;
+            if !closer.depth.is_size() {
+                return Err(Error::value(what, "closer.depth.activation", "must be \"radius\""));
+            }
+        }
         let is_size = card.depth_from == Some(DepthFrom::Size);
         if is_size != card.architecture.depth.is_size() {
             let reason =

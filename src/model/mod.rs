@@ -24,8 +24,11 @@ pub use self::built_in::{ANY, SD_L};
 pub use self::card::{Card, DepthFrom, check_input, sha256_hex};
 #[cfg(test)]
 pub use self::config::HeatmapConfig;
+pub(crate) use self::config::{CLOSER_RADIUS, CLOSER_SIDE};
 pub use self::config::{HeadConfig, PenConfig};
 pub use self::decode::{CONFIDENCE_RADIUS, Decoded, Maps, Peak, confidence, decode, peaks};
 pub(crate) use self::decode::{cell_centre, weighted_depth};
 pub use self::pen::{Pen, PenOutput, PenRunner};
-pub use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, save};
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::weights::joined;
+pub use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, parted, save};

@@ -153,19 +153,69 @@ fn rewritten(
     other: impl Fn(usize, Dtype) -> Option<Dtype>,
     convert: impl Fn(&[u8]) -> Vec<u8>,
 ) -> Result<Vec<u8>> {
-    let refuse = |error: SafeTensorError| Error::WeightsFile { reason: error.to_string() };
-    let file = SafeTensors::deserialize(bytes).map_err(refuse)?;
+    let file = opened(bytes)?;
     let tensors: Vec<Entry<'_>> = (file.iter())
         .map(|(name, view)| match other(view.shape().len(), view.dtype()) {
             Some(dtype) => (name.into(), dtype, view.shape().to_vec(), Cow::Owned(convert(view.data()))),
             None => (name.into(), view.dtype(), view.shape().to_vec(), Cow::Borrowed(view.data())),
         })
         .collect();
+    written(&tensors)
+}
+
+fn refuse(error: SafeTensorError) -> Error {
+    Error::WeightsFile { reason: error.to_string() }
+}
+
+fn opened(bytes: &[u8]) -> Result<SafeTensors<'_>> {
+    SafeTensors::deserialize(bytes).map_err(refuse)
+}
+
+/// The file of `tensors`.
+fn written(tensors: &[Entry<'_>]) -> Result<Vec<u8>> {
     let views = tensors
         .iter()
         .map(|(name, dtype, shape, data)| Ok((name, TensorView::new(*dtype, shape.clone(), data).map_err(refuse)?)));
     let metadata = HashMap::from([("format".to_string(), "pt".to_string())]);
     safetensors::serialize(views.collect::<Result<Vec<_>>>()?, Some(metadata)).map_err(refuse)
+}
+
+/// What the names of the second look's tensors begin with in a file of two networks.
+const CLOSER: &str = "closer.";
+
+/// The two networks of a weights file, each as a file: its own, and that of the second look, which is empty where there is
+/// none.
+///
+/// # Errors
+/// [`Error::WeightsFile`] for bytes that are no whole safetensors file.
+pub fn parted(bytes: &[u8]) -> Result<[Vec<u8>; 2]> {
+    let file = opened(bytes)?;
+    let (mut own, mut closer) = (vec![], vec![]);
+    for (name, view) in file.iter() {
+        let entry = |name: &str| (name.to_string(), view.dtype(), view.shape().to_vec(), Cow::Borrowed(view.data()));
+        match name.strip_prefix(CLOSER) {
+            Some(name) => closer.push(entry(name)),
+            None => own.push(entry(name)),
+        }
+    }
+    Ok([written(&own)?, written(&closer)?])
+}
+
+/// The file of two networks: `own`, and `closer` for the second look.
+///
+/// # Errors
+/// As [`parted`].
+#[cfg(not(target_arch = "wasm32"))]
+pub fn joined(own: &[u8], closer: &[u8]) -> Result<Vec<u8>> {
+    let [own, closer] = [opened(own)?, opened(closer)?];
+    let entry = |(name, view): (String, TensorView<'_>)| {
+        (name, view.dtype(), view.shape().to_vec(), Cow::Owned(view.data().to_vec()))
+    };
+    let named = |name: &str| format!("{CLOSER}{name}");
+    let entries = (own.iter().map(|(name, view)| (name.to_string(), view)))
+        .chain(closer.iter().map(|(name, view)| (named(name), view)))
+        .map(entry);
+    written(&entries.collect::<Vec<_>>())
 }
 
 /// A store over `bytes` that speaks PyTorch's names, its tensors checked to be whole and finite.

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use anyhow::Result;
 use clap::Args;
-use gravisight::internal::{Supervision, TrainProgress, Validation};
+use gravisight::internal::{TrainProgress, Validation};
 use gravisight::parts::Bins;
 use gravisight::{Clips, Device, TrainConfig, TrainEvent, TrainSettings, score};
 
@@ -111,7 +111,7 @@ fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Optio
     let folder = card.parent().unwrap_or(Path::new("."));
     let TrainConfig { recipe, paths } = TrainConfig::saved_in(folder)?;
     // Random scenes are no clips.
-    let Some(validation) = paths.validation.as_ref().filter(|_| recipe.supervision != Supervision::Rendered) else {
+    let Some(validation) = paths.validation.as_ref().filter(|_| !recipe.supervision.is_rendered()) else {
         return Ok(None);
     };
     let clips = Clips::read(validation)?;

@@ -188,6 +188,13 @@ impl Look {
         }
     }
 
+    /// The same in the dark, lit from near the camera.
+    pub fn lit_from_camera(self, random: &mut StdRng) -> Self {
+        let aside: [f32; 2] = std::array::from_fn(|_| random.random_range(-0.25..0.25));
+        let light = normalised([aside[0], aside[1], 1.0]);
+        Self { light, ambient: random.random_range(0.0..0.35), sky: 0.0, ..self }
+    }
+
     /// The colour of the point whose outward normal is `normal` (camera's axes, z towards the camera).
     fn shade(&self, normal: [f32; 3]) -> Colour {
         let albedo = match &self.pattern {

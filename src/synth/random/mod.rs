@@ -81,6 +81,9 @@ impl Drawing {
     }
 }
 
+/// How much darker what is behind is at night, at least and at most.
+const DARKER: [f32; 2] = [0.0, 0.15];
+
 /// Draws random scenes.
 #[derive(Debug)]
 pub struct RandomScenes {
@@ -88,32 +91,45 @@ pub struct RandomScenes {
     normals: Normals,
     /// Share of the pictures that show no ball.
     empty: f64,
+    /// Share of the scenes that are dark and lit from the camera: a ball's rim fades into what is behind it.
+    nights: f64,
 }
 
 impl RandomScenes {
     /// With `photographs` behind some of the balls; a share of `empty` pictures shows no ball.
     pub fn new(photographs: Vec<RgbImage>, empty: f64) -> Self {
-        Self { photographs, normals: Normals::new(&mut StdRng::seed_from_u64(0)), empty }
+        Self { photographs, normals: Normals::new(&mut StdRng::seed_from_u64(0)), empty, nights: 0.0 }
+    }
+
+    /// With a share of scenes that are dark and lit from the camera.
+    pub fn with_nights(self, nights: f64) -> Self {
+        Self { nights, ..self }
     }
 
     /// The picture of `size` that belongs to `seed`, with `most` balls at most.
     pub fn draw(&self, size: Size, seed: u64, most: usize) -> Drawing {
         let mut random = StdRng::seed_from_u64(seed);
-        let mut drawing = self.scene(size, most, &mut random);
+        // By another generator: without nights the pictures are what they were.
+        let mut night = StdRng::seed_from_u64(!seed);
+        let night = night.random_bool(self.nights).then(|| night.random_range(DARKER[0]..DARKER[1]));
+        let mut drawing = self.scene(size, most, night, &mut random);
         sensor::expose(&mut drawing.canvas, &self.normals, &mut random);
         drawing
     }
 
     /// The scene before the camera changes it.
-    fn scene(&self, size: Size, most: usize, random: &mut StdRng) -> Drawing {
+    fn scene(&self, size: Size, most: usize, night: Option<f32>, random: &mut StdRng) -> Drawing {
         let mut canvas = background::draw(size, &self.photographs, random);
+        if let Some(share) = night {
+            canvas.planes.iter_mut().flatten().for_each(|value| *value *= share);
+        }
         if random.random_bool(self.empty) {
             return Drawing { canvas, balls: vec![] };
         }
         let mut balls = vec![];
         for number in 0..most {
             if number == 0 || random.random_bool(ANOTHER) {
-                balls.extend(Ball::random(&canvas, &balls, random));
+                balls.extend(Ball::random(&canvas, &balls, night.is_some(), random));
             }
         }
         let hidden = |x: usize, y: usize, balls: &[Ball]| {
@@ -182,7 +198,7 @@ struct Ball {
 
 impl Ball {
     /// A ball anywhere but on `others`; none where no look of it can be told from what is behind.
-    fn random(canvas: &Canvas, others: &[Self], random: &mut StdRng) -> Option<Self> {
+    fn random(canvas: &Canvas, others: &[Self], night: bool, random: &mut StdRng) -> Option<Self> {
         let [width, height] = [canvas.width, canvas.height].map(|side| side as f64);
         let largest = LARGEST.min(width.min(height) / 3.0);
         let radius = random.random_range(SMALLEST.ln()..largest.ln()).exp() as f32;
@@ -194,7 +210,9 @@ impl Ball {
         let centre = (0..TRIES).map(|_| anywhere()).find(|&centre| others.iter().all(|other| apart(centre, other)))?;
         let placed = ball::place(centre, radius, random);
         let (layer, area) = (0..TRIES).find_map(|_| {
-            let layer = Layer::still(&placed, &Look::random(radius, random));
+            let look = Look::random(radius, random);
+            let look = if night { look.lit_from_camera(random) } else { look };
+            let layer = Layer::still(&placed, &look);
             let area = layer.area();
             let layer = layer.moved(placed.streak);
             (layer.contrast(canvas) >= LEAST_CONTRAST[0] + LEAST_CONTRAST[1] / radius).then_some((layer, area))

@@ -9,6 +9,8 @@ mod fits;
 mod loader;
 mod pictures;
 #[cfg(not(target_arch = "wasm32"))]
+mod places;
+#[cfg(not(target_arch = "wasm32"))]
 mod prepare;
 #[cfg(not(target_arch = "wasm32"))]
 mod readings;
@@ -27,6 +29,8 @@ pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::loader::Loader;
 pub(super) use self::pictures::Pictures;
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::places::Places;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::prepare::{LeftOut, Prepared, prepare};
 #[cfg(not(target_arch = "wasm32"))]

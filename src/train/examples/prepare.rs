@@ -67,7 +67,7 @@ pub fn prepare(
             labelled_2d(&clips)
         }
         Supervision::PhysicsFit => by_physics(&|_| true)?,
-        Supervision::Rendered => unreachable!("renderings are no clips"),
+        Supervision::Rendered | Supervision::Places => unreachable!("renderings are no clips"),
         Supervision::Mixed => {
             let share = recipe.labelled_share;
             // evenly spread: the clips at which the running share passes a whole number

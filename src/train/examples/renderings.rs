@@ -17,6 +17,8 @@ use crate::synth::{Apparent, Drawing, RandomScenes};
 const PHOTOGRAPH_SIDE: u32 = 1280;
 /// Ends of the names of photographs' files.
 const EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+/// Share of the scenes that are dark and lit from the camera.
+pub(super) const NIGHTS: f64 = 0.05;
 /// Most balls in a picture that is trained with: each teaches as much as one alone.
 const MOST_BALLS: usize = 3;
 /// The step whose seeds are those of pictures to score with: no run is so long.
@@ -42,7 +44,7 @@ impl Renderings {
         let photographs = folder.map(self::read_photographs).transpose()?.unwrap_or_default();
         let count = photographs.len();
         Ok(Self {
-            scenes: RandomScenes::new(photographs, recipe.empty_share),
+            scenes: RandomScenes::new(photographs, recipe.empty_share).with_nights(NIGHTS),
             seed: recipe.seed,
             input: recipe.input,
             normalisation: recipe.normalisation,

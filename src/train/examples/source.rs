@@ -1,7 +1,7 @@
 //! Where a run's batches come from.
 
 use super::super::recipe::Phase;
-use super::{Batch, Renderings, Sampler};
+use super::{Batch, Places, Renderings, Sampler};
 use crate::error::Result;
 
 /// What a run draws its batches from.
@@ -10,6 +10,8 @@ pub enum Source {
     Clips(Box<Sampler>),
     /// Random scenes.
     Scenes(Renderings),
+    /// Places in random scenes.
+    Places(Places),
 }
 
 impl Source {
@@ -21,6 +23,7 @@ impl Source {
         match self {
             Self::Clips(sampler) => sampler.batch(phase, step),
             Self::Scenes(renderings) => Ok(renderings.batch(phase, step)),
+            Self::Places(places) => places.batch(phase, step),
         }
     }
 
@@ -28,7 +31,16 @@ impl Source {
     pub fn mean_depth(&self) -> f64 {
         match self {
             Self::Clips(sampler) => sampler.examples().depths()[1],
-            Self::Scenes(_) => 1.0,
+            Self::Scenes(_) | Self::Places(_) => 1.0,
+        }
+    }
+
+    /// Photographs among the backgrounds of what is rendered.
+    pub fn photographs(&self) -> usize {
+        match self {
+            Self::Clips(_) => 0,
+            Self::Scenes(renderings) => renderings.photographs(),
+            Self::Places(places) => places.photographs(),
         }
     }
 
@@ -36,7 +48,7 @@ impl Source {
     pub fn pictures(&self) -> usize {
         match self {
             Self::Clips(sampler) => sampler.examples().frames.len(),
-            Self::Scenes(_) => 0,
+            Self::Scenes(_) | Self::Places(_) => 0,
         }
     }
 }

@@ -101,7 +101,8 @@ impl FineTuner {
         card.check_weights(&weights)?;
         let recipe = recipe(&card, options)?;
         let device = device.clone().autodiff();
-        let model = model::load(&card.architecture, weights, &device)?;
+        let [own, _] = model::parted(&weights)?;
+        let model = model::load(&card.architecture, own, &device)?;
         let trainer = Trainer::new(&recipe, State::first(&recipe, model), &device);
         let (clips, held_out) = (vec![], vec![]);
         Ok(Self { card, recipe, trainer, clips, held_out, sampler: None, validation: None, best: None })

@@ -80,11 +80,13 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
             let data = recipe.data_name.clone().unwrap_or(data);
             format!("{data}: {} frames", sampler.examples().frames.len())
         }
-        Source::Scenes(renderings) => {
+        Source::Scenes(_) | Source::Places(_) => {
             let pictures: usize = recipe.phases.iter().map(|phase| phase.steps * phase.batch).sum();
-            let backgrounds = recipe.data_name.clone().unwrap_or_else(|| {
-                format!("{} photographs of `{data}` among the backgrounds", renderings.photographs())
-            });
+            let photographs = source.photographs();
+            let backgrounds = recipe
+                .data_name
+                .clone()
+                .unwrap_or_else(|| format!("{photographs} photographs of `{data}` among the backgrounds"));
             format!("{pictures} renderings of random scenes; {backgrounds}")
         }
     };
@@ -93,6 +95,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         Supervision::Future2dPredict => "2D labels and physics, through forecasts (the paper's 2D-predict)".into(),
         Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
         Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
+        Supervision::Places => "renderings of random scenes, as the second look sees them".into(),
         Supervision::Labels3d => "3D labels (the paper's baseline, not its method)".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
@@ -105,6 +108,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         weights: String::new(),
         sha256: String::new(),
         architecture: architecture.clone(),
+        closer: None,
         input: recipe.input,
         normalisation: recipe.normalisation,
         depth_from: architecture.depth.is_size().then_some(DepthFrom::Size),
@@ -130,6 +134,8 @@ pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, steps: usiz
     }
     Card {
         name: format!("{}-tuned", card.name.trim_end_matches("-tuned")),
+        // It looks again itself: what it has learned of the scene is to count there, too.
+        closer: None,
         depth_range,
         training_data,
         description: format!("{} Fine-tuned with 2D labels and physics: {steps} steps.", card.description),

@@ -9,19 +9,19 @@ use std::time::Instant;
 use burn::tensor::Device;
 use serde::Serialize;
 
-use super::super::examples::{Fits, LeftOut, Loader, Pictures, Prepared, Renderings, Sampler, Source, prepare};
+use super::super::examples::{Fits, LeftOut, Loader, Pictures, Places, Prepared, Renderings, Sampler, Source, prepare};
 use super::super::recipe::{Recipe, RunPaths, Supervision, TrainConfig};
 use super::log::{LOG, log_until, table};
 use super::memory::check_memory;
 use super::publish::{Best, card_of_run, publish};
-use super::score::{Score, SizeScore, score, score_sizes};
+use super::score::{Score, SizeScore, score, score_places, score_sizes};
 use super::step::StepReport;
 use super::trainer::{State, Trainer};
 use crate::clips::Clips;
 use crate::error::{Error, Result};
 use crate::files::{Claim, write_whole};
 use crate::localise::Localiser;
-use crate::model::{self, Card, Pen};
+use crate::model::{self, Card, Pen, sha256_hex};
 
 /// What the loop tells its caller after each step.
 #[derive(Debug, Clone, Serialize)]
@@ -96,6 +96,7 @@ pub enum TrainEvent<'a> {
 enum HeldOut {
     Clips(Pictures),
     Scenes(Renderings),
+    Places(Places),
 }
 
 /// A run in progress.
@@ -160,6 +161,11 @@ impl<'a> Run<'a> {
                 let source = Renderings::new(recipe, paths.train.as_deref())?;
                 let held_out = Renderings::new(recipe, paths.validation.as_deref())?;
                 (Source::Scenes(source), HeldOut::Scenes(held_out), None)
+            }
+            Supervision::Places => {
+                let source = Places::new(recipe, paths.train.as_deref(), paths.first()?)?;
+                let held_out = Places::new(recipe, paths.validation.as_deref(), paths.first()?)?;
+                (Source::Places(source), HeldOut::Places(held_out), None)
             }
             _ => {
                 let validation = Pictures::new(Clips::read(paths.validation()?)?, 0);
@@ -236,6 +242,7 @@ impl<'a> Run<'a> {
         let scored = pollster::block_on(async {
             Ok::<_, Error>(match &self.validation {
                 HeldOut::Clips(pictures) => Validation::Score(score(&localiser, pictures, Some(frames), laws).await?),
+                HeldOut::Places(places) => Validation::Size(score_places(&localiser, places, frames).await?),
                 HeldOut::Scenes(renderings) => Validation::Size(score_sizes(&localiser, renderings, frames).await?),
             })
         });
@@ -246,7 +253,11 @@ impl<'a> Run<'a> {
         let kept = match &scored {
             Validation::Score(scored) => Best::keep(&mut self.best, scored, average),
             Validation::Size(scored) => {
-                Best::keep_by(&mut self.best, Some(scored.radius_error), scored.confidence_threshold, average)
+                let score = match self.recipe.supervision {
+                    Supervision::Places => scored.confused,
+                    _ => scored.radius_error,
+                };
+                Best::keep_by(&mut self.best, Some(score), scored.confidence_threshold, average)
             }
             Validation::Failed { .. } => false,
         };
@@ -265,7 +276,11 @@ impl<'a> Run<'a> {
 
     /// Writes the averaged weights that scored best (where none could be scored: the last) and their card.
     fn publish(self) -> Result<PathBuf> {
-        let (card, weights) = pollster::block_on(publish(self.card, self.best.as_ref(), self.trainer.average()))?;
+        let (mut card, mut weights) =
+            pollster::block_on(publish(self.card, self.best.as_ref(), self.trainer.average()))?;
+        if self.recipe.supervision == Supervision::Places {
+            (card, weights) = with_closer(Card::with_weights(self.paths.first()?)?, card, &weights)?;
+        }
         write_whole(&self.paths.out.join(&card.weights), &weights)?;
         let path = self.paths.out.join(format!("{}.json", card.name));
         card.write(&path)?;
@@ -283,11 +298,27 @@ fn sampler(recipe: &Recipe, paths: &RunPaths, observe: &mut dyn FnMut(TrainEvent
     Ok((Sampler::new(recipe, examples, pictures)?, fits))
 }
 
+/// A model (its card and weights) with another for its second look.
+fn with_closer((first, own): (Card, Vec<u8>), closer: Card, weights: &[u8]) -> Result<(Card, Vec<u8>)> {
+    let [own, _] = model::parted(&own)?;
+    let weights = model::joined(&own, weights)?;
+    let card = Card {
+        sha256: sha256_hex(&weights),
+        closer: Some(closer.architecture),
+        training_data: format!("{}; the second look: {}", first.training_data, closer.training_data),
+        description: format!("{} The second look: {}", first.description, closer.description),
+        metrics: serde_json::Value::Null,
+        ..first
+    };
+    Ok((card, weights))
+}
+
 /// The fresh network with the weights that the run starts from: a model's, or a backbone's.
 fn with_start(pen: Pen, paths: &RunPaths) -> Result<Pen> {
     if let Some(path) = &paths.start_from {
         let (card, weights) = Card::with_weights(path)?;
         card.check_weights(&weights)?;
+        let [weights, _] = model::parted(&weights)?;
         return model::load_into(pen, weights);
     }
     let Some(path) = &paths.backbone_weights else { return Ok(pen) };

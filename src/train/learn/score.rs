@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::super::examples::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
-use super::super::examples::Renderings;
+use super::super::examples::{Places, Renderings};
 use super::laws::Laws;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
@@ -154,6 +154,45 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
         gross: errors.iter().filter(|&&error| error > GROSS).count() as f64 / all,
         coverage: within.map(|count| count as f64 / all),
         radius_error_of_all: Statistic::of(errors),
+        image_error_px: Statistic::of(image),
+        confidence_threshold,
+        confused,
+    })
+}
+
+/// Scores `localiser`, a network of the second look, on the places of `count` renderings.
+///
+/// # Errors
+/// As [`Localiser::readings`].
+#[cfg(not(target_arch = "wasm32"))]
+pub async fn score_places(localiser: &Localiser, places: &Places, count: usize) -> Result<SizeScore> {
+    let (mut errors, mut image, mut seen, mut empty) = (vec![], vec![], vec![], vec![]);
+    let mut within = [0_usize; 2];
+    for index in 0..count {
+        for place in places.scored(index)? {
+            let (found, _) = localiser.first_look(&Picture::from_rgb(place.rgb.clone()), None, 1, false).await?;
+            let Some(found) = found.first() else { continue };
+            let Some(ball) = place.ball() else {
+                empty.push(found.confidence);
+                continue;
+            };
+            let error = (found.outline.radius / ball.radius).ln();
+            image.push(distance(&found.outline.centre, &ball.centre));
+            errors.push(error.exp_m1().abs());
+            for (number, within) in within.iter_mut().enumerate() {
+                *within += usize::from(error.abs() <= (number + 1) as f64 * found.log_sigma);
+            }
+            seen.push(found.confidence);
+        }
+    }
+    let (confidence_threshold, confused) = equal_error(&mut seen, &mut empty);
+    let all = errors.len().max(1) as f64;
+    let of_all = Statistic::of(errors.clone());
+    Ok(SizeScore {
+        radius_error: of_all.median.unwrap_or(f64::NAN),
+        gross: errors.iter().filter(|&&error| error > GROSS).count() as f64 / all,
+        coverage: within.map(|count| count as f64 / all),
+        radius_error_of_all: of_all,
         image_error_px: Statistic::of(image),
         confidence_threshold,
         confused,

@@ -2,7 +2,8 @@
 
 use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision};
 use crate::error::{Error, Result};
-use crate::model::check_input;
+use crate::model::{CLOSER_SIDE, check_input};
+use crate::size::Size;
 
 impl Recipe {
     /// Refuses values that cannot train.
@@ -91,11 +92,21 @@ impl Recipe {
         if !(self.centre_weight.is_finite() && self.centre_weight >= 0.0) {
             return refuse("centre_weight", format!("must not be negative, not {}", self.centre_weight));
         }
-        if self.supervision == Supervision::Rendered && !self.architecture(1.0).depth.is_size() {
-            return refuse("network", "must read sizes with supervision \"rendered\": take \"compact-size\"".into());
+        if self.supervision.is_rendered() && !self.architecture(1.0).depth.is_size() {
+            return refuse(
+                "network",
+                "must read sizes with supervision \"rendered\" or \"places\": take \"compact-size\" or \"closer\""
+                    .into(),
+            );
         }
-        if self.supervision == Supervision::Rendered && matches!(self.heatmap_loss(), HeatmapLoss::Mse { .. }) {
-            return refuse("heatmap_loss", "must be \"cross_entropy\" with supervision \"rendered\"".into());
+        if self.supervision.is_rendered() && matches!(self.heatmap_loss(), HeatmapLoss::Mse { .. }) {
+            return refuse(
+                "heatmap_loss",
+                "must be \"cross_entropy\" with supervision \"rendered\" or \"places\"".into(),
+            );
+        }
+        if self.supervision == Supervision::Places && self.input != Size::square(CLOSER_SIDE) {
+            return refuse("input", format!("must be {CLOSER_SIDE}×{CLOSER_SIDE} px with supervision \"places\""));
         }
         if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
             return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());

@@ -27,9 +27,18 @@ pub enum Supervision {
     /// Renderings of random scenes, without any clips: apparent radius for any ball (network `compact-size`).
     #[serde(rename = "rendered")]
     Rendered,
+    /// The same renderings as the second look sees them: places that the run's `first` model proposes, enlarged (network
+    /// `closer`).
+    #[serde(rename = "places")]
+    Places,
 }
 
 impl Supervision {
+    /// Whether it learns from renderings of random scenes, not from clips.
+    pub fn is_rendered(self) -> bool {
+        matches!(self, Self::Rendered | Self::Places)
+    }
+
     /// Whether it learns through forecasts.
     pub fn is_future(self) -> bool {
         matches!(self, Self::Future2dPredict | Self::Future2dGt)
@@ -218,6 +227,9 @@ pub enum Network {
     /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
     #[serde(rename = "compact-size")]
     CompactSize,
+    /// [`PenConfig::closer`](crate::model::PenConfig::closer).
+    #[serde(rename = "closer")]
+    Closer,
     /// [`PenConfig::paper`](crate::model::PenConfig::paper), with ResNet34.
     #[serde(rename = "paper")]
     Paper,

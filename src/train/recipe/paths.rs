@@ -28,6 +28,8 @@ pub struct RunPaths {
     pub out: PathBuf,
     /// The card of a model whose weights the network starts from; architecture and input are then that model's.
     pub start_from: Option<PathBuf>,
+    /// The card of the model whose second look is learned, with supervision `places`: what is made is that model with it.
+    pub first: Option<PathBuf>,
     /// A file with timm weights (ImageNet, say) for the backbone to start from.
     pub backbone_weights: Option<PathBuf>,
 }
@@ -68,7 +70,7 @@ fn needed(field: &'static str) -> Error {
 
 impl RunPaths {
     /// The names of the fields.
-    pub(super) const FIELDS: [&str; 5] = ["train", "validation", "out", "start_from", "backbone_weights"];
+    pub(super) const FIELDS: [&str; 6] = ["train", "validation", "out", "start_from", "first", "backbone_weights"];
 
     /// The run's configuration.
     pub fn run_file(&self) -> PathBuf {
@@ -103,6 +105,15 @@ impl RunPaths {
         self.train.as_deref().ok_or_else(|| needed("train"))
     }
 
+    /// The card of the model whose second look is learned.
+    ///
+    /// # Errors
+    /// [`Error::Value`] where none is given.
+    pub fn first(&self) -> Result<&Path> {
+        let missing = "is missing: the card of the model whose second look is learned";
+        self.first.as_deref().ok_or_else(|| Error::value("run configuration", "first", missing))
+    }
+
     /// The clips to score with.
     ///
     /// # Errors
@@ -130,6 +141,7 @@ impl RunPaths {
             validation,
             out: absolute(self.out)?,
             start_from: self.start_from.map(absolute).transpose()?,
+            first: self.first.map(absolute).transpose()?,
             backbone_weights: self.backbone_weights.map(absolute).transpose()?,
         })
     }

@@ -1,0 +1,175 @@
+//! Random scenes as the second look sees them: places that a model proposes, enlarged.
+//!
+//! What a first look takes for a ball and is none teaches most, and no drawing by hand has its like. So the model's own
+//! proposals are what is learned from, beside the balls that it may have missed.
+
+use std::path::Path;
+
+use burn::tensor::Device;
+use image::RgbImage;
+use nalgebra::{Point2, Vector2, distance};
+use rand::rngs::StdRng;
+use rand::{RngExt, SeedableRng};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
+
+use super::super::recipe::{Phase, Recipe};
+use super::renderings::{NIGHTS, read_photographs};
+use super::sampler::seed;
+use super::{Batch, Labels};
+use crate::camera::Outline;
+use crate::error::Result;
+use crate::image::{Normalisation, Picture};
+use crate::localise::Localiser;
+use crate::localise::closer::{CLOSER, View};
+use crate::model::{CLOSER_RADIUS, CLOSER_SIDE, Card};
+use crate::size::Size;
+use crate::synth::RandomScenes;
+
+/// Side of the scenes that are drawn, px, and most balls in one.
+const SIDE: u32 = 192;
+const MOST_BALLS: usize = 2;
+/// Places that a scene is looked at in: most of those that the model proposes, and all.
+const PROPOSED: usize = 3;
+const VIEWS: usize = 4;
+/// How often a ball is looked at although it was not proposed.
+const MISSED: f64 = 0.5;
+/// How rough a place is: standard deviation of log(radius), and of its centre along each axis, radii.
+const ROUGH: [f64; 2] = [0.12, 0.12];
+/// How often a place is seen from farther away, as one of which is known only roughly where the ball is; how far at most.
+const FARTHER: f64 = 0.2;
+const FARTHEST: f64 = 2.5;
+/// Radii of the balls that a view is of, px of the view: others are too small or too large to be what was proposed.
+const RADII: [f64; 2] = [CLOSER_RADIUS / 2.5, CLOSER_RADIUS * 2.0];
+/// Step of the seeds of places to score with: no run is so long.
+const SCORED: usize = usize::MAX;
+
+/// A place as the second look sees it.
+pub struct Seen {
+    /// Of [`CLOSER_SIDE`] px.
+    pub rgb: RgbImage,
+    /// The outlines of the balls in it, px of it.
+    pub balls: Vec<Outline>,
+}
+
+/// Draws batches of places.
+pub struct Places {
+    scenes: RandomScenes,
+    first: Localiser,
+    seed: u64,
+    normalisation: Normalisation,
+    photographs: usize,
+}
+
+impl Places {
+    /// By `recipe`, where the model of the card `first` proposes them, with the photographs of `folder`, if any, as
+    /// backgrounds.
+    ///
+    /// # Errors
+    /// As [`read_photographs`], [`Card::with_weights`] and [`Localiser::new`].
+    pub fn new(recipe: &Recipe, folder: Option<&Path>, first: &Path) -> Result<Self> {
+        let photographs = folder.map(read_photographs).transpose()?.unwrap_or_default();
+        let count = photographs.len();
+        let (card, weights) = Card::with_weights(first)?;
+        Ok(Self {
+            scenes: RandomScenes::new(photographs, recipe.empty_share).with_nights(NIGHTS),
+            first: Localiser::new(card, weights, &Device::flex())?,
+            seed: recipe.seed,
+            normalisation: recipe.normalisation,
+            photographs: count,
+        })
+    }
+
+    /// Photographs among the backgrounds.
+    pub fn photographs(&self) -> usize {
+        self.photographs
+    }
+
+    /// The batch of step `step`: the same for the same seed and step.
+    ///
+    /// # Errors
+    /// As [`Localiser::localise`].
+    pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
+        let scene = |index: usize| self.scene(seed(self.seed, step, index));
+        let scenes: Vec<Result<Vec<Seen>>> = (0..phase.batch.div_ceil(VIEWS)).into_par_iter().map(scene).collect();
+        let scenes = scenes.into_iter().collect::<Result<Vec<_>>>()?;
+        let mut batch = Batch {
+            pictures: Vec::with_capacity(3 * Size::square(CLOSER_SIDE).pixels() * phase.batch),
+            size: [CLOSER_SIDE as usize; 2],
+            labels: Labels::default(),
+            windows: vec![],
+        };
+        let Normalisation { mean, std } = self.normalisation;
+        for (index, seen) in scenes.into_iter().flatten().take(phase.batch).enumerate() {
+            let channel = |(at, &value): (usize, &u8)| (f32::from(value) / 255.0 - mean[at % 3]) / std[at % 3];
+            batch.pictures.extend(seen.rgb.as_raw().iter().enumerate().map(channel));
+            let mut label = |ball: Option<&Outline>| {
+                batch.labels.picture.push(index);
+                batch.labels.image.push(ball.map(|ball| ball.centre.coords.into()));
+                batch.labels.depth.push(ball.map_or(1.0, |ball| ball.radius));
+                batch.labels.depth_weight.push(f64::from(u8::from(ball.is_some())));
+            };
+            if seen.balls.is_empty() {
+                label(None);
+            }
+            seen.balls.iter().for_each(|ball| label(Some(ball)));
+        }
+        Ok(batch)
+    }
+
+    /// The places of the `index`-th scene to score with; none is ever trained on.
+    ///
+    /// # Errors
+    /// As [`Self::batch`].
+    pub fn scored(&self, index: usize) -> Result<Vec<Seen>> {
+        self.scene(seed(self.seed, SCORED, index))
+    }
+
+    /// The places of a scene: as many of each.
+    fn scene(&self, seed: u64) -> Result<Vec<Seen>> {
+        let drawing = self.scenes.draw(Size::square(SIDE), seed, MOST_BALLS);
+        let picture = Picture::from_rgb(drawing.picture());
+        let mut random = StdRng::seed_from_u64(!seed);
+        let (proposed, _) = pollster::block_on(self.first.first_look(&picture, None, PROPOSED, false))?;
+        let proposed = proposed.iter().take(PROPOSED).map(|reading| reading.outline);
+        let balls: Vec<Outline> =
+            (drawing.balls.iter()).map(|ball| Outline { centre: ball.centre.into(), radius: ball.radius }).collect();
+        let missed: Vec<Outline> = balls.iter().filter(|_| random.random_bool(MISSED)).copied().collect();
+        let mut places: Vec<Outline> = proposed.chain(missed).take(VIEWS).collect();
+        while places.len() < VIEWS {
+            let side = f64::from(SIDE - 1);
+            let centre = Point2::new(random.random_range(0.0..side), random.random_range(0.0..side));
+            places.push(Outline { centre, radius: random.random_range(1.5_f64.ln()..50_f64.ln()).exp() });
+        }
+        let seen = |place: Outline| {
+            let place = roughly(&place, &mut random);
+            let farther = if random.random_bool(FARTHER) { random.random_range(1.0..FARTHEST) } else { 1.0 };
+            let view = View::around(&place, place.radius * farther, picture.rgb(), CLOSER);
+            let within = |ball: &Outline| {
+                let inside = |at: f64| (0.0..f64::from(CLOSER_SIDE) - 1.0).contains(&at);
+                (RADII[0]..RADII[1]).contains(&ball.radius) && ball.centre.iter().all(|&at| inside(at))
+            };
+            Seen {
+                rgb: view.of(picture.rgb()),
+                balls: balls.iter().map(|ball| view.in_view(ball)).filter(within).collect(),
+            }
+        };
+        Ok(places.into_iter().map(seen).collect())
+    }
+}
+
+/// About `place`.
+fn roughly(place: &Outline, random: &mut StdRng) -> Outline {
+    // A sum of three is near enough to a normal distribution.
+    let mut normal = || 2.0 * (0..3).map(|_| random.random_range(-0.5..0.5_f64)).sum::<f64>();
+    let [of_radius, of_centre] = ROUGH;
+    let moved = Vector2::new(normal(), normal()) * of_centre * place.radius;
+    Outline { centre: place.centre + moved, radius: place.radius * (of_radius * normal()).exp() }
+}
+
+impl Seen {
+    /// The ball in the middle, if one is there.
+    pub fn ball(&self) -> Option<&Outline> {
+        let middle = Point2::from([f64::from(CLOSER_SIDE - 1) / 2.0; 2]);
+        self.balls.iter().min_by(|a, b| distance(&a.centre, &middle).total_cmp(&distance(&b.centre, &middle)))
+    }
+}
