@@ -205,6 +205,7 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
         weights: format!("{name}.safetensors"),
         sha256: sha256_hex(&weights),
         architecture: job.config.clone(),
+        closer: None,
         input: Size::square(SIDE as u32),
         normalisation: Normalisation::default(),
         depth_from: None,

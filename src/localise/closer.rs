@@ -150,8 +150,14 @@ impl Localiser {
         })
     }
 
+    /// The network that judges places, where there is one.
+    #[cfg(test)]
+    pub(crate) fn judge(&self) -> Option<&Self> {
+        self.closer.as_deref()
+    }
+
     /// How sure this network, which learned nothing else, is that `outline` is a ball's, 0 to 1.
-    pub(super) async fn judged(&self, rgb: &RgbImage, outline: &Outline) -> Result<f64> {
+    pub(crate) async fn judged(&self, rgb: &RgbImage, outline: &Outline) -> Result<f64> {
         let seen = self.look_through(CLOSER, rgb, outline, outline.radius).await?;
         // Of a heatmap that is the same everywhere, so much lies around any place.
         let chance = PI * CONFIDENCE_RADIUS.powi(2) / f64::from(CLOSER.side).powi(2);

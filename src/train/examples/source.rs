@@ -11,7 +11,7 @@ pub enum Source {
     /// Random scenes.
     Scenes(Renderings),
     /// Places in random scenes.
-    Places(Places),
+    Places(Box<Places>),
 }
 
 impl Source {

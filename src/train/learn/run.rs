@@ -96,7 +96,7 @@ pub enum TrainEvent<'a> {
 enum HeldOut {
     Clips(Pictures),
     Scenes(Renderings),
-    Places(Places),
+    Places(Box<Places>),
 }
 
 /// A run in progress.
@@ -165,7 +165,7 @@ impl<'a> Run<'a> {
             Supervision::Places => {
                 let source = Places::new(recipe, paths.train.as_deref(), paths.first()?)?;
                 let held_out = Places::new(recipe, paths.validation.as_deref(), paths.first()?)?;
-                (Source::Places(source), HeldOut::Places(held_out), None)
+                (Source::Places(Box::new(source)), HeldOut::Places(Box::new(held_out)), None)
             }
             _ => {
                 let validation = Pictures::new(Clips::read(paths.validation()?)?, 0);
