@@ -6,8 +6,8 @@ use proptest::prelude::*;
 use super::backbone::Backbone;
 use super::tensors::Tensors;
 use super::{
-    BackboneConfig, Card, HeadConfig, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, halved, load,
-    load_backbone_timm, save, sha256_hex,
+    BackboneConfig, Card, HeadConfig, HeatmapConfig, Pen, PenConfig, PenOutput, confidence, decode, halved, joined,
+    load, load_backbone_timm, parted, save, sha256_hex,
 };
 use crate::error::Error;
 use crate::size::Size;
@@ -328,4 +328,16 @@ proptest! {
 fn an_empty_heatmap_gives_little_confidence() {
     let flat = vec![1.0 / 3136.0; 3136];
     assert!(confidence(&flat, 56, 4, [111.5, 111.5]) < 0.02);
+}
+
+#[test]
+fn two_networks_in_a_file_are_the_two() {
+    let alone = golden("tiny.safetensors");
+    let [own, none] = parted(&alone).unwrap();
+    assert_eq!(parted(&joined(&own, &none).unwrap()).unwrap(), [own.clone(), none]);
+    let both = joined(&own, &alone).unwrap();
+    assert!(both.len() > alone.len());
+    let [first, closer] = parted(&both).unwrap();
+    assert_eq!((&first, &closer), (&own, &own));
+    assert!(matches!(parted(&both[..both.len() - 1]), Err(Error::WeightsFile { .. })));
 }

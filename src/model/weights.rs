@@ -242,21 +242,3 @@ fn checked_store(bytes: Vec<u8>) -> Result<SafetensorsStore> {
 fn architecture(error: SafetensorsStoreError) -> Error {
     Error::WeightsArchitecture { reason: error.to_string() }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::golden;
-
-    #[test]
-    fn two_networks_in_a_file_are_the_two() {
-        let alone = golden("tiny.safetensors");
-        let [own, none] = parted(&alone).unwrap();
-        assert_eq!(parted(&joined(&own, &none).unwrap()).unwrap(), [own.clone(), none]);
-        let both = joined(&own, &alone).unwrap();
-        assert!(both.len() > alone.len());
-        let [first, closer] = parted(&both).unwrap();
-        assert_eq!((&first, &closer), (&own, &own));
-        assert!(matches!(parted(&both[..both.len() - 1]), Err(Error::WeightsFile { .. })));
-    }
-}
