@@ -1,4 +1,4 @@
-//! Cameras from labelled points: `cargo test --release --test calibrate -- --nocapture` prints how far off they are.
+//! Cameras from labelled points: `cargo test --test calibrate -- --nocapture` prints how far off they are.
 
 mod clicking;
 

@@ -1,4 +1,4 @@
-//! A camera by a few clicks and a court's painted lines: `cargo test --release --test court_lines -- --nocapture` prints how far off it is.
+//! A camera by a few clicks and a court's painted lines: `cargo test --test court_lines -- --nocapture` prints how far off it is.
 //! The pictures are drawn here, pixel by pixel from the ground's paint.
 
 mod clicking;

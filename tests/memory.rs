@@ -1,4 +1,4 @@
-//! Inference uses its buffers again: `cargo test --release --test memory`.
+//! Inference uses its buffers again: `cargo test --test memory`.
 
 mod common;
 

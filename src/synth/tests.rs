@@ -1,4 +1,4 @@
-//! The built-in engine: `cargo test --release --test synth -- --nocapture` prints how near it is to MuJoCo's pictures and
+//! The built-in engine: `cargo test --test synth -- --nocapture` prints how near it is to MuJoCo's pictures and
 //! where the sheet of pictures side by side is.
 
 use crate::Picture;

@@ -1,9 +1,9 @@
-/** The command, as `cargo test --release` built it. */
+/** The command, as `cargo test` built it. */
 import { execFileSync } from "node:child_process";
 import { homedir } from "node:os";
 import { join } from "node:path";
 
-const path = join(process.env.CARGO_TARGET_DIR ?? join(homedir(), ".cache/gravisight/target"), "release/gravisight");
+const path = join(process.env.CARGO_TARGET_DIR ?? join(homedir(), ".cache/gravisight/target"), "debug/gravisight");
 
 /** Runs `gravisight` and returns what it prints. */
 export function gravisight(args, options) {
