@@ -3,6 +3,8 @@
 //! `benches/forecast` prepares the peers and runs this; without them (`cargo bench --bench forecast`) only our
 //! own times are printed.
 
+mod common;
+
 use std::ffi::OsStr;
 use std::hint::black_box;
 use std::io::Write as _;
@@ -13,10 +15,14 @@ use gravisight::{Contact, ForecastOptions, Forecaster, Integrator, Scene, State}
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
 
-const ROUNDS: usize = 200;
 const RTOL: f64 = 1e-6;
 const FRAMES: u32 = 15;
 const STARTS: usize = 24;
+
+/// Rounds of which the median is taken.
+fn rounds() -> usize {
+    if common::is_check() { 1 } else { 200 }
+}
 
 /// Starts from the simulator's clips in scene 1, spread over their frames.
 fn starts() -> (Scene, Vec<State>) {
@@ -52,7 +58,7 @@ fn seconds(forecaster: &Forecaster, starts: &[State], times: &[f64], jacobian: b
         }
         begin.elapsed().as_secs_f64() / starts.len() as f64
     };
-    median((0..ROUNDS).map(|_| round()).collect())
+    median((0..rounds()).map(|_| round()).collect())
 }
 
 fn main() {
@@ -69,7 +75,8 @@ fn main() {
     let integrator = Integrator::DormandPrince { rtol: RTOL, atol: RTOL };
     let options = ForecastOptions { integrator, ..ForecastOptions::default() };
     println!(
-        "one forecast to {FRAMES} frames at 15 fps, one thread, rtol {RTOL:e}: median of {ROUNDS} rounds over {STARTS} starts"
+        "one forecast to {FRAMES} frames at 15 fps, one thread, rtol {RTOL:e}: median of {} rounds over {STARTS} starts",
+        rounds()
     );
     println!("{:14} {:>12} {:>15} {:>12}", "model", "states µs", "+ Jacobians µs", "at most µs");
     for (name, contact, drag, limit) in models {
@@ -83,6 +90,9 @@ fn main() {
     let mut penalty = scene;
     penalty.contact = paper;
     let forecaster = Forecaster::new(&penalty).unwrap().with_options(options).unwrap();
+    if common::is_check() {
+        return check_peers(&forecaster, &starts, &times);
+    }
     if let Some(python) = std::env::var_os("GRAVISIGHT_PEERS") {
         for threads in [1, 0] {
             against_peers(&python, &forecaster, &starts, &times, threads);
@@ -92,16 +102,7 @@ fn main() {
 
 /// The table of ratios; `threads` 1, or 0 for all cores.
 fn against_peers(python: &OsStr, forecaster: &Forecaster, starts: &[State], times: &[f64], threads: u8) {
-    let states: Vec<Vec<f64>> =
-        starts.iter().map(|s| s.position.iter().chain(s.velocity.iter()).copied().collect()).collect();
-    let job = json!({"scene": forecaster.scene(), "starts": states, "times": times, "rtol": RTOL, "atol": RTOL,
-        "max_step": ForecastOptions::default().max_step, "rounds": 50, "threads": threads});
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/forecast.py");
-    let mut peer = Command::new(python).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    peer.stdin.take().unwrap().write_all(job.to_string().as_bytes()).unwrap();
-    let output = peer.wait_with_output().unwrap();
-    assert!(output.status.success(), "the peers failed");
-    let peers: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let peers = ask_peers(python, &job(forecaster, starts, times, threads));
     let batch = || {
         let begin = Instant::now();
         black_box(forecaster.forecast_batch(black_box(starts), times));
@@ -109,7 +110,7 @@ fn against_peers(python: &OsStr, forecaster: &Forecaster, starts: &[State], time
     };
     let ours = match threads {
         1 => seconds(forecaster, starts, times, true) * starts.len() as f64,
-        _ => median((0..ROUNDS).map(|_| batch()).collect()),
+        _ => median((0..rounds()).map(|_| batch()).collect()),
     };
     let cores = if threads == 1 { "one thread" } else { "all cores" };
     println!("\npenalty, {STARTS} starts, {cores}; ours: states and all Jacobians in {:.3} ms", 1e3 * ours);
@@ -129,4 +130,37 @@ fn against_peers(python: &OsStr, forecaster: &Forecaster, starts: &[State], time
         let off = 1e3 * median((0..starts.len()).map(end).collect());
         println!("{name:12} {:>18} {:>22} {:>22} {off:14.5}", time("forward"), time("gradient"), time("jacobian"));
     }
+}
+
+/// What the peers are to compute; `benches/peers/forecast.py` describes it.
+fn job(forecaster: &Forecaster, starts: &[State], times: &[f64], threads: u8) -> Value {
+    let states: Vec<Vec<f64>> =
+        starts.iter().map(|s| s.position.iter().chain(s.velocity.iter()).copied().collect()).collect();
+    json!({"scene": forecaster.scene(), "starts": states, "times": times, "rtol": RTOL, "atol": RTOL,
+        "max_step": ForecastOptions::default().max_step, "rounds": 50, "threads": threads})
+}
+
+fn ask_peers(python: &OsStr, job: &Value) -> Value {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/peers/forecast.py");
+    let mut peer = Command::new(python).arg(script).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    peer.stdin.take().unwrap().write_all(job.to_string().as_bytes()).unwrap();
+    let output = peer.wait_with_output().unwrap();
+    assert!(output.status.success(), "the peers failed");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// The peers' equations of motion in plain Python, without the peers, are ours: they read the scene as we write it.
+fn check_peers(forecaster: &Forecaster, starts: &[State], times: &[f64]) {
+    let mut job = job(forecaster, starts, times, 1);
+    job["check"] = json!(true);
+    let accelerations = ask_peers(OsStr::new("python3"), &job);
+    const STEP: f64 = 1e-4;
+    for (start, theirs) in starts.iter().zip(accelerations.as_array().unwrap()) {
+        let [before, after] = [-STEP, STEP].map(|time| forecaster.forecast(start, &[time]).states[0].velocity);
+        for (axis, ours) in ((after - before) / (2.0 * STEP)).iter().enumerate() {
+            let theirs = theirs[axis].as_f64().unwrap();
+            assert!((ours - theirs).abs() < 1e-2 * (1.0 + theirs.abs()), "axis {axis}: {ours} and {theirs} m/s²");
+        }
+    }
+    println!("the peers' accelerations at {} starts are ours", starts.len());
 }

@@ -1,6 +1,8 @@
 //! How well a model that reads sizes does on renderings of random scenes it was not trained on, by size of the ball, and a
 //! sheet of the 24 worst: `cargo bench --bench random -- CARD PHOTOGRAPHS SHEET.png`.
 
+mod common;
+
 use std::path::Path;
 
 use burn::tensor::Device;
@@ -81,7 +83,12 @@ fn camera(ball: Option<&Apparent>) -> Camera {
 }
 
 fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let mut arguments = common::arguments();
+    if common::is_check() {
+        let folder = common::scratch("random");
+        let sheet = folder.join("sheet.png");
+        arguments = [Path::new("models/any.json"), &folder, &sheet].map(|path| path.to_string_lossy().into()).into();
+    }
     let [card, photographs, sheet] = arguments.as_slice() else {
         return println!("usage: cargo bench --bench random -- CARD PHOTOGRAPHS SHEET.png");
     };
@@ -92,7 +99,7 @@ fn main() {
     let scenes = RandomScenes::new(read_photographs(Path::new(photographs)).unwrap(), 0.1);
     let options = LocaliseOptions { ball_radius: Some(0.1), ..LocaliseOptions::default() };
     let (mut scored, mut empty) = (vec![], vec![]);
-    for seed in FIRST..FIRST + COUNT {
+    for seed in FIRST..FIRST + if common::is_check() { 24 } else { COUNT } {
         let drawing = scenes.draw(Size::square(SIDE), seed, 1);
         let picture = drawing.picture();
         let camera = camera(drawing.balls.first());
@@ -175,4 +182,7 @@ fn main() {
         image::imageops::replace(&mut worst, &it.picture, x as i64, y as i64);
     }
     worst.save(sheet).unwrap();
+    if common::is_check() {
+        std::fs::remove_dir_all(photographs).unwrap();
+    }
 }

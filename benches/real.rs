@@ -1,8 +1,10 @@
 //! `fit` on recordings with 3D truth: `cargo bench --bench real -- FOLDER FPS [even|odd]`. The folder holds `camera.json`,
 //! `scene.json`, and of each shot `NNN.csv` (Frame,Visibility,X,Y) and `NNN.truth.csv` (Frame,x,y,z).
 
+mod common;
+
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Scene, Track};
@@ -53,7 +55,11 @@ fn truth_of(path: &Path) -> BTreeMap<u64, Point3<f64>> {
 }
 
 fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let mut arguments = common::arguments();
+    if common::is_check() {
+        let (folder, fps) = simulated();
+        arguments = vec![folder.to_string_lossy().into(), fps.to_string()];
+    }
     let [folder, fps, rest @ ..] = arguments.as_slice() else {
         return println!("usage: cargo bench --bench real -- FOLDER FPS [even|odd]");
     };
@@ -153,4 +159,34 @@ fn main() {
             shot.fit.verdict()
         );
     }
+    if common::is_check() {
+        std::fs::remove_dir_all(folder).unwrap();
+    }
+}
+
+/// Two flights of the tests' simulator as such a folder, and their frame rate.
+fn simulated() -> (PathBuf, f64) {
+    let folder = common::scratch("real");
+    let write = |name: &str, text: String| std::fs::write(folder.join(name), text).unwrap();
+    let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/table_tennis.json");
+    let flights: serde_json::Value = serde_json::from_slice(&std::fs::read(golden).unwrap()).unwrap();
+    let first = &flights[0];
+    for name in ["camera", "scene"] {
+        write(&format!("{name}.json"), first[name].to_string());
+    }
+    let alike = flights.as_array().unwrap().iter().filter(|flight| flight["camera"] == first["camera"]).take(2);
+    for (number, flight) in alike.enumerate() {
+        let mut track = String::from("Frame,Visibility,X,Y\n");
+        let mut truth = String::from("Frame,x,y,z\n");
+        for (frame, (image, world)) in
+            flight["image"].as_array().unwrap().iter().zip(flight["world"].as_array().unwrap()).enumerate()
+        {
+            let seen = u8::from(flight["visible"][frame] == true);
+            track += &format!("{frame},{seen},{},{}\n", image[0], image[1]);
+            truth += &format!("{frame},{},{},{}\n", world[0], world[1], world[2]);
+        }
+        write(&format!("{number:03}.csv"), track);
+        write(&format!("{number:03}.truth.csv"), truth);
+    }
+    (folder, first["fps"].as_f64().unwrap())
 }

@@ -1,6 +1,8 @@
 //! How many pictures of random scenes one core draws a second: `cargo bench --bench rendering`. With `-- PHOTOGRAPHS SHEET`
 //! also a sheet of 24 of them, with photographs of a folder behind some.
 
+mod common;
+
 use std::path::Path;
 use std::time::Instant;
 
@@ -14,15 +16,16 @@ const COUNT: u64 = 2000;
 const SHEET: [u32; 2] = [24, 6];
 
 fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    let arguments = common::arguments();
+    let count = if common::is_check() { 4 } else { COUNT };
     let photographs = arguments.first().map_or_else(Vec::new, |folder| read_photographs(Path::new(folder)).unwrap());
     println!("{} photographs", photographs.len());
     let scenes = RandomScenes::new(photographs, 0.07);
     for side in [128, 256] {
         let began = Instant::now();
-        let balls: usize = (0..COUNT).map(|seed| scenes.draw(Size::square(side), seed, 3).balls.len()).sum();
+        let balls: usize = (0..count).map(|seed| scenes.draw(Size::square(side), seed, 3).balls.len()).sum();
         let seconds = began.elapsed().as_secs_f64();
-        println!("{side}x{side}: {:.0} pictures/s on one core, {balls} balls in {COUNT}", COUNT as f64 / seconds);
+        println!("{side}x{side}: {:.0} pictures/s on one core, {balls} balls in {count}", count as f64 / seconds);
     }
     let Some(path) = arguments.get(1) else { return };
     let [count, columns] = SHEET;

@@ -1,6 +1,8 @@
 //! Following a ball through a video, decoding not counted: `cargo bench --bench tracking -- VIDEO WIDTH HEIGHT FPS [MODEL]`.
 //! The frames are decoded by an installed ffmpeg beforehand.
 
+mod common;
+
 use std::io::Read;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -47,13 +49,33 @@ fn print(name: &str, mut milliseconds: Vec<f64>) {
 }
 
 fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
+    if common::is_check() {
+        return time(&drawn(), 30.0, "models/any.json");
+    }
+    let arguments = common::arguments();
     let [video, width, height, fps, rest @ ..] = arguments.as_slice() else {
         return println!("usage: cargo bench --bench tracking -- VIDEO WIDTH HEIGHT FPS [MODEL]");
     };
     let fps: f64 = fps.parse().expect("frames a second");
     let frames = frames(video, width.parse().expect("pixels"), height.parse().expect("pixels"));
     println!("{} frames of {width}×{height}", frames.len());
+    time(&frames, fps, rest.first().map_or("models/any.json", String::as_str));
+}
+
+/// A disc that flies before a grey wall.
+fn drawn() -> Vec<image::RgbImage> {
+    let frame = |number: usize| {
+        let time = number as f64;
+        let [u, v] = [10.0 + 3.0 * time, 60.0 - 4.0 * time + 0.08 * time * time];
+        image::RgbImage::from_fn(192, 108, |x, y| {
+            let inside = (f64::from(x) - u).hypot(f64::from(y) - v) < 4.0;
+            image::Rgb(if inside { [230, 220, 60] } else { [90, 100, 110] })
+        })
+    };
+    (0..FIRST + 12).map(frame).collect()
+}
+
+fn time(frames: &[image::RgbImage], fps: f64, model: &str) {
     let timed = |mut step: Box<dyn FnMut(usize, Picture) + '_>| -> Vec<f64> {
         let pictures = frames.iter().map(|frame| Picture::from_rgb(frame.clone()));
         let step = pictures.enumerate().map(|(number, picture)| {
@@ -65,7 +87,6 @@ fn main() {
     };
     let mut follower = Follower::new();
     print("what moves", timed(Box::new(|number, picture| follower.watch(picture, number as f64 / fps).unwrap())));
-    let model = rest.first().map_or("models/any.json", String::as_str);
     let card = Card::from_json(&std::fs::read_to_string(model).expect("a model's card"), model).expect("a card");
     let weights = std::fs::read(Path::new(model).with_file_name(&card.weights)).expect("its weights");
     let localiser = Localiser::new(card, weights, &Device::flex()).expect("a model");

@@ -2,6 +2,7 @@
 
 Reads one JSON object on standard input: scene (penalty model), starts [n][6], times, rtol, atol, max_step, rounds.
 Prints one JSON object: seconds for all starts, the median over rounds, by peer and job; and the positions at the end.
+With "check": true it prints the accelerations at the starts instead, without the peers.
 f64; threads 1, or 0 for as many as the peer takes.  "gradient" is the forecast of all starts and one backward pass;
 "jacobian" all 6x6 Jacobians (torchdiffeq's take a minute: one round, with one thread only).
 """
@@ -17,6 +18,42 @@ if job["threads"] == 1:
     os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
     os.environ["OMP_NUM_THREADS"] = "1"
 
+scene, times = job["scene"], job["times"]
+c, beta, beta_box = (scene["contact"][k] for k in ("c", "beta", "beta_box"))
+g = -scene["gravity"][2]
+
+
+def boxes(array):
+    """Centre, half size and the cosine and sine of the rotation about z of each box."""
+    out = []
+    for b in scene.get("boxes", []):
+        w, x, y, z = b.get("rotation") or (math.cos(b.get("yaw", 0) / 2), 0, 0, math.sin(b.get("yaw", 0) / 2))
+        assert abs(x) + abs(y) < 1e-12, "the paper's boxes stand upright"
+        out.append((array(b["position"]), array(b["half_size"]), (w * w - z * z, 2 * w * z)))
+    return out
+
+
+def acceleration(r, obstacles, sigmoid):
+    """m/s² at a position of three components."""
+    az = -g * sigmoid(beta * r[2]) + c * sigmoid(-beta * r[2])
+    ax = ay = 0 * az
+    for p, half, (cos, sin) in obstacles:
+        d = [r[i] - p[i] for i in range(3)]
+        q = [cos * d[0] + sin * d[1], cos * d[1] - sin * d[0], d[2]]
+        up = [sigmoid(beta_box * (q[i] + half[i])) for i in range(3)]
+        down = [sigmoid(beta_box * (q[i] - half[i])) for i in range(3)]
+        s = [u - w for u, w in zip(up, down)]
+        ds = [u * (1 - u) - w * (1 - w) for u, w in zip(up, down)]
+        a = [-c * ds[0] * s[1] * s[2], -c * s[0] * ds[1] * s[2], -c * s[0] * s[1] * ds[2]]
+        ax, ay, az = ax + cos * a[0] - sin * a[1], ay + sin * a[0] + cos * a[1], az + a[2]
+    return ax, ay, az
+
+
+if job.get("check"):
+    logistic = lambda x: 1 / (1 + math.exp(-x)) if x > 0 else math.exp(x) / (1 + math.exp(x))
+    print(json.dumps([acceleration(start, boxes(list), logistic) for start in job["starts"]]))
+    sys.exit()
+
 import jax  # noqa: E402
 import jax.numpy as jnp  # noqa: E402
 import diffrax  # noqa: E402
@@ -28,35 +65,12 @@ torch.set_default_dtype(torch.float64)
 if job["threads"] == 1:
     torch.set_num_threads(1)
 
-scene, times = job["scene"], job["times"]
-c, beta, beta_box = (scene["contact"][k] for k in ("c", "beta", "beta_box"))
-g = -scene["gravity"][2]
-
-
-def boxes(array):
-    out = []
-    for b in scene["boxes"]:
-        out.append((array(b["position"]), array(b["half_size"]), b["yaw"]))
-    return out
-
-
 def field(concatenate, sigmoid, stack, obstacles):
     """d(state)/dt of states [..., 6]."""
 
     def derivative(y):
         r, v = y[..., :3], y[..., 3:]
-        z = r[..., 2]
-        ax = ay = 0 * z
-        az = -g * sigmoid(beta * z) + c * sigmoid(-beta * z)
-        for p, half, (cos, sin) in obstacles:
-            d = r - p
-            q = [cos * d[..., 0] + sin * d[..., 1], cos * d[..., 1] - sin * d[..., 0], d[..., 2]]
-            up = [sigmoid(beta_box * (q[i] + half[i])) for i in range(3)]
-            down = [sigmoid(beta_box * (q[i] - half[i])) for i in range(3)]
-            s = [u - w for u, w in zip(up, down)]
-            ds = [u * (1 - u) - w * (1 - w) for u, w in zip(up, down)]
-            a = [-c * ds[0] * s[1] * s[2], -c * s[0] * ds[1] * s[2], -c * s[0] * s[1] * ds[2]]
-            ax, ay, az = ax + cos * a[0] - sin * a[1], ay + sin * a[0] + cos * a[1], az + a[2]
+        ax, ay, az = acceleration([r[..., i] for i in range(3)], obstacles, sigmoid)
         return concatenate([v, stack([ax, ay, az])], -1)
 
     return derivative
@@ -73,8 +87,7 @@ def median_seconds(work, rounds):
 
 
 def with_torch():
-    obstacles = [(p, h, (math.cos(yaw), math.sin(yaw))) for p, h, yaw in boxes(torch.tensor)]
-    f = field(torch.cat, torch.sigmoid, lambda parts: torch.stack(parts, -1), obstacles)
+    f = field(torch.cat, torch.sigmoid, lambda parts: torch.stack(parts, -1), boxes(torch.tensor))
     t = torch.tensor([0.0, *times])
     starts = torch.tensor(job["starts"])
 
@@ -104,8 +117,7 @@ def with_torch():
 
 
 def with_diffrax():
-    obstacles = [(p, h, (math.cos(yaw), math.sin(yaw))) for p, h, yaw in boxes(jnp.array)]
-    f = field(jnp.concatenate, jax.nn.sigmoid, lambda parts: jnp.stack(parts, -1), obstacles)
+    f = field(jnp.concatenate, jax.nn.sigmoid, lambda parts: jnp.stack(parts, -1), boxes(jnp.array))
     term = diffrax.ODETerm(lambda t, y, args: f(y))
     controller = diffrax.PIDController(rtol=job["rtol"], atol=job["atol"], dtmax=job["max_step"])
     starts = jnp.array(job["starts"])

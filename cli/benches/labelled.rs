@@ -1,6 +1,9 @@
 //! How well `gravisight track` follows the ball in a video that was labelled by hand (`docs/labels`: Frame,Visibility,X,Y,Radius):
 //! `cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv`.
 
+#[path = "../../benches/common/mod.rs"]
+mod common;
+
 use std::collections::BTreeMap;
 use std::process::Command;
 
@@ -16,14 +19,17 @@ struct Label {
 }
 
 fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
-    let [video, labels] = arguments.as_slice() else {
-        return println!("usage: cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv");
+    let mut arguments = common::arguments();
+    if common::is_check() {
+        arguments = drawn();
+    }
+    let [video, labels, rate @ ..] = arguments.as_slice() else {
+        return println!("usage: cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv [FPS]");
     };
     let mut table = csv::Reader::from_path(labels).unwrap();
     let labels: BTreeMap<usize, Label> =
         table.deserialize().map(|label: Result<Label, _>| label.unwrap()).map(|label| (label.frame, label)).collect();
-    let output = Command::new(env!("CARGO_BIN_EXE_gravisight")).args(["track", video, "--json"]).output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_gravisight")).args(["track", video, "--json"]).args(rate.iter().flat_map(|fps| ["--fps", fps])).output().unwrap();
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     let (mut right, mut shown) = (0, 0);
     for (number, frame) in found["frames"].as_array().unwrap().iter().enumerate() {
@@ -43,4 +49,26 @@ fn main() {
     }
     let visible = labels.values().filter(|label| label.x.is_some()).count();
     println!("found within a radius: {right} of {visible}; what was found is the ball: {right} of {shown}");
+    if common::is_check() {
+        std::fs::remove_dir_all(video).unwrap();
+    }
+}
+
+/// Frames of a disc that flies before a grey wall, its labels, and the frame rate.
+fn drawn() -> Vec<String> {
+    let folder = common::scratch("labelled");
+    let mut labels = String::from("Frame,Visibility,X,Y,Radius\n");
+    for number in 0..32 {
+        let time = f64::from(number);
+        let [u, v] = [10.0 + 4.0 * time, 80.0 - 5.0 * time + 0.14 * time * time];
+        let frame = image::RgbImage::from_fn(160, 96, |x, y| {
+            let inside = (f64::from(x) - u).hypot(f64::from(y) - v) < 5.0;
+            image::Rgb(if inside { [230, 220, 60] } else { [90, 100, 110] })
+        });
+        frame.save(folder.join(format!("{number:02}.png"))).unwrap();
+        labels += &format!("{number},1,{u},{v},5\n");
+    }
+    let table = folder.join("labels.csv");
+    std::fs::write(&table, labels).unwrap();
+    [folder.to_string_lossy().into(), table.to_string_lossy().into(), "30".into()].into()
 }

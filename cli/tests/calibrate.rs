@@ -131,8 +131,8 @@ fn helps_example_is_one_that_works() {
     std::fs::write(&file, example).unwrap();
     let found = read(&gravisight(&["calibrate", "--points", text(&file), "--json"]));
     assert!(found["rms_px"].as_f64().unwrap() < 2.0 && found["doubts"] == json!([]), "{found}");
-    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
-    assert!(readme.contains(example.trim()), "README.md has another example of points.json than --help");
+    let formats = std::fs::read_to_string(root().join("docs/formats.md")).unwrap();
+    assert!(formats.contains(example.trim()), "docs/formats.md has another example of points.json than --help");
 }
 
 #[test]
