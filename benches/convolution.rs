@@ -179,7 +179,8 @@ fn gemm_peak(threads: usize) -> f64 {
             |rows: usize| Tensor::<2>::from_data(TensorData::new(noise(rows * 256), [rows, 256]), &Device::flex());
         let (x, weights) = (matrix(1024), matrix(256));
         let mut run = || drop(black_box(x.clone().matmul(weights.clone())));
-        let best = (0..if common::is_check() { 1 } else { 300 }).map(|_| seconds(&mut run)).fold(f64::INFINITY, f64::min);
+        let best =
+            (0..if common::is_check() { 1 } else { 300 }).map(|_| seconds(&mut run)).fold(f64::INFINITY, f64::min);
         2.0 * 1024.0 * 256.0 * 256.0 / best / 1e9
     })
 }

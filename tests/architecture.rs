@@ -145,3 +145,44 @@ fn the_readmes_numbers_are_those_that_evaluate_wrote_into_the_card() {
         }
     }
 }
+
+/// A heading's anchor, as forges make it.
+fn anchor(heading: &str) -> String {
+    let kept = heading.to_lowercase().chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c)).collect::<String>();
+    kept.replace(' ', "-")
+}
+
+#[test]
+fn links_between_the_documents_lead_somewhere() {
+    let root = common::root();
+    let mut documents: Vec<PathBuf> =
+        ["docs", "models"].iter().flat_map(|folder| files(&root.join(folder), "md")).collect();
+    documents.extend(
+        ["README", "ARCHITECTURE", "CONTRIBUTING", "SECURITY", "pkg/README"]
+            .map(|name| root.join(format!("{name}.md"))),
+    );
+    for document in documents {
+        let text = std::fs::read_to_string(&document).unwrap();
+        for link in text.split("](").skip(1).filter_map(|rest| rest.split(')').next()) {
+            if link.contains("://") {
+                continue;
+            }
+            let (path, fragment) = link.split_once('#').unwrap_or((link, ""));
+            let target = if path.is_empty() { document.clone() } else { document.parent().unwrap().join(path) };
+            assert!(target.exists(), "{}: {link}", document.display());
+            if !fragment.is_empty() && target.extension().is_some_and(|extension| extension == "md") {
+                let text = std::fs::read_to_string(&target).unwrap();
+                let headings = text
+                    .lines()
+                    .filter_map(|line| line.strip_prefix('#'))
+                    .map(|line| anchor(line.trim_start_matches('#').trim()));
+                let named = text.contains(&format!("id=\"{fragment}\""));
+                assert!(
+                    named || headings.into_iter().any(|heading| heading == fragment),
+                    "{}: {link}",
+                    document.display()
+                );
+            }
+        }
+    }
+}

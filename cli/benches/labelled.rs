@@ -29,7 +29,11 @@ fn main() {
     let mut table = csv::Reader::from_path(labels).unwrap();
     let labels: BTreeMap<usize, Label> =
         table.deserialize().map(|label: Result<Label, _>| label.unwrap()).map(|label| (label.frame, label)).collect();
-    let output = Command::new(env!("CARGO_BIN_EXE_gravisight")).args(["track", video, "--json"]).args(rate.iter().flat_map(|fps| ["--fps", fps])).output().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_gravisight"))
+        .args(["track", video, "--json"])
+        .args(rate.iter().flat_map(|fps| ["--fps", fps]))
+        .output()
+        .unwrap();
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     let (mut right, mut shown) = (0, 0);
     for (number, frame) in found["frames"].as_array().unwrap().iter().enumerate() {
