@@ -86,6 +86,7 @@ fn main() {
     let mut arguments = common::arguments();
     if common::is_check() {
         let folder = common::scratch("random");
+        RandomScenes::new(vec![], 0.0).draw(Size::square(SIDE), 0, 1).picture().save(folder.join("0.png")).unwrap();
         let sheet = folder.join("sheet.png");
         arguments = [Path::new("models/any.json"), &folder, &sheet].map(|path| path.to_string_lossy().into()).into();
     }
