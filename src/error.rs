@@ -123,6 +123,14 @@ pub enum Error {
         /// The decoder's message.
         reason: String,
     },
+    /// A browser does not give the pixels or the bytes of a picture.
+    #[error("{what}: {cause}")]
+    ImageRead {
+        /// What could not be done.
+        what: &'static str,
+        /// What the browser said.
+        cause: String,
+    },
     /// The picture has too few or too many pixels.
     #[error(
         "a picture of {width}×{height} is refused: sides must be at least {min_side} px and \
@@ -221,6 +229,7 @@ impl Error {
             Self::Distortion { .. } | Self::OutsideLens { .. } => "distortion",
             Self::Calibration { .. } => "calibration",
             Self::ImageDecode { .. } => "image-decode",
+            Self::ImageRead { .. } => "image-read",
             Self::ImageSize { .. } => "image-size",
             Self::WeightsFile { .. } => "weights-file",
             Self::WeightsSha256 { .. } => "weights-sha256",

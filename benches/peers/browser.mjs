@@ -61,7 +61,7 @@ async function contest(name) {
   const canvas = new OffscreenCanvas(224, 224);
   const context = canvas.getContext("2d");
   context.drawImage(bitmap, 0, 0, 224, 224);
-  const rgba = new Uint8Array(context.getImageData(0, 0, 224, 224).data.buffer);
+  const pixels = context.getImageData(0, 0, 224, 224);
 
   const ort = await import("/ort/ort.wasm.min.mjs");
   ort.env.wasm.numThreads = 1;
@@ -71,21 +71,20 @@ async function contest(name) {
   const [mean, std] = [[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]];
   for (let channel = 0; channel < 3; channel++) {
     for (let pixel = 0; pixel < 224 * 224; pixel++) {
-      values[channel * 224 * 224 + pixel] = (rgba[4 * pixel + channel] / 255 - mean[channel]) / std[channel];
+      values[channel * 224 * 224 + pixel] = (pixels.data[4 * pixel + channel] / 255 - mean[channel]) / std[channel];
     }
   }
   const feeds = { x: new ort.Tensor("float32", values, [1, 3, 224, 224]) };
 
-  const options = { maps: false };
   const contestants = {
-    ours: () => localiser.localiseRgba(rgba, 224, 224, camera, options),
-    file: () => localiser.localise(png, camera, options),
+    ours: () => localiser.localise(pixels, camera),
+    file: () => localiser.localise(png, camera),
     theirs: () => session.run(feeds),
   };
-  const { maps } = await localiser.localiseRgba(rgba, 224, 224, camera, { maps: true });
+  const { depthMap } = await localiser.localise(pixels, camera, { depthMap: true });
   const outputs = Object.values(await session.run(feeds)).map((tensor) => tensor.data);
   const largest = Math.max(...outputs[1]);
-  const difference = Math.max(...maps.depth.map((depth, index) => Math.abs(depth - outputs[1][index]))) / largest;
+  const difference = Math.max(...depthMap.values.map((depth, index) => Math.abs(depth - outputs[1][index]))) / largest;
 
   const times = { ours: [], file: [], theirs: [] };
   const once = async (run) => {

@@ -2,8 +2,8 @@
 import type * as Core from "../wasm/cpu/gravisight.js";
 import { lastPanic, loadBuild, type CoreModule } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
-import { load, loadModel, pickDevice, type Loaded } from "./load.js";
-import { addPicture, pixelsOf, type Encoded, type Rgba } from "./pixels.js";
+import { deviceOf, load, loadModel, pickDevice, type Loaded } from "./load.js";
+import { release } from "./picture.js";
 import type { Answer, CallName, Calls, Request } from "./protocol.js";
 import { untilTrap } from "./trap.js";
 import type { Device, Progress } from "./types.js";
@@ -36,16 +36,10 @@ export class Engine {
       return { device: loaded.device, card: JSON.parse(loaded.model.card) as Core.Card };
     },
     localise: (request) => this.#localise(request),
-    saliency: async ({ picture }) => {
-      const core = await this.#onCpu();
-      const input = pixelsOf(picture);
-      return input.kind === "encoded" ? core.saliency(input.bytes) : core.saliencyRgba(input.rgba, input.width, input.height);
-    },
+    saliency: async ({ picture }) => (await this.#onCpu()).saliency(picture),
     addFrame: async ({ picture, time, camera }) => {
       const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(camera));
-      const input = pixelsOf(picture);
-      if (input.kind === "encoded") await tracker.add(input.bytes, time);
-      else await tracker.addRgba(input.rgba, input.width, input.height, time);
+      await tracker.add(picture, time);
       return null;
     },
     trackVideo: ({ known }, onProgress) => {
@@ -61,19 +55,14 @@ export class Engine {
     scenes: () => this.#core.scenes(),
     scene: ({ name }) => this.#core.scene(name),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),
-    calibrate: ({ points, estimate, picture }) => {
-      if (!picture) return this.#core.calibrate(points, estimate);
-      const input = pixelsOf(picture);
-      if (input.kind === "encoded") return this.#core.calibrateByLines(points, estimate, input.bytes);
-      return this.#core.calibrateByLinesRgba(points, estimate, input.rgba, input.width, input.height);
-    },
+    calibrate: ({ points, estimate, picture }) => this.#core.calibrate(points, estimate, picture),
     courts: () => this.#core.courts(),
     court: ({ name }) => this.#core.court(name),
     project: ({ camera, points }) => this.#core.project(camera, Float64Array.from(points)),
-    proposeLabels: ({ camera, pictures, radiiPx }) => {
+    proposeLabels: async ({ camera, pictures, radiiPx }) => {
       const labeller = new this.#core.Labeller(camera);
       try {
-        for (const picture of pictures) addPicture(labeller, picture);
+        for (const picture of pictures) await labeller.addPicture(picture);
         return labeller.propose(radiiPx && Float64Array.from(radiiPx));
       } finally {
         labeller.free();
@@ -95,20 +84,20 @@ export class Engine {
     },
 
     tuner: async (request, onProgress) => {
-      const { kind, reason } = await pickDevice(request.device);
+      const { kind, reason } = await pickDevice(request, onProgress);
       const model = loadModel(request.model, request.cache, onProgress);
       model.catch(() => {});
       this.#module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       const { card, weights } = await model;
       const core = await this.#module.FineTuner.create(card, weights, request.options, kind);
-      const device = { kind, name: core.deviceName, reason };
+      const device = deviceOf(core, kind, reason);
       this.#tuner = { core, device };
       return device;
     },
-    addClip: ({ clip, pictures, heldOut }) => {
+    addClip: async ({ clip, pictures, heldOut }) => {
       const { core: tuner } = present(this.#tuner);
       try {
-        for (const picture of pictures) addPicture(tuner, picture);
+        for (const picture of pictures) await tuner.addPicture(picture);
       } catch (thrown) {
         tuner.dropPictures();
         throw thrown;
@@ -129,7 +118,7 @@ export class Engine {
       const { core, device } = present(this.#tuner);
       const localiser = core.localiser();
       try {
-        return await timed({ core: localiser, device }, pixelsOf(picture), camera, options);
+        return { ...(await localiser.localise(picture, camera, options)), device };
       } finally {
         localiser.free();
       }
@@ -150,6 +139,8 @@ export class Engine {
       const error = gravisightErrorFrom(thrown, lastPanic());
       if (error.code === "internal") this.#trapped = error;
       throw error;
+    } finally {
+      release(request);
     }
   }
 
@@ -182,10 +173,10 @@ export class Engine {
   }
 
   async #localise({ picture, camera, options }: Request<"localise">): Promise<Answer<"localise">> {
-    const input = pixelsOf(picture);
     const loaded = present(this.#loaded);
+    const run = async ({ core, device }: Loaded) => ({ ...(await core.localise(picture, camera, options)), device });
     try {
-      return await untilTrap(() => timed(loaded, input, camera, options));
+      return await untilTrap(() => run(loaded));
     } catch (thrown) {
       const error = gravisightErrorFrom(thrown, lastPanic());
       const { device, model } = loaded;
@@ -196,24 +187,10 @@ export class Engine {
       const reason = `WebGPU failed while in use: ${error.message}`;
       this.#module = module;
       this.#saliency = undefined;
-      this.#loaded = { core, module, model, device: { kind: "cpu", name: core.deviceName, reason } };
-      return timed(this.#loaded, input, camera, options);
+      this.#loaded = { core, module, model, device: deviceOf(core, "cpu", reason) };
+      return run(this.#loaded);
     }
   }
-}
-
-/** A position, how long it took and where. */
-async function timed(
-  { core, device }: Pick<Loaded, "core" | "device">,
-  input: Encoded | Rgba,
-  camera: string,
-  options: Request<"localise">["options"],
-): Promise<Answer<"localise">> {
-  const start = performance.now();
-  const answer = await (input.kind === "encoded"
-    ? core.localise(input.bytes, camera, options)
-    : core.localiseRgba(input.rgba, input.width, input.height, camera, options));
-  return { ...answer, milliseconds: performance.now() - start, device };
 }
 
 function present<T>(thing: T | undefined): T {

@@ -1,4 +1,4 @@
-/** From whatever the caller holds to a message for the Worker. */
+/** From whatever the caller holds to a message for the Worker, and its end there. The core reads it. */
 import { GravisightError, wordsOf } from "./error.js";
 import type { PictureMessage } from "./protocol.js";
 import type { DrawablePicture, Picture, Pixels } from "./types.js";
@@ -8,17 +8,25 @@ export interface PictureToSend {
   transfer: Transferable[];
 }
 
-/** Copies the caller's picture, so that nothing the caller holds is detached. */
+/** Copies the caller's picture as it is now, so that nothing the caller holds is detached. */
 export async function pictureToSend(source: Picture): Promise<PictureToSend> {
-  if (source instanceof Blob) return encoded(await bytesOf(source));
-  if (source instanceof ArrayBuffer) return encoded(new Uint8Array(source.slice(0)));
-  if (source instanceof Uint8Array) return encoded(new Uint8Array(source));
+  if (source instanceof Blob) return { picture: source, transfer: [] };
+  if (source instanceof ArrayBuffer || source instanceof Uint8Array) {
+    const bytes = source instanceof ArrayBuffer ? source.slice(0) : new Uint8Array(source).buffer;
+    return { picture: bytes, transfer: [bytes] };
+  }
   if (isPixels(source)) {
-    const rgba = new Uint8Array(source.data);
-    return { picture: { kind: "rgba", rgba, width: source.width, height: source.height }, transfer: [rgba.buffer] };
+    const data = new Uint8Array(source.data);
+    return { picture: { data, width: source.width, height: source.height }, transfer: [data.buffer] };
   }
   const bitmap = await bitmapOf(source);
-  return { picture: { kind: "bitmap", bitmap }, transfer: [bitmap] };
+  return { picture: bitmap, transfer: [bitmap] };
+}
+
+/** Frees what the garbage collector would leave for long: a request's bitmaps, which are the engine's once they are sent. */
+export function release(request: object): void {
+  const { picture, pictures = [] } = request as { picture?: PictureMessage; pictures?: PictureMessage[] };
+  for (const each of [picture, ...pictures]) if (each && "close" in each) each.close();
 }
 
 /** An `ImageData`, or what looks like one where there is none. */
@@ -26,19 +34,11 @@ function isPixels(source: Picture): source is Pixels {
   return typeof source === "object" && "data" in source && ArrayBuffer.isView(source.data);
 }
 
-function encoded(bytes: Uint8Array<ArrayBuffer>): PictureToSend {
-  return { picture: { kind: "encoded", bytes }, transfer: [bytes.buffer] };
-}
-
-async function bytesOf(blob: Blob): Promise<Uint8Array<ArrayBuffer>> {
-  try {
-    return new Uint8Array(await blob.arrayBuffer());
-  } catch (thrown) {
-    throw new GravisightError("image-read", `The picture's file could not be read: ${wordsOf(thrown)}.`, { cause: thrown });
-  }
-}
-
+/** Elements of a page cannot be sent, and a canvas is drawn on again. */
 async function bitmapOf(source: DrawablePicture): Promise<ImageBitmap> {
+  if (typeof createImageBitmap !== "function") {
+    throw new GravisightError("image-read", "The picture could not be drawn to pixels: there is no browser here; give a PNG, JPEG or WebP file's bytes, or { data, width, height }.");
+  }
   try {
     // Without conversion to the screen's colours: the core decodes files without one, too.
     return await createImageBitmap(source, { colorSpaceConversion: "none" });

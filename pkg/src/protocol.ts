@@ -2,11 +2,8 @@
 import type * as Core from "../wasm/cpu/gravisight.js";
 import type { Device, DeviceChoice, Model, Progress } from "./types.js";
 
-/** A picture on its way to the engine. */
-export type PictureMessage =
-  | { kind: "encoded"; bytes: Uint8Array }
-  | { kind: "rgba"; rgba: Uint8Array; width: number; height: number }
-  | { kind: "bitmap"; bitmap: ImageBitmap };
+/** A picture on its way to the engine, whose own it is. */
+export type PictureMessage = Exclude<Core.Picture, HTMLElement | VideoFrame | OffscreenCanvas>;
 
 /** Where the builds and the weights come from. */
 export interface Source {
@@ -14,12 +11,12 @@ export interface Source {
   wasm: string | undefined;
 }
 
-/** A position, how long the core took for it, in milliseconds, and on which device. */
-type Timed = Core.Position & { milliseconds: number; device: Device };
+/** A position, and on which device it was found. */
+type Found = Core.Position & { device: Device };
 
 export interface Calls {
   create: [Source & { model: string | Model | undefined; device: DeviceChoice; cache: boolean }, { device: Device; card: Core.Card }];
-  localise: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Timed];
+  localise: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Found];
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
   addFrame: [{ picture: PictureMessage; time: number; camera?: string }, null];
@@ -45,7 +42,7 @@ export interface Calls {
   addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, Core.Added];
   tune: [{ count: number }, Core.Tuned | null];
   evaluate: [Record<never, never>, Core.TuneScore];
-  tuned: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Timed];
+  tuned: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Found];
   exportTuned: [Record<never, never>, Model];
 }
 

@@ -1,7 +1,9 @@
-import type { Camera, CourtLine, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Position, Scene, VideoTrack, VideoTrackFrame, Wanted } from "../wasm/cpu/gravisight.js";
+import type { Adapter, Camera, CourtLine, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Picture, Position, Scene, VideoTrack, VideoTrackFrame, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
+  Adapter,
+  AdapterLimits,
   Added as ClipAdded,
   CalibrationLine,
   CalibrationResult,
@@ -10,6 +12,7 @@ export type {
   Card,
   Court,
   CourtLine,
+  DrawablePicture,
   Estimate,
   Fit,
   Flight,
@@ -20,6 +23,8 @@ export type {
   Impact,
   LabelProposal,
   Model,
+  Picture,
+  Pixels,
   Position,
   Region,
   Scene,
@@ -31,7 +36,7 @@ export type {
 
 /** Where the network can run. */
 export type DeviceKind = "cpu" | "webgpu";
-/** `auto` takes WebGPU where the browser has an adapter, and the CPU otherwise. */
+/** `auto` takes the faster one: where there is a WebGPU adapter it measures both once, and keeps the answer. */
 export type DeviceChoice = DeviceKind | "auto";
 
 /** The device that was taken. */
@@ -41,37 +46,18 @@ export interface Device {
   name: string;
   /** Why it was taken, in words. */
   reason: string;
+  /** Of WebGPU, as far as the browser tells. */
+  adapter?: Adapter;
 }
 
 /** How far loading is, or a fit. Stages may interleave: the wasm and the weights are fetched side by side. */
 export interface Progress {
-  stage: "wasm" | "weights" | "warming up" | "fit";
-  /** Bytes so far; of a fit, the parts of the video that are done. */
+  stage: "wasm" | "weights" | "warming up" | "measuring" | "fit";
+  /** Bytes so far; of measuring the devices, pictures; of a fit, the parts of the video that are done. */
   loaded: number;
-  /** Bytes (parts) in all, or null where the server does not say. */
+  /** Bytes (pictures, parts) in all, or null where the server does not say. */
   total: number | null;
 }
-
-/** RGBA pixels, row-major: an `ImageData`, or what looks like one. */
-export interface Pixels {
-  data: Uint8ClampedArray | Uint8Array;
-  width: number;
-  height: number;
-}
-
-/**
- * A picture. Encoded bytes (PNG, JPEG or WebP in a `Blob`, `ArrayBuffer` or `Uint8Array`) are decoded by the core
- * itself, so that every browser and the command line agree; anything else is drawn to pixels first.
- */
-export type Picture = Blob | ArrayBuffer | Uint8Array | Pixels | DrawablePicture;
-/** What a browser can draw. */
-export type DrawablePicture =
-  | ImageBitmap
-  | HTMLCanvasElement
-  | HTMLVideoElement
-  | HTMLImageElement
-  | OffscreenCanvas
-  | VideoFrame;
 
 /** A point or a vector: metres, or metres a second. */
 export type Vector = [number, number, number];
@@ -99,7 +85,10 @@ export interface ModelOptions extends CoreOptions {
   model?: string | URL | Model;
   /** Default: `cpu`. */
   device?: DeviceChoice;
-  /** Keep the weights in the browser's Cache API, by their sha256, and take them from there. Default: true. */
+  /**
+   * Keep the weights in the browser's Cache API, by their sha256, and what `auto` measured, and take them from there. Default:
+   * true.
+   */
   cache?: boolean;
 }
 
@@ -133,8 +122,6 @@ export interface LocaliseOptions extends Omit<Wanted, "ballRadius"> {
 export interface Localisation extends Position {
   /** Metres of depth by full brightness of the pixel. Where asked for. */
   saliency?: FloatMap;
-  /** Time the core took for the position. */
-  milliseconds: number;
   /** The device that it ran on. */
   device: Device;
 }

@@ -4,11 +4,10 @@ use serde::Serialize;
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
 use crate::camera::{Calibration, Camera, Court, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines};
 use crate::error::Result;
-use crate::image::Picture;
-use crate::size::Size;
 
 /// A camera and how good it is.
 #[derive(Serialize, Tsify)]
@@ -126,43 +125,24 @@ impl CalibrationResult {
     }
 }
 
-/// A camera from the labelled points of a `points.json`.
+/// A camera from the labelled points of a `points.json`; where `picture` is given, with the court's painted lines as it shows
+/// them.
 #[wasm_bindgen(js_name = calibrate)]
-pub fn calibrate_points(points: &str, estimate: Vec<String>) -> std::result::Result<Ts<CalibrationResult>, JsValue> {
-    let run = || {
-        let points = Points::from_json(points, "points")?;
-        let found = calibrate(&points, &Unknowns::named(&estimate)?)?;
+pub async fn calibrate_points(
+    points: String,
+    estimate: Vec<String>,
+    picture: Option<AnyPicture>,
+) -> std::result::Result<Ts<CalibrationResult>, JsValue> {
+    let run = async || {
+        let points = Points::from_json(&points, "points")?;
+        let unknowns = Unknowns::named(&estimate)?;
+        let found = match picture {
+            None => calibrate(&points, &unknowns)?,
+            Some(picture) => calibrate_by_lines(&points, &unknowns, &picture::read(&picture).await?)?,
+        };
         object_of(&CalibrationResult::new(&found, &points)?)
     };
-    run().map_err(js_error)
-}
-
-/// The same with the court's painted lines, as a picture (PNG, JPEG or WebP file) shows them.
-#[wasm_bindgen(js_name = calibrateByLines)]
-pub fn calibrate_by_picture(
-    points: &str,
-    estimate: Vec<String>,
-    file: &[u8],
-) -> std::result::Result<Ts<CalibrationResult>, JsValue> {
-    by_lines(points, &estimate, Picture::decode(file)).map_err(js_error)
-}
-
-/// The same of RGBA pixels.
-#[wasm_bindgen(js_name = calibrateByLinesRgba)]
-pub fn calibrate_by_pixels(
-    points: &str,
-    estimate: Vec<String>,
-    rgba: &[u8],
-    width: u32,
-    height: u32,
-) -> std::result::Result<Ts<CalibrationResult>, JsValue> {
-    by_lines(points, &estimate, Picture::from_rgba(rgba, Size { width, height })).map_err(js_error)
-}
-
-fn by_lines(points: &str, estimate: &[String], picture: Result<Picture>) -> Result<Ts<CalibrationResult>> {
-    let points = Points::from_json(points, "points")?;
-    let found = calibrate_by_lines(&points, &Unknowns::named(estimate)?, &picture?)?;
-    object_of(&CalibrationResult::new(&found, &points)?)
+    run().await.map_err(js_error)
 }
 
 /// Names of the courts whose points are known.

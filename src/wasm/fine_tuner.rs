@@ -5,15 +5,15 @@ use serde::Serialize;
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+use super::device::{Adapter, Named, device_of};
 use super::held::Held;
-use super::localiser::{JsLocaliser, device_of};
+use super::localiser::JsLocaliser;
+use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
-use crate::image::Picture;
 use crate::model::Card;
-use crate::size::Size;
 use crate::train::{Added, FineTuneOptions, FineTuner, Score, Tuned};
 
 /// How good the weights are on the clips held out.
@@ -48,7 +48,7 @@ pub struct Model {
 #[wasm_bindgen(js_name = FineTuner)]
 pub struct JsFineTuner {
     tuner: FineTuner,
-    device_name: String,
+    device: Named,
     held: Held,
 }
 
@@ -63,23 +63,17 @@ impl JsFineTuner {
     ) -> std::result::Result<Self, JsValue> {
         let create = async || -> Result<Self> {
             let options: FineTuneOptions = serde_json::from_str(&options).map_err(Error::format("options"))?;
-            let (device, device_name) = device_of(&device).await?;
-            let tuner = FineTuner::new(Card::from_json(&card, "model card")?, weights, &options, &device)?;
-            Ok(Self { tuner, device_name, held: Held::default() })
+            let device = device_of(&device).await?;
+            let tuner = FineTuner::new(Card::from_json(&card, "model card")?, weights, &options, &device.device)?;
+            Ok(Self { tuner, device, held: Held::default() })
         };
         create().await.map_err(js_error)
     }
 
-    /// The next picture of the clip that [`Self::add_clip`] ends, as RGBA pixels.
+    /// The next picture of the clip that [`Self::add_clip`] ends.
     #[wasm_bindgen(js_name = addPicture)]
-    pub fn add_picture(&mut self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<(), JsValue> {
-        self.held.add(Picture::from_rgba(&rgba, Size { width, height }))
-    }
-
-    /// The next picture of the clip that [`Self::add_clip`] ends, as a PNG, JPEG or WebP file.
-    #[wasm_bindgen(js_name = addFile)]
-    pub fn add_file(&mut self, file: Vec<u8>) -> std::result::Result<(), JsValue> {
-        self.held.add(Picture::decode(&file))
+    pub async fn add_picture(&mut self, picture: AnyPicture) -> std::result::Result<(), JsValue> {
+        self.held.add(picture::read(&picture).await)
     }
 
     /// Forgets the pictures of a clip that will not come.
@@ -111,7 +105,7 @@ impl JsFineTuner {
 
     /// The averaged weights as they are now, for pictures.
     pub fn localiser(&self) -> JsLocaliser {
-        JsLocaliser::named(self.tuner.localiser(), self.device_name.clone())
+        JsLocaliser::new(self.tuner.localiser(), self.device.clone())
     }
 
     /// The weights that scored best on the clips held out.
@@ -126,6 +120,12 @@ impl JsFineTuner {
     /// The device, in words.
     #[wasm_bindgen(getter, js_name = deviceName)]
     pub fn device_name(&self) -> String {
-        self.device_name.clone()
+        self.device.name.clone()
+    }
+
+    /// The WebGPU adapter of the device; undefined on the CPU.
+    #[wasm_bindgen(getter)]
+    pub fn adapter(&self) -> std::result::Result<Option<Ts<Adapter>>, JsValue> {
+        self.device.adapter.as_ref().map(object_of).transpose().map_err(js_error)
     }
 }

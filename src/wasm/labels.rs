@@ -5,11 +5,10 @@ use tsify::Tsify;
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::held::Held;
+use super::picture::{self, AnyPicture};
 use super::{js_error, untyped};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::image::Picture;
-use crate::size::Size;
 use crate::track::{LabelOptions, Proposal, propose_labels};
 
 /// A proposed 2D label.
@@ -42,16 +41,10 @@ impl JsLabeller {
         Ok(Self { camera, frames: Held::default() })
     }
 
-    /// The next frame, as RGBA pixels.
+    /// The next frame.
     #[wasm_bindgen(js_name = addPicture)]
-    pub fn add_picture(&mut self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<(), JsValue> {
-        self.frames.add(Picture::from_rgba(&rgba, Size { width, height }))
-    }
-
-    /// The next frame, as a PNG, JPEG or WebP file.
-    #[wasm_bindgen(js_name = addFile)]
-    pub fn add_file(&mut self, file: Vec<u8>) -> std::result::Result<(), JsValue> {
-        self.frames.add(Picture::decode(&file))
+    pub async fn add_picture(&mut self, picture: AnyPicture) -> std::result::Result<(), JsValue> {
+        self.frames.add(picture::read(&picture).await)
     }
 
     /// A proposal for each frame; null where the ball is not seen.

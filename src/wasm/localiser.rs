@@ -8,24 +8,24 @@ use serde::{Deserialize, Serialize};
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
+use super::device::{Adapter, Named, device_of, now};
+use super::picture::{self, AnyPicture};
 use super::tracker::JsVideoTracker;
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::image::Picture;
 use crate::localise::{Candidate, LocaliseOptions, Localiser, Maps, Region, Saliency};
 use crate::model::Card;
-use crate::size::Size;
 
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
 pub struct JsLocaliser {
-    pub(super) localiser: Arc<Localiser>,
-    device_name: String,
+    localiser: Arc<Localiser>,
+    device: Named,
 }
 
 /// What is asked for besides the position.
-#[derive(Deserialize, Tsify)]
+#[derive(Default, Deserialize, Tsify)]
 #[serde(deny_unknown_fields, rename_all = "camelCase")]
 pub struct Wanted {
     /// Also return the heatmap.
@@ -79,6 +79,8 @@ pub struct Position {
     pub candidates: Vec<Candidate>,
     /// What a user should know, in words.
     pub notes: Vec<String>,
+    /// Time that it took, the picture's reading included.
+    pub milliseconds: f64,
     /// Distance to `truth` in metres, where it was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[tsify(optional)]
@@ -115,41 +117,30 @@ impl JsLocaliser {
         create(card, weights, &device).await.map_err(js_error)
     }
 
-    /// The position of the ball in a PNG, JPEG or WebP file.
+    /// The position of the ball in a picture that `camera` (JSON) took.
     pub async fn localise(
         &self,
-        picture: Vec<u8>,
+        picture: AnyPicture,
         camera: String,
-        options: Ts<Wanted>,
+        options: Option<Ts<Wanted>>,
     ) -> std::result::Result<Ts<Position>, JsValue> {
-        let picture = Picture::decode(&picture).map_err(js_error)?;
         self.run(&picture, &camera, options).await.map_err(js_error)
     }
 
-    /// The position of the ball in RGBA pixels.
-    #[wasm_bindgen(js_name = localiseRgba)]
-    pub async fn localise_rgba(
-        &self,
-        rgba: Vec<u8>,
-        width: u32,
-        height: u32,
-        camera: String,
-        options: Ts<Wanted>,
-    ) -> std::result::Result<Ts<Position>, JsValue> {
-        let picture = Picture::from_rgba(&rgba, Size { width, height }).map_err(js_error)?;
-        self.run(&picture, &camera, options).await.map_err(js_error)
+    /// How the depth found in a picture depends on each pixel, in metres by full brightness. On the CPU.
+    pub async fn saliency(&self, picture: AnyPicture) -> std::result::Result<Ts<FloatMap>, JsValue> {
+        let saliency = async || {
+            let Saliency { width, height, values, .. } = self.localiser.saliency(&picture::read(&picture).await?)?;
+            object_of(&FloatMap { width, height, values: values.as_slice().into() })
+        };
+        saliency().await.map_err(js_error)
     }
 
-    /// How the depth found in a PNG, JPEG or WebP file depends on each pixel, in metres by full brightness. On the CPU.
-    pub fn saliency(&self, picture: Vec<u8>) -> std::result::Result<Ts<FloatMap>, JsValue> {
-        Picture::decode(&picture).and_then(|picture| self.saliency_of(&picture)).map_err(js_error)
-    }
-
-    /// The same for RGBA pixels.
-    #[wasm_bindgen(js_name = saliencyRgba)]
-    pub fn saliency_rgba(&self, rgba: Vec<u8>, width: u32, height: u32) -> std::result::Result<Ts<FloatMap>, JsValue> {
-        let picture = Picture::from_rgba(&rgba, Size { width, height });
-        picture.and_then(|picture| self.saliency_of(&picture)).map_err(js_error)
+    /// Runs the network on a test picture of the size that its card names: the time that this takes, ms.
+    pub async fn measure(&self) -> std::result::Result<f64, JsValue> {
+        let start = now();
+        self.localiser.warm_up().await.map_err(js_error)?;
+        Ok(now() - start)
     }
 
     /// Follows the ball through a video with this model, which lives as long as the tracker does; `camera` (JSON) films it, if
@@ -162,23 +153,31 @@ impl JsLocaliser {
     /// The device, in words.
     #[wasm_bindgen(getter, js_name = deviceName)]
     pub fn device_name(&self) -> String {
-        self.device_name.clone()
+        self.device.name.clone()
+    }
+
+    /// The WebGPU adapter of the device; undefined on the CPU.
+    #[wasm_bindgen(getter)]
+    pub fn adapter(&self) -> std::result::Result<Option<Ts<Adapter>>, JsValue> {
+        self.device.adapter.as_ref().map(object_of).transpose().map_err(js_error)
     }
 }
 
 impl JsLocaliser {
-    /// `localiser`, with the device's name in words.
-    pub(super) fn named(localiser: Localiser, device_name: String) -> Self {
-        Self { localiser: Arc::new(localiser), device_name }
+    pub(super) fn new(localiser: Localiser, device: Named) -> Self {
+        Self { localiser: Arc::new(localiser), device }
     }
 
-    async fn run(&self, picture: &Picture, camera: &str, wanted: Ts<Wanted>) -> Result<Ts<Position>> {
-        let wanted = wanted.to_rust().map_err(Error::format("options"))?;
+    async fn run(&self, picture: &AnyPicture, camera: &str, wanted: Option<Ts<Wanted>>) -> Result<Ts<Position>> {
+        let start = now();
+        let wanted = wanted.map(|wanted| wanted.to_rust()).transpose().map_err(Error::format("options"))?;
+        let wanted = wanted.unwrap_or_default();
+        let picture = picture::read(picture).await?;
         let camera = Camera::from_json(camera, "camera")?;
         let found = self
             .localiser
             .localise(
-                picture,
+                &picture,
                 &camera,
                 LocaliseOptions {
                     maps: wanted.heatmap || wanted.depth_map,
@@ -207,92 +206,21 @@ impl JsLocaliser {
             heatmap: map(wanted.heatmap, |maps| &maps.heatmap),
             depth_map: map(wanted.depth_map, |maps| &maps.depth),
             notes: found.notes,
+            milliseconds: now() - start,
         })
     }
-
-    fn saliency_of(&self, picture: &Picture) -> Result<Ts<FloatMap>> {
-        let Saliency { width, height, values, .. } = self.localiser.saliency(picture)?;
-        object_of(&FloatMap { width, height, values: values.as_slice().into() })
-    }
-}
-
-/// The CPU, in words.
-pub(super) fn cpu_name() -> String {
-    let vectors = if cfg!(feature = "relaxed-simd") { "relaxed SIMD" } else { "SIMD128" };
-    format!("CPU ({vectors}, one thread)")
 }
 
 /// A warmed-up localiser. On WebGPU its output was compared with the CPU's: a pipeline that the browser refuses is not
 /// reported as an error but computes garbage.
 async fn create(card: Card, weights: Vec<u8>, device: &str) -> Result<JsLocaliser> {
-    let (device, name) = device_of(device).await?;
-    let is_cpu = device == Device::flex();
+    let named = device_of(device).await?;
+    let is_cpu = named.device == Device::flex();
     let on_cpu = (!is_cpu).then(|| Localiser::new(card.clone(), weights.clone(), &Device::flex())).transpose()?;
-    let localiser = Localiser::new(card, weights, &device)?;
+    let localiser = Localiser::new(card, weights, &named.device)?;
     match &on_cpu {
         Some(on_cpu) => localiser.check_against(on_cpu).await?,
         None => localiser.warm_up().await?,
     }
-    Ok(JsLocaliser::named(localiser, name))
-}
-
-#[cfg(feature = "wgpu")]
-mod webgpu {
-    use std::cell::RefCell;
-
-    use burn::tensor::Device;
-
-    use crate::error::{Error, Result};
-
-    /// Commands that are gathered before they are submitted.
-    const TASKS_MAX: usize = 32;
-
-    thread_local! {
-        /// The page's one WebGPU device: a second initialisation is an error.
-        static DEVICE: RefCell<Option<Device>> = const { RefCell::new(None) };
-    }
-
-    /// The device, in words. Browsers keep the adapter's name to themselves, as a rule.
-    pub(super) fn name(device: &Device) -> String {
-        let adapter = device.identity().map(|identity| identity.name.to_string()).filter(|name| !name.is_empty());
-        adapter.map_or_else(|| "WebGPU".into(), |name| format!("WebGPU ({name})"))
-    }
-
-    pub(super) async fn device() -> Result<Device> {
-        if let Some(device) = DEVICE.with(|device| device.borrow().clone()) {
-            return Ok(device);
-        }
-        let initialised = Device::wgpu_options().tasks_max(TASKS_MAX).init_async().await;
-        let device =
-            initialised.map_err(|error| Error::Device { device: "webgpu".into(), reason: error.to_string() })?;
-        DEVICE.with(|slot| *slot.borrow_mut() = Some(device.clone()));
-        Ok(device)
-    }
-}
-
-#[cfg(not(feature = "wgpu"))]
-mod webgpu {
-    use burn::tensor::Device;
-
-    use crate::error::{Error, Result};
-
-    pub(super) fn name(_device: &Device) -> String {
-        String::new()
-    }
-
-    pub(super) async fn device() -> Result<Device> {
-        Err(Error::Device { device: "webgpu".into(), reason: "this is the CPU build of the package".into() })
-    }
-}
-
-/// The device of a name, and what to call it.
-pub(super) async fn device_of(name: &str) -> Result<(Device, String)> {
-    match name {
-        "cpu" => Ok((Device::flex(), cpu_name())),
-        "webgpu" => webgpu::device().await.map(|device| {
-            let words = webgpu::name(&device);
-            (device, words)
-        }),
-        other => Err(Error::Device { device: other.into(), reason: "must be \"cpu\" or \"webgpu\"".into() }),
-    }
+    Ok(JsLocaliser::new(localiser, named))
 }

@@ -4,11 +4,13 @@
 //! the package takes its types. Fields are camelCase, except in what is a file's content (camera, scene, card).
 
 mod cameras;
+mod device;
 mod fine_tuner;
 mod held;
 mod labels;
 mod localiser;
 mod physics;
+mod picture;
 mod simulator;
 mod tracker;
 

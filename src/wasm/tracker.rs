@@ -8,6 +8,7 @@ use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::physics::{Flight, Hit, Impact, impacts};
+use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -110,21 +111,9 @@ pub struct JsVideoTracker {
 
 #[wasm_bindgen(js_class = VideoTracker)]
 impl JsVideoTracker {
-    /// Takes the next frame, a PNG, JPEG or WebP file, of `time` s.
-    pub async fn add(&mut self, picture: Vec<u8>, time: f64) -> std::result::Result<(), JsValue> {
-        self.watch(Picture::decode(&picture), time).await.map_err(js_error)
-    }
-
-    /// Takes the next frame, RGBA pixels, of `time` s.
-    #[wasm_bindgen(js_name = addRgba)]
-    pub async fn add_rgba(
-        &mut self,
-        rgba: Vec<u8>,
-        width: u32,
-        height: u32,
-        time: f64,
-    ) -> std::result::Result<(), JsValue> {
-        self.watch(Picture::from_rgba(&rgba, Size { width, height }), time).await.map_err(js_error)
+    /// Takes the next frame, of `time` s.
+    pub async fn add(&mut self, picture: AnyPicture, time: f64) -> std::result::Result<(), JsValue> {
+        self.watch(picture::read(&picture).await, time).await.map_err(js_error)
     }
 
     /// The ball in all frames, of which no more will come. `known` (JSON): camera, scene, hits, seeds, timesKnown.

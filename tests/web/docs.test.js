@@ -94,6 +94,13 @@ test("a picture, without a bundler", async () => {
   await page.close();
 });
 
+test("a canvas, with the core alone", async () => {
+  const page = await visit(plain, "plain/core.html", "plain/core.js");
+  await choosePicture(page);
+  isGolden(await shown(page, /x /));
+  await page.close();
+});
+
 test("a video file: its frames, and the trajectory behind them", async () => {
   const page = await visit(built, "video.html", "video.js");
   await page.locator("input:enabled").setInputFiles({ name: "clip.webm", mimeType: "video/webm", buffer: video });
