@@ -67,7 +67,12 @@ export function wasmFolder({ wasm }: Pick<CoreOptions, "wasm">): string | undefi
 
 let started: CoreModule | undefined;
 
-/** What the build that was started last said when it trapped; empty if it did not. */
+/** Says which build works, where more than one was started. */
+export function inUse(module: CoreModule): void {
+  started = module;
+}
+
+/** What the build in use, or the one started last, said when it trapped; empty if it did not. */
 export function lastPanic(): string {
   try {
     return started?.lastPanic() ?? "";
@@ -84,7 +89,7 @@ export async function loadBuild(kind: DeviceKind, folder: string | undefined, on
     fetchBytes(wasm.href, `the ${nameOf(kind)} build`, onBytes),
   ]);
   await module.default({ module_or_path: bytes });
-  started = module;
+  inUse(module);
   return module;
 }
 
@@ -102,6 +107,6 @@ function missing(kind: DeviceKind, url: URL): GravisightError {
   return new GravisightError(`${kind}-build-missing`, `The ${nameOf(kind)} build is not here: ${url.href} is not a script.`);
 }
 
-export function nameOf(kind: DeviceKind): string {
+function nameOf(kind: DeviceKind): string {
   return { cpu: "CPU", webgpu: "WebGPU" }[kind];
 }

@@ -1,4 +1,7 @@
-/** Weights that were fetched once, by their sha256, in the browser's Cache API. Where there is none, nothing is kept. */
+/**
+ * Weights that were fetched once, by their sha256, and what was measured once, in the browser's Cache API. Where there is
+ * none, nothing is kept.
+ */
 import { fetchText } from "./fetch.js";
 import { ownModel } from "./own.js";
 import { absoluteUrl } from "./url.js";
@@ -57,7 +60,7 @@ export async function isCached(model: string | URL = ownModel().card): Promise<b
   }
 }
 
-/** Forgets every model that was kept. */
+/** Forgets every model that was kept, and which device was faster. */
 export async function clearCache(): Promise<void> {
   await globalThis.caches?.delete(NAME);
 }

@@ -1,13 +1,14 @@
 /** From a model's URL and a choice of device to a core that is ready. */
 import type * as Core from "../wasm/cpu/gravisight.js";
-import { lastPanic, loadBuild, nameOf, type CoreModule } from "./builds.js";
+import { inUse, lastPanic, loadBuild, type CoreModule } from "./builds.js";
 import { cached, cardText, keep } from "./cache.js";
+import { adapterHere, asAskedFor, countingTo, faster, keepTimes, keptTimes, measure, reasonOf, timesKey } from "./device.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
 import { fetchBytes, mayFetch } from "./fetch.js";
 import { ownModel } from "./own.js";
 import type { Request } from "./protocol.js";
 import { untilTrap } from "./trap.js";
-import type { Device, DeviceChoice, DeviceKind, Model, Progress } from "./types.js";
+import type { Device, DeviceKind, Model, Progress } from "./types.js";
 
 type OnProgress = (progress: Progress) => void;
 
@@ -18,36 +19,63 @@ export interface Loaded {
   model: Model;
 }
 
-/** Takes the device that was chosen; `auto` takes the CPU where WebGPU is absent or fails, and says why. */
-export async function load(request: Request<"create">, onProgress: OnProgress): Promise<Loaded> {
+/** Which model, where from and on what. */
+type Wanted = Pick<Request<"create">, "model" | "device" | "wasm" | "cache">;
+
+/** Takes the device that was chosen; `auto` the faster one, or the CPU where WebGPU is absent or fails, and says why. */
+export async function load(request: Wanted, onProgress: OnProgress): Promise<Loaded> {
   const model = loadModel(request.model, request.cache, onProgress);
   // The build is awaited first; without this, a model that fails meanwhile counts as an unhandled rejection.
   model.catch(() => {});
-  const { kind, reason } = await pickDevice(request.device);
   const start = async (kind: DeviceKind, reason: string): Promise<Loaded> => {
     const module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
     const { card, weights } = await model;
     onProgress({ stage: "warming up", loaded: 0, total: null });
     const core = await untilTrap(() => module.Localiser.create(card, weights, kind));
-    return { core, module, device: { kind, name: core.deviceName || nameOf(kind), reason }, model: { card, weights } };
+    return { core, module, device: deviceOf(core, kind, reason), model: { card, weights } };
   };
-  try {
-    return await start(kind, reason);
-  } catch (thrown) {
-    if (kind === "cpu" || request.device !== "auto") throw thrown;
-    return start("cpu", `auto: WebGPU failed: ${gravisightErrorFrom(thrown, lastPanic()).message}`);
+  if (request.device !== "auto") {
+    const { kind, reason } = await asAskedFor(request.device);
+    return start(kind, reason);
   }
+  const found = await adapterHere();
+  if ("missing" in found) return start("cpu", `auto: ${found.missing}`);
+  return fasterOne(start, timesKey((await model).card, found.adapter), request.cache, onProgress);
 }
 
-/** The device to try first, and why. */
-export async function pickDevice(choice: DeviceChoice): Promise<{ kind: DeviceKind; reason: string }> {
-  if (choice === "cpu") return { kind: "cpu", reason: "as asked for" };
-  const noAdapter = await whyNoAdapter();
-  if (choice === "auto") {
-    return noAdapter ? { kind: "cpu", reason: `auto: ${noAdapter}` } : { kind: "webgpu", reason: "auto: this browser has a WebGPU adapter" };
+/** The device that was chosen, or for `auto` the faster one. */
+export async function pickDevice(request: Wanted, onProgress: OnProgress): Promise<Pick<Device, "kind" | "reason">> {
+  if (request.device !== "auto") return asAskedFor(request.device);
+  const { core, device } = await load(request, onProgress);
+  core.free();
+  return device;
+}
+
+/** The model on the faster device: the one that was measured once and kept under `key`, or is measured now. */
+async function fasterOne(start: (kind: DeviceKind, reason: string) => Promise<Loaded>, key: string, useCache: boolean, onProgress: OnProgress): Promise<Loaded> {
+  const kept = useCache ? await keptTimes(key) : null;
+  const isMeasured = countingTo(onProgress);
+  let onGpu: Loaded;
+  let webgpu: number;
+  try {
+    if (kept) return await start(faster(kept), reasonOf(kept, true));
+    onGpu = await start("webgpu", "");
+    webgpu = await untilTrap(() => measure(onGpu.core, isMeasured));
+  } catch (thrown) {
+    return start("cpu", `auto: WebGPU failed: ${gravisightErrorFrom(thrown, lastPanic()).message}`);
   }
-  if (noAdapter) throw new GravisightError("webgpu-no-adapter", `WebGPU cannot be used: ${noAdapter}.`);
-  return { kind: "webgpu", reason: "as asked for" };
+  const onCpu = await start("cpu", "");
+  const times = { cpu: await measure(onCpu.core, isMeasured), webgpu, day: new Date().toISOString().slice(0, 10) };
+  if (useCache) await keepTimes(key, times);
+  const [taken, other] = faster(times) === "webgpu" ? [onGpu, onCpu] : [onCpu, onGpu];
+  other.core.free();
+  inUse(taken.module);
+  return { ...taken, device: { ...taken.device, reason: reasonOf(times, false) } };
+}
+
+/** What there is to say of a model's device. */
+export function deviceOf({ deviceName, adapter }: Pick<Core.Localiser, "deviceName" | "adapter">, kind: DeviceKind, reason: string): Device {
+  return { kind, name: deviceName, reason, ...(adapter && { adapter }) };
 }
 
 /**
@@ -95,15 +123,4 @@ function weightsOf(cardUrl: string, card: string): { url: string; sha256: string
   const { href } = new URL(file, cardUrl);
   if (!mayFetch(href, cardUrl)) throw new GravisightError("fetch", `The model's card ${cardUrl} names weights at ${href}, which is not on a network as the card is.`);
   return { url: href, sha256: typeof sha256 === "string" ? sha256 : undefined };
-}
-
-/** Null where this thread has a WebGPU adapter. The DOM's types do not know WebGPU in every version. */
-async function whyNoAdapter(): Promise<string | null> {
-  const gpu = (globalThis.navigator as { gpu?: { requestAdapter(): Promise<unknown> } } | undefined)?.gpu;
-  if (!gpu) return "this browser has no WebGPU";
-  try {
-    return (await gpu.requestAdapter()) ? null : "no WebGPU adapter in this browser";
-  } catch (thrown) {
-    return `this browser refused a WebGPU adapter (${gravisightErrorFrom(thrown).message})`;
-  }
 }

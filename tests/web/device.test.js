@@ -3,7 +3,7 @@ import assert from "node:assert/strict";
 import { existsSync, readdirSync, readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { launch, open } from "./support/browser.js";
-import { located } from "./support/demo.js";
+import { located, pictureOf, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
 const here = (path) => new URL(path, import.meta.url);
@@ -75,15 +75,65 @@ test("the WebGPU build gives the CPU's heatmap and depth", { skip, timeout: 300_
   });
 });
 
-// A GPU in software takes half a minute a step.
-test("fine-tuning on WebGPU makes the CPU's steps, and exports their weights", { skip, timeout: 600_000 }, async () => {
+// A GPU in software stands in for one.
+for (const name of ["any", "sd-l"]) {
+  test(`${name} finds the ball on WebGPU where it does on the CPU, to the millimetre`, { skip, timeout: 900_000 }, async () => {
+    await inBrowser({ webgpu: true }, "harness.html", async (page) => {
+      const given = { model: `models/${name}.json`, camera: samples[0].camera, base64: pictureOf(samples[0]).toString("base64") };
+      const { cpu, webgpu } = await page.evaluate(localiseOnBoth, given);
+      assert.deepEqual([cpu.device.kind, webgpu.device.kind], ["cpu", "webgpu"]);
+      const off = Math.hypot(...cpu.world.map((value, axis) => value - webgpu.world[axis]));
+      assert.ok(off < 1e-3, `${1000 * off} mm apart: ${cpu.world} and ${webgpu.world}`);
+      assert.ok(Math.abs(cpu.confidence - webgpu.confidence) < 1e-3, `${cpu.confidence} and ${webgpu.confidence}`);
+      const { adapter, name: words } = webgpu.device;
+      assert.match(words, /^WebGPU \(.*swiftshader.*\)$/i);
+      assert.equal(adapter.architecture, "swiftshader");
+      assert.ok(adapter.limits.maxBufferSize >= 2 ** 28 && adapter.limits.maxComputeInvocationsPerWorkgroup >= 128, JSON.stringify(adapter));
+      assert.equal(cpu.device.adapter, undefined);
+    });
+  });
+}
+
+test("auto measures both devices once, keeps the answer, and takes the faster one", { skip, timeout: 900_000 }, async () => {
   await inBrowser({ webgpu: true }, "harness.html", async (page) => {
     await offerTiny(page);
-    const { cpu, webgpu } = await page.evaluate(tuneOnBoth, "golden/tiny.json");
-    assert.deepEqual([cpu.kind, webgpu.kind], ["cpu", "webgpu"]);
-    assert.equal(webgpu.losses.length, 2);
-    webgpu.losses.forEach((loss, index) => assert.ok(Math.abs(loss - cpu.losses[index]) < 1e-4 * loss, `${webgpu.losses} and ${cpu.losses}`));
-    webgpu.world.forEach((value, axis) => assert.ok(Math.abs(value - cpu.world[axis]) < 5e-3, `${webgpu.world} and ${cpu.world}`));
+    const auto = (options) => page.evaluate(createAuto, { model: "golden/tiny.json", ...options });
+    const first = await auto();
+    assert.equal(first.device.kind, "cpu", first.device.reason);
+    assert.match(first.device.reason, /^auto: the CPU is faster, [\d.]+ ms a picture and WebGPU [\d.e+]+ ms$/);
+    assert.equal(first.measured, 6);
+
+    const second = await auto();
+    assert.equal(second.measured, 0);
+    assert.equal(second.device.reason, `${first.device.reason} (measured on ${new Date().toISOString().slice(0, 10)})`);
+
+    // On a machine where WebGPU won.
+    assert.equal(await page.evaluate(changeTimes, { times: { webgpu: 0.5 } }), 1);
+    const third = await auto();
+    assert.deepEqual([third.device.kind, third.measured], ["webgpu", 0]);
+    assert.match(third.device.reason, /^auto: WebGPU is faster, 0\.500 ms a picture and the CPU .* \(measured on /);
+
+    // Kept by another version of the package, of another adapter, or not at all.
+    for (const change of [{ key: { from: /"\d+\.\d+\.\d+"/.source, to: '"0.0.1"' } }, { key: { from: "swiftshader", to: "ampere" } }, { times: { webgpu: 0 } }]) {
+      assert.ok((await page.evaluate(changeTimes, change)) > 0);
+      const again = await auto();
+      assert.deepEqual([again.device.kind, again.measured], ["cpu", 6], JSON.stringify(change));
+    }
+    const uncached = await auto({ cache: false });
+    assert.equal(uncached.measured, 6);
+  });
+});
+
+test("a step of fine-tuning on WebGPU is the CPU's, and so are the weights that are exported", { skip, timeout: 900_000 }, async () => {
+  await inBrowser({ webgpu: true }, "harness.html", async (page) => {
+    await offerTiny(page);
+    for (const [model, steps] of [["golden/tiny.json", 2], ["models/sd-s.json", 1]]) {
+      const { cpu, webgpu } = await page.evaluate(tuneOnBoth, { model, steps });
+      assert.deepEqual([cpu.kind, webgpu.kind], ["cpu", "webgpu"]);
+      assert.equal(webgpu.losses.length, steps);
+      webgpu.losses.forEach((loss, index) => assert.ok(Math.abs(loss - cpu.losses[index]) < 1e-4 * loss, `${model}: ${webgpu.losses} and ${cpu.losses}`));
+      webgpu.world.forEach((value, axis) => assert.ok(Math.abs(value - cpu.world[axis]) < 5e-3, `${model}: ${webgpu.world} and ${cpu.world}`));
+    }
   });
 });
 
@@ -155,7 +205,7 @@ async function loseDevice(model) {
   const picture = new ImageData(size, size);
   picture.data.fill(200);
   const worker = new Worker("assets/losing.js", { type: "module" });
-  const localiser = await window.gravisight.Localiser.create({ model, camera, device: "auto", worker });
+  const localiser = await window.gravisight.Localiser.create({ model, camera, device: "webgpu", worker });
   const before = await localiser.localise(picture);
   worker.postMessage("lose");
   const after = await localiser.localise(picture);
@@ -165,7 +215,41 @@ async function loseDevice(model) {
   return { before, after, again, kind };
 }
 
-async function tuneOnBoth(model) {
+async function localiseOnBoth({ model, camera, base64 }) {
+  const picture = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+  const found = {};
+  for (const device of ["cpu", "webgpu"]) {
+    const localiser = await window.gravisight.Localiser.create({ model, camera, device, ball: { radius: 0.2 } });
+    found[device] = await localiser.localise(picture);
+    localiser.dispose();
+  }
+  return found;
+}
+
+async function createAuto(options) {
+  let measured = 0;
+  const onProgress = ({ stage }) => (measured += stage === "measuring");
+  const localiser = await window.gravisight.Localiser.create({ ...options, device: "auto", onProgress });
+  const { device } = localiser;
+  localiser.dispose();
+  return { device, measured };
+}
+
+/** Changes the times that are kept, or under what; returns how many there are. */
+async function changeTimes({ times, key }) {
+  const cache = await caches.open("gravisight");
+  const kept = (await cache.keys()).filter(({ url }) => decodeURIComponent(url).includes("/times "));
+  for (const request of kept) {
+    const content = { ...(await (await cache.match(request)).json()), ...times };
+    const name = decodeURIComponent(new URL(request.url).pathname.slice(1));
+    const changed = key ? name.replace(new RegExp(key.from), key.to) : name;
+    await cache.delete(request);
+    await cache.put(`https://gravisight.invalid/${encodeURIComponent(changed)}`, new Response(JSON.stringify(content)));
+  }
+  return kept.length;
+}
+
+async function tuneOnBoth({ model, steps }) {
   const { FineTuner, Localiser, Toolbox } = window.gravisight;
   const toolbox = await Toolbox.create();
   const simulator = await toolbox.simulator({ environment: 1, camera: 1 });
@@ -177,10 +261,10 @@ async function tuneOnBoth(model) {
   }
   const made = {};
   for (const device of ["cpu", "webgpu"]) {
-    const tuner = await FineTuner.create({ model, device, steps: 2, batch: 2, crop: 32 });
+    const tuner = await FineTuner.create({ model, device, steps, batch: 2, crop: 32 });
     await tuner.addClip({ id: "clip", fps, camera: simulator.camera, scene: simulator.scene, frames: drawn });
     const losses = [];
-    await tuner.step(2, { onStep: ({ loss }) => losses.push(loss) });
+    await tuner.step(steps, { onStep: ({ loss }) => losses.push(loss) });
     const localiser = await Localiser.create({ model: await tuner.export(), camera: simulator.camera });
     const { world } = await localiser.localise(drawn[3].picture);
     made[device] = { kind: tuner.device.kind, losses, world };

@@ -144,6 +144,11 @@ test("a ball is tracked through frames, near the truth; what is missing or wrong
   toolbox.dispose();
 });
 
+test("the package knows its own version: what was measured counts for that one alone", async () => {
+  const { VERSION } = await import("../../pkg/dist/version.js");
+  assert.equal(VERSION, JSON.parse(readFileSync(new URL("../../pkg/package.json", import.meta.url), "utf8")).version);
+});
+
 test("a fine-tuner refuses senseless options by name", async () => {
   await assert.rejects(FineTuner.create({ model, crop: 33 }), /crop/);
   await assert.rejects(FineTuner.create({ model, steps: NaN }), { code: "options-not-finite" });

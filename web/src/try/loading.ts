@@ -25,7 +25,7 @@ export class LoadingLine {
   }
 
   progress({ stage, loaded, total }: Progress): void {
-    if (stage === "warming up" || stage === "fit") return this.set("warming up");
+    if (stage !== "wasm" && stage !== "weights") return this.set("warming up");
     this.#stages.set(stage, { loaded, total });
     const stages = [...this.#stages.values()];
     const totals = stages.map((each) => each.total);
