@@ -1,16 +1,20 @@
-/** PEN in Chromium beside onnxruntime-web: same weights, same picture, one thread, runs taken in turns in one page. */
+/**
+ * PEN in Chromium beside onnxruntime-web: same weights, same picture, one thread, runs taken in turns in one page. `--check` instead of build
+ * and peers: a published model alone, once, in the plain CPU build, to see that it runs.
+ */
 import { createServer } from "node:http";
 import { readFile } from "node:fs/promises";
 import { join, normalize } from "node:path";
 import { fileURLToPath } from "node:url";
 import { launch } from "../../tests/web/support/browser.js";
 
-const [build, peers] = process.argv.slice(2);
+const isCheck = process.argv[2] === "--check";
+const [build, peers] = isCheck ? ["cpu", ""] : process.argv.slice(2);
 const root = fileURLToPath(new URL("../..", import.meta.url));
 const folders = {
   "/wasm/": join(root, "pkg/wasm", build),
   "/ort/": join(peers, "node_modules/onnxruntime-web/dist"),
-  "/models/": join(peers, "models"),
+  "/models/": isCheck ? join(root, "models") : join(peers, "models"),
   "/samples/": join(root, "web/public/samples"),
 };
 const types = { js: "text/javascript", mjs: "text/javascript", wasm: "application/wasm", json: "application/json" };
@@ -33,8 +37,13 @@ try {
   page.on("pageerror", (error) => console.error(String(error)));
   await page.goto(`http://127.0.0.1:${server.address().port}/`);
   console.log(`Chromium ${browser.version()}, one thread, build ${build}: medians, in turns`);
-  for (const [name, limit] of [["compact", 0.7], ["resnet34", 0.7]]) {
-    const { ours, theirs, file, device, runs, difference } = await page.evaluate(contest, name);
+  const jobs = [
+    { name: "compact", limit: 0.7, milliseconds: 20_000, peer: true },
+    { name: "resnet34", limit: 0.7, milliseconds: 60_000, peer: true },
+  ];
+  for (const { limit, ...job } of isCheck ? [{ name: "sd-l", limit: Infinity, milliseconds: 1, peer: false }] : jobs) {
+    const { name } = job;
+    const { ours, theirs, file, device, runs, difference } = await page.evaluate(contest, job);
     const ratio = ours / theirs;
     console.log(
       `${name.padEnd(9)} ${ours.toFixed(2)} ms (${device}), onnxruntime-web ${theirs.toFixed(2)} ms; ratio ${ratio.toFixed(2)} ` +
@@ -47,8 +56,8 @@ try {
   server.close();
 }
 
-/** In the page. Ours takes RGBA pixels and gives metres; the peer only runs the network. */
-async function contest(name) {
+/** In the page. Ours takes RGBA pixels and gives metres; the peer only runs the network. Without a peer ours stands in for it. */
+async function contest({ name, milliseconds, peer }) {
   const text = async (path) => (await fetch(path)).text();
   const bytes = async (path) => new Uint8Array(await (await fetch(path)).arrayBuffer());
   const module = await import("/wasm/gravisight.js");
@@ -63,10 +72,7 @@ async function contest(name) {
   context.drawImage(bitmap, 0, 0, 224, 224);
   const pixels = context.getImageData(0, 0, 224, 224);
 
-  const ort = await import("/ort/ort.wasm.min.mjs");
-  ort.env.wasm.numThreads = 1;
-  ort.env.wasm.wasmPaths = "/ort/";
-  const session = await ort.InferenceSession.create(await bytes(`/models/${name}.onnx`), { executionProviders: ["wasm"] });
+  const { depthMap } = await localiser.localise(pixels, camera, { depthMap: true });
   const values = new Float32Array(3 * 224 * 224);
   const [mean, std] = [[0.485, 0.456, 0.406], [0.229, 0.224, 0.225]];
   for (let channel = 0; channel < 3; channel++) {
@@ -74,15 +80,23 @@ async function contest(name) {
       values[channel * 224 * 224 + pixel] = (pixels.data[4 * pixel + channel] / 255 - mean[channel]) / std[channel];
     }
   }
-  const feeds = { x: new ort.Tensor("float32", values, [1, 3, 224, 224]) };
+  /** Heatmap and depth map. */
+  let runPeer = async () => [[], depthMap.values];
+  if (peer) {
+    const ort = await import("/ort/ort.wasm.min.mjs");
+    ort.env.wasm.numThreads = 1;
+    ort.env.wasm.wasmPaths = "/ort/";
+    const session = await ort.InferenceSession.create(await bytes(`/models/${name}.onnx`), { executionProviders: ["wasm"] });
+    const feeds = { x: new ort.Tensor("float32", values, [1, 3, 224, 224]) };
+    runPeer = async () => Object.values(await session.run(feeds)).map((tensor) => tensor.data);
+  }
 
   const contestants = {
     ours: () => localiser.localise(pixels, camera),
     file: () => localiser.localise(png, camera),
-    theirs: () => session.run(feeds),
+    theirs: runPeer,
   };
-  const { depthMap } = await localiser.localise(pixels, camera, { depthMap: true });
-  const outputs = Object.values(await session.run(feeds)).map((tensor) => tensor.data);
+  const outputs = await runPeer();
   const largest = Math.max(...outputs[1]);
   const difference = Math.max(...depthMap.values.map((depth, index) => Math.abs(depth - outputs[1][index]))) / largest;
 
@@ -92,7 +106,7 @@ async function contest(name) {
     await run();
     return performance.now() - begin;
   };
-  const end = performance.now() + (name === "compact" ? 20_000 : 60_000);
+  const end = performance.now() + milliseconds;
   while (performance.now() < end) {
     for (const [contestant, run] of Object.entries(contestants)) {
       await once(run);
