@@ -12,8 +12,6 @@ pub enum DeviceChoice {
     Cpu,
     /// Vulkan, Metal or DX12 (build with `--features wgpu`).
     Wgpu,
-    /// NVIDIA (build with `--features cuda`).
-    Cuda,
 }
 
 impl DeviceChoice {
@@ -23,7 +21,6 @@ impl DeviceChoice {
             Self::Auto => Ok(wgpu().unwrap_or_else(|_| Device::flex())),
             Self::Cpu => Ok(Device::flex()),
             Self::Wgpu => wgpu(),
-            Self::Cuda => cuda(),
         }
     }
 }
@@ -36,21 +33,6 @@ fn wgpu() -> Result<Device, Error> {
 
 #[cfg(not(feature = "wgpu"))]
 fn wgpu() -> Result<Device, Error> {
-    Err(absent("wgpu"))
-}
-
-#[cfg(feature = "cuda")]
-fn cuda() -> Result<Device, Error> {
-    Ok(Device::cuda(0))
-}
-
-#[cfg(not(feature = "cuda"))]
-fn cuda() -> Result<Device, Error> {
-    Err(absent("cuda"))
-}
-
-#[cfg(not(all(feature = "wgpu", feature = "cuda")))]
-fn absent(device: &str) -> Error {
-    let reason = format!("this build has no support for it; build with `cargo build --release --features {device}`");
-    Error::Device { device: device.into(), reason }
+    let reason = "this build has no support for it; build with `cargo install --path cli --features wgpu`";
+    Err(Error::Device { device: "wgpu".into(), reason: reason.into() })
 }

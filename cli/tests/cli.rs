@@ -228,13 +228,13 @@ fn wrong_usage_is_status_2_and_help_is_there() {
 
 #[test]
 fn a_device_that_was_not_built_in_says_how_to_build_it() {
-    if cfg!(feature = "cuda") {
+    if cfg!(feature = "wgpu") {
         return;
     }
     let (file, camera, _) = &samples()[0];
-    let output = gravisight(&["localise", text(file), "--camera", text(camera), "--device", "cuda"]);
+    let output = gravisight(&["localise", text(file), "--camera", text(camera), "--device", "wgpu"]);
     assert_eq!(output.status.code(), Some(1));
-    assert!(String::from_utf8(output.stderr).unwrap().contains("--features cuda"));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("--features wgpu"));
 }
 
 /// A scene, a camera and a track of the golden clips, in a folder.

@@ -164,7 +164,7 @@ fn normalised(x: &Tensor<4>, unit: &Unit<'_>, norm: &BatchNorm, skip: Option<&Te
 }
 
 /// Layers made of Burn's own operations.
-#[cfg(any(feature = "wgpu", feature = "cuda"))]
+#[cfg(feature = "wgpu")]
 mod on_gpu {
     use burn::tensor::module::conv2d;
     use burn::tensor::ops::ConvOptions;
@@ -208,7 +208,7 @@ mod on_gpu {
 }
 
 /// A build for the CPU alone leaves Burn's convolutions out.
-#[cfg(not(any(feature = "wgpu", feature = "cuda")))]
+#[cfg(not(feature = "wgpu"))]
 mod on_gpu {
     use burn::tensor::Tensor;
 
