@@ -1,5 +1,5 @@
 //! Vulkan, Metal or DX12 against the CPU; scripts/wgpu runs these, on a software Vulkan where there is no GPU.
-#![cfg(feature = "wgpu")]
+#![cfg(all(feature = "wgpu", not(target_arch = "wasm32")))]
 
 mod common;
 
