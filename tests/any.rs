@@ -1,4 +1,5 @@
 //! `any`: a model that reads apparent size, on scenes and sizes of pictures that nobody told it of.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

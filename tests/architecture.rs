@@ -1,4 +1,5 @@
 //! What the documents promise: arrows between the rooms run downward only, the README's numbers are measured.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

@@ -1,4 +1,5 @@
 //! Cameras from labelled points: `cargo test --test calibrate -- --nocapture` prints how far off they are.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod clicking;

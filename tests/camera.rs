@@ -1,4 +1,5 @@
 //! The camera against a reference that is not ours, its inverse laws, and what it refuses.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

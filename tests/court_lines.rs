@@ -1,5 +1,6 @@
 //! A camera by a few clicks and a court's painted lines: `cargo test --test court_lines -- --nocapture` prints how far off it is.
 //! The pictures are drawn here, pixel by pixel from the ground's paint.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod clicking;

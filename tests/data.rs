@@ -1,4 +1,5 @@
 //! Reading clips, and the lines that are refused.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

@@ -1,4 +1,5 @@
 //! Metrics against numbers worked out by hand.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

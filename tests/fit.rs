@@ -1,4 +1,5 @@
 //! From 2D labels to 3D trajectories: against the simulator's truth, which the fit never sees.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

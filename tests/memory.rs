@@ -1,4 +1,5 @@
 //! Inference uses its buffers again: `cargo test --test memory`.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

@@ -1,4 +1,5 @@
 //! The published models: their files, their cards, and that they know when there is no ball.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

@@ -1,5 +1,6 @@
 //! Rallies of simulated table tennis with spins that nobody knows, hits, and labels as trackers give them: what `fit` makes
 //! of them, against the simulator's truth.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod table;

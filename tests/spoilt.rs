@@ -1,4 +1,5 @@
 //! Shots of simulated table tennis with labels that something is wrong with: what `fit` says of them.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod table;

@@ -1,4 +1,5 @@
 //! Work that keeps its threads awake ends, however the system schedules them.
+
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;
