@@ -25,10 +25,10 @@
 //! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - **evaluation**: [`score`], [`Sample`], [`Metrics`]
 //! - [`Error`], [`Result`]; in [`parts`] the types of what these hold
-// The tests inside run natively; those for wasm, which `wasm-pack test` runs, are tests/kernels.rs.
-#![cfg(not(all(target_arch = "wasm32", any(test, doctest))))]
 #![warn(missing_docs, clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
+// The tests inside run natively; those for wasm, which `wasm-pack test` runs, are tests/kernels.rs.
+#![cfg(not(all(target_arch = "wasm32", any(test, doctest))))]
 // What only the command and native training use; the native build says what nobody does.
 #![cfg_attr(target_arch = "wasm32", allow(dead_code, unused_imports))]
 #![deny(unsafe_code)]
