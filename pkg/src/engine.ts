@@ -1,4 +1,4 @@
-/** The engine: the wasm core and all that it holds. In a Worker, or on the caller's own thread. */
+/** The engine: the wasm core, and all that it holds for one object. In a Worker, or on the caller's own thread. */
 import type * as Core from "../wasm/cpu/gravisight.js";
 import { lastPanic, loadBuild, type CoreModule } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
@@ -29,7 +29,7 @@ export class Engine {
 
   readonly #calls: { [K in CallName]: (request: Request<K>, onProgress: OnProgress) => Answer<K> | Promise<Answer<K>> } = {
     create: async (request, onProgress) => {
-      const loaded = await load(request, onProgress);
+      const loaded = await load(request, onProgress, this);
       this.#dropLocaliser();
       [this.#module, this.#loaded, this.#wasm] = [loaded.module, loaded, request.wasm];
       // The core has checked it.
@@ -145,7 +145,7 @@ export class Engine {
   async call<K extends CallName>(type: K, request: Request<K>, onProgress: OnProgress): Promise<Answer<K>> {
     if (this.#trapped) throw this.#trapped;
     try {
-      return await untilTrap<Calls[K][1]>(() => this.#calls[type](request, onProgress));
+      return await untilTrap<Calls[K][1]>(this, () => this.#calls[type](request, onProgress));
     } catch (thrown) {
       const error = gravisightErrorFrom(thrown, lastPanic());
       if (error.code === "internal") this.#trapped = error;
@@ -185,7 +185,7 @@ export class Engine {
     const input = pixelsOf(picture);
     const loaded = present(this.#loaded);
     try {
-      return await untilTrap(() => timed(loaded, input, camera, options));
+      return await untilTrap(this, () => timed(loaded, input, camera, options));
     } catch (thrown) {
       const error = gravisightErrorFrom(thrown, lastPanic());
       const { device, model } = loaded;

@@ -18,8 +18,8 @@ export interface Loaded {
   model: Model;
 }
 
-/** Takes the device that was chosen; `auto` takes the CPU where WebGPU is absent or fails, and says why. */
-export async function load(request: Request<"create">, onProgress: OnProgress): Promise<Loaded> {
+/** Takes the device that was chosen; `auto` takes the CPU where WebGPU is absent or fails, and says why. Works for the engine `of`. */
+export async function load(request: Request<"create">, onProgress: OnProgress, of: object): Promise<Loaded> {
   const model = loadModel(request.model, request.cache, onProgress);
   // The build is awaited first; without this, a model that fails meanwhile counts as an unhandled rejection.
   model.catch(() => {});
@@ -28,7 +28,7 @@ export async function load(request: Request<"create">, onProgress: OnProgress): 
     const module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
     const { card, weights } = await model;
     onProgress({ stage: "warming up", loaded: 0, total: null });
-    const core = await untilTrap(() => module.Localiser.create(card, weights, kind));
+    const core = await untilTrap(of, () => module.Localiser.create(card, weights, kind));
     return { core, module, device: { kind, name: core.deviceName || nameOf(kind), reason }, model: { card, weights } };
   };
   try {
