@@ -41,9 +41,9 @@ export async function makeExample({ signal, progress }: Watch): Promise<Example>
 
 export async function realExample({ signal }: Watch): Promise<Example> {
   const toolbox = await tools();
-  const [{ clip, camera, note }, free, tennis] = await Promise.all([real(), toolbox.scene("free"), toolbox.scene("tennis")]);
+  const [{ clip, camera, ball, note }, free] = await Promise.all([real(), toolbox.scene("free")]);
   const response = await fetchOk(realUrl(clip));
   const file = new File([await response.blob()], clip, { type: "video/mp4" });
   signal.throwIfAborted();
-  return { source: await VideoSource.file(file), camera, scene: { ...free, ball: tennis.ball }, words: note };
+  return { source: await VideoSource.file(file), camera, scene: { ...free, ball: { ...free.ball, ...ball } }, words: note };
 }
