@@ -22,11 +22,12 @@ after(async () => {
   await server?.close();
 });
 
-test("the real clip is tracked at one click: the ball is where a person labelled it", PATIENCE, async () => {
+test("the real clip is tracked at one click: the ball is where a person labelled it, and the table says what does not belong to its flight", PATIENCE, async () => {
   const own = await open(browser, `${server.url}#video`, complaints);
   await own.getByTestId("video-real").click();
   await own.getByTestId("video-fit-words").waitFor(PATIENCE);
-  assert.match(await own.getByTestId("video-fit-words").textContent(), /^Explained: 1 flight, 0 hits/);
+  const words = await own.getByTestId("video-fit-words").textContent();
+  assert.match(words, /^Explained: 1 flight, 0 hits/);
   assert.match(await own.getByTestId("video-place").textContent(), /camera is not known.*26 mm/);
   const { frames } = JSON.parse((await saved(own, "video-json")).toString());
   const watched = await value(own, "video-processed");
@@ -41,6 +42,11 @@ test("the real clip is tracked at one click: the ball is where a person labelled
   const [near, far] = [Math.min(...depths), Math.max(...depths)];
   const expected = (2 * real.camera.intrinsic[0][0] * real.ball.radius) / realLabels[0].radius;
   assert.ok(near > 0.8 * expected && far < 1.2 * expected, `${near} to ${far} m, by the labels ${expected} m`);
+  const [header, ...rows] = (await saved(own, "video-csv")).toString().trim().split("\r\n");
+  const column = header.split(",").indexOf("outlier");
+  const marked = rows.filter((row) => row.split(",")[column] === "true").length;
+  assert.match(words, new RegExp(` ${marked} sightings? do(es)? not belong to it`));
+  assert.ok(marked >= 1 && marked <= 5, `${marked} of ${rows.length} frames`);
   await own.close();
 });
 

@@ -212,6 +212,7 @@ class Step {
     const load = async () => {
       try {
         await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(watch));
+        this.#onState();
         this.#looker.look();
       } finally {
         if (this.#loading === loading) this.#loading = undefined;
@@ -300,8 +301,9 @@ class Step {
   #onState(): void {
     this.#transport.showState();
     const playing = this.#source?.playing ?? false;
-    if (playing && this.#looker.layer === "saliency") this.#checkLayer("none");
-    this.#part<HTMLInputElement>("video-layer-saliency").disabled = playing;
+    const noSaliency = playing || !this.#model.hasSaliency;
+    if (noSaliency && this.#looker.layer === "saliency") this.#checkLayer("none");
+    this.#part<HTMLInputElement>("video-layer-saliency").disabled = noSaliency;
     if (!playing) this.#looker.catchUp();
   }
 
