@@ -117,6 +117,7 @@ test("a camera.json is kept for the next picture, and a picture waits for its ca
   await located(page);
   const fresh = await open(browser, server.url, complaints);
   await located(fresh);
+  await fresh.getByTestId("ball").fill(String(200 * RADIUS));
   await drop(fresh, pngFile("alone.png", pictureOf(samples[5])));
   assert.match(await alertOf(fresh), /alone\.png needs its camera\.json/);
   await fresh.getByTestId("file-input").setInputFiles([jsonFile(samples[2].camera)]);

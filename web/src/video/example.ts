@@ -45,5 +45,5 @@ export async function realExample({ signal }: Watch): Promise<Example> {
   const response = await fetchOk(realUrl(clip));
   const file = new File([await response.blob()], clip, { type: "video/mp4" });
   signal.throwIfAborted();
-  return { source: await VideoSource.file(file), camera, scene: { ...free, ball: { ...free.ball, ...ball } }, words: note };
+  return { source: await VideoSource.file(file), camera, scene: { ...free, ball: { ...free.ball, ...ball } }, words: `${note} The spin that comes out takes up what is wrong with these assumptions.` };
 }
