@@ -2,9 +2,9 @@
 import type * as Core from "../wasm/cpu/gravisight.js";
 import { GravisightError } from "./error.js";
 import { fetchBytes, isWebPage, type OnBytes } from "./fetch.js";
-import { fileExists, isFile } from "./node.js";
+import { fileExists, isFile, readFile } from "./node.js";
 import type { CoreOptions, DeviceKind } from "./types.js";
-import { absoluteUrl } from "./url.js";
+import { absoluteUrl, assetUrl } from "./url.js";
 
 /** What a build offers. All have everything, so one's declarations speak of all; the one for the CPU is always made first. */
 export type CoreModule = typeof Core;
@@ -12,12 +12,23 @@ export type CoreModule = typeof Core;
 /** Those for the CPU come with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without. */
 type Build = DeviceKind | "cpu-relaxed";
 
-/** Bundlers look for the literal form of each URL; `folder` holds the builds where the user put them elsewhere. */
-function urlsOf(build: Build, folder: string | undefined): { glue: URL; wasm: URL } {
+interface Files {
+  glue: URL;
+  wasm: URL;
+}
+
+/** `folder` holds the builds where the user put them elsewhere. */
+function urlsOf(build: Build, folder: string | undefined): Files {
   if (folder !== undefined) {
     const base = new URL(`${build}/`, folder.endsWith("/") ? folder : `${folder}/`);
     return { glue: new URL("gravisight.js", base), wasm: new URL("gravisight_bg.wasm", base) };
   }
+  const { glue, wasm } = ownFiles(build);
+  return { glue: assetUrl(glue), wasm: assetUrl(wasm) };
+}
+
+/** Bundlers look for the literal form of each URL. */
+function ownFiles(build: Build): Files {
   switch (build) {
     case "cpu":
       return {
@@ -50,7 +61,7 @@ export async function coreFiles(device: DeviceKind = "cpu", options: Pick<CoreOp
 }
 
 /** The first build for a device that was deployed: for the CPU the faster one where the browser can run it. */
-async function deployed(kind: DeviceKind, folder: string | undefined): Promise<{ glue: URL; wasm: URL }> {
+async function deployed(kind: DeviceKind, folder: string | undefined): Promise<Files> {
   const builds: Build[] = kind === "cpu" && WebAssembly.validate(RELAXED) ? ["cpu-relaxed", "cpu"] : [kind];
   for (const build of builds) {
     const urls = urlsOf(build, folder);
@@ -81,16 +92,44 @@ export function lastPanic(): string {
   }
 }
 
-/** Fetches and starts a build; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
+/** The builds of this thread, by their glue's URL: a second start would put another memory under the objects of the first. */
+const builds = new Map<string, Promise<{ module: CoreModule; bytes: number }>>();
+
+/** Fetches and starts a build, once a thread; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
 export async function loadBuild(kind: DeviceKind, folder: string | undefined, onBytes: OnBytes): Promise<CoreModule> {
-  const { glue, wasm } = await deployed(kind, folder);
+  const urls = await deployed(kind, folder);
+  const known = builds.get(urls.glue.href);
+  const starting = known ?? start(urls, nameOf(kind), onBytes);
+  builds.set(urls.glue.href, starting);
+  try {
+    const { module, bytes } = await starting;
+    if (known) onBytes(bytes, bytes);
+    inUse(module);
+    return module;
+  } catch (thrown) {
+    // The next one tries again.
+    if (builds.get(urls.glue.href) === starting) builds.delete(urls.glue.href);
+    throw thrown;
+  }
+}
+
+async function start({ glue, wasm }: Files, name: string, onBytes: OnBytes): Promise<{ module: CoreModule; bytes: number }> {
   const [module, bytes] = await Promise.all([
-    import(/* @vite-ignore */ /* webpackIgnore: true */ glue.href) as Promise<CoreModule>,
-    fetchBytes(wasm.href, `the ${nameOf(kind)} build`, onBytes),
+    importable(glue).then((url) => import(/* @vite-ignore */ /* webpackIgnore: true */ url) as Promise<CoreModule>),
+    fetchBytes(wasm.href, `the ${name} build`, onBytes),
   ]);
   await module.default({ module_or_path: bytes });
-  inUse(module);
-  return module;
+  return { module, bytes: bytes.length };
+}
+
+/**
+ * What to import for a build's glue. In Node.js its text: whether a `.js` file counts as a module there is up to the package.json
+ * above it, and on the server of a framework (Next.js) the bundler has put it under one that says no.
+ */
+async function importable(glue: URL): Promise<string> {
+  if (!isFile(glue.href)) return glue.href;
+  const text = new TextDecoder().decode(await readFile(glue));
+  return `data:text/javascript,${encodeURIComponent(`${text}\n//# sourceURL=${glue.href}`)}`;
 }
 
 async function isScript(url: URL): Promise<boolean> {
@@ -104,7 +143,8 @@ async function isScript(url: URL): Promise<boolean> {
 }
 
 function missing(kind: DeviceKind, url: URL): GravisightError {
-  return new GravisightError(`${kind}-build-missing`, `The ${nameOf(kind)} build is not here: ${url.href} is not a script.`);
+  const hint = isFile(url.href) ? " Has a bundler moved it? Keep this package out of a server's bundle; in Next.js: serverExternalPackages." : "";
+  return new GravisightError(`${kind}-build-missing`, `The ${nameOf(kind)} build is not here: ${url.href} is not a script.${hint}`);
 }
 
 function nameOf(kind: DeviceKind): string {

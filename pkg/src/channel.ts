@@ -1,6 +1,6 @@
-/** The page's end of the Worker: request ids, one request in flight, the others wait their turn. */
+/** An object's end of its Worker: request ids, one request in flight, the others wait their turn. */
 import { GravisightError, wordsOf } from "./error.js";
-import type { Answer, CallName, CallOptions, FromWorker, Request, Transport } from "./protocol.js";
+import type { Answer, CallName, CallOptions, FromWorker, Request, ToWorker, Transport } from "./protocol.js";
 import type { Progress } from "./types.js";
 
 interface Pending {
@@ -13,30 +13,37 @@ interface Pending {
   reject: (reason: unknown) => void;
 }
 
-/** Of the next call. One count for all channels: a Worker of the user's may serve several, and each hears all answers. */
-let nextId = 0;
-
 export class Channel implements Transport {
   readonly #worker: Worker;
+  /** Whether the Worker serves nobody else, and ends with this. */
+  readonly #owned: boolean;
+  /** Drawn: two copies of this package may share a Worker. */
+  readonly #object = crypto.getRandomValues(new Uint32Array(4)).join("-");
+  #nextId = 0;
+  readonly #listening = new AbortController();
   #waiting: Pending[] = [];
   #inFlight: Pending | undefined;
   #closedBecause: unknown;
 
-  /** Through `worker`, or one of its own. */
+  /** Through `worker`, which the user starts and ends and which may serve other objects; or through one of its own. */
   constructor(worker?: Worker) {
+    this.#owned = worker === undefined;
     // The literal form is what bundlers look for.
     this.#worker = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "gravisight" });
+    const { signal } = this.#listening;
     // Not `onmessage` and the like: in a Worker of the user's these are the user's.
-    this.#worker.addEventListener("message", (event: MessageEvent<FromWorker>) => this.#receive(event.data));
-    this.#worker.addEventListener("error", (event) => {
-      event.preventDefault();
-      // A script that is not there comes without a message.
-      const reason = event.message || "is its script, worker.js of this package, served?";
-      this.close(new GravisightError("worker", `The Worker could not start or stopped: ${reason}`));
-    });
-    this.#worker.addEventListener("messageerror", () => {
-      this.close(new GravisightError("worker", "A message from the Worker could not be read."));
-    });
+    this.#worker.addEventListener("message", (event: MessageEvent<FromWorker>) => this.#receive(event.data), { signal });
+    this.#worker.addEventListener(
+      "error",
+      (event) => {
+        event.preventDefault();
+        // A script that is not there comes without a message.
+        const reason = event.message || "is its script, worker.js of this package, served?";
+        this.close(new GravisightError("worker", `The Worker could not start or stopped: ${reason}`));
+      },
+      { signal },
+    );
+    this.#worker.addEventListener("messageerror", () => this.close(new GravisightError("worker", "A message from the Worker could not be read.")), { signal });
   }
 
   /** Sends a request and waits for its answer. An aborted request rejects at once and its answer is dropped. */
@@ -45,7 +52,7 @@ export class Channel implements Transport {
       const { signal } = options;
       if (this.#closedBecause !== undefined) return reject(this.#closedBecause);
       if (signal?.aborted) return reject(signal.reason);
-      const id = nextId++;
+      const id = this.#nextId++;
       const abort = () => {
         this.#waiting = this.#waiting.filter((pending) => pending.id !== id);
         reject(signal?.reason);
@@ -70,15 +77,21 @@ export class Channel implements Transport {
     if (this.#closedBecause !== undefined) throw this.#closedBecause;
   }
 
-  /** Ends the Worker; every request that waits, and every later one, rejects with `reason`. */
+  /** Ends a Worker of its own, and frees the object in one of the user's; every request that waits, and every later one, rejects with `reason`. */
   close(reason: unknown): void {
     if (this.#closedBecause !== undefined) return;
     this.#closedBecause = reason;
-    this.#worker.terminate();
+    this.#listening.abort();
+    if (this.#owned) this.#worker.terminate();
+    else this.#post({ type: "close", object: this.#object });
     this.#inFlight?.reject(reason);
     for (const pending of this.#waiting) pending.reject(reason);
     this.#inFlight = undefined;
     this.#waiting = [];
+  }
+
+  #post(message: ToWorker, transfer: Transferable[] = []): void {
+    this.#worker.postMessage(message, transfer);
   }
 
   #sendNext(): void {
@@ -86,7 +99,7 @@ export class Channel implements Transport {
     const next = this.#waiting.shift();
     if (!next) return;
     try {
-      this.#worker.postMessage({ type: next.type, id: next.id, request: next.request }, next.transfer);
+      this.#post({ type: next.type, object: this.#object, id: next.id, request: next.request } as ToWorker, next.transfer);
       this.#inFlight = next;
     } catch (thrown) {
       next.reject(new GravisightError("worker", `The request cannot be sent: ${wordsOf(thrown)}.`, { cause: thrown }));
@@ -96,7 +109,7 @@ export class Channel implements Transport {
 
   #receive(message: FromWorker | null): void {
     const pending = this.#inFlight;
-    if (!pending || pending.id !== message?.id) return;
+    if (!pending || message?.object !== this.#object || message.id !== pending.id) return;
     if (message.type === "progress") {
       pending.onProgress?.(message.progress);
       return;

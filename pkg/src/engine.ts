@@ -1,4 +1,4 @@
-/** The engine: the wasm core and all that it holds. In a Worker, or on the caller's own thread. */
+/** The engine: the wasm core, and all that it holds for one object. In a Worker, or on the caller's own thread. */
 import type * as Core from "../wasm/cpu/gravisight.js";
 import { lastPanic, loadBuild, type CoreModule } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
@@ -29,7 +29,7 @@ export class Engine {
 
   readonly #calls: { [K in CallName]: (request: Request<K>, onProgress: OnProgress) => Answer<K> | Promise<Answer<K>> } = {
     create: async (request, onProgress) => {
-      const loaded = await load(request, onProgress);
+      const loaded = await load(request, onProgress, this);
       this.#dropLocaliser();
       [this.#module, this.#loaded, this.#wasm] = [loaded.module, loaded, request.wasm];
       // The core has checked it.
@@ -84,7 +84,7 @@ export class Engine {
     },
 
     tuner: async (request, onProgress) => {
-      const { kind, reason } = await pickDevice(request, onProgress);
+      const { kind, reason } = await pickDevice(request, onProgress, this);
       const model = loadModel(request.model, request.cache, onProgress);
       model.catch(() => {});
       this.#module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
@@ -134,7 +134,7 @@ export class Engine {
   async call<K extends CallName>(type: K, request: Request<K>, onProgress: OnProgress): Promise<Answer<K>> {
     if (this.#trapped) throw this.#trapped;
     try {
-      return await untilTrap<Calls[K][1]>(() => this.#calls[type](request, onProgress));
+      return await untilTrap<Calls[K][1]>(this, () => this.#calls[type](request, onProgress));
     } catch (thrown) {
       const error = gravisightErrorFrom(thrown, lastPanic());
       if (error.code === "internal") this.#trapped = error;
@@ -176,7 +176,7 @@ export class Engine {
     const loaded = present(this.#loaded);
     const run = async ({ core, device }: Loaded) => ({ ...(await core.localise(picture, camera, options)), device });
     try {
-      return await untilTrap(() => run(loaded));
+      return await untilTrap(this, () => run(loaded));
     } catch (thrown) {
       const error = gravisightErrorFrom(thrown, lastPanic());
       const { device, model } = loaded;

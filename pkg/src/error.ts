@@ -9,6 +9,7 @@ export type FacadeErrorCode =
   | "image-read"
   | "internal"
   | "model-url"
+  | "node-version"
   | "not-loaded"
   | "timestamp-order"
   | "webgpu-build-missing"

@@ -113,7 +113,7 @@ export class FineTuner {
     return this.#transport.call("exportTuned", {});
   }
 
-  /** Ends the Worker, and frees its memory. Harmless twice. */
+  /** Frees its memory and ends its Worker; one that you gave goes on. Harmless twice. */
   dispose(): void {
     this.#transport.close(disposed("FineTuner"));
   }

@@ -1,9 +1,7 @@
-/** An engine on the caller's own thread: for Node.js, and for Workers that the user brings. */
+/** An object's engine on the caller's own thread: in the Worker, in Node.js, in a Worker that uses the package itself. */
 import { Engine } from "./engine.js";
 import type { Answer, CallName, CallOptions, Request, Transport } from "./protocol.js";
 import { watchForTraps } from "./trap.js";
-
-let watched = false;
 
 export class Inline implements Transport {
   readonly #engine = new Engine();
@@ -11,8 +9,7 @@ export class Inline implements Transport {
   #closedBecause: unknown;
 
   constructor() {
-    if (watched || typeof globalThis.addEventListener !== "function") return;
-    watched = true;
+    if (typeof globalThis.addEventListener !== "function") return;
     // Errors of the user's own code are none of ours.
     watchForTraps(globalThis, (thrown) => thrown instanceof WebAssembly.RuntimeError);
   }
@@ -28,6 +25,11 @@ export class Inline implements Transport {
     });
     this.#last = turn.catch(() => {});
     return signal ? await until(turn, signal) : await turn;
+  }
+
+  /** Whether there is such a call. */
+  knows(type: string): type is CallName {
+    return this.#engine.knows(type);
   }
 
   throwIfClosed(): void {

@@ -22,8 +22,8 @@ export interface Loaded {
 /** Which model, where from and on what. */
 type Wanted = Pick<Request<"create">, "model" | "device" | "wasm" | "cache">;
 
-/** Takes the device that was chosen; `auto` the faster one, or the CPU where WebGPU is absent or fails, and says why. */
-export async function load(request: Wanted, onProgress: OnProgress): Promise<Loaded> {
+/** Takes the device that was chosen; `auto` the faster one, or the CPU where WebGPU is absent or fails, and says why. Works for the engine `of`. */
+export async function load(request: Wanted, onProgress: OnProgress, of: object): Promise<Loaded> {
   const model = loadModel(request.model, request.cache, onProgress);
   // The build is awaited first; without this, a model that fails meanwhile counts as an unhandled rejection.
   model.catch(() => {});
@@ -31,7 +31,7 @@ export async function load(request: Wanted, onProgress: OnProgress): Promise<Loa
     const module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
     const { card, weights } = await model;
     onProgress({ stage: "warming up", loaded: 0, total: null });
-    const core = await untilTrap(() => module.Localiser.create(card, weights, kind));
+    const core = await untilTrap(of, () => module.Localiser.create(card, weights, kind));
     return { core, module, device: deviceOf(core, kind, reason), model: { card, weights } };
   };
   if (request.device !== "auto") {
@@ -40,19 +40,25 @@ export async function load(request: Wanted, onProgress: OnProgress): Promise<Loa
   }
   const found = await adapterHere();
   if ("missing" in found) return start("cpu", `auto: ${found.missing}`);
-  return fasterOne(start, timesKey((await model).card, found.adapter), request.cache, onProgress);
+  return fasterOne(start, timesKey((await model).card, found.adapter), request.cache, onProgress, of);
 }
 
 /** The device that was chosen, or for `auto` the faster one. */
-export async function pickDevice(request: Wanted, onProgress: OnProgress): Promise<Pick<Device, "kind" | "reason">> {
+export async function pickDevice(request: Wanted, onProgress: OnProgress, of: object): Promise<Pick<Device, "kind" | "reason">> {
   if (request.device !== "auto") return asAskedFor(request.device);
-  const { core, device } = await load(request, onProgress);
+  const { core, device } = await load(request, onProgress, of);
   core.free();
   return device;
 }
 
 /** The model on the faster device: the one that was measured once and kept under `key`, or is measured now. */
-async function fasterOne(start: (kind: DeviceKind, reason: string) => Promise<Loaded>, key: string, useCache: boolean, onProgress: OnProgress): Promise<Loaded> {
+async function fasterOne(
+  start: (kind: DeviceKind, reason: string) => Promise<Loaded>,
+  key: string,
+  useCache: boolean,
+  onProgress: OnProgress,
+  of: object,
+): Promise<Loaded> {
   const kept = useCache ? await keptTimes(key) : null;
   const isMeasured = countingTo(onProgress);
   let onGpu: Loaded;
@@ -60,7 +66,7 @@ async function fasterOne(start: (kind: DeviceKind, reason: string) => Promise<Lo
   try {
     if (kept) return await start(faster(kept), reasonOf(kept, true));
     onGpu = await start("webgpu", "");
-    webgpu = await untilTrap(() => measure(onGpu.core, isMeasured));
+    webgpu = await untilTrap(of, () => measure(onGpu.core, isMeasured));
   } catch (thrown) {
     return start("cpu", `auto: WebGPU failed: ${gravisightErrorFrom(thrown, lastPanic()).message}`);
   }

@@ -48,7 +48,7 @@ export class Localiser {
   /**
    * Fetches the core and the weights, checks and warms them up.
    *
-   * @throws {@link GravisightError}; or the reason of `signal` where it is aborted, which also ends the Worker.
+   * @throws {@link GravisightError}; or the reason of `signal` where it is aborted, which also ends a Worker of its own.
    */
   static async create(options: CreateOptions): Promise<Localiser> {
     const { signal, onProgress, cache = true } = options;
@@ -119,7 +119,10 @@ export class Localiser {
     this.#lastTimestampMs = -Infinity;
   }
 
-  /** Ends the Worker, and with it all memory of the model; later calls reject with code `disposed`. Harmless twice. */
+  /**
+   * Frees all memory of the model and ends its Worker; one that you gave goes on. What is under way and later calls reject with code
+   * `disposed`. Harmless twice.
+   */
   dispose(): void {
     this.#transport.close(disposed("Localiser"));
   }

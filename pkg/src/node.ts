@@ -1,5 +1,9 @@
 /** Node.js has no fetch for `file:` URLs, where a package's own files are. Nothing here is touched in a browser. */
+import { GravisightError } from "./error.js";
+
 interface Node {
+  version: string;
+  versions: { node?: string };
   cwd(): string;
   getBuiltinModule(name: "node:fs"): {
     existsSync(path: URL): boolean;
@@ -9,8 +13,13 @@ interface Node {
 
 const node = (globalThis as { process?: Partial<Node> }).process;
 
+/** Whether `url` is a file that this program may read. @throws {@link GravisightError} `node-version`. */
 export function isFile(url: string): boolean {
-  return url.startsWith("file:") && node?.getBuiltinModule !== undefined;
+  if (!url.startsWith("file:")) return false;
+  if (node?.versions?.node && !node.getBuiltinModule) {
+    throw new GravisightError("node-version", `This is Node.js ${node.version}; gravisight needs 20.19, or 22.12 or later.`);
+  }
+  return node?.getBuiltinModule !== undefined;
 }
 
 export function fileExists(url: URL): boolean {

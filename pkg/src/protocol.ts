@@ -50,11 +50,16 @@ export type CallName = keyof Calls;
 export type Request<K extends CallName> = Calls[K][0];
 export type Answer<K extends CallName> = Calls[K][1];
 
-export type ToWorker = { [K in CallName]: { type: K; id: number; request: Request<K> } }[CallName];
-export type FromWorker =
-  | { type: "progress"; id: number; progress: Progress }
-  | { type: "done"; id: number; answer: Answer<CallName> }
-  | { type: "failed"; id: number; code: string; message: string };
+/**
+ * Messages name the object (a `Localiser`, a `Toolbox`, …) that they are of: one Worker may serve several, and each page's end hears
+ * the answers to all. `close` frees what the Worker holds for one of them.
+ */
+export type ToWorker = { object: string } & ({ [K in CallName]: { type: K; id: number; request: Request<K> } }[CallName] | { type: "close" });
+export type FromWorker = { object: string; id: number } & (
+  | { type: "progress"; progress: Progress }
+  | { type: "done"; answer: Answer<CallName> }
+  | { type: "failed"; code: string; message: string }
+);
 
 /** How a call goes. */
 export interface CallOptions {
@@ -63,11 +68,11 @@ export interface CallOptions {
   onProgress?: ((progress: Progress) => void) | undefined;
 }
 
-/** The way to an engine: in a Worker, or on this thread. */
+/** One object's way to its engine: in a Worker, or on this thread. */
 export interface Transport {
   call<K extends CallName>(type: K, request: Request<K>, options?: CallOptions): Promise<Answer<K>>;
   /** Throws the reason of {@link close}. */
   throwIfClosed(): void;
-  /** Ends the engine; every call that waits, and every later one, rejects with `reason`. */
+  /** Frees the object's memory; every call that waits, and every later one, rejects with `reason`. */
   close(reason: unknown): void;
 }

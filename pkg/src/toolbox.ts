@@ -125,7 +125,7 @@ export class Toolbox {
     return new Simulator(this.#transport, opened.id, opened.camera, opened.scene);
   }
 
-  /** Ends the Worker, and frees its memory. Harmless twice. */
+  /** Frees its memory and ends its Worker; one that you gave goes on. Harmless twice. */
   dispose(): void {
     this.#transport.close(disposed("Toolbox"));
   }

@@ -7,29 +7,32 @@ interface Scope {
   addEventListener(type: "unhandledrejection", listener: (event: PromiseRejectionEvent) => void): void;
 }
 
-let stop: ((thrown: unknown) => void) | undefined;
+/** What ends the work that is under way, by whose it is: several objects may be at work on one thread. */
+const stops = new Map<object, (thrown: unknown) => void>();
+let watching = false;
 
-/** Lets those uncaught errors that are `ours` end the work that is under way. */
+/** Lets those uncaught errors that are `ours` end all work that is under way. Who watches first, stays. */
 export function watchForTraps(scope: Scope, ours: (thrown: unknown) => boolean): void {
-  scope.addEventListener("error", (event) => {
-    if (!stop || !ours(event.error)) return;
+  if (watching) return;
+  watching = true;
+  const end = (event: Event, thrown: unknown) => {
+    if (stops.size === 0 || !ours(thrown)) return;
     event.preventDefault();
-    stop(event.error ?? new Error(event.message));
-  });
-  scope.addEventListener("unhandledrejection", (event) => {
-    if (!stop || !ours(event.reason)) return;
-    event.preventDefault();
-    stop(event.reason);
-  });
+    // Nobody knows whose it was, and all may be in the memory that it has left behind.
+    for (const stop of [...stops.values()]) stop(thrown);
+  };
+  scope.addEventListener("error", (event) => end(event, event.error ?? new Error(event.message)));
+  scope.addEventListener("unhandledrejection", (event) => end(event, event.reason));
 }
 
-/** Awaits `work`, or rejects with the trap that ended it. One at a time, or one inside another. */
-export function untilTrap<T>(work: () => T | Promise<T>): Promise<T> {
-  const outer = stop;
+/** Awaits `work` of an object, or rejects with the trap that ended it. One at a time each, or one inside another. */
+export function untilTrap<T>(of: object, work: () => T | Promise<T>): Promise<T> {
+  const outer = stops.get(of);
   return new Promise<T>((resolve, reject) => {
-    stop = reject;
+    stops.set(of, reject);
     Promise.resolve().then(work).then(resolve, reject);
   }).finally(() => {
-    stop = outer;
+    if (outer) stops.set(of, outer);
+    else stops.delete(of);
   });
 }

@@ -68,7 +68,7 @@ export interface CoreOptions {
   wasm?: string | URL;
   /**
    * Default: a Worker of its own. `false`: on the calling thread, as for Node.js or inside a Worker of yours. Or a Worker
-   * of yours that imports `gravisight/worker`; `dispose` ends it.
+   * of yours that imports `gravisight/worker`: it may serve several objects, each with a model of its own, and is yours to end.
    */
   worker?: boolean | Worker;
   /** Stops the loading; the promise rejects with the signal's reason. */

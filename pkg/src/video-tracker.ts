@@ -122,7 +122,7 @@ export class VideoTracker {
     };
   }
 
-  /** Ends the Worker, and frees its memory. Harmless twice. */
+  /** Frees its memory and ends its Worker; one that you gave goes on. Harmless twice. */
   dispose(): void {
     this.#transport.close(disposed("VideoTracker"));
   }

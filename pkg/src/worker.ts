@@ -1,7 +1,7 @@
-/** The Worker: an engine that answers one message after the other. Import it in a Worker of your own to use that one. */
-import { Engine } from "./engine.js";
-import { gravisightErrorFrom } from "./error.js";
+/** The Worker: an engine for each object of the pages' end. Import it in a Worker of your own to use that one. */
 import { lastPanic } from "./builds.js";
+import { GravisightError, gravisightErrorFrom } from "./error.js";
+import { Inline } from "./inline.js";
 import type { FromWorker, ToWorker } from "./protocol.js";
 import { transferablesOf } from "./transfer.js";
 import { watchForTraps } from "./trap.js";
@@ -12,18 +12,29 @@ type Scope = Parameters<typeof watchForTraps>[0] & {
   postMessage(message: FromWorker, transfer?: Transferable[]): void;
 };
 const scope = self as unknown as Scope;
-const engine = new Engine();
+/** By the name that the page's end gave it. */
+const objects = new Map<string, Inline>();
 
 watchForTraps(scope, () => true);
 scope.addEventListener("message", async ({ data }) => {
   // Messages of the user's own Worker are none of ours.
-  if (typeof data?.id !== "number" || !engine.knows(data.type)) return;
+  if (typeof data?.object !== "string") return;
+  const { object } = data;
+  if (data.type === "close") {
+    // Its page's end has told everybody who waits.
+    objects.get(object)?.close(new GravisightError("disposed", "This was disposed of."));
+    objects.delete(object);
+    return;
+  }
+  const engine = objects.get(object) ?? new Inline();
+  if (typeof data.id !== "number" || !engine.knows(data.type)) return;
+  objects.set(object, engine);
   const { id } = data;
   try {
-    const answer = await engine.call(data.type, data.request, (progress) => scope.postMessage({ type: "progress", id, progress }));
-    scope.postMessage({ type: "done", id, answer }, transferablesOf(answer));
+    const answer = await engine.call(data.type, data.request, { onProgress: (progress) => scope.postMessage({ type: "progress", object, id, progress }) });
+    scope.postMessage({ type: "done", object, id, answer }, transferablesOf(answer));
   } catch (thrown) {
     const { code, message } = gravisightErrorFrom(thrown, lastPanic());
-    scope.postMessage({ type: "failed", id, code, message });
+    scope.postMessage({ type: "failed", object, id, code, message });
   }
 });

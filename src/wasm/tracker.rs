@@ -80,6 +80,8 @@ pub struct VideoTrackFrame {
     pub speed: Option<f64>,
     /// Index of the flight that it belongs to.
     pub flight: Option<usize>,
+    /// Whether what was seen there does not belong to that flight's trajectory.
+    pub outlier: bool,
 }
 
 /// What is known of a video's place, and of the ball in it.
@@ -186,6 +188,7 @@ impl VideoTrack {
                 frame.sigma = Some(fitted.sigma());
                 frame.speed = Some(fitted.state.velocity.norm());
                 frame.flight = Some(said.flights.len() + fitted.flight);
+                frame.outlier = fitted.outlier;
             }
             let hit = |hit| {
                 let hit = Hit::from(hit);
@@ -212,6 +215,7 @@ impl From<&FollowedFrame> for VideoTrackFrame {
             sigma: None,
             speed: None,
             flight: None,
+            outlier: false,
         }
     }
 }

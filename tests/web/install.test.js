@@ -4,7 +4,7 @@ import { execFileSync, spawnSync } from "node:child_process";
 import { cpSync, mkdirSync, readFileSync, readdirSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
-import { fileURLToPath } from "node:url";
+import { fileURLToPath, pathToFileURL } from "node:url";
 import { build } from "vite";
 import { launch } from "./support/browser.js";
 import { pictureOf, samples } from "./support/demo.js";
@@ -48,7 +48,12 @@ async function positionOn(path) {
 }
 
 function isGolden(world) {
-  golden[samples[0].file].world.forEach((value, axis) => assert.ok(Math.abs(value - world[axis]) < 1e-3, `${world}`));
+  isNear(world, golden[samples[0].file].world, 1e-3);
+}
+
+/** By default within 1.3 times what the package's own model is off on this picture, m. */
+function isNear(world, expected, metres = 0.092) {
+  assert.ok(Math.hypot(...world.map((value, axis) => value - expected[axis])) < metres, `${world} is not ${expected}`);
 }
 
 /** What a user writes; `options` is more of `create`. */
@@ -113,6 +118,74 @@ test("in a Vite app that lies in any folder of a server", { timeout: 120_000 }, 
   await build({ root: app, base: "./", logLevel: "error", configFile: false });
   isGolden(await positionOn("vite/dist/index.html"));
 });
+
+/** Copies the installed package, with other addresses for its own files than `new URL("…", import.meta.url)`, as bundlers make them. */
+function bundledLike(name, addressOf) {
+  const copy = join(folder, name);
+  cpSync(join(folder, "node_modules/gravisight"), copy, { recursive: true });
+  for (const file of readdirSync(join(copy, "dist")).filter((each) => each.endsWith(".js"))) {
+    const path = join(copy, "dist", file);
+    const code = readFileSync(path, "utf8");
+    const moved = code.replaceAll(/new URL\("\.\.\/((?:wasm|models)[^"]*)", import\.meta\.url\)/g, (_, asset) => addressOf(asset));
+    writeFileSync(path, moved);
+  }
+  return copy;
+}
+
+test("where the bundler makes paths from the server's root of the package's addresses, as Next.js does", async () => {
+  // What Turbopack puts in the place of `URL`: an object whose parts are those of the path alone.
+  bundledLike("rooted", (asset) => `Object.assign(Object.create(URL.prototype, { href: { value: "/rooted/${asset}" } }), { toString: () => "/rooted/${asset}" })`);
+  for (const [name, options] of Object.entries({ worker: "", thread: ", worker: false" })) {
+    writeFileSync(join(folder, `rooted-${name}.js`), inPage + program(`, ball: { radius: 0.2 }${options}`, "/rooted/dist/index.js").replace(/ model: [^,]*,/, ""));
+    writeFileSync(join(folder, `rooted-${name}.html`), html(`/rooted-${name}.js`));
+    isNear(await positionOn(`rooted-${name}.html`), samples[0].world);
+  }
+});
+
+test("on a server whose bundler puts the wasm's script under a package.json that says commonjs, as Next.js does", () => {
+  const assets = join(folder, "server/assets");
+  mkdirSync(assets, { recursive: true });
+  writeFileSync(join(folder, "server/package.json"), JSON.stringify({ type: "commonjs" }));
+  for (const part of ["wasm", "models"]) cpSync(join(folder, "node_modules/gravisight", part), join(assets, part), { recursive: true });
+  bundledLike("bundled", (asset) => `new URL("${pathToFileURL(join(assets, asset))}")`);
+  const found = inNode(`
+import { readFileSync } from "node:fs";
+import { Localiser } from "./bundled/dist/index.js";
+const localiser = await Localiser.create({ camera: JSON.parse(readFileSync("camera.json")), ball: { radius: 0.2 } });
+console.log(JSON.stringify((await localiser.localise(readFileSync("picture.png"))).world));`);
+  assert.equal(found.stderr, "");
+  isNear(JSON.parse(found.stdout), samples[0].world);
+});
+
+test("what a bundler has lost on a server is said, with what to do", () => {
+  bundledLike("lost", (asset) => `new URL("file:///_next/static/media/${asset}")`);
+  const { stdout } = inNode(`
+import { Toolbox } from "./lost/dist/index.js";
+await Toolbox.create().catch(({ code, message }) => console.log(code, message));`);
+  assert.match(stdout, /^cpu-build-missing .*_next\/static.*serverExternalPackages/);
+});
+
+test("a Node.js that is too old is told so", () => {
+  // What the package needs is not in Node.js 18.
+  const { stdout } = inNode(`
+process.getBuiltinModule = undefined;
+const { Toolbox } = await import("gravisight");
+await Toolbox.create().catch(({ code, message }) => console.log(code, message));`);
+  assert.match(stdout, new RegExp(`^node-version .*${process.version}; gravisight needs 20\\.19`));
+});
+
+test("the Node.js that the package asks for has all that is needed, require included", () => {
+  const { engines } = JSON.parse(readFileSync(join(folder, "node_modules/gravisight/package.json"), "utf8"));
+  // The first versions in which `require` takes ES modules.
+  assert.equal(engines.node, "^20.19.0 || >=22.12.0");
+  writeFileSync(join(folder, "required.cjs"), `require("gravisight").Toolbox.create().then((tools) => tools.courts()).then((courts) => console.log(courts.length));`);
+  assert.ok(Number(execFileSync(process.execPath, ["--disable-warning=ExperimentalWarning", "required.cjs"], { cwd: folder, encoding: "utf8" })) > 3);
+});
+
+/** Runs a program in the folder of the installed package. */
+function inNode(code) {
+  return spawnSync(process.execPath, ["--input-type=module", "--eval", code], { cwd: folder, encoding: "utf8" });
+}
 
 test("a strict TypeScript program reads results and the card by their types, and a wrong name is refused", () => {
   const read = (name) => `

@@ -1,12 +1,22 @@
 /** The demo page, as a user meets it. */
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { join } from "node:path";
 import { after, before, test } from "node:test";
-import { launch, open } from "./support/browser.js";
-import { alertOf, drop, forget, jsonFile, located, ONE_PIXEL, pictureOf, pngFile, press, ready, samples, shown } from "./support/demo.js";
+import { fileURLToPath } from "node:url";
+import { launch, open, SD_L } from "./support/browser.js";
+import { gravisight } from "./support/command.js";
+import { alertOf, drop, forget, jsonFile, located, ONE_PIXEL, pictureOf, pngFile, press, ready, real, realLabels, samples, shown } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
 const METRES = 1e-3;
+/** Of the clip, in the real sample. */
+const REAL_FRAME = 12;
+/** Largest errors on the rendered samples, as this test prints them. */
+const WORST_CM = { any: 7.1, sdL: 8.5 };
+/** Of the ball in the rendered samples, m. */
+const RADIUS = 0.2;
 const goldenFile = new URL("../golden/samples.json", import.meta.url);
 const complaints = [];
 let server, browser, page;
@@ -23,23 +33,60 @@ after(async () => {
   await server?.close();
 });
 
-test("the first sample is localised without a click", async () => {
-  assert.equal(await page.getByTestId("sample-0").getAttribute("aria-pressed"), "true");
+test("the page opens with a real picture, and the ball that is found in it is the ball", async () => {
+  assert.equal(await page.getByTestId("sample-real").getAttribute("aria-pressed"), "true");
   assert.equal(await page.getByTestId("alert").textContent(), "");
   assert.match(await page.getByTestId("device").textContent(), /CPU.*as asked for/);
+  const { image, radius } = realLabels[REAL_FRAME];
+  const [u, v] = await shown(page, "image-xy");
+  // The picture is half the clip's frame; the label is good to about 3 px of that.
+  const off = Math.hypot(2 * u + 0.5 - image[0], 2 * v + 0.5 - image[1]);
+  assert.ok(off < 6, `${u}, ${v}: ${off} px off`);
+  const [depth] = await shown(page, "depth");
+  // The ball is blurred, and its label a circle that takes in some of the blur: 14 % apart, times 1.3.
+  const expected = (2 * real.camera.intrinsic[0][0] * real.ball.radius) / radius;
+  assert.ok(Math.abs(depth / expected - 1) < 0.18, `${depth} m, by the label ${expected} m`);
+  assert.ok(await page.getByTestId("error-cm").isHidden(), "there is no truth to score against");
+  assert.match(await page.getByTestId("notes").textContent(), /camera is not known.*26 mm.*10 % farther/);
 });
 
 test("a click on a sample gives the position that the command line gives", async () => {
-  const golden = JSON.parse(readFileSync(goldenFile, "utf8"));
+  const folder = mkdtempSync(join(tmpdir(), "gravisight-page-"));
   for (const [index, sample] of samples.entries()) {
     await press(page, index);
-    const expected = golden[sample.file];
-    assert.ok(expected, `the golden file has no ${sample.file}`);
+    const camera = join(folder, "camera.json");
+    writeFileSync(camera, JSON.stringify(sample.camera));
+    const picture = fileURLToPath(new URL(`../../web/public/samples/${sample.file}`, import.meta.url));
+    const expected = JSON.parse(gravisight(["localise", picture, "--camera", camera, "--ball-radius", String(RADIUS), "--json"]));
     near(await shown(page, "world-x", "world-y", "world-z"), expected.world, METRES, `${sample.file}, world`);
-    near(await shown(page, "camera-x", "camera-y", "camera-z"), expected.camera, METRES, `${sample.file}, camera`);
     near(await shown(page, "depth"), [expected.depth], METRES, `${sample.file}, depth`);
     near(await shown(page, "image-xy"), expected.image, 0.05, `${sample.file}, image in px`);
   }
+  rmSync(folder, { recursive: true });
+});
+
+test("the scenes' own model, named by the address, opens a rendered sample and gives the command's positions", async () => {
+  const own = await open(browser, server.url + SD_L, complaints);
+  await located(own);
+  assert.equal(await own.getByTestId("sample-0").getAttribute("aria-pressed"), "true");
+  const golden = JSON.parse(readFileSync(goldenFile, "utf8"));
+  for (const [index, sample] of samples.entries()) {
+    await press(own, index);
+    const expected = golden[sample.file];
+    assert.ok(expected, `the golden file has no ${sample.file}`);
+    near(await shown(own, "world-x", "world-y", "world-z"), expected.world, METRES, `${sample.file}, world`);
+    near(await shown(own, "camera-x", "camera-y", "camera-z"), expected.camera, METRES, `${sample.file}, camera`);
+    near(await shown(own, "depth"), [expected.depth], METRES, `${sample.file}, depth`);
+    near(await shown(own, "image-xy"), expected.image, 0.05, `${sample.file}, image in px`);
+  }
+  const note = own.getByTestId("model-note");
+  await note.filter({ hasText: "test pictures" }).waitFor();
+  assert.match(await note.textContent(), /sd-l: .*three scenes.*off by \d+\.\d ± \d+\.\d cm/);
+  await forget(own);
+  await own.getByTestId("sample-real").click();
+  await located(own);
+  assert.match(await own.getByTestId("notes").textContent(), /sd-l does not know this scene/);
+  await own.close();
 });
 
 test("a sample's error is the distance between what is shown and the truth", async () => {
@@ -52,6 +99,7 @@ test("a sample's error is the distance between what is shown and the truth", asy
 test("a picture dropped together with its camera.json is localised as the sample is", async () => {
   await press(page, 2);
   const expected = await shown(page, "world-x", "world-y", "world-z");
+  await page.getByTestId("ball").fill(String(200 * RADIUS));
   for (const inOrder of [(a, b) => [a, b], (a, b) => [b, a]]) {
     await forget(page);
     await drop(page, ...inOrder(pngFile("own.png", pictureOf(samples[2])), jsonFile(samples[2].camera)));
@@ -69,6 +117,7 @@ test("a camera.json is kept for the next picture, and a picture waits for its ca
   await located(page);
   const fresh = await open(browser, server.url, complaints);
   await located(fresh);
+  await fresh.getByTestId("ball").fill(String(200 * RADIUS));
   await drop(fresh, pngFile("alone.png", pictureOf(samples[5])));
   assert.match(await alertOf(fresh), /alone\.png needs its camera\.json/);
   await fresh.getByTestId("file-input").setInputFiles([jsonFile(samples[2].camera)]);
@@ -104,10 +153,8 @@ for (const [what, files] of Object.entries(refusals)) {
   });
 }
 
-test("the page says what the model is for and how far off it is", async () => {
-  const note = page.getByTestId("model-note");
-  await note.filter({ hasText: "test pictures" }).waitFor();
-  assert.match(await note.textContent(), /sd-l: .*three scenes.*off by \d+\.\d ± \d+\.\d cm/);
+test("the page says what the model is for", async () => {
+  assert.match(await page.getByTestId("model-note").textContent(), /^Model any: \w+/);
 });
 
 test("the keyboard alone chooses a sample and an overlay", async () => {
@@ -140,20 +187,28 @@ test("samples pressed one after the other leave the last one's position", async 
 test("the page never scrolls sideways on a phone", async () => {
   const phone = await open(browser, server.url, complaints, { viewport: { width: 390, height: 844 } });
   await located(phone);
-  assert.ok(await phone.evaluate(() => document.documentElement.scrollWidth <= innerWidth));
+  assert.equal(await phone.evaluate(() => document.documentElement.scrollWidth), 390);
   await phone.close();
 });
 
-test("any ball is what the page looks for by default, the scenes' own model is beside it and can be chosen", async () => {
-  const other = await open(browser, server.url, complaints, { anyBall: true, viewport: { width: 390, height: 844 } });
+test("any ball is what the page looks for, the scenes' own model is beside it and can be chosen", async () => {
+  const other = await open(browser, server.url, complaints, { viewport: { width: 390, height: 844 } });
   await located(other);
-  assert.match(await other.getByTestId("model-note").textContent(), /^Model any:/);
-  assert.match(await other.getByTestId("depth").textContent(), /±/);
-  const compared = other.getByTestId("other-error-cm");
-  await compared.waitFor();
-  assert.match(await other.getByTestId("other-error-cm").locator("xpath=../..").textContent(), /Error of sd-l/);
-  const [any, own] = [await shown(other, "error-cm"), await shown(other, "other-error-cm")];
-  assert.ok(any[0] < 200 && own[0] < 15, `${any} cm, ${own} cm`);
+  const [any, own] = [[], []];
+  for (const index of samples.keys()) {
+    await press(other, index);
+    assert.match(await other.getByTestId("depth").textContent(), /±/);
+    const compared = other.getByTestId("other-error-cm");
+    await compared.waitFor();
+    assert.match(await compared.locator("xpath=../..").textContent(), /Error of sd-l/);
+    any.push(...(await shown(other, "error-cm")));
+    own.push(...(await shown(other, "other-error-cm")));
+  }
+  console.log(`errors on the samples, cm: any ${any.map((each) => each.toFixed(2))}; sd-l ${own.map((each) => each.toFixed(2))}`);
+  // 1.3 times what is measured.
+  assert.ok(Math.max(...any) < 1.3 * WORST_CM.any && Math.max(...own) < 1.3 * WORST_CM.sdL, `any ${any} cm, sd-l ${own} cm`);
+  await press(other, 0);
+  await other.getByTestId("other-error-cm").waitFor();
   // An own picture of a ball that is said to be half as large: half as far.
   const [depth] = await shown(other, "depth");
   await other.getByTestId("ball").fill("20");
@@ -167,7 +222,7 @@ test("any ball is what the page looks for by default, the scenes' own model is b
   await other.getByTestId("model-note").filter({ hasText: "Model sd-l:" }).waitFor();
   assert.ok(await other.getByTestId("ball").isHidden());
   await press(other, 0);
-  near(await shown(other, "error-cm"), own, 0.05, "the same error by the same model");
+  near(await shown(other, "error-cm"), [own[0]], 0.05, "the same error by the same model");
   assert.ok(await other.evaluate(() => document.documentElement.scrollWidth <= innerWidth));
   await other.close();
 });

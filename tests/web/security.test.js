@@ -78,7 +78,7 @@ test("a folder of a plain server is enough for the page", async () => {
   const plain = await serveFolder(folder, "");
   try {
     const complaints = [];
-    const other = await open(browser, `${plain.url}some/where/index.html?model=models/sd-l.json`, complaints);
+    const other = await open(browser, `${plain.url}some/where/index.html`, complaints);
     await located(other);
     await other.getByRole("tab", { name: "Calibrate" }).click();
     await other.getByTestId("cal-court").locator("option").nth(3).waitFor({ state: "attached" });

@@ -18,20 +18,20 @@ export function launch({ webgpu = true, args = [] } = {}) {
   });
 }
 
+/** Added to the page's address: the model of the rendered samples' scenes alone, for what is about that one. */
+export const SD_L = "?model=models/sd-l.json";
+
 /**
  * Opens a page at `url`; console errors and uncaught errors are added to `complaints`. Without the service worker unless asked
- * for: requests that it makes cannot be routed. With the model of the samples' scenes, unless the address or `anyBall` says
- * otherwise: what most tests expect is known of that one.
+ * for: requests that it makes cannot be routed.
  */
-export async function open(browser, url, complaints, { anyBall = false, ...options } = {}) {
+export async function open(browser, url, complaints, options = {}) {
   const page = await browser.newPage({ viewport: { width: 1280, height: 860 }, serviceWorkers: "block", ...options });
   page.on("console", (message) => {
     if (message.type() === "error") complaints.push(`console: ${message.text()} (${message.location().url})`);
   });
   page.on("pageerror", (error) => complaints.push(`uncaught: ${error.stack ?? error}`));
-  const address = new URL(url);
-  if (!anyBall && address.pathname === "/" && !address.searchParams.has("model")) address.searchParams.set("model", "models/sd-l.json");
-  await page.goto(address.href);
+  await page.goto(url);
   return page;
 }
 

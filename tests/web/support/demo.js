@@ -3,11 +3,24 @@ import { readFileSync } from "node:fs";
 
 const samplesFolder = new URL("../../../web/public/samples/", import.meta.url);
 
-/** As in `web/public/samples/samples.json`. */
+/** The rendered ones, as in `web/public/samples/samples.json`. */
 export const samples = JSON.parse(readFileSync(new URL("samples.json", samplesFolder), "utf8"));
 
 /** The bytes of a sample's picture. */
 export const pictureOf = (sample) => readFileSync(new URL(sample.file, samplesFolder));
+
+const realFolder = new URL("../../../web/public/real/", import.meta.url);
+
+/** The real clip, as in `web/public/real/real.json`; its picture is the clip's frame 12, half as large. */
+export const real = JSON.parse(readFileSync(new URL("real.json", realFolder), "utf8"));
+
+/** The clip's hand labels, pixels of its 1920 × 1080. */
+export const realLabels = readFileSync(new URL("../../../docs/labels/toss_wall.csv", import.meta.url), "utf8")
+  .trim()
+  .split("\n")
+  .slice(1)
+  .map((line) => line.split(",").map(Number))
+  .map(([frame, , x, y, radius]) => ({ frame, image: [x, y], radius }));
 
 /** A file to drop. */
 export const pngFile = (name, bytes) => ({ name, mimeType: "image/png", buffer: bytes });
@@ -44,7 +57,7 @@ export async function located(page) {
   if ((await settled.jsonValue()) === true) throw new Error(`no model: ${await page.getByTestId("alert").textContent()}`);
 }
 
-/** Presses a sample and waits for its position. */
+/** Presses a rendered sample and waits for its position. */
 export async function press(page, index) {
   await forget(page);
   await page.getByTestId(`sample-${index}`).click();

@@ -57,7 +57,7 @@ export class App {
     return this.#session.localiser;
   }
 
-  /** Loads the model and the samples side by side, then looks at the first sample. */
+  /** Loads the model and the samples side by side, then looks at a sample. */
   async start({ device }: Settings): Promise<void> {
     check("device", device);
     await Promise.all([this.#load(device), this.#loadSamples()]);
@@ -66,7 +66,8 @@ export class App {
   async #loadSamples(): Promise<void> {
     try {
       await this.#samples.load();
-      if (!this.#subject) this.#samples.press(0);
+      // A model that the address names need not know the real one's scene.
+      if (!this.#subject) this.#samples.press(OWN_MODEL === null ? "real" : "rendered");
     } catch (thrown) {
       this.#refuse(`The samples could not be loaded: ${wordsOf(thrown)}`);
     }
@@ -147,7 +148,7 @@ export class App {
     try {
       const result = await localiser.localise(subject.picture, options(subject, signal));
       if (signal.aborted) return;
-      this.#result.show(result, subject);
+      this.#result.show(result, subject, localiser.card);
       this.#stage.showResult(result, subject.truth?.image);
       if (subject.truth && OWN_MODEL === null) void this.#compare(subject, signal);
     } catch (thrown) {
@@ -174,7 +175,7 @@ export class App {
   /** What the core refused must not spoil what comes next. */
   #afterFailure(thrown: unknown, subject: Subject): void {
     const code = thrown instanceof GravisightError ? thrown.code : "internal";
-    if (!subject.truth) this.#drop.forget(code.startsWith("camera") ? "camera" : "picture");
+    if (!subject.ball) this.#drop.forget(code.startsWith("camera") ? "camera" : "picture");
     if (code !== "internal" && code !== "worker") return;
     const device = this.#session.choice ?? "cpu";
     const why = this.#alert.textContent ?? "";

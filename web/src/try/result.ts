@@ -1,5 +1,5 @@
 /** The numbers. Each is a `data` element that also holds its full value. */
-import type { Localisation } from "gravisight";
+import type { Card, Localisation } from "gravisight";
 import { element, make } from "../dom";
 import type { Subject } from "./subject";
 
@@ -57,7 +57,7 @@ export class ResultPanel {
     this.#reason.textContent = reason;
   }
 
-  show(result: Localisation, subject: Subject): void {
+  show(result: Localisation, subject: Subject, { name, depth_from: from }: Card): void {
     result.world.forEach((value, axis) => set(this.#world[axis]!, [value], 3));
     result.camera.forEach((value, axis) => set(this.#camera[axis]!, [value], 3));
     set(this.#image, result.image, 1);
@@ -69,7 +69,10 @@ export class ResultPanel {
     set(this.#error, result.dtg === undefined ? [] : [100 * result.dtg], 1);
     for (const sampleRow of this.#sampleRows) sampleRow.hidden = !subject.truth;
     this.#otherRow.hidden = true;
-    this.#notes.replaceChildren(...result.notes.map((text) => make("li", { text })));
+    const notes = [...result.notes, ...(subject.note ? [subject.note] : [])];
+    // It has learned the depths of its scenes, and reads no sizes.
+    if (subject.note && from !== "size") notes.push(`The model ${name} does not know this scene: choose “Any ball”.`);
+    this.#notes.replaceChildren(...notes.map((text) => make("li", { text })));
   }
 
   /** The same picture's error by the other model. */

@@ -3,15 +3,20 @@ import type { Camera } from "gravisight";
 import { make } from "../dom";
 import { fetchOk } from "../shared/files";
 import { SAMPLE_BALL } from "../shared/core";
+import { real, realUrl } from "../shared/real";
 import type { Subject } from "./subject";
 
-interface Sample {
+/** A rendered picture, as in `public/samples/samples.json`. */
+interface Rendered {
   name: string;
   file: string;
   camera: Camera;
   world: [number, number, number];
   image: [number, number];
 }
+
+/** What a button is for. */
+type Sample = Omit<Subject, "picture"> & { url: string };
 
 const FOLDER = `${import.meta.env.BASE_URL}samples/`;
 
@@ -29,17 +34,25 @@ export class Samples {
     row.addEventListener("keydown", (event) => this.#moveFocus(event));
   }
 
-  /** Fetches the list and shows it. */
+  /** Fetches the lists and shows them: a real picture, then the rendered ones. */
   async load(): Promise<void> {
-    const response = await fetchOk(`${FOLDER}samples.json`);
-    const samples = (await response.json()) as Sample[];
-    this.#buttons = samples.map((sample, index) => this.#button(sample, index));
+    const [{ name, picture, camera, ball, note }, rendered] = await Promise.all([
+      real(),
+      fetchOk(`${FOLDER}samples.json`).then((response) => response.json() as Promise<Rendered[]>),
+    ]);
+    this.#buttons = [
+      this.#button({ name, url: realUrl(picture), camera, ball, note }, "sample-real"),
+      ...rendered.map(({ name, file, camera, world, image }, index) =>
+        this.#button({ name, url: FOLDER + file, camera, ball: SAMPLE_BALL, truth: { world, image } }, `sample-${index}`),
+      ),
+    ];
+    this.#makeTabStop(this.#buttons[0]!);
     this.#row.replaceChildren(...this.#buttons);
   }
 
-  /** Presses one of them. */
-  press(index: number): void {
-    this.#buttons[index]?.click();
+  /** Presses the real one, or the first rendered one. */
+  press(which: "real" | "rendered"): void {
+    this.#buttons[which === "real" ? 0 : 1]?.click();
   }
 
   /** Releases the one that is pressed. */
@@ -47,14 +60,13 @@ export class Samples {
     for (const button of this.#buttons) button.setAttribute("aria-pressed", "false");
   }
 
-  #button(sample: Sample, index: number): HTMLButtonElement {
+  #button(sample: Sample, part: string): HTMLButtonElement {
     const image = make("img");
-    image.src = FOLDER + sample.file;
+    image.src = sample.url;
     image.alt = "";
     image.width = image.height = 72;
-    const button = make("button", { class: "sample", part: `sample-${index}` }, image, make("span", { text: sample.name }));
+    const button = make("button", { class: "sample", part }, image, make("span", { text: sample.name }));
     button.type = "button";
-    button.tabIndex = index === 0 ? 0 : -1;
     button.setAttribute("aria-pressed", "false");
     button.addEventListener("click", () => {
       this.release();
@@ -81,8 +93,7 @@ export class Samples {
   }
 }
 
-async function subjectOf(sample: Sample): Promise<Subject> {
-  const response = await fetchOk(FOLDER + sample.file);
-  const { name, camera, world, image } = sample;
-  return { name, picture: await response.blob(), camera, ball: SAMPLE_BALL, truth: { world, image } };
+async function subjectOf({ url, ...about }: Sample): Promise<Subject> {
+  const response = await fetchOk(url);
+  return { ...about, picture: await response.blob() };
 }

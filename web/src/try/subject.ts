@@ -5,8 +5,10 @@ export interface Subject {
   name: string;
   picture: Blob;
   camera: Camera;
-  /** Its radius in m, where it is known; else what the page's field says. */
+  /** Its radius in m, of a sample; else what the page's field says. */
   ball?: { radius: number };
-  /** Where the ball truly is, for samples. */
+  /** What a person should know of the picture, in words. */
+  note?: string;
+  /** Where the ball truly is, for rendered samples. */
   truth?: { world: [number, number, number]; image: [number, number] };
 }

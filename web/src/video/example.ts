@@ -1,17 +1,22 @@
-/** A clip made in the page, for those who have no video at hand: drawn by the core's own simulator. */
+/** Clips for those who have no video at hand: one drawn in the page by the core's own simulator, and a real one. */
 import type { Camera, Scene } from "gravisight";
 import { tools } from "../shared/core";
+import { fetchOk } from "../shared/files";
 import type { Watch } from "../shared/job";
-import { PictureSource, type Frame } from "./sources";
+import { real, realUrl } from "../shared/real";
+import { PictureSource, type Frame, type Source } from "./sources";
+import { VideoSource } from "./video-source";
 
 /** Which of the simulator's clips: one with bounces in sight. */
 const SEED = 2024;
 const NUMBER = 3;
 
 export interface Example {
-  source: PictureSource;
+  source: Source;
   camera: Camera;
   scene: Scene;
+  /** Whose camera and scene they are, in words. */
+  words: string;
 }
 
 export async function makeExample({ signal, progress }: Watch): Promise<Example> {
@@ -28,8 +33,17 @@ export async function makeExample({ signal, progress }: Watch): Promise<Example>
       frames.push({ picture, image: await createImageBitmap(picture), timeMs: t * 1000, truth: world });
       progress(frames.length, clip.frames.length);
     }
-    return { source: new PictureSource("Example clip", camera.width, camera.height, frames), camera, scene };
+    return { source: new PictureSource("Example clip", camera.width, camera.height, frames), camera, scene, words: "Camera and scene: the example’s own." };
   } finally {
     simulator.dispose();
   }
+}
+
+export async function realExample({ signal }: Watch): Promise<Example> {
+  const toolbox = await tools();
+  const [{ clip, camera, ball, note }, free] = await Promise.all([real(), toolbox.scene("free")]);
+  const response = await fetchOk(realUrl(clip));
+  const file = new File([await response.blob()], clip, { type: "video/mp4" });
+  signal.throwIfAborted();
+  return { source: await VideoSource.file(file), camera, scene: { ...free, ball: { ...free.ball, ...ball } }, words: `${note} The spin that comes out takes up what is wrong with these assumptions.` };
 }

@@ -10,7 +10,7 @@ import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { View3d } from "../shared/view3d";
 import { workspace } from "../shared/workspace";
-import { makeExample } from "./example";
+import { makeExample, realExample, type Example } from "./example";
 import { fitted } from "./fit";
 import { FitResult } from "./fit-result";
 import { Looker } from "./looker";
@@ -103,7 +103,14 @@ class Step {
     const onClick = (name: string, act: () => Promise<void> | void) =>
       part(name).addEventListener("click", () => void this.#alert.during(async () => act()));
     onClick("video-webcam", () => this.#openWebcam());
-    onClick("video-example", () => this.#openExample());
+    onClick("video-example", async () => {
+      await this.#openExample("Drawing a clip…", makeExample);
+      await this.#play();
+    });
+    onClick("video-real", async () => {
+      await this.#openExample("Fetching the clip…", realExample);
+      await this.#following.start();
+    });
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
     onClick("video-stop", () => this.#close());
     onClick("video-track", () => this.#following.start());
@@ -169,11 +176,10 @@ class Step {
     await this.#play();
   }
 
-  async #openExample(): Promise<void> {
-    const { source, camera, scene } = await this.#job.run("Drawing a clip…", makeExample);
-    this.#place.example = { camera, scene };
+  async #openExample(words: string, make: (watch: Watch) => Promise<Example>): Promise<void> {
+    const { source, ...place } = await this.#job.run(words, make);
+    this.#place.example = place;
     await this.#use(source);
-    await this.#play();
   }
 
   /** Takes a source in place of the last one, and looks at its first frame. */
@@ -206,6 +212,7 @@ class Step {
     const load = async () => {
       try {
         await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(watch));
+        this.#onState();
         this.#looker.look();
       } finally {
         if (this.#loading === loading) this.#loading = undefined;
@@ -294,8 +301,9 @@ class Step {
   #onState(): void {
     this.#transport.showState();
     const playing = this.#source?.playing ?? false;
-    if (playing && this.#looker.layer === "saliency") this.#checkLayer("none");
-    this.#part<HTMLInputElement>("video-layer-saliency").disabled = playing;
+    const noSaliency = playing || !this.#model.hasSaliency;
+    if (noSaliency && this.#looker.layer === "saliency") this.#checkLayer("none");
+    this.#part<HTMLInputElement>("video-layer-saliency").disabled = noSaliency;
     if (!playing) this.#looker.catchUp();
   }
 

@@ -3,10 +3,11 @@ import type { Camera, Scene } from "gravisight";
 import { tools } from "../shared/core";
 import { readJson } from "../shared/files";
 import { workspace } from "../shared/workspace";
+import type { Example } from "./example";
 
 export class Place {
   /** Of the example while it is shown. */
-  example: { camera: Camera; scene: Scene } | undefined;
+  example: Omit<Example, "source"> | undefined;
   readonly #dropped: { camera?: { name: string; content: Camera }; scene?: { name: string; content: Scene } } = {};
   #sport: { name: string; content: Scene } | undefined;
   /** Of the ball in place of the scene's, metres. */
@@ -55,7 +56,7 @@ export class Place {
 
   /** Whose camera and scene they are, in words. */
   get words(): string {
-    if (this.example) return "Camera and scene: the example’s own.";
+    if (this.example) return this.example.words;
     const { camera, scene } = this;
     const size = camera ? `, ${camera.width} × ${camera.height} px` : "";
     const from = this.#dropped.camera?.name ?? "the step Calibrate";

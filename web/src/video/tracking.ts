@@ -165,8 +165,8 @@ export function seenOf({ frames }: TrackedVideo, { camera_from_world: m }: Camer
 
 /** The flights as a fit of sightings says them. */
 export function curveOf({ frames, explained, ...all }: TrackedVideo): Curve {
-  const points = frames.flatMap(({ timestampMs, world, speed, sigma }) =>
-    world && speed !== null && sigma !== null ? [{ timestampMs, world, speed, sigma, outlier: false }] : [],
+  const points = frames.flatMap(({ timestampMs, world, speed, sigma, outlier }) =>
+    world && speed !== null && sigma !== null ? [{ timestampMs, world, speed, sigma, outlier }] : [],
   );
   return { ...all, explained: explained ?? false, points };
 }
