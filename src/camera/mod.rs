@@ -5,6 +5,7 @@
 
 mod calibrate;
 mod court;
+mod courts;
 mod distortion;
 mod file;
 mod fold;

@@ -187,7 +187,7 @@ impl Rotation {
 
 impl Cuboid {
     /// One that stands upright, its own x `yaw` rad from the world's.
-    pub fn upright(position: [f64; 3], half_size: [f64; 3], yaw: f64) -> Self {
+    pub const fn upright(position: [f64; 3], half_size: [f64; 3], yaw: f64) -> Self {
         Self { position, half_size, yaw, rotation: None }
     }
 
@@ -211,6 +211,24 @@ pub struct Spring {
     pub anchor: [f64; 3],
 }
 
+impl Ball {
+    /// A solid ball of 1 kg on which the air does nothing; `radius` in m.
+    pub const fn new(radius: f64) -> Self {
+        Self {
+            radius,
+            mass: one(),
+            drag_coefficient: 0.0,
+            lift_coefficient: 0.0,
+            air_density: air_density(),
+            spin: [0.0; 3],
+            spin_decay: 0.0,
+            spin_sigma: None,
+            drag_sigma: None,
+            inertia_factor: solid_ball(),
+        }
+    }
+}
+
 impl Contact {
     /// A rigid sphere's, known exactly.
     pub const fn bounce(restitution: f64, friction: f64) -> Self {
@@ -225,16 +243,16 @@ impl Default for Contact {
     }
 }
 
-fn one() -> f64 {
+const fn one() -> f64 {
     1.0
 }
 
 /// The standard atmosphere's, at 20 °C.
-fn air_density() -> f64 {
+const fn air_density() -> f64 {
     1.2
 }
 
-fn solid_ball() -> f64 {
+const fn solid_ball() -> f64 {
     0.4
 }
 
@@ -277,21 +295,9 @@ impl Scene {
 
     /// Nothing but a ball of 1 kg under gravity (m/s²); `radius` in m.
     pub fn new(gravity: [f64; 3], radius: f64) -> Self {
-        let ball = Ball {
-            radius,
-            mass: one(),
-            drag_coefficient: 0.0,
-            lift_coefficient: 0.0,
-            air_density: air_density(),
-            spin: [0.0; 3],
-            spin_decay: 0.0,
-            spin_sigma: None,
-            drag_sigma: None,
-            inertia_factor: solid_ball(),
-        };
         Self {
             gravity,
-            ball,
+            ball: Ball::new(radius),
             contact: Contact::default(),
             floor: None,
             walls: vec![],
