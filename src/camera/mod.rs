@@ -36,6 +36,8 @@ pub struct Camera {
     distortion: Distortion,
     /// From a picture's first row to its last, s.
     readout: f64,
+    /// When its first row is read, after that of the whole picture of which it is a part, s.
+    readout_start: f64,
     range: Range,
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
@@ -75,14 +77,25 @@ impl Camera {
             range: Range::of(&distortion),
             distortion,
             readout: 0.0,
+            readout_start: 0.0,
             rotation,
             translation,
         })
     }
 
-    /// How long after a picture's first row a row is read, s: a rolling shutter's `readout_s`; 0 for a global one.
+    /// The same with a rolling shutter that takes so long from a picture's first row to its last, s.
+    ///
+    /// # Errors
+    /// [`Error::CameraValue`] for a time that is not from 0 to 1 s.
+    pub fn with_readout(self, seconds: f64) -> Result<Self> {
+        file::check_readout("readout_s", seconds, 0.0)?;
+        Ok(Self { readout: seconds, ..self })
+    }
+
+    /// How long after the first row of a whole picture a row is read, s: of a rolling shutter, whose `readout_s` it goes by; 0
+    /// for a global one. A cropped camera's rows are read when they were before.
     pub fn row_time(&self, row: f64) -> f64 {
-        self.readout * ((row + 0.5) / f64::from(self.size.height)).clamp(0.0, 1.0)
+        self.readout_start + self.readout * ((row + 0.5) / f64::from(self.size.height)).clamp(0.0, 1.0)
     }
 
     /// Size of the pictures this camera speaks of.
@@ -212,7 +225,7 @@ impl Camera {
         let sy = f64::from(size.height) / f64::from(self.size.height);
         let resize = Matrix3::new(sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0, 0.0, 0.0, 1.0);
         let resized = Self::new(size, resize * self.intrinsic, self.distortion, self.rotation, self.translation)?;
-        Ok(Self { readout: self.readout, ..resized })
+        Ok(Self { readout: self.readout, readout_start: self.readout_start, ..resized })
     }
 
     /// The camera of the part of the picture of `size` whose first pixel is `(left, top)`.
@@ -222,7 +235,9 @@ impl Camera {
     pub fn cropped(&self, [left, top]: [f64; 2], size: Size) -> Result<Self> {
         let shift = Matrix3::new(1.0, 0.0, -left, 0.0, 1.0, -top, 0.0, 0.0, 1.0);
         let cropped = Self::new(size, shift * self.intrinsic, self.distortion, self.rotation, self.translation)?;
-        Ok(Self { readout: self.readout * f64::from(size.height) / f64::from(self.size.height), ..cropped })
+        let a_row = self.readout / f64::from(self.size.height);
+        let readout_start = self.readout_start + a_row * top;
+        Ok(Self { readout: a_row * f64::from(size.height), readout_start, ..cropped })
     }
 
     /// The camera for a picture of size `picture`: itself, or itself scaled where the aspect
