@@ -277,7 +277,7 @@ impl Forecaster {
         let sign = if backwards { -1.0 } else { 1.0 };
         let impacts = run.impacts.iter().map(|impact| Impact {
             time: sign * impact.time,
-            time_gradient: impact.time_gradient.map(|by| sign * by),
+            time_gradient: impact.time_gradient.map(|gradient| gradient.map(|by| sign * by)),
             ..*impact
         });
         Forecast {

@@ -143,7 +143,7 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64, cameras: &[Camera]) -> O
         let normal = obstacle.nearest(&before.position).normal;
         let speed = -normal.dot(&before.velocity);
         let (surface, position) = (obstacle.surface, before.position);
-        Some(Impact { time: event.time, surface, position, speed, time_gradient: [0.0; 6] })
+        Some(Impact { time: event.time, surface, position, speed, time_gradient: None })
     };
     let fit = Fit {
         noise_px: noise,
