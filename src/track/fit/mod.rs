@@ -24,7 +24,7 @@ use self::problem::Problem;
 use self::search::{EXPLAINED, FINAL, best_of, searched};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::{Contact, Forecaster, Impact, State, part};
+use crate::physics::{Contact, ForecastOptions, Forecaster, Impact, State, part};
 
 /// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
 const FEWEST: usize = 4;
@@ -57,9 +57,11 @@ pub struct FitOptions {
     pub noise_px: Option<f64>,
     /// Starts that are grown to whole trajectories, at most.
     pub starts: usize,
-    /// What is unknown of the ball: the scene's value is where the search for it starts.
+    /// What is to be found of the ball beside its trajectory; the scene's value is where the search for it starts. Of a ball
+    /// whose spin is unknown the fit finds drag and restitution anyway ([`Fit::estimates`]): there is nothing to name.
     pub estimate: Vec<Parameter>,
-    /// Most hits (of a racket, a foot, a hand) that the track may hold; as many as explain it where `None`.
+    /// Most hits (of a racket, a foot, a hand) that the track may hold; as many as explain it where `None`. Where the spin is
+    /// known, or to be found by name, there are none.
     pub hits: Option<usize>,
     /// The camera moved by one standard deviation along each independent direction of its uncertainty
     /// ([`Calibration::one_sigma`](crate::Calibration::one_sigma)): what that changes enters σ. Where the spin is unknown
@@ -167,8 +169,9 @@ impl Forecaster {
     /// explains them best.
     ///
     /// # Errors
-    /// [`Error::Fit`] for times that do not ascend, fewer than four observations, or a track that no
-    /// trajectory in front of the camera explains. A label outside the camera's lens model costs itself alone
+    /// [`Error::Fit`] for times that do not ascend, fewer than four observations, a track that no trajectory in front of the
+    /// camera explains, or where the ball's spin is unknown and `options` name drag or restitution without it, or the
+    /// forecaster has a potential or options of its own. A label outside the camera's lens model costs itself alone
     /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         let mut fit = self.fit_labels(camera, observations, options)?;
@@ -206,28 +209,61 @@ impl Forecaster {
             refused[stray] = Some("lies on another way than most labels: is it another ball's?".into());
         }
         check_seen(&usable, &refused)?;
-        let numbers = !parameters::numbers(options).is_empty();
-        if let Some(laws) = flights::laws(self.scene()).filter(|_| !numbers) {
-            let mut fit = flights::fitted(self, &laws, camera, &usable, options)?;
-            for (frame, refused) in fit.frames.iter_mut().zip(refused) {
-                frame.outlier |= refused.is_some();
-                frame.refused = refused;
-            }
-            fit.notes.splice(0..0, notes);
-            return Ok(fit);
-        }
-        // The spin matters where air or friction turns it into forces.
-        let ball = &self.scene().ball;
-        let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
-        let mut fit = match ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin) {
-            true => self.fit_chain::<9>(camera, &usable, options)?,
-            false => self.fit_chain::<6>(camera, &usable, options)?,
+        let mut fit = match flights::laws(self.scene()) {
+            Some(laws) if self.fits_flights(options)? => flights::fitted(self, &laws, camera, &usable, options)?,
+            _ => self.fit_known(camera, &usable, options)?,
         };
         for (frame, refused) in fit.frames.iter_mut().zip(refused) {
             frame.outlier |= refused.is_some();
             frame.refused = refused;
         }
         fit.notes.splice(0..0, notes);
+        Ok(fit)
+    }
+
+    /// Whether a ball whose spin is unknown is fitted flight by flight; not where its spin is to be found together with
+    /// what those flights do not know.
+    fn fits_flights(&self, options: &FitOptions) -> Result<bool> {
+        let numbers = parameters::numbers(options);
+        let names: Vec<&str> = numbers.iter().map(|number| number.name()).collect();
+        let reason = if !numbers.is_empty() {
+            format!(
+                "{} cannot be estimated by itself where the ball's spin is unknown: leave that out, for drag and restitution are \
+                 found together with the spin (`estimates`), as far from the scene's as its drag_sigma and restitution_sigma \
+                 allow",
+                names.join(" and ")
+            )
+        } else if self.has_potential() {
+            "a potential of one's own is not known to the flights of a ball whose spin is unknown".into()
+        } else if *self.options() != ForecastOptions::default() {
+            "the flights of a ball whose spin is unknown have an integrator of their own and know no other forecast options"
+                .into()
+        } else {
+            return Ok(true);
+        };
+        if options.estimate.contains(&Parameter::Spin) {
+            return Ok(false);
+        }
+        let reason = format!(
+            "{reason}; or name `spin`, too, of a track without hits, or say what it is in the scene's `ball.spin`"
+        );
+        Err(Error::Fit { reason })
+    }
+
+    /// A fit by the forecaster itself, of a ball whose spin is known or to be found with the rest.
+    fn fit_known(&self, camera: &Camera, usable: &[Observation], options: &FitOptions) -> Result<Fit> {
+        // The spin matters where air or friction turns it into forces.
+        let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
+        let spins = self.scene().ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin);
+        let mut fit = match spins {
+            true => self.fit_chain::<9>(camera, usable, options)?,
+            false => self.fit_chain::<6>(camera, usable, options)?,
+        };
+        if !options.cameras.is_empty() {
+            fit.notes.push(
+                "σ leaves the camera's own uncertainty out: it is known only where the ball's spin is not".into(),
+            );
+        }
         Ok(fit)
     }
 
