@@ -25,6 +25,7 @@ pub(crate) use self::forecast::Transition;
 pub(crate) use self::forecast::columns::{Column, column, part};
 pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Status};
 pub(crate) use self::obstacle::Obstacle;
+pub use self::obstacle::Surface;
 pub use self::scene::{Contact, Cuboid, Scene};
 #[cfg(test)]
 pub(crate) use self::scene::{Floor, Spring, Wall};
