@@ -13,7 +13,7 @@ mod sphere;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 
-pub use self::calibrate::{Calibration, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines};
+pub use self::calibrate::{Calibration, LineSeen, Method, Points, Unknowns, calibrate, calibrate_by_lines};
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::Distortion;
 use self::fold::Range;
@@ -29,6 +29,24 @@ const MIN_DEPTH: f64 = 1e-9;
 const ASPECT_TOLERANCE: f64 = 0.01;
 
 /// A pinhole camera with Brown–Conrady distortion: paper eq. (1)–(2), M_int and M_ext.
+///
+/// ```
+/// use gravisight::camera::Distortion;
+/// use gravisight::{Camera, Size};
+/// use nalgebra::{Matrix3, Point3, Vector3};
+///
+/// // 4 m before the world's origin and 1 m above it, level, looking along y.
+/// let intrinsic = Matrix3::new(900.0, 0.0, 639.5, 0.0, 900.0, 359.5, 0.0, 0.0, 1.0);
+/// let rotation = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+/// let translation = -rotation * Vector3::new(0.0, -4.0, 1.0);
+/// let camera = Camera::new(Size::new(1280, 720), intrinsic, Distortion::default(), rotation, translation)?;
+///
+/// let image = camera.image_from_world(&Point3::new(0.5, 0.0, 1.2))?;
+/// assert!((image.x - 752.0).abs() < 1e-9 && (image.y - 314.5).abs() < 1e-9);
+/// let ball = camera.world_from_image(&image, 4.0)?;
+/// assert!((ball - Point3::new(0.5, 0.0, 1.2)).norm() < 1e-9);
+/// # Ok::<(), gravisight::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     size: Size,

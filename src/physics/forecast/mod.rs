@@ -13,6 +13,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix6, SMatrix, Vector3};
 
 use self::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
+pub use self::guard::Moved;
 use self::guard::moved_out;
 pub use self::integrate::Integrator;
 pub use self::outcome::{Forecast, ForecastOptions, Impact, Status};

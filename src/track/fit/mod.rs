@@ -5,6 +5,7 @@
 //! refined all along ([`chain`]); several starts are grown, and the best parts of all are joined.
 
 mod chain;
+mod checks;
 mod flights;
 mod json;
 mod labels;
@@ -18,13 +19,14 @@ mod tridiagonal;
 use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
 use self::chain::Chain;
+use self::checks::{check, check_inside, check_seen, within_lens};
 use self::labels::{SMALLEST_NOISE, noise_of, trusted};
 pub use self::parameters::{Estimate, Parameter};
 use self::problem::Problem;
 use self::search::{EXPLAINED, FINAL, best_of, searched};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::{Contact, ForecastOptions, Forecaster, Impact, State, part};
+use crate::physics::{Contact, Forecaster, Impact, State, part};
 
 /// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
 const FEWEST: usize = 4;
@@ -32,8 +34,6 @@ const FEWEST: usize = 4;
 const OUTLIER: f64 = 4.0;
 /// Largest noise of labels that is believed, as a share of the picture's width.
 const LARGEST_NOISE: f64 = 0.01;
-/// How far outside the picture a label may be that a tracker has made up there, a share of the side.
-const OUTSIDE: f64 = 0.05;
 /// Standard deviation of a known spin, rad/s.
 const KNOWN_SPIN: f64 = 1e-3;
 /// Standard deviation of a spin that is to be estimated, rad/s.
@@ -135,7 +135,35 @@ pub struct Hit {
     pub position: Point3<f64>,
 }
 
-/// A fitted trajectory.
+/// A fitted trajectory: what [`Forecaster::fit`] makes of a 2D track.
+///
+/// ```
+/// use gravisight::camera::Distortion;
+/// use gravisight::track::Observation;
+/// use gravisight::{Camera, FitOptions, Forecaster, Scene, Size};
+/// use nalgebra::{Matrix3, Point3, Vector3};
+///
+/// let intrinsic = Matrix3::new(900.0, 0.0, 639.5, 0.0, 900.0, 359.5, 0.0, 0.0, 1.0);
+/// let rotation = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+/// let translation = -rotation * Vector3::new(0.0, -4.0, 1.0);
+/// let camera = Camera::new(Size::new(1280, 720), intrinsic, Distortion::default(), rotation, translation)?;
+///
+/// // A ball of 4 cm that bounces: what a tracker would have seen of it, at 50 frames a second.
+/// let forecaster = Forecaster::new(&Scene::new([0.0, 0.0, -9.81], 0.02).with_floor(0.0))?;
+/// let start = forecaster.scene().start(Point3::new(-1.0, 0.0, 1.0), Vector3::new(2.0, 0.5, 1.0));
+/// let times: Vec<f64> = (0..40).map(|frame| f64::from(frame) / 50.0).collect();
+/// let truth = forecaster.forecast(&start, &times).states;
+/// let label = |at: &Point3<f64>| camera.image_from_world(at);
+/// let observations = times.iter().zip(&truth).map(|(&time, state)| {
+///     Ok(Observation { time, image: Some(label(&state.position)?), ..Observation::default() })
+/// });
+/// let observations: Vec<Observation> = observations.collect::<gravisight::Result<_>>()?;
+///
+/// let fit = forecaster.fit(&camera, &observations, &FitOptions::default())?;
+/// assert!(fit.explained && fit.impacts.len() == 1);
+/// assert!((fit.frames[39].state.position - truth[39].position).norm() < 0.01);
+/// # Ok::<(), gravisight::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// One a frame of the track, seen or not.
@@ -221,35 +249,6 @@ impl Forecaster {
         Ok(fit)
     }
 
-    /// Whether a ball whose spin is unknown is fitted flight by flight; not where its spin is to be found together with
-    /// what those flights do not know.
-    fn fits_flights(&self, options: &FitOptions) -> Result<bool> {
-        let numbers = parameters::numbers(options);
-        let names: Vec<&str> = numbers.iter().map(|number| number.name()).collect();
-        let reason = if !numbers.is_empty() {
-            format!(
-                "{} cannot be estimated by itself where the ball's spin is unknown: leave that out, for drag and restitution are \
-                 found together with the spin (`estimates`), as far from the scene's as its drag_sigma and restitution_sigma \
-                 allow",
-                names.join(" and ")
-            )
-        } else if self.has_potential() {
-            "a potential of one's own is not known to the flights of a ball whose spin is unknown".into()
-        } else if *self.options() != ForecastOptions::default() {
-            "the flights of a ball whose spin is unknown have an integrator of their own and know no other forecast options"
-                .into()
-        } else {
-            return Ok(true);
-        };
-        if options.estimate.contains(&Parameter::Spin) {
-            return Ok(false);
-        }
-        let reason = format!(
-            "{reason}; or name `spin`, too, of a track without hits, or say what it is in the scene's `ball.spin`"
-        );
-        Err(Error::Fit { reason })
-    }
-
     /// A fit by the forecaster itself, of a ball whose spin is known or to be found with the rest.
     fn fit_known(&self, camera: &Camera, usable: &[Observation], options: &FitOptions) -> Result<Fit> {
         // The spin matters where air or friction turns it into forces.
@@ -301,67 +300,6 @@ fn largest_noise(camera: &Camera) -> f64 {
 fn unexplained() -> Error {
     let reason = "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps";
     Error::Fit { reason: reason.into() }
-}
-
-fn check(observations: &[Observation]) -> Result<()> {
-    let refuse = |reason: String| Err(Error::Fit { reason });
-    if let Some(index) = (1..observations.len()).find(|&i| observations[i].time <= observations[i - 1].time) {
-        let times = [observations[index - 1].time, observations[index].time];
-        return refuse(format!("times must ascend, but {} s is followed by {} s", times[0], times[1]));
-    }
-    let finite = |o: &Observation| o.time.is_finite() && o.image.is_none_or(|p| p.x.is_finite() && p.y.is_finite());
-    match observations.iter().all(finite) {
-        true => Ok(()),
-        false => refuse("the track holds NaN or infinity".into()),
-    }
-}
-
-/// Refuses tracks of which a good part lies outside the picture.
-fn check_inside(camera: &Camera, observations: &[Observation]) -> Result<()> {
-    let [width, height] = camera.size().xy();
-    let inside = |image: &Point2<f64>| {
-        let within = |at: f64, side: f64| (-OUTSIDE * side..(1.0 + OUTSIDE) * side).contains(&at);
-        within(image.x, width) && within(image.y, height)
-    };
-    let labels: Vec<Point2<f64>> = observations.iter().filter_map(|seen| seen.image).collect();
-    let outside = labels.iter().filter(|label| !inside(label)).count();
-    if 4 * outside <= labels.len() {
-        return Ok(());
-    }
-    let reason = format!(
-        "{outside} of {} labels lie outside the camera's picture of {width}×{height} px: is the track of a video in \
-         another resolution?",
-        labels.len()
-    );
-    Err(Error::Fit { reason })
-}
-
-/// The observations without the labels that the camera's lens model does not reach, and why they are left out.
-fn within_lens(camera: &Camera, observations: &[Observation]) -> (Vec<Observation>, Vec<Option<String>>) {
-    let usable = |observation: &Observation| {
-        let refused = observation.image.and_then(|image| camera.camera_from_image(&image, 1.0).err());
-        let image = observation.image.filter(|_| refused.is_none());
-        // The row's time; where there is none, the middle one's.
-        let row = image.map_or(f64::from(camera.size().height) / 2.0, |image| image.y);
-        let time = observation.time + camera.row_time(row);
-        (Observation { image, time, ..*observation }, refused.map(|error| error.to_string()))
-    };
-    observations.iter().map(usable).unzip()
-}
-
-fn check_seen(usable: &[Observation], refused: &[Option<String>]) -> Result<()> {
-    let seen = usable.iter().filter(|observation| observation.image.is_some()).count();
-    let outside = match refused.iter().flatten().count() {
-        0 => String::new(),
-        count => format!(" ({count} labels that the camera's lens model does not reach left out)"),
-    };
-    match seen {
-        FEWEST.. => Ok(()),
-        _ => {
-            let reason = format!("the ball is seen in {seen} frames{outside}; at least {FEWEST} are needed");
-            Err(Error::Fit { reason })
-        }
-    }
 }
 
 /// The result, with covariances.
