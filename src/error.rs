@@ -111,6 +111,19 @@ pub enum Error {
         /// Ideal normalised y.
         y: f64,
     },
+    /// No ball has the outline that was read in a picture, or it is not found.
+    #[error(
+        "no ball has an outline of {radius:.1} px radius at ({x:.1}, {y:.1}) px in this camera's picture: check the camera's \
+         intrinsics and distortion"
+    )]
+    NoBall {
+        /// Centre of the outline, px.
+        x: f64,
+        /// Centre of the outline, px.
+        y: f64,
+        /// Radius of the outline, px.
+        radius: f64,
+    },
     /// Labelled points do not fix a camera.
     #[error("calibration: {reason}")]
     Calibration {
@@ -226,6 +239,7 @@ impl Error {
             Self::CameraSingular { .. } => "camera-singular",
             Self::CameraMismatch { .. } => "camera-mismatch",
             Self::BehindCamera { .. } => "behind-camera",
+            Self::NoBall { .. } => "no-ball",
             Self::Distortion { .. } | Self::OutsideLens { .. } => "distortion",
             Self::Calibration { .. } => "calibration",
             Self::ImageDecode { .. } => "image-decode",

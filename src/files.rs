@@ -1,14 +1,23 @@
 //! Files that appear whole or not at all.
 
 use std::fs::TryLockError;
+use std::hash::{BuildHasher as _, RandomState};
 use std::io::{Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
 use std::time::{Duration, SystemTime};
 
 use crate::error::{Error, Result};
 
-/// What a run left that did not come to its end is removed once nothing has changed in it for so long: another machine may be writing there.
+/// What a run left that did not come to its end is removed once nothing has changed in it for so long: another machine may be
+/// writing there, whose lock this one does not see.
 const LEFT: Duration = Duration::from_secs(60);
+/// The file in a folder that the run which writes there holds locked.
+const LOCK: &str = ".lock";
+/// What tells this process from all others that write to the same disk: a number that another machine or container may have
+/// given a process of its own is not enough.
+static PROCESS: LazyLock<String> =
+    LazyLock::new(|| format!("{}-{:08x}", std::process::id(), RandomState::new().hash_one(0) as u32));
 
 /// Largest file that is read into memory, bytes: labels of a million frames have less. Videos are not read so.
 const LARGEST: u64 = 512 << 20;
@@ -52,7 +61,7 @@ impl Claim {
     /// # Errors
     /// [`Error::Data`] with the other's number where another run has it; [`Error::Io`].
     pub fn of(folder: &Path) -> Result<Self> {
-        let path = folder.join(".lock");
+        let path = folder.join(LOCK);
         let mut options = std::fs::OpenOptions::new();
         options.read(true).write(true).create(true).truncate(false);
         let mut file = options.open(&path).map_err(Error::io(&path))?;
@@ -85,7 +94,7 @@ pub fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
 pub(crate) fn temporary_name(path: &Path) -> PathBuf {
     let mut name = std::ffi::OsString::from(".");
     name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}.tmp", std::process::id()));
+    name.push(format!(".{}.tmp", *PROCESS));
     path.with_file_name(name)
 }
 
@@ -95,20 +104,29 @@ fn remove_left(path: &Path) {
     let start = format!(".{}.", name.to_string_lossy());
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name().to_string_lossy().into_owned();
-        let id = name.strip_prefix(&start).and_then(|rest| rest.strip_suffix(".tmp")).and_then(|id| id.parse().ok());
-        let Some(id) = id else { continue };
-        let changed = entry.metadata().and_then(|about| about.modified()).ok();
-        let age = changed.and_then(|changed| SystemTime::now().duration_since(changed).ok());
-        if !is_running(id) && age.is_some_and(|age| age > LEFT) {
+        // A longer name may begin as this one does.
+        let process = name.strip_prefix(&start).and_then(|rest| rest.strip_suffix(".tmp"));
+        if process.is_none_or(|process| process.contains('.')) {
+            continue;
+        }
+        let age = last_change(&entry.path()).and_then(|changed| SystemTime::now().duration_since(changed).ok());
+        if is_abandoned(&entry.path()) && age.is_some_and(|age| age > LEFT) {
             std::fs::remove_dir_all(entry.path()).unwrap_or_default();
         }
     }
 }
 
-/// Whether a process of this machine has the number; where that cannot be told, yes.
-fn is_running(id: u32) -> bool {
-    let processes = Path::new("/proc");
-    !processes.join("self").exists() || processes.join(id.to_string()).exists()
+/// Whether a run has begun to fill the folder and does no longer, on whatever machine: nobody holds its lock. Where there is
+/// none, or the file system knows no locks, no.
+fn is_abandoned(folder: &Path) -> bool {
+    std::fs::OpenOptions::new().read(true).write(true).open(folder.join(LOCK)).is_ok_and(|lock| lock.try_lock().is_ok())
+}
+
+/// When something in a folder, or the folder itself, was changed last.
+fn last_change(path: &Path) -> Option<SystemTime> {
+    let about = std::fs::symlink_metadata(path).ok()?;
+    let inside = about.is_dir().then(|| std::fs::read_dir(path)).into_iter().flatten().flatten().flatten();
+    inside.filter_map(|entry| last_change(&entry.path())).chain(about.modified().ok()).max()
 }
 
 /// A folder that is filled under a temporary name and appears when it is whole; dropped before, it is gone.
@@ -116,6 +134,8 @@ fn is_running(id: u32) -> bool {
 pub struct NewFolder {
     goal: PathBuf,
     temporary: PathBuf,
+    /// By which other runs know that this one lives.
+    claim: Option<Claim>,
 }
 
 impl NewFolder {
@@ -132,7 +152,8 @@ impl NewFolder {
         remove_left(&goal);
         let temporary = temporary_name(&goal);
         std::fs::create_dir_all(&temporary).map_err(Error::io(&temporary))?;
-        Ok(Self { goal, temporary })
+        let claim = Some(Claim::of(&temporary)?);
+        Ok(Self { goal, temporary, claim })
     }
 
     /// Where to put what belongs into it.
@@ -144,7 +165,11 @@ impl NewFolder {
     ///
     /// # Errors
     /// [`Error::Io`].
-    pub fn finish(self) -> Result<()> {
+    pub fn finish(mut self) -> Result<()> {
+        // Some systems move and remove no file that is open.
+        self.claim = None;
+        let lock = self.temporary.join(LOCK);
+        std::fs::remove_file(&lock).map_err(Error::io(&lock))?;
         // An empty folder in its place gives way.
         std::fs::remove_dir(&self.goal).unwrap_or_default();
         std::fs::rename(&self.temporary, &self.goal).map_err(Error::io(&self.goal))
@@ -153,6 +178,7 @@ impl NewFolder {
 
 impl Drop for NewFolder {
     fn drop(&mut self) {
+        self.claim = None;
         std::fs::remove_dir_all(&self.temporary).unwrap_or_default();
     }
 }
@@ -190,27 +216,40 @@ mod tests {
     }
 
     #[test]
-    #[cfg(target_os = "linux")]
-    fn what_a_killed_run_left_goes_and_what_one_that_runs_writes_stays() {
+    #[cfg(unix)]
+    fn what_a_killed_run_left_goes_and_what_one_that_runs_anywhere_writes_stays() {
         let folder = std::env::temp_dir().join(format!("gravisight-left-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
-        let make = |id: u32, name: &str, age: u64| {
-            let path = folder.join(format!(".{name}.{id}.tmp"));
+        let make = |name: &str, age: u64| {
+            let path = folder.join(format!(".{name}.tmp"));
             std::fs::create_dir(&path).unwrap();
-            std::fs::write(path.join("part"), b"part").unwrap();
             let then = SystemTime::now() - Duration::from_secs(age);
+            for file in ["part", LOCK] {
+                let file = std::fs::File::create(path.join(file)).unwrap();
+                file.set_modified(then).unwrap();
+            }
             std::fs::File::open(&path).unwrap().set_modified(then).unwrap();
             path
         };
-        // No process has so large a number.
-        let killed = make(u32::MAX, "clips", 3600);
-        let just_now = make(u32::MAX - 1, "clips", 1);
-        let of_another = make(u32::MAX, "others", 3600);
-        let running = make(std::process::id(), "other", 3600);
+        // As a run in another container would name it: no process here has the number, and its lock is all that is known.
+        let elsewhere = make("clips.4294967295-0", 3600);
+        let lock = std::fs::File::open(elsewhere.join(LOCK)).unwrap();
+        lock.lock().unwrap();
+        let killed = make("clips.4294967294-0", 3600);
+        let just_now = make("clips.4294967293-0", 1);
+        let busy = make("clips.4294967292-0", 3600);
+        std::fs::File::open(busy.join("part")).unwrap().set_modified(SystemTime::now()).unwrap();
+        let of_another = make("others.4294967295-0", 3600);
+        let longer_name = make("clips.b.4294967295-0", 3600);
         let new = NewFolder::at(&folder.join("clips")).unwrap();
-        assert!(!killed.exists() && just_now.exists() && of_another.exists() && running.exists());
+        assert!(elsewhere.exists(), "another machine's run was taken for dead");
+        assert!(!killed.exists() && just_now.exists() && busy.exists() && of_another.exists() && longer_name.exists());
+        assert!(new.path().join(LOCK).exists());
         new.finish().unwrap();
-        assert!(folder.join("clips").is_dir());
+        assert!(
+            std::fs::read_dir(folder.join("clips")).unwrap().next().is_none(),
+            "the lock is no part of what was made"
+        );
         std::fs::remove_dir_all(&folder).unwrap();
     }
 }

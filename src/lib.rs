@@ -12,19 +12,35 @@
 //! The method is that of "Towards Learning Monocular 3D Object Localization From 2D Labels Using the Physical Laws of Motion";
 //! "paper eq. (n)" in the documentation speaks of it.
 //!
-//! What there is, by subject; everything else is private:
+//! A picture and a camera, and where the ball is:
 //!
-//! - **camera**: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`],
-//!   [`Calibration`]
-//! - **scene and forecast**: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`],
-//!   [`Integrator`]
-//! - **trajectory**: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]
-//! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
+//! ```no_run
+//! use gravisight::{Camera, Card, Device, LocaliseOptions, Localiser, Picture};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let (card, weights) = Card::with_weights("models/any.json".as_ref())?;
+//! let localiser = Localiser::new(card, weights, &Device::flex())?;
+//! let camera = Camera::from_file("camera.json".as_ref())?;
+//! let picture = Picture::decode(&std::fs::read("tennis.jpg")?)?;
+//! let options = LocaliseOptions { ball_radius: Some(0.0335), ..LocaliseOptions::default() };
+//! let ball = pollster::block_on(localiser.localise(&picture, &camera, options))?;
+//! println!("{:?} m, confidence {:.2}", ball.world, ball.confidence);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! By subject, a module each; the names that a program begins with are at the top as well:
+//!
+//! - [`camera`]: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`], [`Calibration`]
+//! - [`physics`]: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`], [`Integrator`]
+//! - [`track`]: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]; 2D labels: [`LabelOptions`],
+//!   [`propose_labels`]; what [`VideoTracker`] finds in a video: [`Tracked`]
+//! - [`image`], [`model`], [`localise`]: [`Picture`], [`Size`]; [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
-//! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`propose_labels`]; videos: [`VideoTracker`], [`Tracked`]
-//! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
-//! - **evaluation**: [`score`], [`Sample`], [`Metrics`]
-//! - [`Error`], [`Result`]; in [`parts`] the types of what these hold
+//! - [`clips`]: [`Clips`], [`Clip`], [`Frame`]
+//! - [`train`]: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
+//! - [`evaluate`]: [`score`], [`Sample`], [`Metrics`]
+//! - [`Error`], [`Result`]
 #![warn(missing_docs, clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 // The tests inside run natively; those for wasm, which `wasm-pack test` runs, are tests/kernels.rs.
@@ -34,23 +50,23 @@
 #![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
-mod camera;
-mod clips;
+pub mod camera;
+pub mod clips;
 mod contour;
 mod error;
-mod evaluate;
+pub mod evaluate;
 mod files;
-mod image;
+pub mod image;
 mod kernels;
 mod least_squares;
-mod localise;
-mod model;
-mod physics;
+pub mod localise;
+pub mod model;
+pub mod physics;
 mod size;
 mod synth;
 mod table;
-mod track;
-mod train;
+pub mod track;
+pub mod train;
 mod video_tracker;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
@@ -80,7 +96,8 @@ pub use self::train::{FineTuneOptions, FineTuner};
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 pub use self::video_tracker::VideoTracker;
 
-/// The types of what cameras, scenes and results hold, for whoever has to name them.
+/// Names that are in the modules of their subjects.
+#[doc(hidden)]
 pub mod parts {
     pub use crate::camera::{Distortion, Measured, Outline};
     pub use crate::evaluate::{Bins, Statistic};

@@ -21,6 +21,26 @@ const LEAST_WAY_PX: f64 = 1.0;
 const ALIKE: f64 = 1.3;
 
 /// Follows the ball through the frames of a video, one after the other; of a camera that stands still.
+///
+/// ```no_run
+/// # async fn tracked(pictures: Vec<gravisight::Picture>, localiser: gravisight::Localiser) -> gravisight::Result<()> {
+/// use std::sync::Arc;
+///
+/// use gravisight::{Camera, FitOptions, Forecaster, Scene, VideoTracker};
+///
+/// let camera = Camera::from_file("camera.json".as_ref())?;
+/// let scene = Scene::named("tennis")?;
+/// let mut tracker = VideoTracker::new(Arc::new(localiser), Some(camera.clone()));
+/// for (frame, picture) in pictures.into_iter().enumerate() {
+///     tracker.add(picture, frame as f64 / 50.0).await?;
+/// }
+/// tracker.end().await?;
+/// let mut tracked = tracker.track(&[], Some((&camera, &scene)))?;
+/// tracked.fit(&Forecaster::new(&scene)?, &camera, &FitOptions::default(), |_, _| {})?;
+/// println!("seen in {} frames: {}", tracked.found(), tracked.verdict());
+/// # Ok(())
+/// # }
+/// ```
 pub struct VideoTracker {
     localiser: Arc<Localiser>,
     camera: Option<Camera>,

@@ -141,6 +141,28 @@ proptest! {
 }
 
 #[test]
+fn a_row_is_read_when_it_was_whatever_part_of_the_picture_is_kept() {
+    let camera = parse(&good()).unwrap().with_readout(0.02).unwrap();
+    let height = f64::from(camera.size().height);
+    let cropped = camera.cropped([10.0, 100.0], Size::new(50, 120)).unwrap();
+    let again = cropped.cropped([3.0, 40.0], Size::new(20, 30)).unwrap();
+    let written = Camera::from_json(&serde_json::to_string(&again).unwrap(), "camera.json").unwrap();
+    for row in [0.0, 7.5, 29.0] {
+        let expected = 0.02 * (row + 140.5) / height;
+        assert!((camera.row_time(row + 140.0) - expected).abs() < 1e-12);
+        for camera in [&again, &written] {
+            assert!((camera.row_time(row) - expected).abs() < 1e-12, "{row}: {}", camera.row_time(row));
+        }
+        assert!((cropped.row_time(row + 40.0) - expected).abs() < 1e-12);
+    }
+    // Half as large, a row is two.
+    let half = cropped.resized(Size::new(25, 60)).unwrap();
+    assert!((half.row_time(19.5) - cropped.row_time(39.5)).abs() < 1e-12);
+    let error = parse(&good()).unwrap().with_readout(f64::NAN).unwrap_err();
+    assert!(error.to_string().contains("readout_s"), "{error}");
+}
+
+#[test]
 fn a_point_behind_the_camera_has_no_image() {
     let camera = parse(&good()).unwrap();
     for depth in [-1.0, 0.0, f64::NAN] {

@@ -267,3 +267,107 @@ fn a_track_that_no_law_explains_says_so() {
     let fit = fit(&track, &observed(&track, 0.5, 0.0), &FitOptions::default()).unwrap();
     assert!(!fit.explained, "rms {}", fit.rms_px);
 }
+
+/// Of a ball whose spin is unknown.
+fn of_unknown_spin() -> Track {
+    let mut track = table_tennis().remove(0);
+    track.scene["ball"]["spin"] = serde_json::json!([0, 0, 0]);
+    track
+}
+
+#[test]
+fn an_unknown_spin_is_not_taken_for_none_where_drag_or_restitution_is_asked_for() {
+    let track = of_unknown_spin();
+    let observations = observed(&track, 0.5, 0.0);
+    for parameter in [Parameter::Restitution, Parameter::Drag] {
+        let options = FitOptions { estimate: vec![parameter], hits: Some(0), ..FitOptions::default() };
+        let error = fit(&track, &observations, &options).unwrap_err().to_string();
+        assert!(error.contains(parameter.name()) && error.contains("`estimates`"), "{error}");
+        assert!(error.contains("restitution_sigma") && error.contains("ball.spin"), "{error}");
+    }
+    // What is to be named is found without a name.
+    let found = fit(&track, &observations, &FitOptions::default()).unwrap();
+    assert!(found.estimates.iter().any(|estimate| estimate.parameter == Parameter::Drag), "{:?}", found.estimates);
+    assert!(found.flights[0].spin_sigma.iter().all(|sigma| *sigma > 0.1), "{:?}", found.flights);
+    // Named together with the spin, the spin is found, too.
+    let options = FitOptions { estimate: vec![Parameter::Spin, Parameter::Drag], ..FitOptions::default() };
+    let found = fit(&track, &observations, &options).unwrap();
+    assert!(found.flights[0].spin_sigma.iter().all(|sigma| *sigma > 0.1), "{:?}", found.flights);
+}
+
+/// Wind that blows along x: it accelerates by so much, m/s².
+#[derive(Debug)]
+struct Wind(f64);
+
+impl gravisight::parts::Potential for Wind {
+    fn value(&self, r: &Vector3<f64>) -> f64 {
+        -self.0 * r.x
+    }
+
+    fn gradient(&self, _: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::new(-self.0, 0.0, 0.0)
+    }
+}
+
+#[test]
+fn what_the_flights_of_an_unknown_spin_do_not_know_is_not_left_out_silently() {
+    let track = of_unknown_spin();
+    let camera = Camera::from_json(&track.camera.to_string(), &track.id).unwrap();
+    let forecaster = Forecaster::new(&Scene::from_json(&track.scene.to_string(), &track.id).unwrap()).unwrap();
+    let observations = observed(&track, 0.5, 0.0);
+    let refused = |forecaster: &Forecaster| {
+        forecaster.fit(&camera, &observations, &FitOptions::default()).unwrap_err().to_string()
+    };
+    let windy = forecaster.clone().with_potential(std::sync::Arc::new(Wind(3.0)));
+    assert!(refused(&windy).contains("potential"), "{}", refused(&windy));
+    let coarse = gravisight::ForecastOptions {
+        integrator: gravisight::Integrator::RungeKutta4 { step: 0.01 },
+        ..gravisight::ForecastOptions::default()
+    };
+    let own = forecaster.clone().with_options(coarse).unwrap();
+    assert!(refused(&own).contains("forecast options"), "{}", refused(&own));
+    // With the spin to be found, the forecaster itself fits, and knows the wind.
+    let [first, second] = [0, 1].map(|frame| Point3::from(track.world[frame]));
+    let start = forecaster.scene().start(first, (second - first) * track.fps);
+    let times: Vec<f64> = observations.iter().map(|seen| seen.time).collect();
+    let blown = windy.forecast(&start, &times).states;
+    assert!(blown.len() > 60);
+    let label = |(state, &time): (&gravisight::State, &f64)| Observation {
+        time,
+        image: camera.image_from_world(&state.position).ok(),
+        ..Observation::default()
+    };
+    let labels: Vec<Observation> = blown.iter().zip(&times).map(label).collect();
+    let options = FitOptions { estimate: vec![Parameter::Spin], noise_px: Some(0.2), ..FitOptions::default() };
+    let found = windy.fit(&camera, &labels, &options).unwrap();
+    let world: Vec<[f64; 3]> = blown.iter().map(|state| state.position.into()).collect();
+    assert!(median(&errors(&found, &world)) < 0.03, "{}", median(&errors(&found, &world)));
+}
+
+#[test]
+fn a_track_of_which_the_lens_would_reach_one_label_if_it_were_larger_is_answered() {
+    // A barrel lens that folds within reach of the picture.
+    let camera = r#"{"width": 800, "height": 600, "intrinsic": [[860, 0, 399.5], [0, 860, 299.5], [0, 0, 1]],
+        "camera_from_world": [[1, 0, 0, 0], [0, -0.258819, -0.965926, -0.3], [0, 0.965926, -0.258819, 15], [0, 0, 0, 1]],
+        "distortion": {"k1": -0.5, "k2": 0.5, "p1": 0, "p2": 0, "k3": -0.27}}"#;
+    let camera = Camera::from_json(camera, "camera").unwrap();
+    let forecaster = Forecaster::new(&Scene::named("basketball").unwrap()).unwrap();
+    for bend in [[2.0, -1.0], [-1.0, 2.0]] {
+        let label = |frame: i32| {
+            let t = f64::from(frame);
+            let image = Point2::new(425.0 + 18.0 * t + bend[0] * t * t, 346.0 + 8.0 * t + bend[1] * t * t);
+            Observation { time: t / 60.0, image: Some(image), radius: None }
+        };
+        let observations: Vec<Observation> = (0..11).map(label).collect();
+        // Twice as large a picture is one of the things that are tried where no flight explains a track.
+        let reached = |seen: &&Observation| {
+            let larger = seen.image.unwrap().map(|at| 2.0 * (at + 0.5) - 0.5);
+            camera.camera_from_image(&larger, 1.0).is_ok()
+        };
+        assert_eq!(observations.iter().filter(reached).count(), 1);
+        match forecaster.fit(&camera, &observations, &FitOptions::default()) {
+            Ok(fit) => assert!(!fit.explained, "{}", fit.verdict()),
+            Err(error) => assert!(matches!(error, gravisight::Error::Fit { .. }), "{error}"),
+        }
+    }
+}

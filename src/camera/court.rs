@@ -6,6 +6,7 @@ use std::sync::LazyLock;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::courts::{TABLES, Table};
 use crate::error::{Error, Result};
 
 /// A court's named points. World frame: origin on the floor in the court's middle, x to the right and y away as seen
@@ -40,8 +41,14 @@ pub struct CourtLine {
 }
 
 /// Every court, by name.
-static COURTS: LazyLock<BTreeMap<String, Court>> =
-    LazyLock::new(|| serde_json::from_str(include_str!("courts.json")).unwrap_or_default());
+static COURTS: LazyLock<BTreeMap<&'static str, Court>> = LazyLock::new(|| {
+    let court = |table: &Table| Court {
+        about: table.about.into(),
+        points: table.points.iter().map(|&(name, at)| (name.into(), at)).collect(),
+        lines: table.lines.to_vec(),
+    };
+    TABLES.iter().map(|table| (table.name, court(table))).collect()
+});
 
 impl CourtLine {
     /// Its two edges at a share of its length, m, the one that rules measure to first; [`None`] of a line that is none.
@@ -75,7 +82,7 @@ impl CourtLine {
 impl Court {
     /// Names of all courts.
     pub fn names() -> Vec<&'static str> {
-        COURTS.keys().map(String::as_str).collect()
+        COURTS.keys().copied().collect()
     }
 
     /// The court of a name.
@@ -86,5 +93,20 @@ impl Court {
         COURTS.get(name).ok_or_else(|| Error::Calibration {
             reason: format!("there is no court `{name}`; there are {}", Self::names().join(", ")),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_court_has_its_own_name_and_points_of_their_own_names_and_lines_that_can_be_painted() {
+        assert_eq!(Court::names().len(), TABLES.len());
+        for table in &TABLES {
+            let court = Court::named(table.name).unwrap();
+            assert!(court.points.len() == table.points.len() && court.points.len() >= 15, "{}", table.name);
+            assert!(court.lines.iter().all(CourtLine::is_possible), "{}", table.name);
+        }
     }
 }

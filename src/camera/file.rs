@@ -31,6 +31,9 @@ struct CameraFile {
     /// Of a rolling shutter: from the first row to the last, s.
     #[serde(default, skip_serializing_if = "is_zero")]
     readout_s: f64,
+    /// Of a part of a picture: when its first row is read, after that of the whole one, s.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    readout_start_s: f64,
 }
 
 /// Longest time that reading a picture takes, s.
@@ -50,10 +53,8 @@ impl TryFrom<CameraFile> for Camera {
             let reason = format!("must end with the row 0 0 0 1, not {:?}", file.camera_from_world[3]);
             return Err(Error::CameraValue { what: "camera".into(), field: "camera_from_world", reason });
         }
-        if !(0.0..=LONGEST_READOUT).contains(&file.readout_s) {
-            let reason = format!("must be from 0 to {LONGEST_READOUT} s, not {}", file.readout_s);
-            return Err(Error::CameraValue { what: "camera".into(), field: "readout_s", reason });
-        }
+        check_readout("readout_s", file.readout_s, 0.0)?;
+        check_readout("readout_start_s", file.readout_start_s, -LONGEST_READOUT)?;
         let camera = Camera::new(
             Size::new(file.width, file.height),
             Matrix3::from_fn(|row, column| file.intrinsic[row][column]),
@@ -61,7 +62,7 @@ impl TryFrom<CameraFile> for Camera {
             extrinsic.fixed_view::<3, 3>(0, 0).into_owned(),
             extrinsic.fixed_view::<3, 1>(0, 3).into_owned(),
         )?;
-        Ok(Camera { readout: file.readout_s, ..camera })
+        Ok(Camera { readout: file.readout_s, readout_start: file.readout_start_s, ..camera })
     }
 }
 
@@ -84,6 +85,7 @@ impl From<&Camera> for CameraFile {
             camera_from_world,
             distortion: camera.distortion,
             readout_s: camera.readout,
+            readout_start_s: camera.readout_start,
         }
     }
 }
@@ -125,6 +127,15 @@ impl Camera {
         let text = crate::files::read_text(path)?;
         Self::from_json(&text, &path.display().to_string())
     }
+}
+
+/// Refuses times of reading that no shutter has; `least` and the longest in s.
+pub(super) fn check_readout(field: &'static str, seconds: f64, least: f64) -> Result<()> {
+    if (least..=LONGEST_READOUT).contains(&seconds) {
+        return Ok(());
+    }
+    let reason = format!("must be from {least} to {LONGEST_READOUT} s, not {seconds}");
+    Err(Error::CameraValue { what: "camera".into(), field, reason })
 }
 
 /// The checks that [`Camera::new`] documents.

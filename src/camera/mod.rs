@@ -5,6 +5,7 @@
 
 mod calibrate;
 mod court;
+mod courts;
 mod distortion;
 mod file;
 mod fold;
@@ -12,7 +13,7 @@ mod sphere;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 
-pub use self::calibrate::{Calibration, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines};
+pub use self::calibrate::{Calibration, LineSeen, Method, Points, Unknowns, calibrate, calibrate_by_lines};
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::Distortion;
 use self::fold::Range;
@@ -28,6 +29,24 @@ const MIN_DEPTH: f64 = 1e-9;
 const ASPECT_TOLERANCE: f64 = 0.01;
 
 /// A pinhole camera with Brown–Conrady distortion: paper eq. (1)–(2), M_int and M_ext.
+///
+/// ```
+/// use gravisight::camera::Distortion;
+/// use gravisight::{Camera, Size};
+/// use nalgebra::{Matrix3, Point3, Vector3};
+///
+/// // 4 m before the world's origin and 1 m above it, level, looking along y.
+/// let intrinsic = Matrix3::new(900.0, 0.0, 639.5, 0.0, 900.0, 359.5, 0.0, 0.0, 1.0);
+/// let rotation = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+/// let translation = -rotation * Vector3::new(0.0, -4.0, 1.0);
+/// let camera = Camera::new(Size::new(1280, 720), intrinsic, Distortion::default(), rotation, translation)?;
+///
+/// let image = camera.image_from_world(&Point3::new(0.5, 0.0, 1.2))?;
+/// assert!((image.x - 752.0).abs() < 1e-9 && (image.y - 314.5).abs() < 1e-9);
+/// let ball = camera.world_from_image(&image, 4.0)?;
+/// assert!((ball - Point3::new(0.5, 0.0, 1.2)).norm() < 1e-9);
+/// # Ok::<(), gravisight::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Camera {
     size: Size,
@@ -35,6 +54,8 @@ pub struct Camera {
     distortion: Distortion,
     /// From a picture's first row to its last, s.
     readout: f64,
+    /// When its first row is read, after that of the whole picture of which it is a part, s.
+    readout_start: f64,
     range: Range,
     rotation: Matrix3<f64>,
     translation: Vector3<f64>,
@@ -74,14 +95,25 @@ impl Camera {
             range: Range::of(&distortion),
             distortion,
             readout: 0.0,
+            readout_start: 0.0,
             rotation,
             translation,
         })
     }
 
-    /// How long after a picture's first row a row is read, s: a rolling shutter's `readout_s`; 0 for a global one.
+    /// The same with a rolling shutter that takes so long from a picture's first row to its last, s.
+    ///
+    /// # Errors
+    /// [`Error::CameraValue`] for a time that is not from 0 to 1 s.
+    pub fn with_readout(self, seconds: f64) -> Result<Self> {
+        file::check_readout("readout_s", seconds, 0.0)?;
+        Ok(Self { readout: seconds, ..self })
+    }
+
+    /// How long after the first row of a whole picture a row is read, s: of a rolling shutter, whose `readout_s` it goes by; 0
+    /// for a global one. A cropped camera's rows are read when they were before.
     pub fn row_time(&self, row: f64) -> f64 {
-        self.readout * ((row + 0.5) / f64::from(self.size.height)).clamp(0.0, 1.0)
+        self.readout_start + self.readout * ((row + 0.5) / f64::from(self.size.height)).clamp(0.0, 1.0)
     }
 
     /// Size of the pictures this camera speaks of.
@@ -211,7 +243,7 @@ impl Camera {
         let sy = f64::from(size.height) / f64::from(self.size.height);
         let resize = Matrix3::new(sx, 0.0, (sx - 1.0) / 2.0, 0.0, sy, (sy - 1.0) / 2.0, 0.0, 0.0, 1.0);
         let resized = Self::new(size, resize * self.intrinsic, self.distortion, self.rotation, self.translation)?;
-        Ok(Self { readout: self.readout, ..resized })
+        Ok(Self { readout: self.readout, readout_start: self.readout_start, ..resized })
     }
 
     /// The camera of the part of the picture of `size` whose first pixel is `(left, top)`.
@@ -221,7 +253,9 @@ impl Camera {
     pub fn cropped(&self, [left, top]: [f64; 2], size: Size) -> Result<Self> {
         let shift = Matrix3::new(1.0, 0.0, -left, 0.0, 1.0, -top, 0.0, 0.0, 1.0);
         let cropped = Self::new(size, shift * self.intrinsic, self.distortion, self.rotation, self.translation)?;
-        Ok(Self { readout: self.readout * f64::from(size.height) / f64::from(self.size.height), ..cropped })
+        let a_row = self.readout / f64::from(self.size.height);
+        let readout_start = self.readout_start + a_row * top;
+        Ok(Self { readout: a_row * f64::from(size.height), readout_start, ..cropped })
     }
 
     /// The camera for a picture of size `picture`: itself, or itself scaled where the aspect

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 /// Rays that touch the ball, by which its outline is measured.
 const RAYS: usize = 96;
 /// Steps of the search for the sphere of an outline; each makes the error about a hundredth.
-const STEPS: usize = 30;
+const STEPS: usize = 100;
 /// Error at which the sphere is found: px, and as a share of the radius.
 const TOLERANCE: f64 = 1e-9;
 /// Nearest that a ball's centre may be to the camera, in its radii.
@@ -72,7 +72,8 @@ impl Camera {
     /// The centre (camera frame, m) of the ball of `radius` (m) that has this outline.
     ///
     /// # Errors
-    /// As [`Self::camera_from_image`] and [`Self::outline`].
+    /// As [`Self::camera_from_image`] and [`Self::outline`]; [`Error::NoBall`] where no ball has this outline, or it is not
+    /// found.
     pub(crate) fn ball_from_outline(&self, outline: &Outline, radius: f64) -> Result<Point3<f64>> {
         let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).determinant().abs().sqrt();
         let mut image = outline.centre;
@@ -86,9 +87,10 @@ impl Camera {
                 return Ok(centre);
             }
             image += off;
-            depth *= ratio;
+            // On the camera's axis and without a lens 1/√(depth² − radius²) is in proportion to the outline's radius.
+            depth = radius.hypot((depth * depth - radius * radius).max(0.0).sqrt() * ratio);
         }
-        self.camera_from_image(&image, depth)
+        Err(Error::NoBall { x: outline.centre.x, y: outline.centre.y, radius: outline.radius })
     }
 }
 
@@ -190,6 +192,31 @@ mod tests {
             let found = camera.ball_from_outline(&outline, radius).unwrap();
             prop_assert!((found - centre).norm() < 1e-6 * z, "{} {}", found, centre);
         }
+    }
+
+    proptest! {
+        /// Outlines of any size anywhere in the picture of any lens: many are no ball's.
+        #[test]
+        fn a_ball_that_is_found_has_the_outline(
+            focal in [200.0..800.0_f64, 200.0..800.0_f64], k1 in -0.4..0.4_f64, k2 in -0.3..0.3_f64,
+            x in 0.0..1000.0_f64, y in 0.0..800.0_f64, size in 0.5..7.0_f64,
+        ) {
+            let camera = camera(focal, Distortion { k1, k2, ..Distortion::default() });
+            let outline = Outline { centre: Point2::new(x, y), radius: size.exp() };
+            if let Ok(ball) = camera.ball_from_outline(&outline, 0.1) {
+                let again = camera.outline(&ball, 0.1).unwrap();
+                prop_assert!((again.centre - outline.centre).norm() < 1e-6, "{:?} {:?}", again, outline);
+                prop_assert!((again.radius / outline.radius - 1.0).abs() < 1e-6, "{:?} {:?}", again, outline);
+            }
+        }
+    }
+
+    #[test]
+    fn an_outline_that_no_ball_has_is_refused() {
+        let camera = camera([450.0, 420.0], Distortion { k1: 0.15, k2: 0.24, ..Distortion::default() });
+        let outline = Outline { centre: Point2::new(916.0, 699.0), radius: 124.0 };
+        let error = camera.ball_from_outline(&outline, 0.1).unwrap_err();
+        assert!(matches!(error, Error::NoBall { .. }) && error.to_string().contains("124.0 px"), "{error}");
     }
 
     #[test]

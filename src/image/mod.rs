@@ -9,8 +9,8 @@ mod tests;
 use image::{ImageBuffer, Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
 
-pub use self::levels::{Levels, levels_at, levels_between};
-pub use self::resize::{Filter, resized};
+pub(crate) use self::levels::{Levels, levels_at, levels_between};
+pub(crate) use self::resize::{Filter, resized};
 use crate::error::{Error, Result};
 use crate::kernels::Vectors;
 use crate::kernels::pixels::rgb_of_rgba;
@@ -143,7 +143,7 @@ fn normalised(rgb: &ImageBuffer<Rgb<u8>, Vec<u8>>, size: Size, normalisation: &N
 
 /// Normalised values `[height, width, 3]` of the part of a picture of `size` that begins at (left, top); 0 (the mean colour)
 /// outside the picture.
-pub fn tile(rgb: &RgbImage, [left, top]: [u32; 2], size: Size, normalisation: &Normalisation) -> Vec<f32> {
+pub(crate) fn tile(rgb: &RgbImage, [left, top]: [u32; 2], size: Size, normalisation: &Normalisation) -> Vec<f32> {
     let count = |start: u32, side: u32, all: u32| side.min(all.saturating_sub(start));
     let part = (count(left, size.width, rgb.width()), count(top, size.height, rgb.height()));
     if (left, top) == (0, 0) && part == rgb.dimensions() {

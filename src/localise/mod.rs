@@ -30,6 +30,22 @@ const DEVICE_TOLERANCE: f32 = 1e-2;
 const RUNNERS: usize = 4;
 
 /// A loaded model on a device, ready for pictures.
+///
+/// ```no_run
+/// # async fn localised() -> gravisight::Result<()> {
+/// use gravisight::{Camera, Card, Device, LocaliseOptions, Localiser, Picture};
+///
+/// # let [card, camera] = [""; 2];
+/// # let [weights, png] = [(); 2].map(|()| Vec::new());
+/// let localiser = Localiser::new(Card::from_json(card, "any.json")?, weights, &Device::flex())?;
+/// let camera = Camera::from_json(camera, "camera.json")?;
+/// let options = LocaliseOptions { ball_radius: Some(0.0335), ..LocaliseOptions::default() };
+/// let ball = localiser.localise(&Picture::decode(&png)?, &camera, options).await?;
+/// let [x, y, z] = ball.world;
+/// println!("{x:.2} {y:.2} {z:.2} m; depth ± {:?} m; confidence {:.2}", ball.depth_sigma, ball.confidence);
+/// # Ok(())
+/// # }
+/// ```
 pub struct Localiser {
     pen: Pen,
     /// The network that judges whether a place shows a ball, where there is one.
@@ -178,6 +194,7 @@ impl Localiser {
     }
 
     /// A localiser from a network already in memory.
+    #[doc(hidden)]
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
         let runners = Mutex::new(vec![(card.input, Arc::new(pen.clone().runner(card.input, device)))]);

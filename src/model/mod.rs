@@ -20,15 +20,20 @@ mod weights;
 
 pub use self::backbone::BackboneConfig;
 #[cfg(not(target_arch = "wasm32"))]
+#[doc(hidden)]
 pub use self::built_in::{ANY, SD_L};
-pub use self::card::{Card, DepthFrom, check_input, sha256_hex};
-#[cfg(test)]
-pub use self::config::HeatmapConfig;
+pub(crate) use self::card::check_input;
+#[doc(hidden)]
+pub use self::card::sha256_hex;
+pub use self::card::{Card, DepthFrom};
 pub(crate) use self::config::{CLOSER_RADIUS, CLOSER_SIDE};
-pub use self::config::{HeadConfig, PenConfig};
-pub use self::decode::{CONFIDENCE_RADIUS, Decoded, Maps, Peak, confidence, decode, peaks};
-pub(crate) use self::decode::{cell_centre, weighted_depth};
+pub use self::config::{DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
+pub(crate) use self::decode::weighted_depth;
+pub(crate) use self::decode::{CONFIDENCE_RADIUS, Decoded, Maps, Peak, cell_centre, confidence, decode, peaks};
+#[doc(hidden)]
 pub use self::pen::{Pen, PenOutput, PenRunner};
 #[cfg(not(target_arch = "wasm32"))]
-pub use self::weights::joined;
-pub use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, parted, save};
+pub(crate) use self::weights::joined;
+#[doc(hidden)]
+pub use self::weights::save;
+pub(crate) use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, parted};

@@ -6,6 +6,7 @@
 
 mod balls;
 mod cases;
+mod check;
 mod contact;
 mod court;
 mod force;
@@ -17,15 +18,15 @@ mod state;
 #[cfg(test)]
 mod tests;
 
+#[doc(hidden)]
 pub use self::cases::Case;
 pub(crate) use self::contact::Rigid;
 pub use self::force::Potential;
 pub(crate) use self::force::air_coefficients;
 pub(crate) use self::forecast::Transition;
 pub(crate) use self::forecast::columns::{Column, column, part};
-pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Status};
+pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Moved, Status};
 pub(crate) use self::obstacle::Obstacle;
-pub use self::scene::{Contact, Cuboid, Scene};
-#[cfg(test)]
-pub(crate) use self::scene::{Floor, Spring, Wall};
+pub use self::obstacle::Surface;
+pub use self::scene::{Ball, Contact, Cuboid, Floor, Rotation, Scene, Spring, Wall};
 pub use self::state::State;

@@ -1,10 +1,5 @@
 //! Scenes of common sports.
 
-use std::collections::BTreeMap;
-use std::sync::LazyLock;
-
-use serde::Deserialize;
-
 use super::scene::{Contact, Cuboid, Floor, Scene, Wall};
 use crate::error::{Error, Result};
 
@@ -12,33 +7,175 @@ use crate::error::{Error, Result};
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// What a sport is played on, in the world frame of the court of its name, and with which ball.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
 struct Place {
-    #[serde(rename = "about")]
-    _about: String,
-    ball: String,
-    #[serde(default)]
-    contact: Contact,
-    floor: Option<Floor>,
-    #[serde(default)]
-    walls: Vec<Wall>,
-    #[serde(default)]
-    boxes: Vec<Cuboid>,
-    #[serde(default)]
-    lines: Vec<[[f64; 3]; 2]>,
-    #[serde(default)]
-    net: Vec<[f64; 3]>,
+    name: &'static str,
+    ball: &'static str,
+    /// Where it is not the ball's own.
+    contact: Option<Contact>,
+    /// Whether there is a floor at z = 0.
+    floor: bool,
+    walls: &'static [Wall],
+    boxes: &'static [Cuboid],
+    lines: &'static [[[f64; 3]; 2]],
+    net: &'static [[f64; 3]],
 }
 
-/// Every place, by name.
-static PLACES: LazyLock<BTreeMap<String, Place>> =
-    LazyLock::new(|| serde_json::from_str(include_str!("places.json")).unwrap_or_default());
+const EMPTY: Place =
+    Place { name: "", ball: "", contact: None, floor: true, walls: &[], boxes: &[], lines: &[], net: &[] };
+
+/// Every place.
+const PLACES: [Place; 9] = [
+    // ITF court, hard, doubles; the world as in the court `tennis`: origin in its middle, x right, y away.
+    Place {
+        name: "tennis",
+        ball: "tennis",
+        lines: &[
+            [[-5.485, -11.885, 0.0], [5.485, -11.885, 0.0]],
+            [[5.485, -11.885, 0.0], [5.485, 11.885, 0.0]],
+            [[5.485, 11.885, 0.0], [-5.485, 11.885, 0.0]],
+            [[-5.485, 11.885, 0.0], [-5.485, -11.885, 0.0]],
+            [[-4.115, -11.885, 0.0], [-4.115, 11.885, 0.0]],
+            [[4.115, -11.885, 0.0], [4.115, 11.885, 0.0]],
+            [[-4.115, -6.4, 0.0], [4.115, -6.4, 0.0]],
+            [[-4.115, 6.4, 0.0], [4.115, 6.4, 0.0]],
+            [[0.0, -6.4, 0.0], [0.0, 6.4, 0.0]],
+        ],
+        net: &[[-6.399, 0.0, 1.07], [0.0, 0.0, 0.914], [6.399, 0.0, 1.07]],
+        ..EMPTY
+    },
+    // ITTF table, its surface 0.76 m above the floor, which is z = 0.
+    Place {
+        name: "table-tennis",
+        ball: "table-tennis",
+        boxes: &[Cuboid::upright([0.0, 0.0, 0.745], [0.7625, 1.37, 0.015], 0.0)],
+        lines: &[
+            [[-0.7625, -1.37, 0.76], [0.7625, -1.37, 0.76]],
+            [[0.7625, -1.37, 0.76], [0.7625, 1.37, 0.76]],
+            [[0.7625, 1.37, 0.76], [-0.7625, 1.37, 0.76]],
+            [[-0.7625, 1.37, 0.76], [-0.7625, -1.37, 0.76]],
+            [[0.0, -1.37, 0.76], [0.0, 1.37, 0.76]],
+        ],
+        net: &[[-0.915, 0.0, 0.9125], [0.915, 0.0, 0.9125]],
+        ..EMPTY
+    },
+    // FIBA court with its two boards; the rings are not modelled: what they do is a hit.
+    Place {
+        name: "basketball",
+        ball: "basketball",
+        boxes: &[
+            Cuboid::upright([0.0, -12.825, 3.425], [0.9, 0.025, 0.525], 0.0),
+            Cuboid::upright([0.0, 12.825, 3.425], [0.9, 0.025, 0.525], 0.0),
+        ],
+        lines: &[
+            [[-7.5, -14.0, 0.0], [7.5, -14.0, 0.0]],
+            [[7.5, -14.0, 0.0], [7.5, 14.0, 0.0]],
+            [[7.5, 14.0, 0.0], [-7.5, 14.0, 0.0]],
+            [[-7.5, 14.0, 0.0], [-7.5, -14.0, 0.0]],
+            [[-7.5, 0.0, 0.0], [7.5, 0.0, 0.0]],
+            [[-2.45, -14.0, 0.0], [-2.45, -8.2, 0.0]],
+            [[2.45, -14.0, 0.0], [2.45, -8.2, 0.0]],
+            [[-2.45, -8.2, 0.0], [2.45, -8.2, 0.0]],
+            [[-2.45, 14.0, 0.0], [-2.45, 8.2, 0.0]],
+            [[2.45, 14.0, 0.0], [2.45, 8.2, 0.0]],
+            [[-2.45, 8.2, 0.0], [2.45, 8.2, 0.0]],
+        ],
+        ..EMPTY
+    },
+    // IFAB pitch of 105 x 68 m, grass; posts are not modelled.
+    Place {
+        name: "football",
+        ball: "football",
+        contact: Some(Contact::Bounce {
+            restitution: 0.62,
+            friction: 0.6,
+            restitution_sigma: Some(0.15),
+            friction_sigma: Some(0.25),
+        }),
+        lines: &[
+            [[-34.0, -52.5, 0.0], [34.0, -52.5, 0.0]],
+            [[34.0, -52.5, 0.0], [34.0, 52.5, 0.0]],
+            [[34.0, 52.5, 0.0], [-34.0, 52.5, 0.0]],
+            [[-34.0, 52.5, 0.0], [-34.0, -52.5, 0.0]],
+            [[-34.0, 0.0, 0.0], [34.0, 0.0, 0.0]],
+            [[-20.16, -52.5, 0.0], [-20.16, -36.0, 0.0]],
+            [[20.16, -52.5, 0.0], [20.16, -36.0, 0.0]],
+            [[-20.16, -36.0, 0.0], [20.16, -36.0, 0.0]],
+            [[-20.16, 52.5, 0.0], [-20.16, 36.0, 0.0]],
+            [[20.16, 52.5, 0.0], [20.16, 36.0, 0.0]],
+            [[-20.16, 36.0, 0.0], [20.16, 36.0, 0.0]],
+        ],
+        ..EMPTY
+    },
+    // FIVB court, net of 2.43 m.
+    Place {
+        name: "volleyball",
+        ball: "volleyball",
+        lines: &[
+            [[-4.5, -9.0, 0.0], [4.5, -9.0, 0.0]],
+            [[4.5, -9.0, 0.0], [4.5, 9.0, 0.0]],
+            [[4.5, 9.0, 0.0], [-4.5, 9.0, 0.0]],
+            [[-4.5, 9.0, 0.0], [-4.5, -9.0, 0.0]],
+            [[-4.5, -3.0, 0.0], [4.5, -3.0, 0.0]],
+            [[-4.5, 0.0, 0.0], [4.5, 0.0, 0.0]],
+            [[-4.5, 3.0, 0.0], [4.5, 3.0, 0.0]],
+        ],
+        net: &[[-4.5, 0.0, 2.43], [4.5, 0.0, 2.43]],
+        ..EMPTY
+    },
+    // BWF court, a shuttle of feathers (its drag is its flight).
+    Place {
+        name: "badminton",
+        ball: "badminton",
+        lines: &[
+            [[-3.05, -6.7, 0.0], [3.05, -6.7, 0.0]],
+            [[3.05, -6.7, 0.0], [3.05, 6.7, 0.0]],
+            [[3.05, 6.7, 0.0], [-3.05, 6.7, 0.0]],
+            [[-3.05, 6.7, 0.0], [-3.05, -6.7, 0.0]],
+            [[-2.59, -6.7, 0.0], [-2.59, 6.7, 0.0]],
+            [[2.59, -6.7, 0.0], [2.59, 6.7, 0.0]],
+            [[-3.05, -1.98, 0.0], [3.05, -1.98, 0.0]],
+            [[-3.05, -5.94, 0.0], [3.05, -5.94, 0.0]],
+            [[-3.05, 1.98, 0.0], [3.05, 1.98, 0.0]],
+            [[-3.05, 5.94, 0.0], [3.05, 5.94, 0.0]],
+            [[0.0, -1.98, 0.0], [0.0, -6.7, 0.0]],
+            [[0.0, 1.98, 0.0], [0.0, 6.7, 0.0]],
+        ],
+        net: &[[-3.05, 0.0, 1.55], [0.0, 0.0, 1.524], [3.05, 0.0, 1.55]],
+        ..EMPTY
+    },
+    // WSF court, 9.75 x 6.40 m; the front wall is the far one.
+    Place {
+        name: "squash",
+        ball: "squash",
+        walls: &[
+            Wall { point: [0.0, 4.875, 0.0], normal: [0.0, -1.0, 0.0] },
+            Wall { point: [0.0, -4.875, 0.0], normal: [0.0, 1.0, 0.0] },
+            Wall { point: [-3.2, 0.0, 0.0], normal: [1.0, 0.0, 0.0] },
+            Wall { point: [3.2, 0.0, 0.0], normal: [-1.0, 0.0, 0.0] },
+        ],
+        lines: &[
+            [[-3.2, -4.875, 0.0], [3.2, -4.875, 0.0]],
+            [[3.2, -4.875, 0.0], [3.2, 4.875, 0.0]],
+            [[3.2, 4.875, 0.0], [-3.2, 4.875, 0.0]],
+            [[-3.2, 4.875, 0.0], [-3.2, -4.875, 0.0]],
+            [[-3.2, -0.615, 0.0], [3.2, -0.615, 0.0]],
+            [[0.0, -4.875, 0.0], [0.0, -0.615, 0.0]],
+            [[-3.2, 4.875, 0.48], [3.2, 4.875, 0.48]],
+            [[-3.2, 4.875, 1.78], [3.2, 4.875, 1.78]],
+            [[-3.2, 4.875, 4.57], [3.2, 4.875, 4.57]],
+        ],
+        ..EMPTY
+    },
+    // A level floor at z = 0 and a tennis ball; another with --ball.
+    Place { name: "floor", ball: "tennis", ..EMPTY },
+    // Free flight, nothing to touch; a tennis ball, another with --ball.
+    Place { name: "free", ball: "tennis", floor: false, ..EMPTY },
+];
 
 impl Scene {
     /// Names of the scenes of common sports, `floor` (nothing but a level one) and `free` (nothing to touch).
     pub fn names() -> Vec<&'static str> {
-        PLACES.keys().map(String::as_str).collect()
+        PLACES.iter().map(|place| place.name).collect()
     }
 
     /// The scene of a common sport.
@@ -46,12 +183,19 @@ impl Scene {
     /// # Errors
     /// [`Error::Value`] with the names there are.
     pub fn named(name: &str) -> Result<Self> {
-        let place = PLACES.get(name).cloned().ok_or_else(|| {
+        let place = PLACES.into_iter().find(|place| place.name == name).ok_or_else(|| {
             Error::value("scene", "name", format!("cannot be `{name}`; there are {}", Self::names().join(", ")))
         })?;
-        let Place { ball, contact, floor, walls, boxes, lines, net, .. } = place;
-        let empty = Self::new(GRAVITY, 1.0);
-        Self { contact, floor, walls, boxes, lines, net, ..empty }.with_ball(&ball)
+        let scene = Self {
+            contact: place.contact.unwrap_or_default(),
+            floor: place.floor.then_some(Floor { height: 0.0 }),
+            walls: place.walls.to_vec(),
+            boxes: place.boxes.to_vec(),
+            lines: place.lines.to_vec(),
+            net: place.net.to_vec(),
+            ..Self::new(GRAVITY, 1.0)
+        };
+        scene.with_ball(place.ball)
     }
 
     /// The scene of a common sport, or the one that a file holds: what the command takes for a scene.
@@ -61,7 +205,7 @@ impl Scene {
     #[cfg(not(target_arch = "wasm32"))]
     pub fn open(name_or_path: &std::path::Path) -> Result<Self> {
         match name_or_path.to_str() {
-            Some(name) if PLACES.contains_key(name) && !name_or_path.exists() => Self::named(name),
+            Some(name) if Self::names().contains(&name) && !name_or_path.exists() => Self::named(name),
             Some(name) if !name_or_path.exists() && name_or_path.extension().is_none() => Self::named(name),
             _ => Self::from_file(name_or_path),
         }

@@ -6,9 +6,6 @@ use serde::{Deserialize, Serialize};
 use super::state::State;
 use crate::error::{Error, Result};
 
-/// Largest number a scene can hold (SI units): beyond it, products overflow.
-const MAX_ENTRY: f64 = 1e9;
-
 /// A place: gravity, a ball, what it can touch. World frame, z up; SI units, radians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
@@ -179,7 +176,7 @@ impl Rotation {
         }
     }
 
-    fn is_proper(self) -> bool {
+    pub(super) fn is_proper(self) -> bool {
         let matrix = self.matrix();
         (matrix.tr_mul(&matrix) - Matrix3::identity()).amax() < Self::CROOKED && matrix.determinant() > 0.0
     }
@@ -187,7 +184,7 @@ impl Rotation {
 
 impl Cuboid {
     /// One that stands upright, its own x `yaw` rad from the world's.
-    pub fn upright(position: [f64; 3], half_size: [f64; 3], yaw: f64) -> Self {
+    pub const fn upright(position: [f64; 3], half_size: [f64; 3], yaw: f64) -> Self {
         Self { position, half_size, yaw, rotation: None }
     }
 
@@ -211,6 +208,24 @@ pub struct Spring {
     pub anchor: [f64; 3],
 }
 
+impl Ball {
+    /// A solid ball of 1 kg on which the air does nothing; `radius` in m.
+    pub const fn new(radius: f64) -> Self {
+        Self {
+            radius,
+            mass: one(),
+            drag_coefficient: 0.0,
+            lift_coefficient: 0.0,
+            air_density: air_density(),
+            spin: [0.0; 3],
+            spin_decay: 0.0,
+            spin_sigma: None,
+            drag_sigma: None,
+            inertia_factor: solid_ball(),
+        }
+    }
+}
+
 impl Contact {
     /// A rigid sphere's, known exactly.
     pub const fn bounce(restitution: f64, friction: f64) -> Self {
@@ -225,16 +240,16 @@ impl Default for Contact {
     }
 }
 
-fn one() -> f64 {
+const fn one() -> f64 {
     1.0
 }
 
 /// The standard atmosphere's, at 20 °C.
-fn air_density() -> f64 {
+const fn air_density() -> f64 {
     1.2
 }
 
-fn solid_ball() -> f64 {
+const fn solid_ball() -> f64 {
     0.4
 }
 
@@ -275,23 +290,25 @@ impl Scene {
         (self.gravity.iter().map(|g| g * g).sum::<f64>().sqrt() / pressure).sqrt()
     }
 
-    /// Nothing but a ball of 1 kg under gravity (m/s²); `radius` in m.
+    /// Nothing but a ball of 1 kg under gravity (m/s²); `radius` in m. All that a scene has besides are its fields; a sport's is
+    /// [`Scene::named`], and its ball [`Scene::with_ball`].
+    ///
+    /// ```
+    /// use gravisight::physics::{Contact, Cuboid, Forecaster, Scene};
+    ///
+    /// let bench = Cuboid::upright([0.0, 2.0, 0.2], [0.5, 0.2, 0.2], 0.0);
+    /// let mut scene = Scene::new([0.0, 0.0, -9.81], 0.0335).with_ball("tennis")?.with_floor(0.0);
+    /// scene.boxes.push(bench);
+    /// scene.contact = Contact::bounce(0.8, 0.5);
+    /// let forecaster = Forecaster::new(&scene)?;
+    /// let start = scene.start([0.0, 0.0, 1.0].into(), [0.0, 2.0, 0.0].into());
+    /// assert_eq!(forecaster.forecast(&start, &[0.6]).impacts.len(), 1);
+    /// # Ok::<(), gravisight::Error>(())
+    /// ```
     pub fn new(gravity: [f64; 3], radius: f64) -> Self {
-        let ball = Ball {
-            radius,
-            mass: one(),
-            drag_coefficient: 0.0,
-            lift_coefficient: 0.0,
-            air_density: air_density(),
-            spin: [0.0; 3],
-            spin_decay: 0.0,
-            spin_sigma: None,
-            drag_sigma: None,
-            inertia_factor: solid_ball(),
-        };
         Self {
             gravity,
-            ball,
+            ball: Ball::new(radius),
             contact: Contact::default(),
             floor: None,
             walls: vec![],
@@ -300,6 +317,11 @@ impl Scene {
             lines: vec![],
             net: vec![],
         }
+    }
+
+    /// The scene with a level floor at this height, m.
+    pub fn with_floor(self, height: f64) -> Self {
+        Self { floor: Some(Floor { height }), ..self }
     }
 
     /// A start (m, m/s) with the scene's spin.
@@ -332,94 +354,5 @@ impl Scene {
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
         let text = crate::files::read_text(path)?;
         Self::from_json(&text, &path.display().to_string())
-    }
-
-    /// Whether every number is finite and in its range; `what` names the scene in errors.
-    ///
-    /// # Errors
-    /// [`Error::Value`] with the field.
-    pub fn check(&self, what: &str) -> Result<()> {
-        let finite = |field: String, values: &[f64]| match values
-            .iter()
-            .find(|value| value.is_nan() || value.abs() > MAX_ENTRY)
-        {
-            Some(bad) => Err(Error::value(what, field, format!("must be a number up to ±{MAX_ENTRY:e}, not {bad}"))),
-            None => Ok(()),
-        };
-        let within = |field: String, value: f64, low: f64, high: f64, words: &str| {
-            finite(field.clone(), &[value])?;
-            match (low..=high).contains(&value) {
-                true => Ok(()),
-                false => Err(Error::value(what, field, format!("must be {words}, not {value}"))),
-            }
-        };
-        let positive =
-            |field: String, value: f64| within(field, value, f64::MIN_POSITIVE, MAX_ENTRY, "greater than zero");
-        let not_negative = |field: String, value: f64| within(field, value, 0.0, MAX_ENTRY, "zero or greater");
-        finite("gravity".into(), &self.gravity)?;
-        let ball = &self.ball;
-        positive("ball.radius".into(), ball.radius)?;
-        positive("ball.mass".into(), ball.mass)?;
-        not_negative("ball.drag_coefficient".into(), ball.drag_coefficient)?;
-        finite("ball.lift_coefficient".into(), &[ball.lift_coefficient])?;
-        not_negative("ball.air_density".into(), ball.air_density)?;
-        finite("ball.spin".into(), &ball.spin)?;
-        not_negative("ball.spin_decay".into(), ball.spin_decay)?;
-        for (field, sigma) in [("spin_sigma", ball.spin_sigma), ("drag_sigma", ball.drag_sigma)] {
-            sigma.map_or(Ok(()), |sigma| positive(format!("ball.{field}"), sigma))?;
-        }
-        within("ball.inertia_factor".into(), ball.inertia_factor, 1e-3, 1.0, "between 0.001 and 1")?;
-        match self.contact {
-            Contact::Penalty { c, beta, beta_box } => {
-                not_negative("contact.c".into(), c)?;
-                positive("contact.beta".into(), beta)?;
-                positive("contact.beta_box".into(), beta_box)?;
-            }
-            Contact::Spring { stiffness } => positive("contact.stiffness".into(), stiffness)?,
-            Contact::Bounce { restitution, friction, restitution_sigma, friction_sigma } => {
-                for (field, sigma) in [("restitution_sigma", restitution_sigma), ("friction_sigma", friction_sigma)] {
-                    sigma.map_or(Ok(()), |sigma| positive(format!("contact.{field}"), sigma))?;
-                }
-                within("contact.restitution".into(), restitution, 0.0, 1.0, "between 0 and 1")?;
-                not_negative("contact.friction".into(), friction)?;
-            }
-        }
-        if let Some(floor) = &self.floor {
-            finite("floor.height".into(), &[floor.height])?;
-        }
-        for (index, wall) in self.walls.iter().enumerate() {
-            finite(format!("walls[{index}].point"), &wall.point)?;
-            finite(format!("walls[{index}].normal"), &wall.normal)?;
-            let length = wall.normal.iter().map(|n| n * n).sum::<f64>().sqrt();
-            positive(format!("walls[{index}].normal (its length)"), length)?;
-        }
-        for (index, cuboid) in self.boxes.iter().enumerate() {
-            finite(format!("boxes[{index}].position"), &cuboid.position)?;
-            finite(format!("boxes[{index}].yaw"), &[cuboid.yaw])?;
-            if let Some(rotation) = cuboid.rotation {
-                let refuse = |reason: &str| Err(Error::value(what, format!("boxes[{index}].rotation"), reason));
-                if cuboid.yaw != 0.0 {
-                    return refuse("is given beside a yaw; take one of them");
-                }
-                if !rotation.is_proper() {
-                    return refuse(
-                        "must be a rotation: a quaternion [w, x, y, z], or a 3×3 matrix (rows) of determinant 1 whose columns are \
-                         of length 1 and perpendicular",
-                    );
-                }
-            }
-            for half in cuboid.half_size {
-                positive(format!("boxes[{index}].half_size"), half)?;
-            }
-        }
-        for (index, [from, to]) in self.lines.iter().enumerate() {
-            finite(format!("lines[{index}]"), &[*from, *to].concat())?;
-        }
-        finite("net".into(), &self.net.concat())?;
-        if let Some(spring) = &self.spring {
-            not_negative("spring.stiffness".into(), spring.stiffness)?;
-            finite("spring.anchor".into(), &spring.anchor)?;
-        }
-        Ok(())
     }
 }

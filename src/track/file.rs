@@ -62,6 +62,29 @@ struct TrajectoryLine {
 }
 
 impl TrackPoint {
+    /// A frame in which the ball's centre is at `image`, px.
+    pub fn seen(frame: u64, image: Point2<f64>) -> Self {
+        Self { frame, visibility: 1, x: Some(image.x), y: Some(image.y), ..Self::default() }
+    }
+
+    /// A frame in which it is not seen.
+    pub fn unseen(frame: u64) -> Self {
+        Self { frame, ..Self::default() }
+    }
+
+    /// Which column of this line cannot follow `before`, and why.
+    fn follows(&self, before: &Self) -> std::result::Result<(), (&'static str, String)> {
+        if self.frame <= before.frame {
+            return Err((COLUMNS[0], format!("must ascend: {} follows {}", self.frame, before.frame)));
+        }
+        match (self.time, before.time) {
+            (Some(time), Some(earlier)) if time <= earlier || time.is_nan() => {
+                Err((TIME, format!("must ascend: {time} s follows {earlier} s")))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Where the ball is seen, px.
     pub fn image(&self) -> Option<Point2<f64>> {
         let image = Point2::new(self.x?, self.y?);
@@ -76,6 +99,36 @@ impl TrackPoint {
 }
 
 impl Track {
+    /// A track of these lines.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for frames or times that do not ascend, and for times that only some points have.
+    ///
+    /// ```
+    /// use gravisight::Track;
+    /// use gravisight::track::TrackPoint;
+    /// use nalgebra::Point2;
+    ///
+    /// let seen = [(0, 410.5, 300.0), (1, 421.0, 288.5), (3, 441.5, 267.0)];
+    /// let track = Track::new(seen.map(|(frame, x, y)| TrackPoint::seen(frame, Point2::new(x, y))).to_vec())?;
+    /// // One a frame: in frame 2 it was not seen.
+    /// let (frames, observations) = track.observations(Some(30.0))?;
+    /// assert_eq!(frames, [0, 1, 2, 3]);
+    /// assert!(observations[2].image.is_none() && observations[3].time == 0.1);
+    /// # Ok::<(), gravisight::Error>(())
+    /// ```
+    pub fn new(points: Vec<TrackPoint>) -> Result<Self> {
+        for pair in points.windows(2) {
+            pair[1].follows(&pair[0]).map_err(|(column, reason)| Error::value("track", column, reason))?;
+        }
+        let timed = points.iter().filter(|point| point.time.is_some()).count();
+        if ![0, points.len()].contains(&timed) {
+            let reason = format!("is known of {timed} of {} points: give it of all of them, or of none", points.len());
+            return Err(Error::value("track", TIME, reason));
+        }
+        Ok(Self { points })
+    }
+
     /// Reads a file.
     ///
     /// # Errors
@@ -100,15 +153,7 @@ impl Track {
         for row in &table.rows {
             let point = columns.point(row)?;
             if let Some(before) = points.last() {
-                let refuse = |column, reason| Err(Error::value(&row.what, column, format!("must ascend: {reason}")));
-                if point.frame <= before.frame {
-                    return refuse(COLUMNS[0], format!("{} follows {}", point.frame, before.frame));
-                }
-                if let (Some(time), Some(earlier)) = (point.time, before.time)
-                    && time <= earlier
-                {
-                    return refuse(TIME, format!("{time} s follows {earlier} s"));
-                }
+                point.follows(before).map_err(|(column, reason)| Error::value(&row.what, column, reason))?;
             }
             points.push(point);
         }

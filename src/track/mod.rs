@@ -1,5 +1,5 @@
-//! A ball through time: from a video to its 2D track ([`find`] for labels, [`follow`] for
-//! what flies), from a 2D track to its trajectory in space ([`fit`]).
+//! A ball through time: from a video to its 2D track ([`propose_labels`] for labels,
+//! [`VideoTracker`](crate::VideoTracker) for what flies), from a 2D track to its trajectory in space ([`Fit`]).
 
 mod file;
 mod find;
@@ -9,6 +9,8 @@ mod tracked;
 
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
-pub use self::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
-pub use self::follow::{Elsewhere, Followed, FollowedFrame, Follower};
+pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
+#[doc(hidden)]
+pub use self::follow::Follower;
+pub use self::follow::{Elsewhere, Followed, FollowedFrame};
 pub use self::tracked::{Stretch, Tracked};

@@ -9,15 +9,18 @@ mod recipe;
 #[cfg(test)]
 mod testing;
 
+pub use examples::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
+#[doc(hidden)]
 pub use examples::read_photographs;
-#[cfg(target_arch = "wasm32")]
-pub(crate) use learn::{Added, Score, Tuned};
-pub use learn::{FineTuneOptions, FineTuner};
+pub use learn::{Added, FineTuneOptions, FineTuner, Score, SizeScore, Tuned};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};
+pub use recipe::{
+    Augmentation, FitConfig, FutureConfig, HeatmapLoss, Law, Network, Phase, Recipe, Supervision, Velocity,
+};
 #[cfg(not(target_arch = "wasm32"))]
-pub use recipe::{Supervision, TrainConfig, TrainSettings};
+pub use recipe::{RunPaths, TrainConfig, TrainSettings};
 
 /// For `benches/convolution`, which times a step by itself.
 #[doc(hidden)]

@@ -47,7 +47,8 @@ pub struct Arguments {
     /// Standard deviation of the labels, px [default: found from the track].
     #[arg(long, value_name = "S")]
     noise_px: Option<f64>,
-    /// Estimate these, too; the scene's values are where the search starts.
+    /// Estimate these, too; the scene's values are where the search starts. Where the spin is unknown, drag and restitution are
+    /// found anyway.
     #[arg(long, value_enum, value_delimiter = ',')]
     estimate: Vec<Unknown>,
     /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).
@@ -133,10 +134,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if fit.explained {
         return Ok(ExitCode::SUCCESS);
     }
-    eprintln!(
-        "gravisight: note: {}; check the scene, the camera and --fps, or let --estimate find what is unknown",
-        fit.verdict()
-    );
+    eprintln!("gravisight: note: {}; check the scene, the camera and --fps", fit.verdict());
     Ok(ExitCode::from(PARTLY))
 }
 

@@ -108,6 +108,17 @@ impl Calibration {
 ///
 /// Without [`Points::intrinsic`] the focal length is estimated, with the principal point in the picture's middle.
 ///
+/// ```
+/// use gravisight::{Points, Unknowns, calibrate};
+///
+/// let points = r#"{"width": 1920, "height": 1080, "court": "tennis",
+///     "names": ["near doubles corner left", "near doubles corner right", "far doubles corner left", "far doubles corner right"],
+///     "image": [[312.5, 905.0], [1630.0, 897.5], [601.0, 322.0], [1297.0, 319.5]]}"#;
+/// let found = calibrate(&Points::from_json(points, "points.json")?, &Unknowns::default())?;
+/// println!("{} ± {} px", found.camera.intrinsic(), found.rms_px);
+/// # Ok::<(), gravisight::Error>(())
+/// ```
+///
 /// # Errors
 /// [`Error::Calibration`] with what to add, where the points do not fix a camera; clicks that the given lens cannot have
 /// seen are among [`Calibration::outliers`], or named there.

@@ -46,6 +46,12 @@ struct PointsFile {
 }
 
 impl Points {
+    /// None yet, in a picture of this size; of a camera of which nothing is known.
+    pub fn new(size: Size) -> Self {
+        let distortion = Distortion::default();
+        Self { size, intrinsic: None, distortion, names: vec![], world: vec![], image: vec![], lines: vec![] }
+    }
+
     /// Reads the text of a `points.json`; `what` names it in errors. World coordinates are in the file (`world`), or
     /// those of named points of a court (`court` and `names`); so are painted lines (`lines`, else the court's).
     ///

@@ -13,6 +13,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix6, SMatrix, Vector3};
 
 use self::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
+pub use self::guard::Moved;
 use self::guard::moved_out;
 pub use self::integrate::Integrator;
 pub use self::outcome::{Forecast, ForecastOptions, Impact, Status};
@@ -133,6 +134,16 @@ impl Forecaster {
     /// The scene.
     pub fn scene(&self) -> &Scene {
         &self.scene
+    }
+
+    /// How it computes.
+    pub fn options(&self) -> &ForecastOptions {
+        &self.options
+    }
+
+    /// Whether it has a potential of the user's own.
+    pub(crate) fn has_potential(&self) -> bool {
+        self.potential.is_some()
     }
 
     /// Kinetic and potential energy per unit mass, J/kg, without the spin's.
@@ -277,7 +288,7 @@ impl Forecaster {
         let sign = if backwards { -1.0 } else { 1.0 };
         let impacts = run.impacts.iter().map(|impact| Impact {
             time: sign * impact.time,
-            time_gradient: impact.time_gradient.map(|by| sign * by),
+            time_gradient: impact.time_gradient.map(|gradient| gradient.map(|by| sign * by)),
             ..*impact
         });
         Forecast {

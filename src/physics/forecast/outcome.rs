@@ -119,8 +119,9 @@ pub struct Impact {
     pub position: Vector3<f64>,
     /// Speed at which it approaches, m/s.
     pub speed: f64,
-    /// ∂time/∂(position, velocity at the start), s/m and s; zero without Jacobians.
-    pub time_gradient: [f64; 6],
+    /// ∂time/∂(position, velocity at the start), s/m and s²/m; `None` where it was not computed: without Jacobians, and of a
+    /// fit's contacts.
+    pub time_gradient: Option<[f64; 6]>,
 }
 
 /// What a forecast found.

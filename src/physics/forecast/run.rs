@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::approach::{Reached, first_contact};
 use super::arc::{Arc, Course};
-use super::columns::{Columns, part};
+use super::columns::{Columns, WITH_JACOBIAN, part};
 use super::integrate::{Flow, Step};
 use super::outcome::{ForecastOptions, Impact, Status};
 use crate::physics::contact::Model;
@@ -208,11 +208,11 @@ impl<'a, const M: usize> Run<'a, M> {
     pub fn record(&mut self, obstacle: usize) {
         let near = self.obstacles[obstacle].nearest(&self.y.position());
         let closing = near.normal.dot(&self.y.velocity());
-        let gradient = |component: usize| match self.y.0.get(component + 1) {
-            Some(column) => contact_time_change(column, &near.normal, closing),
-            None => 0.0,
-        };
-        let time_gradient = std::array::from_fn(gradient);
+        // The first column is the state itself.
+        let columns = self.y.0.get(1..WITH_JACOBIAN);
+        let time_gradient = columns.map(|columns| {
+            std::array::from_fn(|component| contact_time_change(&columns[component], &near.normal, closing))
+        });
         let surface = self.obstacles[obstacle].surface;
         self.impacts.push(Impact {
             time: self.t,

@@ -135,9 +135,13 @@ fn the_contact_time_changes_as_the_implicit_function_theorem_says() {
         assert!((impact.time - (vz + speed) / 9.81).abs() < 1e-10);
         // z + vz·t − g·t²/2 = R  ⇒  dt/dz = 1/speed, dt/dvz = t/speed
         let expected = [0.0, 0.0, 1.0 / speed, 0.0, 0.0, impact.time / speed];
-        for (found, expected) in impact.time_gradient.iter().zip(expected) {
-            assert!((found - expected).abs() < 1e-9, "{:?}", impact.time_gradient);
+        let gradient = impact.time_gradient.unwrap();
+        for (found, expected) in gradient.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-9, "{gradient:?}");
         }
+        // Without Jacobians it is unknown, which is not zero.
+        let plain = forecaster.forecast(&state([0.0, 0.0, z], [0.4, 0.2, vz]), &[0.8]);
+        assert_eq!(plain.impacts[0].time_gradient, None);
     }
 }
 

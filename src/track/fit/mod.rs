@@ -5,6 +5,7 @@
 //! refined all along ([`chain`]); several starts are grown, and the best parts of all are joined.
 
 mod chain;
+mod checks;
 mod flights;
 mod json;
 mod labels;
@@ -18,6 +19,7 @@ mod tridiagonal;
 use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
 use self::chain::Chain;
+use self::checks::{check, check_inside, check_seen, within_lens};
 use self::labels::{SMALLEST_NOISE, noise_of, trusted};
 pub use self::parameters::{Estimate, Parameter};
 use self::problem::Problem;
@@ -32,8 +34,6 @@ const FEWEST: usize = 4;
 const OUTLIER: f64 = 4.0;
 /// Largest noise of labels that is believed, as a share of the picture's width.
 const LARGEST_NOISE: f64 = 0.01;
-/// How far outside the picture a label may be that a tracker has made up there, a share of the side.
-const OUTSIDE: f64 = 0.05;
 /// Standard deviation of a known spin, rad/s.
 const KNOWN_SPIN: f64 = 1e-3;
 /// Standard deviation of a spin that is to be estimated, rad/s.
@@ -57,9 +57,11 @@ pub struct FitOptions {
     pub noise_px: Option<f64>,
     /// Starts that are grown to whole trajectories, at most.
     pub starts: usize,
-    /// What is unknown of the ball: the scene's value is where the search for it starts.
+    /// What is to be found of the ball beside its trajectory; the scene's value is where the search for it starts. Of a ball
+    /// whose spin is unknown the fit finds drag and restitution anyway ([`Fit::estimates`]): there is nothing to name.
     pub estimate: Vec<Parameter>,
-    /// Most hits (of a racket, a foot, a hand) that the track may hold; as many as explain it where `None`.
+    /// Most hits (of a racket, a foot, a hand) that the track may hold; as many as explain it where `None`. Where the spin is
+    /// known, or to be found by name, there are none.
     pub hits: Option<usize>,
     /// The camera moved by one standard deviation along each independent direction of its uncertainty
     /// ([`Calibration::one_sigma`](crate::Calibration::one_sigma)): what that changes enters σ. Where the spin is unknown
@@ -133,7 +135,35 @@ pub struct Hit {
     pub position: Point3<f64>,
 }
 
-/// A fitted trajectory.
+/// A fitted trajectory: what [`Forecaster::fit`] makes of a 2D track.
+///
+/// ```
+/// use gravisight::camera::Distortion;
+/// use gravisight::track::Observation;
+/// use gravisight::{Camera, FitOptions, Forecaster, Scene, Size};
+/// use nalgebra::{Matrix3, Point3, Vector3};
+///
+/// let intrinsic = Matrix3::new(900.0, 0.0, 639.5, 0.0, 900.0, 359.5, 0.0, 0.0, 1.0);
+/// let rotation = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+/// let translation = -rotation * Vector3::new(0.0, -4.0, 1.0);
+/// let camera = Camera::new(Size::new(1280, 720), intrinsic, Distortion::default(), rotation, translation)?;
+///
+/// // A ball of 4 cm that bounces: what a tracker would have seen of it, at 50 frames a second.
+/// let forecaster = Forecaster::new(&Scene::new([0.0, 0.0, -9.81], 0.02).with_floor(0.0))?;
+/// let start = forecaster.scene().start(Point3::new(-1.0, 0.0, 1.0), Vector3::new(2.0, 0.5, 1.0));
+/// let times: Vec<f64> = (0..40).map(|frame| f64::from(frame) / 50.0).collect();
+/// let truth = forecaster.forecast(&start, &times).states;
+/// let label = |at: &Point3<f64>| camera.image_from_world(at);
+/// let observations = times.iter().zip(&truth).map(|(&time, state)| {
+///     Ok(Observation { time, image: Some(label(&state.position)?), ..Observation::default() })
+/// });
+/// let observations: Vec<Observation> = observations.collect::<gravisight::Result<_>>()?;
+///
+/// let fit = forecaster.fit(&camera, &observations, &FitOptions::default())?;
+/// assert!(fit.explained && fit.impacts.len() == 1);
+/// assert!((fit.frames[39].state.position - truth[39].position).norm() < 0.01);
+/// # Ok::<(), gravisight::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// One a frame of the track, seen or not.
@@ -167,8 +197,9 @@ impl Forecaster {
     /// explains them best.
     ///
     /// # Errors
-    /// [`Error::Fit`] for times that do not ascend, fewer than four observations, or a track that no
-    /// trajectory in front of the camera explains. A label outside the camera's lens model costs itself alone
+    /// [`Error::Fit`] for times that do not ascend, fewer than four observations, a track that no trajectory in front of the
+    /// camera explains, or where the ball's spin is unknown and `options` name drag or restitution without it, or the
+    /// forecaster has a potential or options of its own. A label outside the camera's lens model costs itself alone
     /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         let mut fit = self.fit_labels(camera, observations, options)?;
@@ -206,28 +237,32 @@ impl Forecaster {
             refused[stray] = Some("lies on another way than most labels: is it another ball's?".into());
         }
         check_seen(&usable, &refused)?;
-        let numbers = !parameters::numbers(options).is_empty();
-        if let Some(laws) = flights::laws(self.scene()).filter(|_| !numbers) {
-            let mut fit = flights::fitted(self, &laws, camera, &usable, options)?;
-            for (frame, refused) in fit.frames.iter_mut().zip(refused) {
-                frame.outlier |= refused.is_some();
-                frame.refused = refused;
-            }
-            fit.notes.splice(0..0, notes);
-            return Ok(fit);
-        }
-        // The spin matters where air or friction turns it into forces.
-        let ball = &self.scene().ball;
-        let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
-        let mut fit = match ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin) {
-            true => self.fit_chain::<9>(camera, &usable, options)?,
-            false => self.fit_chain::<6>(camera, &usable, options)?,
+        let mut fit = match flights::laws(self.scene()) {
+            Some(laws) if self.fits_flights(options)? => flights::fitted(self, &laws, camera, &usable, options)?,
+            _ => self.fit_known(camera, &usable, options)?,
         };
         for (frame, refused) in fit.frames.iter_mut().zip(refused) {
             frame.outlier |= refused.is_some();
             frame.refused = refused;
         }
         fit.notes.splice(0..0, notes);
+        Ok(fit)
+    }
+
+    /// A fit by the forecaster itself, of a ball whose spin is known or to be found with the rest.
+    fn fit_known(&self, camera: &Camera, usable: &[Observation], options: &FitOptions) -> Result<Fit> {
+        // The spin matters where air or friction turns it into forces.
+        let rubs = matches!(self.scene().contact, Contact::Bounce { friction, .. } if friction > 0.0);
+        let spins = self.scene().ball.lift_coefficient != 0.0 || rubs || options.estimate.contains(&Parameter::Spin);
+        let mut fit = match spins {
+            true => self.fit_chain::<9>(camera, usable, options)?,
+            false => self.fit_chain::<6>(camera, usable, options)?,
+        };
+        if !options.cameras.is_empty() {
+            fit.notes.push(
+                "σ leaves the camera's own uncertainty out: it is known only where the ball's spin is not".into(),
+            );
+        }
         Ok(fit)
     }
 
@@ -265,67 +300,6 @@ fn largest_noise(camera: &Camera) -> f64 {
 fn unexplained() -> Error {
     let reason = "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps";
     Error::Fit { reason: reason.into() }
-}
-
-fn check(observations: &[Observation]) -> Result<()> {
-    let refuse = |reason: String| Err(Error::Fit { reason });
-    if let Some(index) = (1..observations.len()).find(|&i| observations[i].time <= observations[i - 1].time) {
-        let times = [observations[index - 1].time, observations[index].time];
-        return refuse(format!("times must ascend, but {} s is followed by {} s", times[0], times[1]));
-    }
-    let finite = |o: &Observation| o.time.is_finite() && o.image.is_none_or(|p| p.x.is_finite() && p.y.is_finite());
-    match observations.iter().all(finite) {
-        true => Ok(()),
-        false => refuse("the track holds NaN or infinity".into()),
-    }
-}
-
-/// Refuses tracks of which a good part lies outside the picture.
-fn check_inside(camera: &Camera, observations: &[Observation]) -> Result<()> {
-    let [width, height] = camera.size().xy();
-    let inside = |image: &Point2<f64>| {
-        let within = |at: f64, side: f64| (-OUTSIDE * side..(1.0 + OUTSIDE) * side).contains(&at);
-        within(image.x, width) && within(image.y, height)
-    };
-    let labels: Vec<Point2<f64>> = observations.iter().filter_map(|seen| seen.image).collect();
-    let outside = labels.iter().filter(|label| !inside(label)).count();
-    if 4 * outside <= labels.len() {
-        return Ok(());
-    }
-    let reason = format!(
-        "{outside} of {} labels lie outside the camera's picture of {width}×{height} px: is the track of a video in \
-         another resolution?",
-        labels.len()
-    );
-    Err(Error::Fit { reason })
-}
-
-/// The observations without the labels that the camera's lens model does not reach, and why they are left out.
-fn within_lens(camera: &Camera, observations: &[Observation]) -> (Vec<Observation>, Vec<Option<String>>) {
-    let usable = |observation: &Observation| {
-        let refused = observation.image.and_then(|image| camera.camera_from_image(&image, 1.0).err());
-        let image = observation.image.filter(|_| refused.is_none());
-        // The row's time; where there is none, the middle one's.
-        let row = image.map_or(f64::from(camera.size().height) / 2.0, |image| image.y);
-        let time = observation.time + camera.row_time(row);
-        (Observation { image, time, ..*observation }, refused.map(|error| error.to_string()))
-    };
-    observations.iter().map(usable).unzip()
-}
-
-fn check_seen(usable: &[Observation], refused: &[Option<String>]) -> Result<()> {
-    let seen = usable.iter().filter(|observation| observation.image.is_some()).count();
-    let outside = match refused.iter().flatten().count() {
-        0 => String::new(),
-        count => format!(" ({count} labels that the camera's lens model does not reach left out)"),
-    };
-    match seen {
-        FEWEST.. => Ok(()),
-        _ => {
-            let reason = format!("the ball is seen in {seen} frames{outside}; at least {FEWEST} are needed");
-            Err(Error::Fit { reason })
-        }
-    }
 }
 
 /// The result, with covariances.

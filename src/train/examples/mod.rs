@@ -32,7 +32,8 @@ pub(super) use self::pictures::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::places::Places;
 #[cfg(not(target_arch = "wasm32"))]
-pub(super) use self::prepare::{LeftOut, Prepared, prepare};
+pub use self::prepare::LeftOut;
+pub(super) use self::prepare::{Prepared, prepare};
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::renderings::Renderings;
 #[cfg(not(target_arch = "wasm32"))]

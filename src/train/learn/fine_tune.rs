@@ -79,6 +79,26 @@ pub struct Tuned {
 }
 
 /// A model that learns the clips given to it, by physics from their 2D labels.
+///
+/// ```no_run
+/// # async fn tuned(card: gravisight::Card, weights: Vec<u8>) -> gravisight::Result<()> {
+/// use gravisight::{Clips, Device, FineTuneOptions, FineTuner};
+///
+/// let clips = Clips::read("clips".as_ref())?;
+/// let mut tuner = FineTuner::new(card, weights, &FineTuneOptions::default(), &Device::flex())?;
+/// for (number, clip) in clips.clips.iter().enumerate() {
+///     let pictures = clip.frames.iter().map(|frame| clips.picture(clip, frame)).collect::<gravisight::Result<_>>()?;
+///     // One in five is held out, to score with.
+///     tuner.add_clip(clip.clone(), pictures, number % 5 == 4)?;
+/// }
+/// while let Some(step) = tuner.step().await? {
+///     println!("{} of {}: loss {:.3}", step.step, step.steps, step.loss);
+/// }
+/// println!("{:?}", tuner.evaluate().await?);
+/// let (card, weights) = tuner.export().await?;
+/// # Ok(())
+/// # }
+/// ```
 pub struct FineTuner {
     card: Card,
     recipe: Recipe,

@@ -24,11 +24,8 @@ mod trainer;
 #[cfg(test)]
 mod tests;
 
-#[cfg(target_arch = "wasm32")]
-pub(crate) use self::fine_tune::{Added, Tuned};
-pub use self::fine_tune::{FineTuneOptions, FineTuner};
+pub use self::fine_tune::{Added, FineTuneOptions, FineTuner, Tuned};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::run::{TrainEvent, TrainProgress, Validation};
-#[cfg(target_arch = "wasm32")]
-pub(crate) use self::score::Score;
+pub use self::score::{Score, SizeScore};
 pub use self::step::{StepOptions, step};

@@ -8,22 +8,23 @@ mod clock;
 mod course;
 mod kinks;
 mod motion;
+mod parts;
 mod rays;
 mod refine;
 mod result;
 mod search;
 mod suspects;
 mod task;
-
-use std::ops::Range;
+mod whole;
 
 use nalgebra::{Point2, Point3};
 
 pub use self::motion::Laws;
+pub use self::parts::fitted;
 use self::search::searched;
 use self::task::{Priors, Task};
 use super::labels::{SMALLEST_NOISE, noise_of, trusted};
-use super::{Fit, FitOptions, FittedFrame, Hit, Observation, unexplained};
+use super::{Fit, FitOptions, Observation, unexplained};
 use crate::camera::{Camera, Outline};
 use crate::error::{Error, Result};
 use crate::physics::{Contact, Forecaster, Obstacle, Scene};
@@ -62,96 +63,42 @@ impl Priors {
     }
 }
 
-/// Time without a label after which a track begins anew, s, and labels after which it does at the latest: what happens then
-/// says nothing about what was before, and the search would take longer than it is worth.
-const PAUSE: f64 = 0.6;
-const LONGEST_PART: usize = 240;
-/// Fewest labels of a part.
-const SHORTEST_PART: usize = 6;
-
-/// The flights that explain the observations best, part by part where there are pauses or very many.
-pub fn fitted(
+/// The flights that explain the observations of a window best.
+fn fitted_window(
     forecaster: &Forecaster,
     laws: &Laws,
     camera: &Camera,
     observations: &[Observation],
     options: &FitOptions,
-) -> Result<Fit> {
-    let mut whole: Option<Fit> = None;
-    for part in parts(observations) {
-        let first = part.start;
-        let fit = fitted_part(forecaster, laws, camera, &observations[part], options)?;
-        match &mut whole {
-            None => whole = Some(fit),
-            Some(whole) => append(whole, fit, first),
-        }
-    }
-    whole.ok_or_else(unexplained)
-}
-
-/// Ranges of frames that are fitted each for itself.
-fn parts(observations: &[Observation]) -> Vec<Range<usize>> {
-    let seen: Vec<usize> = (0..observations.len()).filter(|&frame| observations[frame].image.is_some()).collect();
-    let (mut starts, mut count) = (vec![0], 1);
-    for (index, pair) in seen.windows(2).enumerate() {
-        let pause = observations[pair[1]].time - observations[pair[0]].time > PAUSE;
-        let left = seen.len() - index - 1;
-        if (pause || count >= LONGEST_PART) && count >= SHORTEST_PART && left >= SHORTEST_PART {
-            starts.push(pair[1]);
-            count = 0;
-        }
-        count += 1;
-    }
-    let ends = starts[1..].iter().copied().chain([observations.len()]);
-    starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
-}
-
-/// Adds what was found from frame `first` on.
-fn append(whole: &mut Fit, part: Fit, first: usize) {
-    let flights = whole.flights.len();
-    let counted = |fit: &Fit| fit.frames.iter().filter(|frame| frame.residual_px.is_some()).count() as f64;
-    let (before, after) = (counted(whole), counted(&part));
-    let mean = |a: f64, b: f64| ((a * a * before + b * b * after) / (before + after).max(1.0)).sqrt();
-    whole.noise_px = mean(whole.noise_px, part.noise_px);
-    whole.rms_px = mean(whole.rms_px, part.rms_px);
-    whole.explained &= part.explained;
-    whole.frames.extend(part.frames.into_iter().map(|frame| FittedFrame { flight: flights + frame.flight, ..frame }));
-    whole.hits.extend(part.hits.into_iter().map(|hit| Hit { frame: first + hit.frame, ..hit }));
-    whole.impacts.extend(part.impacts);
-    whole.flights.extend(part.flights);
-    whole.notes.extend(part.notes);
-}
-
-/// The flights that explain the observations of a part best.
-fn fitted_part(
-    forecaster: &Forecaster,
-    laws: &Laws,
-    camera: &Camera,
-    observations: &[Observation],
-    options: &FitOptions,
-) -> Result<Fit> {
+) -> Result<Solved> {
     let solved = solve(forecaster, laws, camera, observations, options, f64::INFINITY);
     let odd = solved.as_ref().is_none_or(|Solved { fit, doubtful, .. }| {
         *doubtful || !fit.hits.is_empty() && fit.hits.len() >= fit.impacts.len()
     });
     let suspected = odd.then(|| suspects::suspected(forecaster, laws, camera, observations, options, solved.as_ref()));
     let suspected = suspected.flatten();
-    let Some(Solved { mut fit, .. }) = solved else {
+    let Some(mut solved) = solved else {
         return Err(suspected.map_or_else(unexplained, |reason| Error::Fit { reason }));
     };
     if let Some(reason) = suspected {
+        let fit = &mut solved.fit;
         fit.explained = false;
         for flight in &mut fit.flights {
             (flight.explained, flight.reason) = (false, Some(reason.clone()));
         }
         fit.frames.iter_mut().for_each(|frame| result::widen(camera, frame));
     }
-    Ok(fit)
+    Ok(solved)
 }
 
-/// What the search makes of a part.
+/// What the search makes of a window.
 struct Solved {
+    /// Its notes and estimates are those of `notes`, `drag` and `rebounds`.
     fit: Fit,
+    notes: Vec<Note>,
+    /// Logarithm of the drag over the scene's: mean and variance.
+    drag: [f64; 2],
+    rebounds: Vec<Rebound>,
     /// Of its course, in squared standard deviations.
     cost: f64,
     /// The same with another gravity, where that is far less.
@@ -160,7 +107,24 @@ struct Solved {
     doubtful: bool,
 }
 
-/// The flights that explain the observations of a part best; none where that costs more than `limit`, or nothing does.
+/// What is odd about a track.
+#[derive(Clone)]
+struct Note {
+    /// When, s; of something that lasts none.
+    time: Option<f64>,
+    words: String,
+}
+
+/// A bounce that says what the restitution is.
+#[derive(Clone, Copy)]
+struct Rebound {
+    /// s.
+    time: f64,
+    restitution: f64,
+    variance: f64,
+}
+
+/// The flights that explain the observations of a window best; none where that costs more than `limit`, or nothing does.
 fn solve(
     forecaster: &Forecaster,
     laws: &Laws,

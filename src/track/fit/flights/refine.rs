@@ -128,7 +128,10 @@ impl<'a> Search<'a> {
         let mut used = vec![];
         for (index, moving) in self.path.frames.iter().enumerate() {
             let at = OF_FRAME * index;
-            let says: Vec<usize> = (0..OF_FRAME).filter(|&which| self.rows[at + which] != 0.0).collect();
+            let measured = self.task.measured(self.course.first + index);
+            // A label that is met exactly says as much as any; the ball that is in nothing says nothing.
+            let says = |&which: &usize| measured[which] || self.rows[at + which] != 0.0;
+            let says: Vec<usize> = (0..OF_FRAME).filter(says).collect();
             if says.is_empty() {
                 continue;
             }
@@ -229,5 +232,61 @@ impl LeastSquares for Search<'_> {
             let (_, cost) = self.task.weighed(path.frames.len(), &rows, self.loss);
             Self { course, path, times, rows, laxness: self.laxness.clone(), cost, ..*self }
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Matrix3, Point3, Rotation3};
+
+    use super::super::motion::Laws;
+    use super::super::task::Priors;
+    use super::*;
+    use crate::camera::{Camera, Distortion};
+    use crate::physics::Scene;
+    use crate::size::Size;
+    use crate::track::fit::Observation;
+
+    #[test]
+    fn labels_that_are_met_exactly_say_as_much_as_any() {
+        let scene = Scene::named("free").unwrap();
+        let laws = Laws::of(&scene).unwrap();
+        let intrinsic = Matrix3::new(800.0, 0.0, 319.5, 0.0, 800.0, 239.5, 0.0, 0.0, 1.0);
+        let level = Rotation3::from_matrix(&Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0));
+        let to = Vector3::new(0.0, 0.0, 6.0);
+        let camera =
+            Camera::new(Size::new(640, 480), intrinsic, Distortion::default(), level.into_inner(), to).unwrap();
+        let times: Vec<f64> = (0..20).map(|frame| 0.02 * f64::from(frame)).collect();
+        let start = Moving {
+            position: Vector3::new(-1.0, 0.3, 0.5),
+            velocity: Vector3::new(4.0, 0.5, 1.0),
+            spin: Vector3::zeros(),
+        };
+        let course = Course { first: 0, last: 19, start, events: vec![], off: [0.0; 3], slips: vec![] };
+        let frames = course.path(&laws, &times).frames;
+        let sigma_with = |off: f64| {
+            let label = |(moving, &time): (&Moving, &f64)| {
+                let image = camera.image_from_world(&Point3::from(moving.position)).unwrap();
+                Observation { time, image: Some(image.map(|at| at + off)), radius: None }
+            };
+            let observations: Vec<Observation> = frames.iter().zip(&times).map(label).collect();
+            let task = Task {
+                laws: laws.clone(),
+                obstacles: &[],
+                camera: &camera,
+                eye: camera.world_from_camera(&Point3::origin()).coords,
+                observations: &observations,
+                times: times.clone(),
+                slips: vec![],
+                interval: 0.02,
+                depths: vec![None; 20],
+                sigma: 0.5,
+                priors: Priors { spin: 100.0, forces: [0.1, 0.1, 0.01], restitution: 0.1, friction: 0.2 },
+            };
+            let (_, positions) = task.covariances(&course, Loss::Cauchy(2.5)).unwrap();
+            positions[10].trace().sqrt()
+        };
+        let (exact, near) = (sigma_with(0.0), sigma_with(1e-6));
+        assert!((exact / near - 1.0).abs() < 1e-3 && near < 1.0, "{exact} m, {near} m beside it");
     }
 }

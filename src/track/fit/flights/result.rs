@@ -6,7 +6,7 @@ use super::course::{Course, Event, Kind, OF_EVENT, OF_START, Path};
 use super::motion::Moving;
 use super::search::{FINAL, Found, price};
 use super::task::Task;
-use super::{Solved, suspects};
+use super::{Laws, Note, Rebound, Solved, suspects};
 use crate::camera::Camera;
 use crate::physics::{Impact, State};
 use crate::track::fit::{Estimate, Fit, FittedFrame, Flight, Hit, Parameter, largest_noise};
@@ -143,7 +143,7 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64, cameras: &[Camera]) -> O
         let normal = obstacle.nearest(&before.position).normal;
         let speed = -normal.dot(&before.velocity);
         let (surface, position) = (obstacle.surface, before.position);
-        Some(Impact { time: event.time, surface, position, speed, time_gradient: [0.0; 6] })
+        Some(Impact { time: event.time, surface, position, speed, time_gradient: None })
     };
     let fit = Fit {
         noise_px: noise,
@@ -152,14 +152,22 @@ pub fn fit_of(task: &Task, found: &[Found], noise: f64, cameras: &[Camera]) -> O
         impacts: best.events.iter().zip(&path.before).filter_map(impact).collect(),
         within_lines: vec![],
         hits: hits.iter().map(hit).collect(),
-        notes: notes(task, &best, &path, &times),
+        notes: vec![],
         flights,
-        estimates: estimates(task, &best, &path, &parameters, inflation),
+        estimates: vec![],
         spin: best.start.spin.into(),
         frames,
     };
-    let gravity = gravity.map(|(_, cost)| cost + price(&best));
-    Some(Solved { fit, cost: found[0].cost, gravity, doubtful: doubts.iter().any(Option::is_some) })
+    let forces = OF_START + OF_EVENT * best.events.len();
+    Some(Solved {
+        fit,
+        notes: notes(task, &best, &path, &times),
+        drag: [best.off[0], parameters[(forces, forces)] * inflation],
+        rebounds: rebounds(task, &best, &path, &parameters, inflation),
+        cost: found[0].cost,
+        gravity: gravity.map(|(_, cost)| cost + price(&best)),
+        doubtful: doubts.iter().any(Option::is_some),
+    })
 }
 
 /// Adds to a position's covariance that nobody knows where it is: the laws do not hold, or the camera is another.
@@ -185,7 +193,7 @@ fn strains(task: &Task, course: &Course, hits: &[usize]) -> Option<Vec<(f64, usi
 }
 
 /// Root mean square residual of labels that are no outliers, px.
-fn rms<'a>(frames: impl Iterator<Item = &'a FittedFrame>) -> f64 {
+pub fn rms<'a>(frames: impl Iterator<Item = &'a FittedFrame>) -> f64 {
     let squares: Vec<f64> = frames
         .filter(|frame| !frame.outlier)
         .filter_map(|frame| Some(frame.residual_px?.norm_squared() / 2.0))
@@ -234,46 +242,49 @@ fn unknown(task: &Task, frames: &[&FittedFrame]) -> Option<String> {
     })
 }
 
-/// What the track says of drag and, where the ball bounces, of restitution: the laws' own, as far as it says no more.
-fn estimates(task: &Task, course: &Course, path: &Path, covariance: &DMatrix<f64>, inflation: f64) -> Vec<Estimate> {
-    let drag = task.laws.drag_coefficient() * course.off[0].exp();
-    let at = OF_START + OF_EVENT * course.events.len();
-    let drag_sigma = drag * (covariance[(at, at)] * inflation).max(0.0).sqrt();
-    let mut found = vec![Estimate { parameter: Parameter::Drag, value: drag, sigma: drag_sigma }];
-    let (mut sum, mut weights) = (0.0, 0.0);
-    for (index, (event, before)) in course.events.iter().zip(&path.before).enumerate() {
-        let Kind::Bounce(obstacle) = event.kind else { continue };
+/// What the bounces say of the restitution.
+fn rebounds(task: &Task, course: &Course, path: &Path, covariance: &DMatrix<f64>, inflation: f64) -> Vec<Rebound> {
+    let of = |(index, (event, before)): (usize, (&Event, &Moving))| {
+        let Kind::Bounce(obstacle) = event.kind else { return None };
         let normal = task.obstacles[obstacle].nearest(&before.position).normal;
         let closing = -normal.dot(&before.velocity);
         let first = OF_START + OF_EVENT * index + 1;
         let velocity = covariance.fixed_view::<3, 3>(first, first);
         let variance = (normal.transpose() * velocity * normal)[(0, 0)] * inflation / (closing * closing);
-        if closing > SLOWEST && variance > 0.0 {
-            sum += normal.dot(&event.velocity) / closing / variance;
-            weights += 1.0 / variance;
-        }
-    }
+        let restitution = normal.dot(&event.velocity) / closing;
+        (closing > SLOWEST && variance > 0.0).then_some(Rebound { time: event.time, restitution, variance })
+    };
+    course.events.iter().zip(&path.before).enumerate().filter_map(of).collect()
+}
+
+/// What a track says of drag (by the logarithm of its share of the scene's: mean, variance) and, where the ball bounces, of
+/// restitution: the laws' own, as far as it says no more.
+pub fn estimates(laws: &Laws, [off, variance]: [f64; 2], rebounds: &[Rebound]) -> Vec<Estimate> {
+    let drag = laws.drag_coefficient() * off.exp();
+    let mut found = vec![Estimate { parameter: Parameter::Drag, value: drag, sigma: drag * variance.max(0.0).sqrt() }];
+    let weights: f64 = rebounds.iter().map(|it| it.variance.recip()).sum();
     if weights > 0.0 {
-        let (value, sigma) = (sum / weights, weights.sqrt().recip());
-        found.push(Estimate { parameter: Parameter::Restitution, value, sigma });
+        let value = rebounds.iter().map(|it| it.restitution / it.variance).sum::<f64>() / weights;
+        found.push(Estimate { parameter: Parameter::Restitution, value, sigma: weights.sqrt().recip() });
     }
     found
 }
 
 /// What is odd about the track.
-fn notes(task: &Task, course: &Course, path: &Path, times: &[f64]) -> Vec<String> {
+fn notes(task: &Task, course: &Course, path: &Path, times: &[f64]) -> Vec<Note> {
     let of = |((frame, _), by): (&(usize, f64), &f64)| {
         let (frames, at) = (by / task.interval, times[*frame]);
-        match frames > 0.0 {
+        let words = match frames > 0.0 {
             true => format!("about {frames:.1} frames are missing before {at:.3} s: later times are moved by as much"),
             false => format!(
                 "about {:.1} frames are there twice before {at:.3} s: later times are moved by as much",
                 -frames
             ),
-        }
+        };
+        Note { time: Some(at), words }
     };
     let slips = task.slips.iter().zip(&course.slips);
-    let sizes = sizes(task, path);
+    let sizes = sizes(task, path).map(|words| Note { time: None, words });
     sizes.into_iter().chain(slips.filter(|(_, by)| by.abs() >= NOTED * task.interval).map(of)).collect()
 }
 

@@ -75,6 +75,9 @@ fn grown(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, limit: f
     let times = slipped(task);
     let seen: Vec<usize> = (0..task.times.len()).filter(|&frame| rays.ideal[frame].is_some()).collect();
     let (Some(&first), Some(&last)) = (seen.first(), seen.last()) else { return vec![] };
+    if last < first + 2 {
+        return vec![];
+    }
     let end_before = |kink: Option<&Kink>| match kink {
         Some(kink) => times.partition_point(|&time| time < kink.time).max(first + 2).min(last),
         None => last,

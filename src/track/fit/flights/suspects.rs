@@ -11,7 +11,7 @@ use super::task::Task;
 use super::{Solved, solve};
 use crate::camera::Camera;
 use crate::physics::Forecaster;
-use crate::track::fit::{FitOptions, Observation};
+use crate::track::fit::{FEWEST, FitOptions, Observation};
 
 /// By how much what is put right must lower the cost to be told, in squared standard deviations.
 const GAIN: f64 = 20.0;
@@ -102,6 +102,10 @@ pub fn suspected(
             Observation { image, radius, ..*seen }
         };
         let observations: Vec<Observation> = observations.iter().map(righted).collect();
+        // The lens may reach few of the labels there.
+        if observations.iter().filter(|seen| seen.image.is_some()).count() < FEWEST {
+            return None;
+        }
         let laws = if suspect == Suspect::GravityUp { laws.turned() } else { laws.clone() };
         let options = FitOptions { hits: Some(hits.saturating_sub(1)), ..options.clone() };
         let found = solve(forecaster, &laws, camera, &observations, &options, limit)?;

@@ -96,6 +96,12 @@ impl<'a> Task<'a> {
         Some(row)
     }
 
+    /// Which residuals of a frame are of something that was measured in it: its label, its apparent size.
+    pub fn measured(&self, frame: usize) -> [bool; OF_FRAME] {
+        let label = self.observations[frame].image.is_some();
+        [label, label, self.depths[frame].is_some(), false, false]
+    }
+
     /// Residuals of the events, of the start's spin, the forces and the clock.
     pub fn events(&self, course: &Course, path: &Path, laxness: &[[f64; 3]], rows: &mut [f64]) {
         for (index, ((event, before), [normal, across, turn])) in
