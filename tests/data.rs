@@ -6,7 +6,9 @@ mod common;
 
 use common::{root, scratch};
 use gravisight::Error;
+use gravisight::track::TrackPoint;
 use gravisight::{Clips, Track};
+use nalgebra::Point2;
 use serde_json::{Value, json};
 
 fn samples() -> Vec<Value> {
@@ -153,4 +155,22 @@ fn what_is_wrong_in_a_track_is_named_by_line_and_column() {
         assert!(error.contains("track.csv:4") && error.contains(named), "{line}: {error}");
     }
     assert!(Track::from_csv("Frame,X,Y\n", "track.csv").unwrap_err().to_string().contains("Visibility"));
+}
+
+#[test]
+fn a_track_of_points_is_the_one_of_its_text_and_is_refused_as_that_would_be() {
+    let at = |frame, x, y| TrackPoint::seen(frame, Point2::new(x, y));
+    let track = Track::new(vec![at(0, 1.5, 2.5), TrackPoint::unseen(1), at(2, 3.0, 4.0)]).unwrap();
+    assert_eq!(Track::from_csv(&track.to_csv().unwrap(), "again").unwrap(), track);
+    let timed = |frame, time| TrackPoint { time: Some(time), ..at(frame, 1.0, 1.0) };
+    for (points, field, words) in [
+        (vec![at(3, 1.0, 1.0), at(3, 1.0, 1.0)], "Frame", "3 follows 3"),
+        (vec![timed(0, 0.5), timed(1, 0.4)], "Time", "0.4 s follows 0.5 s"),
+        (vec![timed(0, 0.5), timed(1, f64::NAN)], "Time", "NaN"),
+        (vec![timed(0, 0.5), at(1, 1.0, 1.0)], "Time", "1 of 2"),
+    ] {
+        let error = Track::new(points).unwrap_err();
+        assert!(matches!(&error, Error::Value { field: found, .. } if found == field), "{error}");
+        assert!(error.to_string().contains(words), "{error}");
+    }
 }

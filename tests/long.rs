@@ -105,7 +105,7 @@ fn frames_that_are_lost_early_move_all_that_follows() {
     assert!(fit.frames.windows(2).all(|pair| pair[0].time < pair[1].time));
     let last = fit.frames.len() - 1;
     let late = fit.frames[last].time - (last + 3) as f64 / FPS;
-    assert!(late.abs() < 0.1 / FPS, "the last frame is {late} s off");
+    assert!(late.abs() < 0.25 / FPS, "the last frame is {late} s off");
     let off = (fit.frames[last - 20].state.position - truth[last - 17].position).norm();
     assert!(off < 0.05, "{off} m");
 }

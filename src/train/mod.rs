@@ -9,6 +9,7 @@ mod recipe;
 #[cfg(test)]
 mod testing;
 
+#[cfg(not(target_arch = "wasm32"))]
 pub use examples::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]

@@ -33,6 +33,7 @@ pub(super) use self::pictures::Pictures;
 pub(super) use self::places::Places;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::prepare::LeftOut;
+#[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::prepare::{Prepared, prepare};
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::renderings::Renderings;
