@@ -44,6 +44,7 @@ mod least_squares;
 mod localise;
 mod model;
 mod physics;
+mod random;
 mod size;
 mod synth;
 mod table;

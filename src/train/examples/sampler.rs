@@ -4,8 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{Matrix2, Vector2};
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe, Supervision, Velocity};
@@ -17,6 +16,7 @@ use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::image::{NetworkInput, tile};
 use crate::physics::{Forecaster, Scene};
+use crate::random::{Random, Stream, mixed};
 use crate::size::Size;
 
 /// Pictures of a window that the forecast starts from, where pictures tell the velocity.
@@ -127,8 +127,8 @@ impl Sampler {
 
     /// What is drawn, and its windows.
     fn shots(&self, phase: &Phase, step: usize) -> (Vec<Shot>, Vec<Opened>) {
-        let seed = |index: usize| seed(self.recipe.seed, step, index);
-        let mut random = StdRng::seed_from_u64(seed(usize::MAX));
+        let seed = |index: usize| mixed(self.recipe.seed, step as u64, index as u64);
+        let mut random = Stream::Batch.of(seed(0));
         if self.windows.is_empty() || self.recipe.future.velocity == Velocity::Labels {
             // Where forecasts teach, a frame that none starts from would only show where the ball is.
             let starts = &self.windows;
@@ -206,7 +206,7 @@ impl Sampler {
     }
 
     fn draw(&self, shot: &Shot, phase: &Phase) -> Result<Drawn> {
-        let mut random = StdRng::seed_from_u64(shot.seed);
+        let mut random = Stream::Augmentation.of(shot.seed);
         let Some(frame) = shot.frame else {
             // a clip that has no empty scene gives one of its frames instead
             let centre = [0, 1].map(|_| random.random_range(0.0..1.0));
@@ -251,7 +251,7 @@ impl Sampler {
         centre: [f64; 2],
         magnified: f64,
         phase: &Phase,
-        random: &mut StdRng,
+        random: &mut Random,
     ) -> (Vec<f32>, [f64; 2], Place) {
         let normalisation = &self.recipe.normalisation;
         // Sizes are read at a picture's own resolution.
@@ -285,7 +285,7 @@ impl Sampler {
 
 /// How much larger a picture is shown: in half of the cases so much that the ball has a size at which the localiser looks at it
 /// again, and not else.
-fn as_looked_at_again(outline: &Outline, random: &mut StdRng) -> f64 {
+fn as_looked_at_again(outline: &Outline, random: &mut Random) -> f64 {
     let (again, radius) = (random.random_bool(0.5), random.random_range(AGAIN));
     if again { (radius / outline.radius).clamp(1.0, MOST_ENLARGED) } else { 1.0 }
 }
@@ -300,14 +300,4 @@ fn outline(clip: &Clip, example: &Example, depth: f64) -> Result<Outline> {
     let radius = scene_of(clip)?.ball.radius;
     let centre = clip.camera.camera_from_image(&example.image.into(), depth)?;
     clip.camera.outline(&centre, radius)
-}
-
-/// One number of three, by SplitMix64's finaliser, so that neighbouring steps share nothing.
-pub(super) fn seed(seed: u64, step: usize, index: usize) -> u64 {
-    [step as u64, index as u64].into_iter().fold(seed, |mixed, part| {
-        let mut z = (mixed ^ part).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    })
 }
