@@ -9,6 +9,6 @@ mod tracked;
 
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
-pub use self::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
+pub use self::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter, SOLVER_VERSION};
 pub use self::follow::{Elsewhere, Followed, FollowedFrame, Follower};
 pub use self::tracked::{Stretch, Tracked};
