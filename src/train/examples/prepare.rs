@@ -9,7 +9,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 use super::super::recipe::{FitConfig, Recipe, Supervision};
 use super::fits::Fits;
 use super::readings::check_taught;
-use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, name, teach};
+use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, labelled_2d, name, teach};
 use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 use crate::random::Stream;
@@ -128,15 +128,6 @@ fn labelled_3d(clips: &Clips, wanted: impl Fn(usize) -> bool) -> Result<Vec<Exam
         }
     }
     Ok(examples)
-}
-
-/// Frames with 2D labels.
-fn labelled_2d(clips: &Clips) -> Vec<Example> {
-    let frames = clips.clips.iter().enumerate().flat_map(|(clip, it)| {
-        let labelled = it.frames.iter().enumerate().filter(|(_, frame)| frame.visible);
-        labelled.filter_map(move |(frame, it)| Some(Example { clip, frame, image: it.image?, depth: None }))
-    });
-    frames.collect()
 }
 
 /// What physics says of `clips`, which come from `folder`: kept in `file`, or found now.
