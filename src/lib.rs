@@ -100,7 +100,7 @@ pub mod internal {
     pub use crate::synth::{Engine, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::{Follower, TrackPoint};
-    pub use crate::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
+    pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
     pub use crate::train::read_photographs;
     pub use crate::train::{Supervision, TrainProgress, Validation};
 }

@@ -31,4 +31,4 @@ pub(crate) use self::decode::{cell_centre, weighted_depth};
 pub use self::pen::{Pen, PenOutput, PenRunner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::weights::joined;
-pub use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, parted, save};
+pub use self::weights::{bundled, halved, load, load_backbone_timm, load_into, on_cpu, parted, save, unbundled};

@@ -23,6 +23,6 @@ pub use recipe::{Supervision, TrainConfig, TrainSettings};
 #[doc(hidden)]
 pub mod bench {
     pub use super::examples::{Batch, Labels};
-    pub use super::learn::{StepOptions, step};
+    pub use super::learn::{AdamW, StepOptions, step};
     pub use super::recipe::HeatmapLoss;
 }

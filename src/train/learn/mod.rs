@@ -14,6 +14,8 @@ mod log;
 mod loss;
 #[cfg(not(target_arch = "wasm32"))]
 mod memory;
+mod optimiser;
+mod parts;
 mod publish;
 #[cfg(not(target_arch = "wasm32"))]
 mod run;
@@ -24,9 +26,8 @@ mod trainer;
 #[cfg(test)]
 mod tests;
 
-#[cfg(target_arch = "wasm32")]
-pub(crate) use self::fine_tune::{Added, Tuned};
-pub use self::fine_tune::{FineTuneOptions, FineTuner};
+pub use self::fine_tune::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Tuned};
+pub use self::optimiser::AdamW;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::run::{TrainEvent, TrainProgress, Validation};
 #[cfg(target_arch = "wasm32")]

@@ -8,7 +8,8 @@ use super::super::examples::Batch;
 use super::super::recipe::HeatmapLoss;
 use super::future::future;
 use super::knowledge::Knowledge;
-use super::loss::map_losses;
+use super::loss::{map_losses, near_labels};
+use super::optimiser::AdamW;
 use crate::error::{Error, Result};
 use crate::model::{Pen, decode};
 
@@ -56,7 +57,7 @@ pub struct StepReport {
 /// [`Error::Device`] for a device that cannot be read.
 pub async fn step(
     pen: Pen,
-    optimiser: &mut ModuleOptimizer,
+    optimiser: &mut AdamW,
     batch: Batch,
     options: &StepOptions,
     knowledge: &mut Knowledge,
