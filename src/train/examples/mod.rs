@@ -174,9 +174,8 @@ impl Examples {
     /// cameras and the origin of their scenes, the only scale that is known beforehand.
     pub fn depths(&self) -> [f64; 3] {
         let taught: Vec<f64> = self.frames.iter().filter_map(|example| Some(example.depth?[0])).collect();
-        let origin = |clip: &Clip| clip.camera.camera_from_world(&nalgebra::Point3::origin()).z.abs().max(0.1);
         let depths = match taught.is_empty() {
-            true => self.clips.clips.iter().map(origin).collect(),
+            true => self.clips.clips.iter().map(distance_of_scene).collect(),
             false => taught,
         };
         let mean = depths.iter().sum::<f64>() / depths.len() as f64;
@@ -209,7 +208,6 @@ pub(super) fn labelled_2d(clips: &Clips) -> Vec<Example> {
 pub(super) fn distance_of_scene(clip: &Clip) -> f64 {
     clip.camera.camera_from_world(&nalgebra::Point3::origin()).z.abs().max(0.1)
 }
-
 
 /// Refuses clips whose scenes say nothing of depth.
 pub(super) fn check_physics(clips: &[Clip]) -> Result<()> {

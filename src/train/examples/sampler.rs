@@ -10,7 +10,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use super::super::recipe::{Phase, Recipe, Supervision, Velocity};
 use super::augment::{Crop, View, change_light};
 use super::teacher::{forecaster, scene_of};
-use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window};
+use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window, distance_of_scene};
 use crate::camera::Outline;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
@@ -25,6 +25,9 @@ const STARTS: usize = 3;
 /// Radii, px, at which a network that reads sizes sees a ball again, and the largest enlargement for that.
 const AGAIN: Range<f64> = 18.0..28.0;
 const MOST_ENLARGED: f64 = 6.0;
+
+/// Nearest that a ball is taken to be where nothing is known of its distance, radii.
+const NEAREST: f64 = 4.0;
 
 /// Draws batches.
 pub struct Sampler {
@@ -91,6 +94,11 @@ impl Sampler {
     /// What it draws from.
     pub fn examples(&self) -> &Examples {
         &self.examples
+    }
+
+    /// The clips' pictures.
+    pub fn pictures(&self) -> &Pictures {
+        &self.pictures
     }
 
     /// The batch of step `step`: the same for the same seed and step, whatever came before.
@@ -201,8 +209,15 @@ impl Sampler {
                 (start, self.examples.before_and_ahead(clip, middle, ahead).into_iter().map(target).collect())
             }
         };
-        let camera = self.pictures.clips()[clip].camera.clone();
-        Window { first, start, since_start: since(middle) - since(0), camera, forecaster: forecaster.clone(), ahead }
+        Window {
+            first,
+            start,
+            ball_radius: self.reads_size.then(|| forecaster.scene().ball.radius),
+            since_start: since(middle) - since(0),
+            camera: self.pictures.clips()[clip].camera.clone(),
+            forecaster: forecaster.clone(),
+            ahead,
+        }
     }
 
     fn draw(&self, shot: &Shot, phase: &Phase) -> Result<Drawn> {
@@ -228,8 +243,11 @@ impl Sampler {
             return Err(Error::Data { what: format!("clip `{}`", self.pictures.clips()[shot.clip].id), reason });
         };
         let [depth, weight] = example.depth.unwrap_or([1.0, 0.0]);
+        let clip = &self.pictures.clips()[shot.clip];
         let outline = match self.reads_size {
-            true => Some(outline(&self.pictures.clips()[shot.clip], example, depth)?),
+            // Where forecasts teach, a rough size will do: how much a picture is enlarged follows it, and the outline's centre a
+            // little.
+            true => Some(outline(clip, example, example.depth.map_or_else(|| rough_depth(clip), |[depth, _]| depth))?),
             false => None,
         };
         let magnified = outline.as_ref().map_or(1.0, |outline| as_looked_at_again(outline, &mut random));
@@ -237,9 +255,8 @@ impl Sampler {
             .pictures
             .with(shot.clip, frame, |picture| self.view(picture, example.image, magnified, phase, &mut random))?;
         if let Some(outline) = outline {
-            let scale = place.linear.determinant().abs().sqrt();
             let image = place.of_clip(outline.centre.into());
-            return Ok(Drawn { values, image: Some(image), depth: [outline.radius / scale, weight], place });
+            return Ok(Drawn { values, image: Some(image), depth: [outline.radius / place.scale(), weight], place });
         }
         Ok(Drawn { values, image: Some(image), depth: [depth / place.zoom, weight], place })
     }
@@ -288,6 +305,12 @@ impl Sampler {
 fn as_looked_at_again(outline: &Outline, random: &mut Random) -> f64 {
     let (again, radius) = (random.random_bool(0.5), random.random_range(AGAIN));
     if again { (radius / outline.radius).clamp(1.0, MOST_ENLARGED) } else { 1.0 }
+}
+
+/// About how far a clip's ball is, m: in sight in any case.
+fn rough_depth(clip: &Clip) -> f64 {
+    let radius = clip.scene.as_ref().map_or(0.0, |scene| scene.ball.radius);
+    distance_of_scene(clip).max(NEAREST * radius)
 }
 
 /// `scene` with nothing in it to touch.

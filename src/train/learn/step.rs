@@ -1,7 +1,7 @@
 //! One optimiser step.
 
 use burn::module::{Module, ModuleVisitor, Param};
-use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::super::examples::Batch;
@@ -70,7 +70,10 @@ pub async fn step(
     let config = pen.config().clone();
     let future = match batch.windows.is_empty() {
         true => None,
-        false => Some(future(&decode(output.clone(), &config), &batch.windows, options, knowledge).await?),
+        false => {
+            let decoded = decode(near_labels(output.clone(), &batch.labels, &config), &config);
+            Some(future(&decoded, &batch.windows, options, knowledge).await?)
+        }
     };
     let (transition, with_centre) = (options.depth_transition, options.centre_weight > 0.0);
     let losses = map_losses(output, &batch.labels, &config, options.heatmap_loss, transition, with_centre);
