@@ -22,7 +22,7 @@
 //! - **model and localiser**: [`Picture`], [`Size`], [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
 //! - **clips**: [`Clips`], [`Clip`], [`Frame`]; 2D labels: [`LabelOptions`], [`propose_labels`]; videos: [`VideoTracker`], [`Tracked`]
-//! - **training**: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
+//! - **training**: [`FineTuner`], [`FineTuneOptions`], [`FineTuneSupervision`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - **evaluation**: [`score`], [`Sample`], [`Metrics`]
 //! - [`Error`], [`Result`]; in [`parts`] the types of what these hold
 #![warn(missing_docs, clippy::unwrap_used)]
@@ -74,7 +74,7 @@ pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::size::Size;
 pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Track, Tracked, propose_labels};
-pub use self::train::{FineTuneOptions, FineTuner};
+pub use self::train::{FineTuneOptions, FineTuneSupervision, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 pub use self::video_tracker::VideoTracker;
@@ -86,6 +86,7 @@ pub mod parts {
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{Elsewhere, FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
+    pub use crate::train::{Added, ClipKey, Score, Tuned};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.

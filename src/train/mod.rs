@@ -11,9 +11,7 @@ mod testing;
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use examples::read_photographs;
-#[cfg(target_arch = "wasm32")]
-pub(crate) use learn::{Added, Score, Tuned};
-pub use learn::{FineTuneOptions, FineTuner};
+pub use learn::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Score, Tuned};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};
 #[cfg(not(target_arch = "wasm32"))]

@@ -195,6 +195,7 @@ pub(super) fn examples_of(chosen: &[usize], fits: &[TaughtClip], recipe: &Recipe
     }
     examples
 }
+
 /// Frames with 2D labels.
 pub(super) fn labelled_2d(clips: &Clips) -> Vec<Example> {
     let frames = clips.clips.iter().enumerate().flat_map(|(clip, it)| {

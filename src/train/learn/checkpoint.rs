@@ -127,7 +127,8 @@ fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>> {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let step = name.strip_prefix(NAME[0]).and_then(|rest| rest.strip_suffix(NAME[1])?.parse().ok());
         if name.starts_with(NAME[0]) && path.is_dir() {
-            let reason = "is a checkpoint of an earlier version, which this one cannot read: start the run again".into();
+            let reason =
+                "is a checkpoint of an earlier version, which this one cannot read: start the run again".into();
             return Err(Error::Data { what: path.display().to_string(), reason });
         }
         found.extend(step.map(|step| (step, path)));

@@ -30,6 +30,5 @@ pub use self::fine_tune::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, 
 pub use self::optimiser::AdamW;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::run::{TrainEvent, TrainProgress, Validation};
-#[cfg(target_arch = "wasm32")]
-pub(crate) use self::score::Score;
+pub use self::score::Score;
 pub use self::step::{StepOptions, step};
