@@ -105,6 +105,14 @@ export class Engine {
       this.#tuner = { core, device };
       return device;
     },
+    resumeTuner: async (request, onProgress) => {
+      const { kind, reason } = await pickDevice(request.device);
+      this.#module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+      const core = await this.#module.FineTuner.resume(request.checkpoint, kind);
+      const device = { kind, name: core.deviceName, reason };
+      this.#tuner = { core, device };
+      return device;
+    },
     addClip: ({ clip, pictures, heldOut }) => {
       const { core: tuner } = present(this.#tuner);
       try {
@@ -124,6 +132,8 @@ export class Engine {
       }
       return last;
     },
+    tuneProgress: () => present(this.#tuner).core.progress(),
+    checkpoint: () => present(this.#tuner).core.checkpoint(),
     evaluate: () => present(this.#tuner).core.evaluate(),
     tuned: async ({ picture, camera, options }) => {
       const { core, device } = present(this.#tuner);

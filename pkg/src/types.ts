@@ -5,6 +5,7 @@ export type {
   Added as ClipAdded,
   CalibrationLine,
   CalibrationResult,
+  ClipKey,
   Candidate,
   Camera,
   Card,
@@ -14,6 +15,7 @@ export type {
   Fit,
   Flight,
   Hit,
+  FineTuneSupervision,
   FitFrame,
   FloatMap,
   Forecast,
@@ -26,6 +28,7 @@ export type {
   SimulatedClip,
   Statistic,
   Tuned as TuneStep,
+  TuneProgress,
   TuneScore,
 } from "../wasm/cpu/gravisight.js";
 
@@ -213,6 +216,12 @@ export type CalibrationUnknown = "focal" | "principal-point" | "distortion" | "f
 
 /** Options of {@link FineTuner.create}. */
 export interface FineTuneOptions extends ModelOptions, Partial<Settings> {}
+
+/** Options of {@link FineTuner.resume}. */
+export interface FineTuneResumeOptions extends CoreOptions {
+  /** Default: `cpu`. The run need not go on where it began. */
+  device?: DeviceChoice;
+}
 
 /** A clip to learn from: consecutive frames of a camera that does not move. */
 export interface TrainingClip {

@@ -76,7 +76,7 @@ test("the WebGPU build gives the CPU's heatmap and depth", { skip, timeout: 300_
 });
 
 // A GPU in software takes half a minute a step.
-test("fine-tuning on WebGPU makes the CPU's steps, and exports their weights", { skip, timeout: 600_000 }, async () => {
+test("fine-tuning on WebGPU makes the CPU's steps, goes on where it was put aside, and exports their weights", { skip, timeout: 600_000 }, async () => {
   await inBrowser({ webgpu: true }, "harness.html", async (page) => {
     await offerTiny(page);
     const { cpu, webgpu } = await page.evaluate(tuneOnBoth, "golden/tiny.json");
@@ -177,10 +177,19 @@ async function tuneOnBoth(model) {
   }
   const made = {};
   for (const device of ["cpu", "webgpu"]) {
-    const tuner = await FineTuner.create({ model, device, steps: 2, batch: 2, crop: 32 });
-    await tuner.addClip({ id: "clip", fps, camera: simulator.camera, scene: simulator.scene, frames: drawn });
+    let tuner = await FineTuner.create({ model, device, steps: 2, batch: 2, crop: 32 });
+    const give = () => tuner.addClip({ id: "clip", fps, camera: simulator.camera, scene: simulator.scene, frames: drawn });
+    await give();
     const losses = [];
-    await tuner.step(2, { onStep: ({ loss }) => losses.push(loss) });
+    const step = () => tuner.step(1, { onStep: ({ loss }) => losses.push(loss) });
+    await step();
+    if (device === "webgpu") {
+      const checkpoint = await tuner.checkpoint();
+      tuner.dispose();
+      tuner = await FineTuner.resume(checkpoint, { device });
+      await give();
+    }
+    await step();
     const localiser = await Localiser.create({ model: await tuner.export(), camera: simulator.camera });
     const { world } = await localiser.localise(drawn[3].picture);
     made[device] = { kind: tuner.device.kind, losses, world };
