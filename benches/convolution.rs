@@ -12,11 +12,10 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use burn::optim::AdamConfig;
 use burn::tensor::{Device, Tensor, TensorData};
 use gravisight::internal::{
-    BackboneConfig, Batch, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig, PenOutput, StepOptions,
-    save, sha256_hex, step,
+    AdamW, BackboneConfig, Batch, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig, PenOutput,
+    StepOptions, save, sha256_hex, step,
 };
 use gravisight::{Card, Size};
 use serde_json::{Value, json};
@@ -266,7 +265,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
             clip_norm: 1.0,
             learning_rate: 1e-3,
         };
-        let mut optimiser = AdamConfig::new().init();
+        let mut optimiser = AdamW::new(0.0);
         let mut pen = Some(pen);
         let batch = Batch { pictures, size: [job.side; 2], labels, windows: vec![] };
         // The next step's batch is made beforehand, as the peer's is.

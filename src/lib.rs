@@ -38,7 +38,7 @@
 //! - [`image`], [`model`], [`localise`]: [`Picture`], [`Size`]; [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
 //! - [`clips`]: [`Clips`], [`Clip`], [`Frame`]
-//! - [`train`]: [`FineTuner`], [`FineTuneOptions`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
+//! - [`train`]: [`FineTuner`], [`FineTuneOptions`], [`FineTuneSupervision`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - [`evaluate`]: [`score`], [`Sample`], [`Metrics`]
 //! - [`Error`], [`Result`]
 #![warn(missing_docs, clippy::unwrap_used)]
@@ -62,6 +62,7 @@ mod least_squares;
 pub mod localise;
 pub mod model;
 pub mod physics;
+mod random;
 mod size;
 mod synth;
 mod table;
@@ -91,7 +92,7 @@ pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::size::Size;
 pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Track, Tracked, propose_labels};
-pub use self::train::{FineTuneOptions, FineTuner};
+pub use self::train::{FineTuneOptions, FineTuneSupervision, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 pub use self::video_tracker::VideoTracker;
@@ -104,6 +105,7 @@ pub mod parts {
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{Elsewhere, FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
+    pub use crate::train::{Added, ClipKey, Score, Tuned};
 }
 
 /// What the workspace's other packages and benches share with this one; no promise to anybody else.
@@ -118,7 +120,7 @@ pub mod internal {
     pub use crate::synth::{Engine, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::{Follower, TrackPoint};
-    pub use crate::train::bench::{Batch, HeatmapLoss, Labels, StepOptions, step};
+    pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
     pub use crate::train::read_photographs;
     pub use crate::train::{Supervision, TrainProgress, Validation};
 }

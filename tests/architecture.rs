@@ -8,8 +8,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error`, `size` and the tests' `testing` are open to all.
-const ARROWS: [(&str, &[&str]); 18] = [
+const ARROWS: [(&str, &[&str]); 19] = [
     ("size", &[]),
+    ("random", &[]),
     ("error", &["size"]),
     ("files", &[]),
     ("table", &["files"]),
@@ -24,8 +25,11 @@ const ARROWS: [(&str, &[&str]); 18] = [
     ("clips", &["camera", "files", "image", "physics"]),
     ("localise", &["camera", "contour", "image", "model"]),
     ("evaluate", &["camera", "clips", "image", "localise"]),
-    ("synth", &["camera", "clips", "physics"]),
-    ("train", &["camera", "clips", "evaluate", "files", "image", "localise", "model", "physics", "synth", "track"]),
+    ("synth", &["camera", "clips", "physics", "random"]),
+    (
+        "train",
+        &["camera", "clips", "evaluate", "files", "image", "localise", "model", "physics", "random", "synth", "track"],
+    ),
     ("video_tracker", &["camera", "image", "localise", "physics", "track"]),
 ];
 /// The browser's boundary, above everything.
@@ -46,7 +50,8 @@ const WASM: (&str, &[&str]) = (
     ],
 );
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 13] = [
+const WITHOUT_BURN: [&str; 14] = [
+    "random",
     "size",
     "error",
     "files",

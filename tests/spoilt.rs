@@ -4,9 +4,9 @@
 
 mod table;
 
+use chacha20::ChaCha12Rng;
 use gravisight::{Camera, FitOptions, Forecaster, Observation, Scene, State};
 use nalgebra::{Point2, Point3, Vector3};
-use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use table::{FOCAL, SCENE, SIZE, VIEWS, camera, median, normal};
 
@@ -28,7 +28,7 @@ fn rolled() -> Camera {
 fn shot(seed: u64, sizes: bool) -> (Vec<Point3<f64>>, Vec<Observation>) {
     let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
     let forecaster = Forecaster::new(&scene).unwrap();
-    let mut random = StdRng::seed_from_u64(1000 + seed);
+    let mut random = ChaCha12Rng::seed_from_u64(1000 + seed);
     let mut within = |from: f64, to: f64| random.random_range(from..to);
     let start = State {
         position: Point3::new(within(-0.4, 0.4), -1.6, within(0.2, 0.4)),

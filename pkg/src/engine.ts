@@ -94,6 +94,15 @@ export class Engine {
       this.#tuner = { core, device };
       return device;
     },
+    resumeTuner: async (request, onProgress) => {
+      // `auto` measures with the package's own model: that of the run is in the checkpoint.
+      const { kind, reason } = await pickDevice({ ...request, model: undefined, cache: true }, onProgress, this);
+      this.#module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+      const core = await this.#module.FineTuner.resume(request.checkpoint, kind);
+      const device = deviceOf(core, kind, reason);
+      this.#tuner = { core, device };
+      return device;
+    },
     addClip: async ({ clip, pictures, heldOut }) => {
       const { core: tuner } = present(this.#tuner);
       try {
@@ -113,6 +122,8 @@ export class Engine {
       }
       return last;
     },
+    tuneProgress: () => present(this.#tuner).core.progress(),
+    checkpoint: () => present(this.#tuner).core.checkpoint(),
     evaluate: () => present(this.#tuner).core.evaluate(),
     tuned: async ({ picture, camera, options }) => {
       const { core, device } = present(this.#tuner);

@@ -7,11 +7,13 @@ import type {
   ClipAdded,
   Device,
   FineTuneOptions,
+  FineTuneResumeOptions,
   Localisation,
   LocaliseOptions,
   Model,
   Picture,
   TrainingClip,
+  TuneProgress,
   TuneScore,
   TuneStep,
 } from "./types.js";
@@ -33,11 +35,11 @@ export class FineTuner {
    * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
    */
   static async create(options: FineTuneOptions): Promise<FineTuner> {
-    const { signal, onProgress, cache = true, steps, batch, crop, learningRate, seed } = options;
+    const { signal, onProgress, cache = true, steps, batch, crop, learningRate, supervision, seed } = options;
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
     const request = { model: modelOf(options.model), device, wasm: wasmFolder(options), cache };
-    const settings = jsonOf({ steps, batch, crop, learningRate, seed }, "options");
+    const settings = jsonOf({ steps, batch, crop, learningRate, supervision, seed }, "options");
     const transport = connect(options);
     try {
       const taken = await transport.call("tuner", { ...request, options: settings }, { signal, onProgress });
@@ -46,6 +48,38 @@ export class FineTuner {
       transport.close(disposed("FineTuner"));
       throw thrown;
     }
+  }
+
+  /**
+   * Goes on from a {@link checkpoint}, in another page or after a reload. The clips are not in it: give those that
+   * {@link progress} awaits again (in any order), then step on. On the same device the run ends as if it had never stopped, to the
+   * same bits on the CPU.
+   *
+   * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
+   */
+  static async resume(checkpoint: Uint8Array, options: FineTuneResumeOptions = {}): Promise<FineTuner> {
+    const { signal, onProgress } = options;
+    signal?.throwIfAborted();
+    const device = checkedDevice(options.device);
+    const request = { checkpoint: new Uint8Array(checkpoint), device, wasm: wasmFolder(options) };
+    const transport = connect(options);
+    try {
+      const taken = await transport.call("resumeTuner", request, { signal, onProgress, transfer: [request.checkpoint.buffer] });
+      return new FineTuner(transport, taken);
+    } catch (thrown) {
+      transport.close(disposed("FineTuner"));
+      throw thrown;
+    }
+  }
+
+  /** The steps done and in all, and the clips that a resumed run still awaits. */
+  progress(): Promise<TuneProgress> {
+    return this.#transport.call("tuneProgress", {});
+  }
+
+  /** All that is needed to go on later, but for the clips: some 16 bytes a weight, for {@link resume}. */
+  checkpoint(): Promise<Uint8Array> {
+    return this.#transport.call("checkpoint", {});
   }
 
   /**

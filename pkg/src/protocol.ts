@@ -40,7 +40,10 @@ export interface Calls {
 
   tuner: [Source & { model: string | Model | undefined; device: DeviceChoice; cache: boolean; options: string }, Device];
   addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, Core.Added];
+  resumeTuner: [Source & { checkpoint: Uint8Array; device: DeviceChoice }, Device];
   tune: [{ count: number }, Core.Tuned | null];
+  tuneProgress: [Record<never, never>, Core.TuneProgress];
+  checkpoint: [Record<never, never>, Uint8Array];
   evaluate: [Record<never, never>, Core.TuneScore];
   tuned: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Found];
   exportTuned: [Record<never, never>, Model];

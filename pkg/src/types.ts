@@ -7,6 +7,7 @@ export type {
   Added as ClipAdded,
   CalibrationLine,
   CalibrationResult,
+  ClipKey,
   Candidate,
   Camera,
   Card,
@@ -17,6 +18,7 @@ export type {
   Fit,
   Flight,
   Hit,
+  FineTuneSupervision,
   FitFrame,
   FloatMap,
   Forecast,
@@ -31,6 +33,7 @@ export type {
   SimulatedClip,
   Statistic,
   Tuned as TuneStep,
+  TuneProgress,
   TuneScore,
 } from "../wasm/cpu/gravisight.js";
 
@@ -200,6 +203,12 @@ export type CalibrationUnknown = "focal" | "principal-point" | "distortion" | "f
 
 /** Options of {@link FineTuner.create}. */
 export interface FineTuneOptions extends ModelOptions, Partial<Settings> {}
+
+/** Options of {@link FineTuner.resume}. */
+export interface FineTuneResumeOptions extends CoreOptions {
+  /** Default: `cpu`. The run need not go on where it began. */
+  device?: DeviceChoice;
+}
 
 /** A clip to learn from: consecutive frames of a camera that does not move. */
 export interface TrainingClip {

@@ -10,6 +10,7 @@ mod distortion;
 mod file;
 mod fold;
 mod sphere;
+mod sphere_slope;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
 

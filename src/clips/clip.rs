@@ -147,6 +147,19 @@ impl Clip {
         Err(Error::Data { what: what.into(), reason })
     }
 
+    /// Refuses pictures that are not one a frame, each of the camera's size.
+    ///
+    /// # Errors
+    /// [`Error::Data`].
+    pub fn check_pictures(&self, pictures: &[Picture]) -> Result<()> {
+        if pictures.len() != self.frames.len() {
+            let reason = format!("has {} frames and {} pictures", self.frames.len(), pictures.len());
+            return Err(Error::Data { what: format!("clip `{}`", self.id), reason });
+        }
+        let mut named = self.frames.iter().zip(pictures);
+        named.try_for_each(|(frame, picture)| self.check_picture(picture, &frame.file.display().to_string()))
+    }
+
     /// Reads a clip from the text of its line in `clips.jsonl`, camera and scene inside; `what` names it in errors.
     ///
     /// # Errors

@@ -36,4 +36,4 @@ pub use self::pen::{Pen, PenOutput, PenRunner};
 pub(crate) use self::weights::joined;
 #[doc(hidden)]
 pub use self::weights::save;
-pub(crate) use self::weights::{halved, load, load_backbone_timm, load_into, on_cpu, parted};
+pub(crate) use self::weights::{bundled, halved, load, load_backbone_timm, load_into, on_cpu, parted, unbundled};

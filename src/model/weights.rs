@@ -1,7 +1,7 @@
 //! Weights in safetensors files, under PyTorch's tensor names.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param, ParamId};
 use burn::store::{
@@ -173,10 +173,15 @@ fn opened(bytes: &[u8]) -> Result<SafeTensors<'_>> {
 
 /// The file of `tensors`.
 fn written(tensors: &[Entry<'_>]) -> Result<Vec<u8>> {
+    written_with(tensors, ["format", "pt"])
+}
+
+/// The same with another entry beside them. (Several would be written in an order that changes from call to call.)
+fn written_with(tensors: &[Entry<'_>], [key, value]: [&str; 2]) -> Result<Vec<u8>> {
     let views = tensors
         .iter()
         .map(|(name, dtype, shape, data)| Ok((name, TensorView::new(*dtype, shape.clone(), data).map_err(refuse)?)));
-    let metadata = HashMap::from([("format".to_string(), "pt".to_string())]);
+    let metadata = HashMap::from([(key.to_string(), value.to_string())]);
     safetensors::serialize(views.collect::<Result<Vec<_>>>()?, Some(metadata)).map_err(refuse)
 }
 
@@ -216,6 +221,43 @@ pub fn joined(own: &[u8], closer: &[u8]) -> Result<Vec<u8>> {
         .chain(closer.iter().map(|(name, view)| (named(name), view)))
         .map(entry);
     written(&entries.collect::<Vec<_>>())
+}
+
+/// The entry of a bundle that holds its text.
+const ABOUT: &str = "about";
+
+/// One file of several networks' files, each under a name without a dot, and a text beside them.
+///
+/// # Errors
+/// [`Error::WeightsFile`] for bytes that are no whole safetensors file.
+pub fn bundled(parts: &[(&str, Vec<u8>)], about: &str) -> Result<Vec<u8>> {
+    let mut entries = vec![];
+    for (part, bytes) in parts {
+        let file = opened(bytes)?;
+        entries.extend(file.iter().map(|(name, view)| {
+            (format!("{part}.{name}"), view.dtype(), view.shape().to_vec(), Cow::Owned(view.data().to_vec()))
+        }));
+    }
+    written_with(&entries, [ABOUT, about])
+}
+
+/// The networks' files of a bundle by their names, and its text.
+///
+/// # Errors
+/// [`Error::WeightsFile`] for bytes that are no whole bundle.
+pub fn unbundled(bytes: &[u8]) -> Result<(BTreeMap<String, Vec<u8>>, String)> {
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(refuse)?;
+    let missing = || Error::WeightsFile { reason: "holds no training's state".into() };
+    let about = header.metadata().as_ref().and_then(|entries| entries.get(ABOUT)).ok_or_else(missing)?.clone();
+    let file = opened(bytes)?;
+    let mut parts: BTreeMap<String, Vec<Entry<'_>>> = BTreeMap::new();
+    for (name, view) in file.iter() {
+        let (part, name) = name.split_once('.').ok_or_else(missing)?;
+        let entry = (name.to_string(), view.dtype(), view.shape().to_vec(), Cow::Borrowed(view.data()));
+        parts.entry(part.into()).or_default().push(entry);
+    }
+    let parts = parts.into_iter().map(|(part, entries)| Ok((part, written(&entries)?)));
+    Ok((parts.collect::<Result<_>>()?, about))
 }
 
 /// A store over `bytes` that speaks PyTorch's names, its tensors checked to be whole and finite.

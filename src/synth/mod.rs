@@ -21,9 +21,7 @@ use std::ops::Range;
 
 use image::RgbImage;
 use nalgebra::{Point3, Vector3};
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
-use sha2::{Digest, Sha256};
+use rand::RngExt;
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::broadcast::{Film, Filmed, Kind};
@@ -37,6 +35,7 @@ use crate::camera::Camera;
 use crate::clips::{Clip, Frame};
 use crate::error::{Error, Result};
 use crate::physics::{Forecaster, Scene, State, Status};
+use crate::random::{Random, Stream};
 
 /// Starts drawn before a clip is given up.
 const TRIES: usize = 10_000;
@@ -225,7 +224,7 @@ impl Studio {
     /// [`Error::Data`] if no start keeps the ball in the picture.
     pub fn clip(&self, engine: &mut dyn Engine, seed: u64, split: Split, number: usize) -> Result<Clip> {
         let id = self.shot.id(split, number);
-        let mut random = StdRng::from_seed(Sha256::digest(format!("{seed}/{id}")).into());
+        let mut random = Stream::Scene.of_named(seed, &id);
         let seconds = self.shot.environment.map_or(self.paper.spring.seconds, |_| self.paper.bouncing.seconds);
         let count = (seconds * self.paper.fps).round() as usize;
         let times: Vec<f64> = (0..count).map(|frame| frame as f64 / self.paper.fps).collect();
@@ -248,7 +247,7 @@ impl Studio {
     }
 
     /// A random ball's path; [`None`] if it leaves the picture.
-    fn path(&self, engine: &mut dyn Engine, random: &mut StdRng, times: &[f64]) -> Option<Vec<Point3<f64>>> {
+    fn path(&self, engine: &mut dyn Engine, random: &mut Random, times: &[f64]) -> Option<Vec<Point3<f64>>> {
         let start = match self.shot.environment {
             Some(_) => self.thrown(random),
             None => self.swung(random, times)?,
@@ -267,7 +266,7 @@ impl Studio {
     }
 
     /// A start of the bouncing ball: thrown gently inwards.
-    fn thrown(&self, random: &mut StdRng) -> State {
+    fn thrown(&self, random: &mut Random) -> State {
         let start = &self.paper.bouncing.start;
         let mut between = |[low, high]: [f64; 2]| random.random_range(low..high);
         let position = Vector3::from_fn(|axis, _| between([start.low[axis], start.high[axis]]));
@@ -280,7 +279,7 @@ impl Studio {
 
     /// A start of the ball on the spring: across its line to the anchor, nearly in a circle; [`None`] if it comes too
     /// near the anchor.
-    fn swung(&self, random: &mut StdRng, times: &[f64]) -> Option<State> {
+    fn swung(&self, random: &mut Random, times: &[f64]) -> Option<State> {
         let start = &self.paper.spring.start;
         let [low, high] = start.component;
         let position =

@@ -10,6 +10,7 @@ mod tracked;
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
+pub(crate) use self::fit::SOLVER_VERSION;
 #[doc(hidden)]
 pub use self::follow::Follower;
 pub use self::follow::{Elsewhere, Followed, FollowedFrame};

@@ -14,7 +14,9 @@ pub use examples::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
 pub use examples::read_photographs;
-pub use learn::{Added, FineTuneOptions, FineTuner, Score, SizeScore, Tuned};
+pub use learn::{
+    Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Score, SizeScore, Tuned,
+};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};
 pub use recipe::{
@@ -27,6 +29,6 @@ pub use recipe::{RunPaths, TrainConfig, TrainSettings};
 #[doc(hidden)]
 pub mod bench {
     pub use super::examples::{Batch, Labels};
-    pub use super::learn::{StepOptions, step};
+    pub use super::learn::{AdamW, StepOptions, step};
     pub use super::recipe::HeatmapLoss;
 }

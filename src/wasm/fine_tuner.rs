@@ -14,7 +14,7 @@ use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
 use crate::model::Card;
-use crate::train::{Added, FineTuneOptions, FineTuner, Score, Tuned};
+use crate::train::{Added, ClipKey, FineTuneOptions, FineTuner, Score, Tuned};
 
 /// How good the weights are on the clips held out.
 #[derive(Serialize, Tsify)]
@@ -44,6 +44,17 @@ pub struct Model {
     pub weights: Uint8Array,
 }
 
+/// Where a run is.
+#[derive(Serialize, Tsify)]
+pub struct TuneProgress {
+    /// Steps done.
+    pub step: usize,
+    /// Steps in all.
+    pub steps: usize,
+    /// The clips that a resumed run had and that are still to be given again.
+    pub awaited: Vec<ClipKey>,
+}
+
 /// A model that learns from clips given to it.
 #[wasm_bindgen(js_name = FineTuner)]
 pub struct JsFineTuner {
@@ -68,6 +79,27 @@ impl JsFineTuner {
             Ok(Self { tuner, device, held: Held::default() })
         };
         create().await.map_err(js_error)
+    }
+
+    /// Goes on from what [`Self::checkpoint`] gave, on `device`, once its clips are given again.
+    pub async fn resume(checkpoint: Vec<u8>, device: String) -> std::result::Result<Self, JsValue> {
+        let resume = async || -> Result<Self> {
+            let device = device_of(&device).await?;
+            let tuner = FineTuner::resume(&checkpoint, &device.device)?;
+            Ok(Self { tuner, device, held: Held::default() })
+        };
+        resume().await.map_err(js_error)
+    }
+
+    /// All that is needed to go on later but for the clips.
+    pub async fn checkpoint(&self) -> std::result::Result<Uint8Array, JsValue> {
+        self.tuner.checkpoint().await.map(|bytes| bytes.as_slice().into()).map_err(js_error)
+    }
+
+    /// Where the run is.
+    pub fn progress(&self) -> std::result::Result<Ts<TuneProgress>, JsValue> {
+        let [step, steps] = self.tuner.progress();
+        object_of(&TuneProgress { step, steps, awaited: self.tuner.awaited() }).map_err(js_error)
     }
 
     /// The next picture of the clip that [`Self::add_clip`] ends.

@@ -261,10 +261,19 @@ async function tuneOnBoth({ model, steps }) {
   }
   const made = {};
   for (const device of ["cpu", "webgpu"]) {
-    const tuner = await FineTuner.create({ model, device, steps, batch: 2, crop: 32 });
-    await tuner.addClip({ id: "clip", fps, camera: simulator.camera, scene: simulator.scene, frames: drawn });
+    let tuner = await FineTuner.create({ model, device, steps, batch: 2, crop: 32 });
+    const give = () => tuner.addClip({ id: "clip", fps, camera: simulator.camera, scene: simulator.scene, frames: drawn });
+    await give();
     const losses = [];
-    await tuner.step(steps, { onStep: ({ loss }) => losses.push(loss) });
+    for (let step = 0; step < steps; step++) {
+      if (step > 0 && device === "webgpu") {
+        const checkpoint = await tuner.checkpoint();
+        tuner.dispose();
+        tuner = await FineTuner.resume(checkpoint, { device });
+        await give();
+      }
+      await tuner.step(1, { onStep: ({ loss }) => losses.push(loss) });
+    }
     const localiser = await Localiser.create({ model: await tuner.export(), camera: simulator.camera });
     const { world } = await localiser.localise(drawn[3].picture);
     made[device] = { kind: tuner.device.kind, losses, world };

@@ -77,6 +77,60 @@ test("fine-tuning asks for clips, makes examples, learns, can be stopped, and gi
   assert.deepEqual(files.sort(), ["sd-s-tuned.json", "sd-s-tuned.safetensors"]);
 });
 
+/** The numbers of the table and the last loss, once the run is done. */
+async function outcome() {
+  const ended = () => {
+    const text = (part) => document.querySelector(`[data-part="${part}"]`).textContent;
+    return text("tune-status").startsWith("Done: 40 steps") || text("tune-alert");
+  };
+  await page.waitForFunction(ended, undefined, PATIENCE);
+  assert.equal(await page.getByTestId("tune-alert").textContent(), "");
+  const table = await page.getByTestId("tune-table").locator("td").allTextContents();
+  const label = await page.getByTestId("tune-loss-chart").getAttribute("aria-label");
+  return { table, last: label.match(/last ([\d.]+)/)[1] };
+}
+
+test("a run that a reload breaks off goes on by itself, and ends as one that was not", { timeout: 400_000 }, async () => {
+  const start = async () => {
+    await page.getByTestId("tune-steps").fill("40");
+    await page.getByTestId("tune-supervision").selectOption("future-2d-predict");
+    await page.getByTestId("tune-start").click();
+  };
+  await start();
+  const whole = await outcome();
+  await start();
+  // Kept after the first score at the latest: at step 7.
+  await page.getByTestId("tune-status").filter({ hasText: /^Step (1[2-9]|2\d) of 40/ }).waitFor(PATIENCE);
+  await page.reload();
+  await page.getByTestId("tune-status").filter({ hasText: /^Step \d+ of 40/ }).waitFor(PATIENCE);
+  const step = Number((await page.getByTestId("tune-status").textContent()).match(/\d+/)[0]);
+  assert.ok(step > 7, `went on at step ${step}`);
+  assert.equal(await page.getByTestId("tune-supervision").inputValue(), "future-2d-predict");
+  assert.deepEqual(await outcome(), whole);
+  // What is done is kept, too, and not made again.
+  await page.reload();
+  await page.getByTestId("tune-continue").filter({ hasText: "Show the last run" }).click();
+  assert.deepEqual(await outcome(), whole);
+  assert.ok(await page.getByTestId("tune-save").isEnabled());
+});
+
+test("the model for any ball is fine-tuned, stopped and continued", { timeout: 400_000 }, async () => {
+  // One clip to learn from and one held out: each look at a picture is a long one.
+  for (const index of [1, 2, 3]) await page.getByTestId("tune-use").nth(index).setChecked(false);
+  await page.getByTestId("tune-model").selectOption("any");
+  await page.getByTestId("tune-supervision").selectOption("physics-fit");
+  await page.getByTestId("tune-steps").fill("10");
+  await page.getByTestId("tune-start").click();
+  await page.getByTestId("tune-status").filter({ hasText: /^Step [2-9] of 10/ }).waitFor(PATIENCE);
+  await page.getByTestId("tune-stop").click();
+  await page.getByTestId("tune-status").filter({ hasText: "Stopped" }).waitFor(PATIENCE);
+  await page.getByTestId("tune-continue").filter({ hasText: "Continue the last run" }).click();
+  await page.getByTestId("tune-status").filter({ hasText: "Done: 10 steps" }).waitFor({ timeout: 300_000 });
+  const [before, now] = await page.getByTestId("tune-table").locator("tr").nth(2).locator("td").allTextContents();
+  assert.ok(parseFloat(before) < 10 && parseFloat(now) < 15, `${before} ${now}`);
+  for (const index of [1, 2, 3]) await page.getByTestId("tune-use").nth(index).setChecked(true);
+});
+
 test("what is chosen of a clip outlives a change of another", async () => {
   await page.getByTestId("tune-use").nth(0).uncheck();
   await page.getByTestId("tune-held-out").nth(1).check();

@@ -6,8 +6,7 @@ mod play;
 mod stage;
 
 use nalgebra::{Matrix3, Point3, Vector3};
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 
 use self::play::Play;
 use self::stage::Person;
@@ -16,6 +15,7 @@ use super::random::noise::Normals;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
+use crate::random::{Random, Stream, mixed};
 use image::{Rgb, RgbImage};
 
 /// Parts of an exposure.
@@ -124,7 +124,7 @@ impl Kind {
     }
 
     /// Where the camera is and looks, m, its focal length as a share of the width, and the picture's size, px.
-    fn view(self, random: &mut StdRng) -> ([f64; 3], [f64; 3], f64, [u32; 2]) {
+    fn view(self, random: &mut Random) -> ([f64; 3], [f64; 3], f64, [u32; 2]) {
         let mut between = |range: std::ops::Range<f64>| random.random_range(range);
         match self {
             Self::Tennis => (
@@ -158,7 +158,7 @@ impl Kind {
         }
     }
 
-    fn fps(self, random: &mut StdRng) -> f64 {
+    fn fps(self, random: &mut Random) -> f64 {
         let choices: &[f64] = match self {
             Self::Tennis => &[25.0, 50.0],
             Self::TableTennis => &[60.0, 120.0],
@@ -175,7 +175,8 @@ impl Film {
     /// # Errors
     /// [`Error::Data`] where none is found.
     pub fn draw(kind: Kind, seed: u64) -> Result<Self> {
-        let random = &mut StdRng::seed_from_u64(seed.wrapping_mul(4).wrapping_add(kind as u64));
+        let seed = seed.wrapping_mul(Kind::ALL.len() as u64).wrapping_add(kind as u64);
+        let random = &mut Stream::Scene.of(seed);
         let scene = kind.scene()?;
         let forecaster = Forecaster::new(&scene)?;
         let (eye, target, focal, size) = kind.view(random);
@@ -241,7 +242,7 @@ impl Film {
     /// # Errors
     /// [`Error::Distortion`] never: the cameras have no lens.
     pub fn frame(&self, number: usize) -> Result<(RgbImage, Filmed)> {
-        let random = &mut StdRng::seed_from_u64(self.seed ^ ((number as u64 + 1) << 32));
+        let random = &mut Stream::FrameNoise.of(mixed(self.seed, number as u64, 0));
         let time = number as f64 / self.fps;
         let world = self.play.at(&self.forecaster, time);
         let image = self.camera.image_from_world(&world)?;

@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
-use rand::rngs::StdRng;
 
 use super::Kind;
 use crate::error::{Error, Result};
 use crate::physics::{Forecast, Forecaster, State};
+use crate::random::Random;
 
 /// Steps of a flight that is tried, s, and the longest.
 const STEP: f64 = 0.01;
@@ -33,7 +33,7 @@ pub(super) struct Play {
 impl Play {
     /// # Errors
     /// [`Error::Data`] where no flight is found: the scene is not the kind's.
-    pub fn draw(kind: Kind, forecaster: &Forecaster, random: &mut StdRng) -> Result<Self> {
+    pub fn draw(kind: Kind, forecaster: &Forecaster, random: &mut Random) -> Result<Self> {
         let mut play = Self { starts: vec![], end: 0.0, hits: vec![], bounces: vec![] };
         let mut side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
         let (flights, mut at) = kind.begins(side, random);
@@ -73,7 +73,7 @@ struct Wanted {
 
 impl Kind {
     /// Flights of a clip, and where the first begins.
-    fn begins(self, side: f64, random: &mut StdRng) -> (usize, Point3<f64>) {
+    fn begins(self, side: f64, random: &mut Random) -> (usize, Point3<f64>) {
         let mut between = |range: Range<f64>| random.random_range(range);
         let at = match self {
             Self::Tennis => [between(-3.0..3.0), -side * between(10.0..12.0), between(0.6..1.4)],
@@ -94,7 +94,7 @@ impl Kind {
         forecaster: &Forecaster,
         side: f64,
         at: Point3<f64>,
-        random: &mut StdRng,
+        random: &mut Random,
     ) -> Result<(State, Forecast, f64)> {
         let Wanted { across, along, up } = match self {
             Self::Tennis => Wanted { across: -5.0..5.0, along: 16.0..38.0, up: -2.0..7.0 },
@@ -117,7 +117,7 @@ impl Kind {
     }
 
     /// How long a flight is played, s; none where it is not one that is.
-    fn length(self, side: f64, forecast: &Forecast, random: &mut StdRng) -> Option<f64> {
+    fn length(self, side: f64, forecast: &Forecast, random: &mut Random) -> Option<f64> {
         let arrives = |far: f64| forecast.states.iter().position(|state| side * state.position.y > far);
         let over = |height: f64| {
             let at = forecast.states.iter().find(|state| side * state.position.y > 0.0);

@@ -2,13 +2,13 @@
 
 use nalgebra::{Point2, Point3};
 use rand::RngExt;
-use rand::rngs::StdRng;
 
 use super::super::random::canvas::{Canvas, Colour, Ellipse, Line, Polygon, mix};
 use super::super::random::noise::smooth;
 use super::Kind;
 use crate::camera::{Camera, Court};
 use crate::physics::Scene;
+use crate::random::Random;
 use crate::size::Size;
 
 /// Half a line's least width, px.
@@ -32,12 +32,12 @@ pub(super) struct Person {
     colours: [Colour; 3],
 }
 
-fn colour(random: &mut StdRng) -> Colour {
+fn colour(random: &mut Random) -> Colour {
     std::array::from_fn(|_| random.random_range(0.08..0.9))
 }
 
 /// One before which a ball of the colour `paint` is seen.
-fn unlike(paint: Colour, random: &mut StdRng) -> Colour {
+fn unlike(paint: Colour, random: &mut Random) -> Colour {
     loop {
         let found = colour(random);
         if (0..3).map(|channel| (found[channel] - paint[channel]).powi(2)).sum::<f32>() > UNLIKE * UNLIKE {
@@ -47,7 +47,7 @@ fn unlike(paint: Colour, random: &mut StdRng) -> Colour {
 }
 
 impl Person {
-    pub fn draw(home: [f64; 2], random: &mut StdRng) -> Self {
+    pub fn draw(home: [f64; 2], random: &mut Random) -> Self {
         Self {
             home,
             reach: [random.random_range(0.2..1.6), random.random_range(0.1..0.8)],
@@ -105,7 +105,7 @@ impl Person {
 }
 
 /// The picture without anything that moves.
-pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: Colour, random: &mut StdRng) -> Canvas {
+pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: Colour, random: &mut Random) -> Canvas {
     let size = camera.size();
     let mut canvas = Canvas::new(size, [0.5; 3]);
     let [inner, outer, far] = std::array::from_fn(|_| unlike(paint, random));

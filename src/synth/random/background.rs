@@ -4,10 +4,10 @@ use std::f32::consts::TAU;
 
 use image::RgbImage;
 use rand::RngExt;
-use rand::rngs::StdRng;
 
 use super::canvas::{Canvas, Colour, Ellipse, Line, Polygon, Shape, mix};
 use super::noise::smooth;
+use crate::random::Random;
 use crate::size::Size;
 
 /// Share of the backgrounds that are photographs, where there are any.
@@ -18,7 +18,7 @@ const NOT_ROUND: f32 = 1.7;
 const CORNERS: f32 = 8.0;
 
 /// A colour like those of painted and dyed things: seldom pure.
-pub fn colour(random: &mut StdRng) -> Colour {
+pub fn colour(random: &mut Random) -> Colour {
     let grey = random.random_range(0.0..1.0_f32);
     let pure: Colour = std::array::from_fn(|_| random.random_range(0.0..1.0));
     mix([grey; 3], pure, random.random_range(0.0..1.0_f32).powf(0.7))
@@ -36,7 +36,7 @@ fn wrap(value: f32, period: f32) -> f32 {
 }
 
 /// A background of `size`, with clutter.
-pub fn draw(size: Size, photographs: &[RgbImage], random: &mut StdRng) -> Canvas {
+pub fn draw(size: Size, photographs: &[RgbImage], random: &mut Random) -> Canvas {
     let mut canvas = Canvas::new(size, colour(random));
     if !photographs.is_empty() && random.random_bool(PHOTOGRAPHS) {
         photograph(&mut canvas, &photographs[random.random_range(0..photographs.len())], random);
@@ -61,17 +61,17 @@ pub fn draw(size: Size, photographs: &[RgbImage], random: &mut StdRng) -> Canvas
     canvas
 }
 
-fn anywhere(canvas: &Canvas, random: &mut StdRng) -> [f32; 2] {
+fn anywhere(canvas: &Canvas, random: &mut Random) -> [f32; 2] {
     [canvas.width, canvas.height].map(|side| random.random_range(-0.1..1.1_f32) * side as f32)
 }
 
 /// A part of a photograph, at any scale from a third of its pixels' size to three times.
-fn photograph(canvas: &mut Canvas, photograph: &RgbImage, random: &mut StdRng) {
+fn photograph(canvas: &mut Canvas, photograph: &RgbImage, random: &mut Random) {
     let (width, height) = (photograph.width() as usize, photograph.height() as usize);
     let most = (width as f32 / canvas.width as f32).min(height as f32 / canvas.height as f32);
     // photograph pixels to one of the canvas
     let step = (random.random_range(-1.0..1.0_f32) * 3_f32.ln()).exp().min(most * 0.999);
-    let start = |side: usize, count: usize, random: &mut StdRng| {
+    let start = |side: usize, count: usize, random: &mut Random| {
         let room = side as f32 - 1.0 - step * (count as f32 - 1.0);
         random.random_range(0.0..1.0) * room.max(0.0)
     };
@@ -107,7 +107,7 @@ fn photograph(canvas: &mut Canvas, photograph: &RgbImage, random: &mut StdRng) {
 }
 
 /// Four colours, one a corner.
-fn gradient(canvas: &mut Canvas, random: &mut StdRng) {
+fn gradient(canvas: &mut Canvas, random: &mut Random) {
     let first = colour(random);
     let corners: [Colour; 4] = std::array::from_fn(|_| {
         let other = colour(random);
@@ -124,7 +124,7 @@ fn gradient(canvas: &mut Canvas, random: &mut StdRng) {
 }
 
 /// Smooth noise between two or three colours.
-fn texture(canvas: &mut Canvas, random: &mut StdRng) {
+fn texture(canvas: &mut Canvas, random: &mut Random) {
     let cell = (random.random_range(2_f32.ln()..128_f32.ln())).exp();
     let (octaves, falloff) = (random.random_range(1..=5), random.random_range(0.4..0.9));
     let noise = smooth(canvas, cell, octaves, falloff, random);
@@ -142,7 +142,7 @@ fn texture(canvas: &mut Canvas, random: &mut StdRng) {
 }
 
 /// The brightness of what is there changed by smooth noise, as grass, carpets and walls have it.
-fn texture_over(canvas: &mut Canvas, random: &mut StdRng) {
+fn texture_over(canvas: &mut Canvas, random: &mut Random) {
     let cell = (random.random_range(2_f32.ln()..32_f32.ln())).exp();
     let strength = random.random_range(0.05..0.5_f32);
     let noise = smooth(canvas, cell, random.random_range(1..=3), 0.7, random);
@@ -152,7 +152,7 @@ fn texture_over(canvas: &mut Canvas, random: &mut StdRng) {
 }
 
 /// Checkers, bricks or stripes, turned.
-fn tiles(canvas: &mut Canvas, random: &mut StdRng) {
+fn tiles(canvas: &mut Canvas, random: &mut Random) {
     let (first, second) = (colour(random), colour(random));
     let second = mix(first, second, random.random_range(0.1..1.0));
     let size: [f32; 2] = std::array::from_fn(|_| random.random_range(4_f32.ln()..60_f32.ln()).exp());
@@ -181,7 +181,7 @@ fn tiles(canvas: &mut Canvas, random: &mut StdRng) {
 }
 
 /// A floor or a court in perspective, with lines or checkers, under a wall.
-fn ground(canvas: &mut Canvas, random: &mut StdRng) {
+fn ground(canvas: &mut Canvas, random: &mut Random) {
     let (wall, surface, line) = (colour(random), colour(random), colour(random));
     let white = random.random_bool(0.6);
     let line = if white { [random.random_range(0.7..1.0); 3] } else { line };
@@ -222,7 +222,7 @@ fn ground(canvas: &mut Canvas, random: &mut StdRng) {
 }
 
 /// Many small things of all colours: spectators, leaves, shelves.
-fn crowd(canvas: &mut Canvas, random: &mut StdRng) {
+fn crowd(canvas: &mut Canvas, random: &mut Random) {
     let size = random.random_range(2_f32.ln()..12_f32.ln()).exp();
     let area = (canvas.width * canvas.height) as f32;
     let dim = random.random_range(0.2..1.0_f32);
@@ -235,7 +235,7 @@ fn crowd(canvas: &mut Canvas, random: &mut StdRng) {
 }
 
 /// One thing that is no ball: a polygon, a line, an ellipse far from round, a bar, a crescent, letters' strokes.
-pub fn clutter(canvas: &mut Canvas, random: &mut StdRng) {
+pub fn clutter(canvas: &mut Canvas, random: &mut Random) {
     let at = anywhere(canvas, random);
     let side = canvas.width.min(canvas.height) as f32;
     let reach = side * (random.random_range(0.02_f32.ln()..0.7_f32.ln())).exp();
@@ -269,11 +269,11 @@ pub fn clutter(canvas: &mut Canvas, random: &mut StdRng) {
 }
 
 /// A few strokes beside each other, as letters and digits have them.
-fn strokes(canvas: &mut Canvas, at: [f32; 2], reach: f32, ink: Colour, random: &mut StdRng) {
+fn strokes(canvas: &mut Canvas, at: [f32; 2], reach: f32, ink: Colour, random: &mut Random) {
     let half = (reach * random.random_range(0.05..0.2_f32)).max(0.4);
     for letter in 0..random.random_range(1..5) {
         for _ in 0..random.random_range(2..4) {
-            let corner = |random: &mut StdRng| {
+            let corner = |random: &mut Random| {
                 let across = at[0] + reach * (1.2 * letter as f32 + [0.0, 0.5, 1.0][random.random_range(0..3)]);
                 [across, at[1] + 1.6 * reach * [0.0, 0.5, 1.0][random.random_range(0..3)]]
             };
@@ -284,7 +284,7 @@ fn strokes(canvas: &mut Canvas, at: [f32; 2], reach: f32, ink: Colour, random: &
 }
 
 /// Something that hides a part of a ball about `centre`: its share of each pixel, and its colours.
-pub fn occluder(centre: [f32; 2], radius: f32, random: &mut StdRng) -> (Polygon, Colour, Colour) {
+pub fn occluder(centre: [f32; 2], radius: f32, random: &mut Random) -> (Polygon, Colour, Colour) {
     let (sin, cos) = random.random_range(0.0..TAU).sin_cos();
     let colours = (colour(random), colour(random));
     let shape = if random.random_bool(0.5) {

@@ -3,10 +3,10 @@
 use std::f32::consts::{FRAC_PI_2, PI, TAU};
 
 use rand::RngExt;
-use rand::rngs::StdRng;
 
 use super::background::colour;
 use super::canvas::{Canvas, Colour, Ellipse, Shape, mix};
+use crate::random::Random;
 
 /// Focal lengths of the cameras, px.
 const FOCAL: [f64; 2] = [150.0, 2500.0];
@@ -43,7 +43,7 @@ pub struct Placed {
 }
 
 /// A random ball of `radius` about `centre`, px: turned into an ellipse as a camera sees it off its axis, perhaps in motion.
-pub fn place(centre: [f32; 2], radius: f32, random: &mut StdRng) -> Placed {
+pub fn place(centre: [f32; 2], radius: f32, random: &mut Random) -> Placed {
     let focal = random.random_range(FOCAL[0].ln()..FOCAL[1].ln()).exp();
     // Wide fields belong to short lenses: a picture is seldom larger than its focal length.
     let tangent = OFF_AXIS * random.random_range(0.0..1.0_f64).sqrt() * (700.0 / focal).min(1.0);
@@ -120,7 +120,7 @@ fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
 }
 
 /// A random direction.
-fn direction(random: &mut StdRng) -> [f32; 3] {
+fn direction(random: &mut Random) -> [f32; 3] {
     let z = random.random_range(-1.0..1.0_f32);
     let (sin, cos) = random.random_range(0.0..TAU).sin_cos();
     let flat = (1.0 - z * z).sqrt();
@@ -138,7 +138,7 @@ fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
 
 impl Look {
     /// Of a ball of `radius` px.
-    pub fn random(radius: f32, random: &mut StdRng) -> Self {
+    pub fn random(radius: f32, random: &mut Random) -> Self {
         let base = if random.random_bool(0.45) {
             let sport = SPORTS[random.random_range(0..SPORTS.len())];
             mix(sport, colour(random), random.random_range(0.0..0.25))
@@ -189,7 +189,7 @@ impl Look {
     }
 
     /// The same in the dark, lit from near the camera.
-    pub fn lit_from_camera(self, random: &mut StdRng) -> Self {
+    pub fn lit_from_camera(self, random: &mut Random) -> Self {
         let aside: [f32; 2] = std::array::from_fn(|_| random.random_range(-0.25..0.25));
         let light = normalised([aside[0], aside[1], 1.0]);
         Self { light, ambient: random.random_range(0.0..0.35), sky: 0.0, ..self }

@@ -1,8 +1,8 @@
 //! A picture in the making, and shapes drawn on it with the share of each pixel that they cover.
 
 use rand::RngExt;
-use rand::rngs::StdRng;
 
+use crate::random::Random;
 use crate::size::Size;
 
 /// Semi-axis from which on an outline is as good as straight within a pixel, px.
@@ -109,7 +109,7 @@ impl Polygon {
     }
 
     /// Three to seven corners on an ellipse about a point, at most `widest` as wide as long.
-    pub fn random(centre: [f32; 2], reach: f32, widest: f32, random: &mut StdRng) -> Self {
+    pub fn random(centre: [f32; 2], reach: f32, widest: f32, random: &mut Random) -> Self {
         let count = random.random_range(3..=7_usize);
         let (narrow, turn) = (random.random_range(0.25..widest), random.random_range(0.0..std::f32::consts::TAU));
         let (sin, cos) = turn.sin_cos();

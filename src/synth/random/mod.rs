@@ -11,12 +11,12 @@ mod sensor;
 mod tests;
 
 use image::{Rgb, RgbImage};
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 
 use self::ball::{Layer, Look};
 use self::canvas::{Canvas, Colour, Ellipse, Polygon, mix};
 use self::noise::Normals;
+use crate::random::{Random, Stream};
 use crate::size::Size;
 
 /// Smallest radius drawn, px.
@@ -98,7 +98,7 @@ pub struct RandomScenes {
 impl RandomScenes {
     /// With `photographs` behind some of the balls; a share of `empty` pictures shows no ball.
     pub fn new(photographs: Vec<RgbImage>, empty: f64) -> Self {
-        Self { photographs, normals: Normals::new(&mut StdRng::seed_from_u64(0)), empty, nights: 0.0 }
+        Self { photographs, normals: Normals::new(&mut Stream::Deviates.of(0)), empty, nights: 0.0 }
     }
 
     /// With a share of scenes that are dark and lit from the camera.
@@ -108,17 +108,20 @@ impl RandomScenes {
 
     /// The picture of `size` that belongs to `seed`, with `most` balls at most.
     pub fn draw(&self, size: Size, seed: u64, most: usize) -> Drawing {
-        let mut random = StdRng::seed_from_u64(seed);
-        // By another generator: without nights the pictures are what they were.
-        let mut night = StdRng::seed_from_u64(!seed);
-        let night = night.random_bool(self.nights).then(|| night.random_range(DARKER[0]..DARKER[1]));
-        let mut drawing = self.scene(size, most, night, &mut random);
+        let mut random = Stream::Scene.of(seed);
+        let mut drawing = self.scene(size, most, self.night(seed), &mut random);
         sensor::expose(&mut drawing.canvas, &self.normals, &mut random);
         drawing
     }
 
+    /// How much darker what is behind is in the scene of `seed`; none by day.
+    pub(crate) fn night(&self, seed: u64) -> Option<f32> {
+        let mut random = Stream::Night.of(seed);
+        random.random_bool(self.nights).then(|| random.random_range(DARKER[0]..DARKER[1]))
+    }
+
     /// The scene before the camera changes it.
-    fn scene(&self, size: Size, most: usize, night: Option<f32>, random: &mut StdRng) -> Drawing {
+    fn scene(&self, size: Size, most: usize, night: Option<f32>, random: &mut Random) -> Drawing {
         let mut canvas = background::draw(size, &self.photographs, random);
         if let Some(share) = night {
             canvas.planes.iter_mut().flatten().for_each(|value| *value *= share);
@@ -198,7 +201,7 @@ struct Ball {
 
 impl Ball {
     /// A ball anywhere but on `others`; none where no look of it can be told from what is behind.
-    fn random(canvas: &Canvas, others: &[Self], night: bool, random: &mut StdRng) -> Option<Self> {
+    fn random(canvas: &Canvas, others: &[Self], night: bool, random: &mut Random) -> Option<Self> {
         let [width, height] = [canvas.width, canvas.height].map(|side| side as f64);
         let largest = LARGEST.min(width.min(height) / 3.0);
         let radius = random.random_range(SMALLEST.ln()..largest.ln()).exp() as f32;
@@ -225,7 +228,7 @@ impl Ball {
 }
 
 /// A ball's shadow on something flat, near it.
-fn shadow(canvas: &mut Canvas, centre: [f32; 2], radius: f32, random: &mut StdRng) {
+fn shadow(canvas: &mut Canvas, centre: [f32; 2], radius: f32, random: &mut Random) {
     let reach = radius * random.random_range(0.9..1.4_f32);
     let away = radius * random.random_range(0.3..4.0_f32);
     let (sin, cos) = random.random_range(-0.6..3.7_f32).sin_cos();

@@ -1,16 +1,16 @@
 //! Noise: smooth, over a picture, and of a sensor's pixels.
 
 use rand::RngExt;
-use rand::rngs::StdRng;
 
 use super::canvas::Canvas;
+use crate::random::Random;
 
 /// Length of the table of normal numbers; a power of two.
 const TABLE: usize = 1 << 16;
 
 /// Smooth noise over a picture from random values on a grid of `cell` px, from 0 to 1; `octaves` of it, each half as
 /// large and `falloff` as strong.
-pub fn smooth(canvas: &Canvas, cell: f32, octaves: u32, falloff: f32, random: &mut StdRng) -> Vec<f32> {
+pub fn smooth(canvas: &Canvas, cell: f32, octaves: u32, falloff: f32, random: &mut Random) -> Vec<f32> {
     let mut values = vec![0.0; canvas.width * canvas.height];
     let (mut strength, mut total) = (1.0, 0.0);
     for octave in 0..octaves {
@@ -26,7 +26,7 @@ pub fn smooth(canvas: &Canvas, cell: f32, octaves: u32, falloff: f32, random: &m
     values
 }
 
-fn add_octave(values: &mut [f32], canvas: &Canvas, cell: f32, strength: f32, random: &mut StdRng) {
+fn add_octave(values: &mut [f32], canvas: &Canvas, cell: f32, strength: f32, random: &mut Random) {
     let count = |side: usize| (side as f32 / cell) as usize + 3;
     let (columns, rows) = (count(canvas.width), count(canvas.height));
     let grid: Vec<f32> = (0..columns * rows).map(|_| random.random_range(0.0..1.0)).collect();
@@ -57,7 +57,7 @@ fn add_octave(values: &mut [f32], canvas: &Canvas, cell: f32, strength: f32, ran
 pub struct Normals(Vec<f32>);
 
 impl Normals {
-    pub fn new(random: &mut StdRng) -> Self {
+    pub fn new(random: &mut Random) -> Self {
         let mut values = Vec::with_capacity(TABLE);
         while values.len() < TABLE {
             // Box and Muller's pair
@@ -69,7 +69,7 @@ impl Normals {
     }
 
     /// Adds noise of standard deviation `sigma` to `values`.
-    pub fn add(&self, values: &mut [f32], sigma: f32, random: &mut StdRng) {
+    pub fn add(&self, values: &mut [f32], sigma: f32, random: &mut Random) {
         // Row by row from another place, so that nothing repeats.
         for part in values.chunks_mut(256) {
             let start = random.random_range(0..TABLE - 256);

@@ -1,10 +1,10 @@
 //! From a scene to the bytes of a file: lens, exposure, noise, compression.
 
 use rand::RngExt;
-use rand::rngs::StdRng;
 
 use super::canvas::Canvas;
 use super::noise::Normals;
+use crate::random::Random;
 
 /// Largest standard deviation of the noise, shares of full scale.
 const NOISE: f32 = 0.04;
@@ -20,7 +20,7 @@ const QUANTA: [f32; 64] = [
 ];
 
 /// What a camera and a file make of the scene on `canvas`.
-pub fn expose(canvas: &mut Canvas, normals: &Normals, random: &mut StdRng) {
+pub fn expose(canvas: &mut Canvas, normals: &Normals, random: &mut Random) {
     if random.random_bool(0.75) {
         blur(canvas, random.random_range(0.0..BLUR));
     }
@@ -113,7 +113,7 @@ fn rescale(canvas: &mut Canvas, share: f32) {
 }
 
 /// Gamma, gain, contrast and a colour cast.
-fn develop(canvas: &mut Canvas, random: &mut StdRng) {
+fn develop(canvas: &mut Canvas, random: &mut Random) {
     let gamma = (random.random_range(0.7_f32.ln()..1.5_f32.ln())).exp();
     let gain = random.random_range(0.6..1.25_f32);
     let lift = if random.random_bool(0.2) { random.random_range(0.0..0.15_f32) } else { 0.0 };
@@ -140,7 +140,7 @@ fn sharpen(canvas: &mut Canvas, strength: f32) {
 }
 
 /// Noise of every pixel, in part the same in all channels, sometimes coarse.
-fn add_noise(canvas: &mut Canvas, sigma: f32, normals: &Normals, random: &mut StdRng) {
+fn add_noise(canvas: &mut Canvas, sigma: f32, normals: &Normals, random: &mut Random) {
     let count = canvas.width * canvas.height;
     let size = crate::size::Size::new(canvas.width as u32, canvas.height as u32);
     let mut noise = Canvas::new(size, [0.0; 3]);
@@ -168,7 +168,7 @@ fn grey(canvas: &mut Canvas) {
 }
 
 /// What JPEG's quantisation of 8×8 blocks leaves, at `scale` times the standard's steps.
-fn compress(canvas: &mut Canvas, scale: f32, random: &mut StdRng) {
+fn compress(canvas: &mut Canvas, scale: f32, random: &mut Random) {
     let [red, green, blue] = &mut canvas.planes;
     for ((red, green), blue) in red.iter_mut().zip(green.iter_mut()).zip(blue.iter_mut()) {
         let level = 0.299 * *red + 0.587 * *green + 0.114 * *blue;

@@ -1,8 +1,6 @@
 //! What is drawn is where and as large as it says.
 
 use nalgebra::{Rotation3, Vector3};
-use rand::SeedableRng;
-use rand::rngs::StdRng;
 
 use super::ball::{self, Layer, Look};
 use super::canvas::{Canvas, Ellipse};
@@ -60,7 +58,7 @@ fn a_disc_covers_its_area_about_its_centre() {
 
 #[test]
 fn outlines_are_those_of_spheres() {
-    let mut random = StdRng::seed_from_u64(1);
+    let mut random = Stream::Scene.of(1);
     for _ in 0..200 {
         let radius = random.random_range(1.5..60.0_f32);
         let outline = ball::place([0.0, 0.0], radius, &mut random).outline;
@@ -95,7 +93,7 @@ fn outlines_are_those_of_spheres() {
 
 #[test]
 fn a_moving_ball_keeps_its_mass_and_its_middle() {
-    let mut random = StdRng::seed_from_u64(2);
+    let mut random = Stream::Scene.of(2);
     for _ in 0..50 {
         let mut placed = ball::place([40.3, 50.8], 6.0, &mut random);
         placed.streak = [13.0, -8.0];

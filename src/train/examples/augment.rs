@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix2, Rotation2, Vector2};
 use rand::RngExt;
-use rand::rngs::StdRng;
 
 use super::super::recipe::Augmentation;
+use crate::random::Random;
 
 /// Squares that are cut out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,7 +39,7 @@ impl View {
         centre: [f64; 2],
         magnified: f64,
         config: &Augmentation,
-        random: &mut StdRng,
+        random: &mut Random,
     ) -> Self {
         let size_of_view = crop.map_or(size, |crop| [crop.side, crop.side]);
         let mut corner = Vector2::zeros();
@@ -116,7 +116,7 @@ fn neighbours(at: f64, count: usize) -> (usize, usize) {
 }
 
 /// A random start on the grid such that `[start, start + side)` holds `centre` and lies in `0..size`.
-fn crop_start(centre: f64, size: u32, Crop { side, grid }: Crop, random: &mut StdRng) -> u32 {
+fn crop_start(centre: f64, size: u32, Crop { side, grid }: Crop, random: &mut Random) -> u32 {
     let holds = |start: u32| (f64::from(start)..f64::from(start + side)).contains(&(centre + 0.5));
     // Beyond a picture that is smaller its edge goes on.
     let room = size.saturating_sub(side);
@@ -129,7 +129,7 @@ fn crop_start(centre: f64, size: u32, Crop { side, grid }: Crop, random: &mut St
 }
 
 /// Changes light, colour, sharpness and noise of normalised `values`, `[height, width, 3]`.
-pub fn change_light(values: &mut Vec<f32>, [width, height]: [u32; 2], config: &Augmentation, random: &mut StdRng) {
+pub fn change_light(values: &mut Vec<f32>, [width, height]: [u32; 2], config: &Augmentation, random: &mut Random) {
     let blur = if config.blur > 0.0 { random.random_range(0.0..config.blur) } else { 0.0 };
     if blur > 0.0 {
         *values = blurred(values, [width as usize, height as usize], blur);

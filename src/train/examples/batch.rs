@@ -58,6 +58,11 @@ impl Place {
         (inverse * (Vector2::from(point) - self.origin)).into()
     }
 
+    /// Px of the clip's picture to one of the drawn one, in the mean over directions.
+    pub fn scale(&self) -> f64 {
+        self.linear.determinant().abs().sqrt()
+    }
+
     /// Where a point of the drawn picture is in the clip's, px.
     pub fn in_clip(&self, point: [f64; 2]) -> [f64; 2] {
         (self.linear * Vector2::from(point) + self.origin).into()
@@ -113,6 +118,8 @@ pub struct Window {
     pub first: usize,
     /// Position and velocity at time 0.
     pub start: Start,
+    /// Radius of the ball, m, where the network reads its apparent radius, px, in the place of its depth; else none.
+    pub ball_radius: Option<f64>,
     /// From the clip's first frame to time 0, s.
     pub since_start: f64,
     /// The camera of the clip's pictures.

@@ -7,11 +7,13 @@ use sha2::{Digest, Sha256};
 
 use super::super::recipe::FitConfig;
 use super::TaughtClip;
+use super::teacher::options;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::files::write_whole;
+use crate::track::SOLVER_VERSION;
 
-/// Fits with the hash of all that they depend on: a line that holds it, then a line a clip.
+/// Fits with the hash of all that they depend on (the solver and its configuration, labels, cameras, scenes): a line that holds it, then a line a clip.
 pub struct Fits {
     text: String,
     /// Whether they come from the file.
@@ -28,24 +30,29 @@ impl Fits {
     /// Of `clips` (as they are fitted) by `config`.
     pub fn new(clips: &[Clip], config: &FitConfig, fits: &[TaughtClip]) -> Result<Self> {
         let failed = || Error::format("fits");
-        let mut text = serde_json::to_string(&inputs(clips, config)?).map_err(failed())? + "\n";
+        let mut text = serde_json::to_string(&inputs(SOLVER_VERSION, clips, config)?).map_err(failed())? + "\n";
         for fit in fits {
             text += &(serde_json::to_string(fit).map_err(failed())? + "\n");
         }
         Ok(Self { text, kept: false })
     }
 
-    /// Those in `file`; none where there is no file, or one of other inputs: labels, cameras, scenes, options.
+    /// Those in `file`; none where there is no file, or one of other inputs or of another solver.
     ///
     /// # Errors
     /// [`Error::Io`].
     pub fn read(file: &Path, clips: &[Clip], config: &FitConfig) -> Result<Option<Self>> {
+        Self::of_solver(SOLVER_VERSION, file, clips, config)
+    }
+
+    /// The same of any version of the solver.
+    pub(super) fn of_solver(version: u32, file: &Path, clips: &[Clip], config: &FitConfig) -> Result<Option<Self>> {
         if !file.exists() {
             return Ok(None);
         }
         let text = crate::files::read_text(file)?;
         let kept = text.lines().next().and_then(|line| serde_json::from_str::<Inputs>(line).ok());
-        let inputs = inputs(clips, config)?.inputs;
+        let inputs = inputs(version, clips, config)?.inputs;
         Ok(kept.filter(|kept| kept.inputs == inputs).map(|_| Self { text, kept: true }))
     }
 
@@ -70,10 +77,9 @@ impl Fits {
     }
 }
 
-fn inputs(clips: &[Clip], config: &FitConfig) -> Result<Inputs> {
+fn inputs(version: u32, clips: &[Clip], config: &FitConfig) -> Result<Inputs> {
     let mut hash = Sha256::new();
-    // Another version may fit otherwise.
-    hash.update(env!("CARGO_PKG_VERSION"));
+    hash.update(format!("solver {version}, {:?}\n", options(config)));
     hash.update(serde_json::to_vec(config).map_err(Error::format("fits"))?);
     for clip in clips {
         hash.update(serde_json::to_vec(clip).map_err(Error::format(&clip.id))?);

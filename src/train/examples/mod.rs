@@ -87,6 +87,15 @@ impl Examples {
         Self::new(recipe, clips, examples_of(&chosen, &fits, recipe))
     }
 
+    /// Those of `clips` (as the recipe changes them) where forecasts teach: frames with 2D labels.
+    ///
+    /// # Errors
+    /// [`Error::Data`] where no forecast starts.
+    pub fn of_labels(recipe: &Recipe, clips: Clips) -> Result<Self> {
+        let frames = labelled_2d(&clips);
+        Self::new(recipe, clips, frames)
+    }
+
     pub(super) fn new(recipe: &Recipe, clips: Clips, frames: Vec<Example>) -> Result<Self> {
         let mut of_frame: Vec<Vec<Option<usize>>> =
             clips.clips.iter().map(|clip| vec![None; clip.frames.len()]).collect();
@@ -148,13 +157,27 @@ impl Examples {
         both.filter(|&frame| self.example(clip, frame).is_some()).collect()
     }
 
+    /// Memory that the pictures of all frames with targets take, and the empty scenes of all clips, bytes: as they are, not as
+    /// the network sees them.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn picture_bytes(&self) -> [usize; 2] {
+        let bytes = |clip: &Clip| 3 * clip.camera.size().pixels();
+        let clips = &self.clips.clips;
+        let frames = self.frames.iter().map(|example| bytes(&clips[example.clip])).sum();
+        [frames, clips.iter().map(bytes).sum()]
+    }
+
+    /// Whether it teaches depths, which forecasts do not name.
+    pub fn names_depths(&self) -> bool {
+        self.frames.iter().any(|example| example.depth.is_some())
+    }
+
     /// Smallest, mean and largest depth, m: of the depth targets; where forecasts teach, the distances between the
     /// cameras and the origin of their scenes, the only scale that is known beforehand.
     pub fn depths(&self) -> [f64; 3] {
         let taught: Vec<f64> = self.frames.iter().filter_map(|example| Some(example.depth?[0])).collect();
-        let origin = |clip: &Clip| clip.camera.camera_from_world(&nalgebra::Point3::origin()).z.abs().max(0.1);
         let depths = match taught.is_empty() {
-            true => self.clips.clips.iter().map(origin).collect(),
+            true => self.clips.clips.iter().map(distance_of_scene).collect(),
             false => taught,
         };
         let mean = depths.iter().sum::<f64>() / depths.len() as f64;
@@ -173,6 +196,20 @@ pub(super) fn examples_of(chosen: &[usize], fits: &[TaughtClip], recipe: &Recipe
         }
     }
     examples
+}
+
+/// Frames with 2D labels.
+pub(super) fn labelled_2d(clips: &Clips) -> Vec<Example> {
+    let frames = clips.clips.iter().enumerate().flat_map(|(clip, it)| {
+        let labelled = it.frames.iter().enumerate().filter(|(_, frame)| frame.visible);
+        labelled.filter_map(move |(frame, it)| Some(Example { clip, frame, image: it.image?, depth: None }))
+    });
+    frames.collect()
+}
+
+/// How far the camera is from its scene's origin along its axis, m: about as far as from the ball, before anything is learned.
+pub(super) fn distance_of_scene(clip: &Clip) -> f64 {
+    clip.camera.camera_from_world(&nalgebra::Point3::origin()).z.abs().max(0.1)
 }
 
 /// Refuses clips whose scenes say nothing of depth.

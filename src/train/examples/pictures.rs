@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use crate::clips::{Clip, Clips};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::image::Picture;
 
 /// Frames of which an empty scene is the median.
@@ -35,18 +35,12 @@ impl Pictures {
     /// Of `clips` whose pictures, one a frame, are in memory.
     ///
     /// # Errors
-    /// As [`Clip::check_picture`]; [`Error::Data`] for another number of pictures than of frames.
+    /// As [`Clip::check_pictures`].
     pub fn in_memory(clips: Clips, pictures: Vec<Vec<Picture>>) -> Result<Self> {
         let mut all = Self::new(clips, 0);
         for (index, (clip, pictures)) in all.clips.clips.iter().zip(pictures).enumerate() {
-            if pictures.len() != clip.frames.len() {
-                let reason = format!("has {} frames and {} pictures", clip.frames.len(), pictures.len());
-                return Err(Error::Data { what: format!("clip `{}`", clip.id), reason });
-            }
-            for ((frame, picture), slot) in clip.frames.iter().zip(pictures).zip(&mut all.decoded[index]) {
-                clip.check_picture(&picture, &frame.file.display().to_string())?;
-                *slot = OnceLock::from(picture);
-            }
+            clip.check_pictures(&pictures)?;
+            all.decoded[index] = pictures.into_iter().map(OnceLock::from).collect();
         }
         Ok(all)
     }

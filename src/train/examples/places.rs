@@ -8,13 +8,11 @@ use std::path::Path;
 use burn::tensor::Device;
 use image::RgbImage;
 use nalgebra::{Point2, Vector2, distance};
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe};
 use super::renderings::{NIGHTS, read_photographs};
-use super::sampler::seed;
 use super::{Batch, Labels};
 use crate::camera::Outline;
 use crate::error::Result;
@@ -22,6 +20,7 @@ use crate::image::{Normalisation, Picture};
 use crate::localise::Localiser;
 use crate::localise::closer::{CLOSER, View};
 use crate::model::{CLOSER_RADIUS, CLOSER_SIDE, Card};
+use crate::random::{Random, Stream, mixed};
 use crate::size::Size;
 use crate::synth::RandomScenes;
 
@@ -41,7 +40,7 @@ const FARTHEST: f64 = 2.5;
 /// Radii of the balls that a view is of, px of the view: others are too small or too large to be what was proposed.
 const RADII: [f64; 2] = [CLOSER_RADIUS / 2.5, CLOSER_RADIUS * 2.0];
 /// Step of the seeds of places to score with: no run is so long.
-const SCORED: usize = usize::MAX;
+const SCORED: u64 = u64::MAX;
 
 /// A place as the second look sees it.
 pub struct Seen {
@@ -89,7 +88,7 @@ impl Places {
     /// # Errors
     /// As [`Localiser::localise`].
     pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
-        let scene = |index: usize| self.scene(seed(self.seed, step, index));
+        let scene = |index: usize| self.scene(mixed(self.seed, step as u64, index as u64));
         let scenes: Vec<Result<Vec<Seen>>> = (0..phase.batch.div_ceil(VIEWS)).into_par_iter().map(scene).collect();
         let scenes = scenes.into_iter().collect::<Result<Vec<_>>>()?;
         let mut batch = Batch {
@@ -121,19 +120,19 @@ impl Places {
     /// # Errors
     /// As [`Self::batch`].
     pub fn scored(&self, index: usize) -> Result<Vec<Seen>> {
-        self.scene(seed(self.seed, SCORED, index))
+        self.scene(mixed(self.seed, SCORED, index as u64))
     }
 
     /// The places of a scene: as many of each.
     fn scene(&self, seed: u64) -> Result<Vec<Seen>> {
         let drawing = self.scenes.draw(Size::square(SIDE), seed, MOST_BALLS);
         let picture = Picture::from_rgb(drawing.picture());
-        let mut random = StdRng::seed_from_u64(!seed);
+        let mut random = Stream::Places.of(seed);
         let (proposed, _) = pollster::block_on(self.first.first_look(&picture, None, PROPOSED, false))?;
         let proposed = proposed.iter().take(PROPOSED).map(|reading| reading.outline);
         let balls: Vec<Outline> =
             (drawing.balls.iter()).map(|ball| Outline { centre: ball.centre.into(), radius: ball.radius }).collect();
-        let missed: Vec<Outline> = balls.iter().filter(|_| random.random_bool(MISSED)).copied().collect();
+        let missed = missed(&balls, &mut random);
         let mut places: Vec<Outline> = proposed.chain(missed).take(VIEWS).collect();
         while places.len() < VIEWS {
             let side = f64::from(SIDE - 1);
@@ -157,8 +156,13 @@ impl Places {
     }
 }
 
+/// The balls that are looked at although they were not proposed.
+pub(super) fn missed(balls: &[Outline], random: &mut Random) -> Vec<Outline> {
+    balls.iter().filter(|_| random.random_bool(MISSED)).copied().collect()
+}
+
 /// About `place`.
-fn roughly(place: &Outline, random: &mut StdRng) -> Outline {
+fn roughly(place: &Outline, random: &mut Random) -> Outline {
     // A sum of three is near enough to a normal distribution.
     let mut normal = || 2.0 * (0..3).map(|_| random.random_range(-0.5..0.5_f64)).sum::<f64>();
     let [of_radius, of_centre] = ROUGH;

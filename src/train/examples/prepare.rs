@@ -3,16 +3,16 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
 use super::super::recipe::{FitConfig, Recipe, Supervision};
 use super::fits::Fits;
 use super::readings::check_taught;
-use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, name, teach};
+use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, labelled_2d, name, teach};
 use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
+use crate::random::Stream;
 
 /// Clips that are fitted between two reports of progress.
 const FITTED_TOGETHER: usize = 20;
@@ -107,8 +107,7 @@ fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
 
 /// Adds Gaussian noise to the clip's 2D labels: the same for the same seed and clip.
 fn add_noise(clip: &mut Clip, sigma: f64, seed: u64) {
-    let name = clip.id.bytes().fold(seed, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3));
-    let mut random = StdRng::seed_from_u64(name);
+    let mut random = Stream::LabelNoise.of_named(seed, &clip.id);
     for frame in &mut clip.frames {
         // Box and Muller's pair
         let radius = (-2.0 * random.random_range(f64::MIN_POSITIVE..1.0).ln()).sqrt();
@@ -129,15 +128,6 @@ fn labelled_3d(clips: &Clips, wanted: impl Fn(usize) -> bool) -> Result<Vec<Exam
         }
     }
     Ok(examples)
-}
-
-/// Frames with 2D labels.
-fn labelled_2d(clips: &Clips) -> Vec<Example> {
-    let frames = clips.clips.iter().enumerate().flat_map(|(clip, it)| {
-        let labelled = it.frames.iter().enumerate().filter(|(_, frame)| frame.visible);
-        labelled.filter_map(move |(frame, it)| Some(Example { clip, frame, image: it.image?, depth: None }))
-    });
-    frames.collect()
 }
 
 /// What physics says of `clips`, which come from `folder`: kept in `file`, or found now.

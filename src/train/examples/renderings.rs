@@ -6,10 +6,10 @@ use image::RgbImage;
 use rayon::iter::{IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe};
-use super::sampler::seed;
 use super::{Batch, Labels};
 use crate::error::{Error, Result};
 use crate::image::{Filter, Normalisation, Picture, resized};
+use crate::random::mixed;
 use crate::size::Size;
 use crate::synth::{Apparent, Drawing, RandomScenes};
 
@@ -22,7 +22,7 @@ pub(super) const NIGHTS: f64 = 0.05;
 /// Most balls in a picture that is trained with: each teaches as much as one alone.
 const MOST_BALLS: usize = 3;
 /// The step whose seeds are those of pictures to score with: no run is so long.
-const SCORED: usize = usize::MAX;
+const SCORED: u64 = u64::MAX;
 
 /// Draws batches of random scenes.
 #[derive(Debug)]
@@ -60,7 +60,7 @@ impl Renderings {
     /// The batch of step `step`: the same for the same seed and step.
     pub fn batch(&self, phase: &Phase, step: usize) -> Batch {
         let size = phase.crop.map_or(self.input, Size::square);
-        let draw = |index: usize| self.scenes.draw(size, seed(self.seed, step, index), MOST_BALLS);
+        let draw = |index: usize| self.scenes.draw(size, mixed(self.seed, step as u64, index as u64), MOST_BALLS);
         let drawn: Vec<Drawing> = (0..phase.batch).into_par_iter().map(draw).collect();
         let mut batch = Batch {
             pictures: Vec::with_capacity(3 * size.pixels() * drawn.len()),
@@ -88,7 +88,7 @@ impl Renderings {
 
     /// The `index`-th picture to score with, with one ball at most; none is ever trained on.
     pub fn scored(&self, index: usize) -> Drawing {
-        self.scenes.draw(self.input, seed(self.seed, SCORED, index), 1)
+        self.scenes.draw(self.input, mixed(self.seed, SCORED, index as u64), 1)
     }
 }
 

@@ -4,19 +4,19 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{Matrix2, Vector2};
-use rand::rngs::StdRng;
-use rand::{RngExt, SeedableRng};
+use rand::RngExt;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe, Supervision, Velocity};
 use super::augment::{Crop, View, change_light};
 use super::teacher::{forecaster, scene_of};
-use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window};
+use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window, distance_of_scene};
 use crate::camera::Outline;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::image::{NetworkInput, tile};
 use crate::physics::{Forecaster, Scene};
+use crate::random::{Random, Stream, mixed};
 use crate::size::Size;
 
 /// Pictures of a window that the forecast starts from, where pictures tell the velocity.
@@ -25,6 +25,9 @@ const STARTS: usize = 3;
 /// Radii, px, at which a network that reads sizes sees a ball again, and the largest enlargement for that.
 const AGAIN: Range<f64> = 18.0..28.0;
 const MOST_ENLARGED: f64 = 6.0;
+
+/// Nearest that a ball is taken to be where nothing is known of its distance, radii.
+const NEAREST: f64 = 4.0;
 
 /// Draws batches.
 pub struct Sampler {
@@ -93,6 +96,11 @@ impl Sampler {
         &self.examples
     }
 
+    /// The clips' pictures.
+    pub fn pictures(&self) -> &Pictures {
+        &self.pictures
+    }
+
     /// The batch of step `step`: the same for the same seed and step, whatever came before.
     ///
     /// # Errors
@@ -127,8 +135,8 @@ impl Sampler {
 
     /// What is drawn, and its windows.
     fn shots(&self, phase: &Phase, step: usize) -> (Vec<Shot>, Vec<Opened>) {
-        let seed = |index: usize| seed(self.recipe.seed, step, index);
-        let mut random = StdRng::seed_from_u64(seed(usize::MAX));
+        let seed = |index: usize| mixed(self.recipe.seed, step as u64, index as u64);
+        let mut random = Stream::Batch.of(seed(0));
         if self.windows.is_empty() || self.recipe.future.velocity == Velocity::Labels {
             // Where forecasts teach, a frame that none starts from would only show where the ball is.
             let starts = &self.windows;
@@ -201,12 +209,19 @@ impl Sampler {
                 (start, self.examples.before_and_ahead(clip, middle, ahead).into_iter().map(target).collect())
             }
         };
-        let camera = self.pictures.clips()[clip].camera.clone();
-        Window { first, start, since_start: since(middle) - since(0), camera, forecaster: forecaster.clone(), ahead }
+        Window {
+            first,
+            start,
+            ball_radius: self.reads_size.then(|| forecaster.scene().ball.radius),
+            since_start: since(middle) - since(0),
+            camera: self.pictures.clips()[clip].camera.clone(),
+            forecaster: forecaster.clone(),
+            ahead,
+        }
     }
 
     fn draw(&self, shot: &Shot, phase: &Phase) -> Result<Drawn> {
-        let mut random = StdRng::seed_from_u64(shot.seed);
+        let mut random = Stream::Augmentation.of(shot.seed);
         let Some(frame) = shot.frame else {
             // a clip that has no empty scene gives one of its frames instead
             let centre = [0, 1].map(|_| random.random_range(0.0..1.0));
@@ -228,8 +243,11 @@ impl Sampler {
             return Err(Error::Data { what: format!("clip `{}`", self.pictures.clips()[shot.clip].id), reason });
         };
         let [depth, weight] = example.depth.unwrap_or([1.0, 0.0]);
+        let clip = &self.pictures.clips()[shot.clip];
         let outline = match self.reads_size {
-            true => Some(outline(&self.pictures.clips()[shot.clip], example, depth)?),
+            // Where forecasts teach, a rough size will do: how much a picture is enlarged follows it, and the outline's centre a
+            // little.
+            true => Some(outline(clip, example, example.depth.map_or_else(|| rough_depth(clip), |[depth, _]| depth))?),
             false => None,
         };
         let magnified = outline.as_ref().map_or(1.0, |outline| as_looked_at_again(outline, &mut random));
@@ -237,9 +255,8 @@ impl Sampler {
             .pictures
             .with(shot.clip, frame, |picture| self.view(picture, example.image, magnified, phase, &mut random))?;
         if let Some(outline) = outline {
-            let scale = place.linear.determinant().abs().sqrt();
             let image = place.of_clip(outline.centre.into());
-            return Ok(Drawn { values, image: Some(image), depth: [outline.radius / scale, weight], place });
+            return Ok(Drawn { values, image: Some(image), depth: [outline.radius / place.scale(), weight], place });
         }
         Ok(Drawn { values, image: Some(image), depth: [depth / place.zoom, weight], place })
     }
@@ -251,7 +268,7 @@ impl Sampler {
         centre: [f64; 2],
         magnified: f64,
         phase: &Phase,
-        random: &mut StdRng,
+        random: &mut Random,
     ) -> (Vec<f32>, [f64; 2], Place) {
         let normalisation = &self.recipe.normalisation;
         // Sizes are read at a picture's own resolution.
@@ -285,9 +302,15 @@ impl Sampler {
 
 /// How much larger a picture is shown: in half of the cases so much that the ball has a size at which the localiser looks at it
 /// again, and not else.
-fn as_looked_at_again(outline: &Outline, random: &mut StdRng) -> f64 {
+fn as_looked_at_again(outline: &Outline, random: &mut Random) -> f64 {
     let (again, radius) = (random.random_bool(0.5), random.random_range(AGAIN));
     if again { (radius / outline.radius).clamp(1.0, MOST_ENLARGED) } else { 1.0 }
+}
+
+/// About how far a clip's ball is, m: in sight in any case.
+fn rough_depth(clip: &Clip) -> f64 {
+    let radius = clip.scene.as_ref().map_or(0.0, |scene| scene.ball.radius);
+    distance_of_scene(clip).max(NEAREST * radius)
 }
 
 /// `scene` with nothing in it to touch.
@@ -300,14 +323,4 @@ fn outline(clip: &Clip, example: &Example, depth: f64) -> Result<Outline> {
     let radius = scene_of(clip)?.ball.radius;
     let centre = clip.camera.camera_from_image(&example.image.into(), depth)?;
     clip.camera.outline(&centre, radius)
-}
-
-/// One number of three, by SplitMix64's finaliser, so that neighbouring steps share nothing.
-pub(super) fn seed(seed: u64, step: usize, index: usize) -> u64 {
-    [step as u64, index as u64].into_iter().fold(seed, |mixed, part| {
-        let mut z = (mixed ^ part).wrapping_add(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    })
 }

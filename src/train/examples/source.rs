@@ -44,11 +44,11 @@ impl Source {
         }
     }
 
-    /// Pictures that can be kept in memory.
-    pub fn pictures(&self) -> usize {
+    /// Memory of pictures that can be kept, and of empty scenes, bytes.
+    pub fn picture_bytes(&self) -> [usize; 2] {
         match self {
-            Self::Clips(sampler) => sampler.examples().frames.len(),
-            Self::Scenes(_) | Self::Places(_) => 0,
+            Self::Clips(sampler) => sampler.examples().picture_bytes(),
+            Self::Scenes(_) | Self::Places(_) => [0; 2],
         }
     }
 }

@@ -57,7 +57,7 @@ fn is_zero(count: &usize) -> bool {
 fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
     let scene = scene_of(clip)?;
     let observations: Vec<Observation> = clip.frames.iter().map(observation).collect();
-    let options = FitOptions { noise_px: config.noise_px, ..FitOptions::default() };
+    let options = options(config);
     let fit = forecaster(scene, config.numeric)?.fit(&clip.camera, &observations, &options)?;
     let refuse = |reason: String| Err(Error::Fit { reason });
     if !fit.explained {
@@ -71,6 +71,11 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
         return refuse(format!("{outliers} of its {labelled} labels do not belong to its trajectory"));
     }
     Ok(fit)
+}
+
+/// How the solver is asked to fit.
+pub(super) fn options(config: &FitConfig) -> FitOptions {
+    FitOptions { noise_px: config.noise_px, ..FitOptions::default() }
 }
 
 /// The clip's scene.

@@ -1,8 +1,9 @@
 //! Exponential moving average of the weights and batch-norm statistics.
 
-use burn::module::{Module, ModuleMapper, ModuleVisitor, Param, ParamId};
+use burn::module::{Module, ModuleMapper, Param, ParamId};
 use burn::tensor::{Tensor, container::TensorContainer};
 
+use super::optimiser::Collect;
 use crate::model::Pen;
 
 /// A slow copy of the network, the one that is kept.
@@ -33,15 +34,6 @@ impl Ema {
         model.valid().visit(&mut current);
         let mut blend = Blend { current: current.0, decay: self.decay.min(warm_up) };
         self.average = self.average.clone().map(&mut blend);
-    }
-}
-
-/// Gathers all float tensors by id.
-struct Collect(TensorContainer<ParamId>);
-
-impl ModuleVisitor for Collect {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.0.register(param.id, param.val());
     }
 }
 

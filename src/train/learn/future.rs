@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
 use super::super::examples::{Start, Window};
 use super::knowledge::{Knowledge, OwnTrack};
-use super::launch::{Launch, seen};
+use super::launch::{Launch, image_of, seen};
 use super::step::{StepOptions, read};
 use crate::error::Result;
 use crate::model::Decoded;
@@ -19,7 +19,7 @@ use crate::physics::State;
 pub struct FutureLoss {
     /// Mean over windows, times and axes, px.
     pub value: f64,
-    /// By each picture's position (x and y in px of the drawn picture, depth in m).
+    /// By each picture's position (x and y in px of the drawn picture; depth in m, or apparent radius in px of it).
     pub gradient: Vec<[f64; 3]>,
     /// By the logarithm of each law that is learned.
     pub by_law: Vec<f64>,
@@ -51,8 +51,8 @@ pub async fn future(
     knowledge.laws.advance(&loss.by_law, options.learning_rate);
     for window in windows {
         if let Start::Track { place, frame, .. } = &window.start {
-            let [x, y, _] = read[window.first];
-            knowledge.own.insert(*frame, place.in_clip([x, y]));
+            let found = image_of(window, place, read[window.first]);
+            knowledge.own.extend(found.map(|image| (*frame, image.into())));
         }
     }
     let gradient: Vec<f32> = loss.gradient.iter().flatten().map(|&slope| slope as f32).collect();
@@ -60,7 +60,8 @@ pub async fn future(
     Ok(((positions - still) * gradient).sum().add_scalar(loss.value))
 }
 
-/// The future loss at `positions` (x and y in px of the drawn picture, depth in m), one a picture of the batch: L1
+/// The future loss at `positions` (x and y in px of the drawn picture; depth in m, or apparent radius in px of it), one a picture
+/// of the batch: L1
 /// between forecast and target; with `robust_px`, s·ln(1 + e/s). A window whose forecast fails counts as zero.
 pub fn future_loss(
     positions: &[[f64; 3]],
@@ -132,7 +133,7 @@ fn window_loss(
     let (mut value, mut errors) = (0.0, Vec::new());
     let (mut by_position, mut by_velocity) = (Vector3::zeros(), Vector3::zeros());
     for ((state, jacobian), (_, target)) in forecast.states.iter().zip(&forecast.jacobians).zip(&window.ahead) {
-        let Some(target) = seen(*target, positions, own) else {
+        let Some(target) = seen(window, *target, positions, own) else {
             errors.push(None);
             continue;
         };

@@ -26,7 +26,6 @@ impl Knowledge {
 
     /// As text, from which it is read to the bit: the laws' steps, a line a law (logarithm of its factor, moments), then a
     /// line a frame (clip, frame, x, y).
-    #[cfg(not(target_arch = "wasm32"))]
     pub fn text(&self) -> String {
         let (steps, laws) = self.laws.numbers();
         let law = |[log_factor, first, second]: &[f64; 3]| format!("{log_factor} {first} {second}\n");
@@ -36,7 +35,6 @@ impl Knowledge {
     }
 
     /// From its text, of a run by `recipe`; none where that is no such text.
-    #[cfg(not(target_arch = "wasm32"))]
     pub fn from_text(recipe: &Recipe, text: &str) -> Option<Self> {
         fn words<T: std::str::FromStr, const N: usize>(line: &str) -> Option<[T; N]> {
             let words: Option<Vec<T>> = line.split(' ').map(|word| word.parse().ok()).collect();

@@ -4,6 +4,7 @@ use nalgebra::{Matrix2x6, Matrix3, Matrix6, Point2, Point3, Vector3, Vector6};
 
 use super::super::examples::{Place, Start, Target, Window};
 use super::knowledge::OwnTrack;
+use crate::camera::Outline;
 use crate::error::Result;
 use crate::physics::{Forecaster, State};
 
@@ -26,6 +27,8 @@ pub struct Launch {
     pub velocity: Vector3<f64>,
     /// How much it counts, 0 to 1.
     pub weight: f64,
+    /// How much the network's third number of the picture changes with a metre of depth: 1, or of an apparent radius px.
+    by_metre: f64,
     /// Pictures of the batch, and the derivatives of position and velocity by what was found in them (x and y in px of
     /// the drawn picture, depth in m).
     pub slopes: Vec<(usize, Matrix3<f64>, Matrix3<f64>)>,
@@ -44,7 +47,7 @@ impl Launch {
         let [(_, position, velocity)] = &self.slopes[..] else { return 1.0 };
         let (of_position, of_velocity) = (by_start.fixed_view::<2, 3>(0, 0), by_start.fixed_view::<2, 3>(0, 3));
         let by_depth = of_position * position.column(2) + of_velocity * velocity.column(2);
-        (1.0 + (by_depth * DEPTH_ERROR).norm_squared()).sqrt().recip()
+        (1.0 + (by_depth * self.by_metre * DEPTH_ERROR).norm_squared()).sqrt().recip()
     }
 
     /// The start of `window` by `positions`, one a picture of the batch, and `own`. None where it has none: too few
@@ -57,7 +60,7 @@ impl Launch {
             Start::Pictures { places, times } => Self::of_pictures(window, places, *times, positions).map(Some),
             Start::Track { place, around, free, .. } => {
                 let (position, slope) = point(window, place, positions[window.first])?;
-                let seen = |(time, target): &(f64, Target)| Some((*time, seen(*target, positions, own)?));
+                let seen = |(time, target): &(f64, Target)| Some((*time, seen(window, *target, positions, own)?));
                 let around: Vec<(f64, Point2<f64>)> = around.iter().filter_map(seen).collect();
                 let Some((flight, residual)) = freest(window, free, &around, position)? else { return Ok(None) };
                 let Some((velocity, by_position)) = flight.velocity(position) else { return Ok(None) };
@@ -65,6 +68,7 @@ impl Launch {
                     position,
                     velocity,
                     weight: (1.0 + (residual / HALF_WEIGHT_PX).powi(2)).powi(-2),
+                    by_metre: by_metre(window, positions[window.first], &position),
                     slopes: vec![(window.first, slope, by_position * slope)],
                 }))
             }
@@ -79,8 +83,13 @@ impl Launch {
             (after - before) / (before * after),
             before / (after * (before + after)),
         ];
-        let mut launch =
-            Self { position: Point3::origin(), velocity: Vector3::zeros(), weight: 1.0, slopes: Vec::new() };
+        let mut launch = Self {
+            position: Point3::origin(),
+            velocity: Vector3::zeros(),
+            weight: 1.0,
+            by_metre: 1.0,
+            slopes: Vec::new(),
+        };
         for (index, (place, share)) in places.iter().zip(shares).enumerate() {
             let picture = window.first + index;
             let (point, slope) = point(window, place, positions[picture])?;
@@ -93,22 +102,46 @@ impl Launch {
     }
 }
 
-/// Where the ball is in the world by what was found in a drawn picture, and its derivative.
-fn point(window: &Window, place: &Place, [x, y, depth]: [f64; 3]) -> Result<(Point3<f64>, Matrix3<f64>)> {
+/// Where the ball is in the world by what was found in a drawn picture (its place, and its depth or apparent radius), and its
+/// derivative.
+fn point(window: &Window, place: &Place, [x, y, third]: [f64; 3]) -> Result<(Point3<f64>, Matrix3<f64>)> {
     let image = Point2::from(place.in_clip([x, y]));
-    let (point, by_clip) = window.camera.world_from_image_with_jacobian(&image, depth * place.zoom)?;
-    let mut by_drawn = Matrix3::from_diagonal_element(place.zoom);
+    let scale = if window.ball_radius.is_some() { place.scale() } else { place.zoom };
+    let (point, by_clip) = match window.ball_radius {
+        Some(radius) => {
+            let outline = Outline { centre: image, radius: third * scale };
+            window.camera.world_from_outline_with_jacobian(&outline, radius)?
+        }
+        None => window.camera.world_from_image_with_jacobian(&image, third * scale)?,
+    };
+    let mut by_drawn = Matrix3::from_diagonal_element(scale);
     by_drawn.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.linear);
     Ok((point, by_clip * by_drawn))
 }
 
+/// How much the third number changes with a metre of depth, of a ball at `position`.
+fn by_metre(window: &Window, [_, _, third]: [f64; 3], position: &Point3<f64>) -> f64 {
+    match window.ball_radius {
+        Some(_) => third / window.camera.camera_from_world(position).z.abs().max(f64::MIN_POSITIVE),
+        None => 1.0,
+    }
+}
+
+/// Where the image of the ball's centre is by what was found in a drawn picture, px of the clip's; none where there is no ball
+/// of such an outline.
+pub fn image_of(window: &Window, place: &Place, found: [f64; 3]) -> Option<Point2<f64>> {
+    match window.ball_radius {
+        // An outline's centre is a little further out.
+        Some(_) => window.camera.image_from_world(&point(window, place, found).ok()?.0).ok(),
+        None => Some(place.in_clip([found[0], found[1]]).into()),
+    }
+}
+
 /// The 2D position of `target`, px of the clip's picture; none where the network has not seen the frame yet.
-pub fn seen(target: Target, positions: &[[f64; 3]], own: &OwnTrack) -> Option<Point2<f64>> {
+pub fn seen(window: &Window, target: Target, positions: &[[f64; 3]], own: &OwnTrack) -> Option<Point2<f64>> {
     match target {
         Target::Label(label) => Some(label.into()),
-        Target::Predicted { picture, place } => {
-            Some(place.in_clip([positions[picture][0], positions[picture][1]]).into())
-        }
+        Target::Predicted { picture, place } => image_of(window, &place, positions[picture]),
         Target::Remembered(frame) => own.get(&frame).map(|&image| image.into()),
     }
 }

@@ -101,14 +101,12 @@ impl Laws {
     }
 
     /// Their numbers, from which [`Self::with_numbers`] makes them again to the bit.
-    #[cfg(not(target_arch = "wasm32"))]
     pub fn numbers(&self) -> (i32, Vec<[f64; 3]>) {
         let numbers = |learned: &Learned| [learned.log_factor, learned.moments[0], learned.moments[1]];
         (self.steps, self.learned.iter().map(numbers).collect())
     }
 
     /// These laws with `numbers`; none where they are of other laws.
-    #[cfg(not(target_arch = "wasm32"))]
     pub fn with_numbers(mut self, (steps, numbers): (i32, Vec<[f64; 3]>)) -> Option<Self> {
         if numbers.len() != self.learned.len() {
             return None;

@@ -84,11 +84,24 @@ fn of_labels(output: PenOutput, pictures: &[usize]) -> PenOutput {
 
 /// How far the decoded positions are from the labels along each axis, px: the mean over the balls. Of a network that reads
 /// sizes as [`peaks`](crate::model::peaks) decodes: by what is near the label.
-fn centre_loss(mut output: PenOutput, labels: &Labels, config: &PenConfig) -> Tensor<1> {
+fn centre_loss(output: PenOutput, labels: &Labels, config: &PenConfig) -> Tensor<1> {
     let batch = labels.image.len();
     let device = output.heatmap.device();
+    let output = near_labels(output, labels, config);
+    let values: Vec<f32> =
+        labels.image.iter().flat_map(|label| label.unwrap_or_default().map(|at| at as f32)).collect();
+    let there: Vec<f32> = labels.image.iter().flat_map(|label| [f32::from(u8::from(label.is_some())); 2]).collect();
+    let count = there.iter().sum::<f32>().max(1.0);
+    let [values, there] =
+        [values, there].map(|values| Tensor::<2>::from_data(TensorData::new(values, [batch, 2]), &device));
+    ((decode(output, config).image - values).abs() * there).sum().div_scalar(count)
+}
+
+/// The maps of which only what is near the labels (one a picture) is decoded, where the network reads sizes: elsewhere there may
+/// be other balls.
+pub fn near_labels(mut output: PenOutput, labels: &Labels, config: &PenConfig) -> PenOutput {
     if config.depth.is_size() {
-        let [_, height, width] = output.heatmap.dims();
+        let [batch, height, width] = output.heatmap.dims();
         let stride = config.output_stride();
         let far = |cell: usize, [x, y]: [f64; 2]| {
             let [dx, dy] = [cell_centre(cell % width, stride) - x, cell_centre(cell / width, stride) - y];
@@ -99,15 +112,10 @@ fn centre_loss(mut output: PenOutput, labels: &Labels, config: &PenConfig) -> Te
             (0..height * width).map(|cell| if outside(cell) { OUTSIDE } else { 0.0 }).collect()
         };
         let mask: Vec<f32> = labels.image.iter().flat_map(of_label).collect();
-        output.heatmap = output.heatmap + Tensor::from_data(TensorData::new(mask, [batch, height, width]), &device);
+        let mask = Tensor::from_data(TensorData::new(mask, [batch, height, width]), &output.heatmap.device());
+        output.heatmap = output.heatmap + mask;
     }
-    let values: Vec<f32> =
-        labels.image.iter().flat_map(|label| label.unwrap_or_default().map(|at| at as f32)).collect();
-    let there: Vec<f32> = labels.image.iter().flat_map(|label| [f32::from(u8::from(label.is_some())); 2]).collect();
-    let count = there.iter().sum::<f32>().max(1.0);
-    let [values, there] =
-        [values, there].map(|values| Tensor::<2>::from_data(TensorData::new(values, [batch, 2]), &device));
-    ((decode(output, config).image - values).abs() * there).sum().div_scalar(count)
+    output
 }
 
 /// `e²/(2t)` below the transition `t`, `|e| − t/2` above.

@@ -8,13 +8,21 @@ use crate::size::Size;
 
 /// Refuses steps that do not fit the memory that is free now, where the system says how much that is.
 pub(super) fn check_memory(recipe: &Recipe, pen: &Pen, source: &Source) -> Result<()> {
-    let Some(free) = free_memory() else { return Ok(()) };
+    match free_memory() {
+        Some(free) => check_against(free, recipe, pen, source.picture_bytes()),
+        None => Ok(()),
+    }
+}
+
+/// The same where `free` bytes are, and pictures take `frames` bytes, empty scenes `empty`.
+pub(super) fn check_against(free: usize, recipe: &Recipe, pen: &Pen, [frames, empty]: [usize; 2]) -> Result<()> {
     let of_phase = |phase: &Phase| {
         let size = phase.crop.map_or(recipe.input, Size::square);
         pen.training_bytes(phase.batch, size)
     };
     let step = recipe.phases.iter().map(of_phase).max().unwrap_or(0);
-    let pictures = (source.pictures() * 3 * recipe.input.pixels()).min(recipe.cache_mb << 20);
+    // Kept as they are; scaled to the network's input at every look.
+    let pictures = frames.min(recipe.cache_mb << 20) + if recipe.empty_share > 0.0 { empty } else { 0 };
     if step + pictures <= free {
         return Ok(());
     }

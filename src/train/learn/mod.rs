@@ -14,6 +14,8 @@ mod log;
 mod loss;
 #[cfg(not(target_arch = "wasm32"))]
 mod memory;
+mod optimiser;
+mod parts;
 mod publish;
 #[cfg(not(target_arch = "wasm32"))]
 mod run;
@@ -24,7 +26,8 @@ mod trainer;
 #[cfg(test)]
 mod tests;
 
-pub use self::fine_tune::{Added, FineTuneOptions, FineTuner, Tuned};
+pub use self::fine_tune::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Tuned};
+pub use self::optimiser::AdamW;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::run::{TrainEvent, TrainProgress, Validation};
 pub use self::score::{Score, SizeScore};

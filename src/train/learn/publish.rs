@@ -1,10 +1,13 @@
 //! The model that a training makes: which weights, and what their card says. Runs and fine-tunings share it.
 
+use burn::module::Module as _;
+
 use super::super::examples::Examples;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::examples::Source;
+use super::super::recipe::Recipe;
 #[cfg(not(target_arch = "wasm32"))]
-use super::super::recipe::{Recipe, Supervision};
+use super::super::recipe::Supervision;
 use super::score::Score;
 use crate::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
@@ -53,7 +56,8 @@ impl Best {
 /// [`Error::WeightsFile`](crate::Error::WeightsFile) where the weights cannot be written;
 /// [`Error::Device`](crate::Error::Device) where they cannot be read.
 pub async fn publish(card: Card, best: Option<&Best>, last: Pen) -> Result<(Card, Vec<u8>)> {
-    let pen = best.map_or(last, |best| best.average.clone());
+    // A copy: a clone would take the statistics of its norms along to the CPU.
+    let pen = best.map_or(last, |best| best.average.valid());
     let weights = model::halved(&model::save(&model::on_cpu(&pen).await?)?)?;
     let card = Card {
         weights: format!("{}.safetensors", card.name),
@@ -122,23 +126,27 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
     }
 }
 
-/// The card of a model that went on from the one of `card` for `steps` steps, on `examples` if any; but for its weights.
-pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, steps: usize) -> Card {
+/// The card of a model that went on from the one of `card` for `steps` steps by `recipe`, on `examples` if any; but for its
+/// weights.
+pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, recipe: &Recipe, steps: usize) -> Card {
     let mut depth_range = card.depth_range;
     let mut training_data = card.training_data.clone();
     if let Some(examples) = examples {
-        let [nearest, _, farthest] = examples.depths();
-        depth_range = depth_range.map(|[least, most]| [least.min(nearest), most.max(farthest)]);
+        if examples.names_depths() {
+            let [nearest, _, farthest] = examples.depths();
+            depth_range = depth_range.map(|[least, most]| [least.min(nearest), most.max(farthest)]);
+        }
         let (clips, frames) = (examples.clips.clips.len(), examples.frames.len());
         training_data += &format!("; then {frames} frames of {clips} clips given by the user");
     }
+    let how = if recipe.supervision.is_future() { ", through forecasts" } else { "" };
     Card {
         name: format!("{}-tuned", card.name.trim_end_matches("-tuned")),
         // It looks again itself: what it has learned of the scene is to count there, too.
         closer: None,
         depth_range,
         training_data,
-        description: format!("{} Fine-tuned with 2D labels and physics: {steps} steps.", card.description),
+        description: format!("{} Fine-tuned with 2D labels and physics{how}: {steps} steps.", card.description),
         ..card.clone()
     }
 }

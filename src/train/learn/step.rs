@@ -1,14 +1,15 @@
 //! One optimiser step.
 
 use burn::module::{Module, ModuleVisitor, Param};
-use burn::optim::{GradientsParams, ModuleOptimizer};
+use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::super::examples::Batch;
 use super::super::recipe::HeatmapLoss;
 use super::future::future;
 use super::knowledge::Knowledge;
-use super::loss::map_losses;
+use super::loss::{map_losses, near_labels};
+use super::optimiser::AdamW;
 use crate::error::{Error, Result};
 use crate::model::{Pen, decode};
 
@@ -56,7 +57,7 @@ pub struct StepReport {
 /// [`Error::Device`] for a device that cannot be read.
 pub async fn step(
     pen: Pen,
-    optimiser: &mut ModuleOptimizer,
+    optimiser: &mut AdamW,
     batch: Batch,
     options: &StepOptions,
     knowledge: &mut Knowledge,
@@ -69,7 +70,10 @@ pub async fn step(
     let config = pen.config().clone();
     let future = match batch.windows.is_empty() {
         true => None,
-        false => Some(future(&decode(output.clone(), &config), &batch.windows, options, knowledge).await?),
+        false => {
+            let decoded = decode(near_labels(output.clone(), &batch.labels, &config), &config);
+            Some(future(&decoded, &batch.windows, options, knowledge).await?)
+        }
     };
     let (transition, with_centre) = (options.depth_transition, options.centre_weight > 0.0);
     let losses = map_losses(output, &batch.labels, &config, options.heatmap_loss, transition, with_centre);

@@ -1,14 +1,14 @@
 //! What a step of a training changes: the network, its average, the optimiser, the watch over the loss.
 
 use burn::module::Module;
-use burn::optim::{AdamWConfig, ModuleOptimizer};
 use burn::tensor::Device;
 
 use super::super::examples::Batch;
 use super::super::recipe::Recipe;
 use super::ema::Ema;
-use super::knowledge::Knowledge;
+use super::knowledge::{Knowledge, OwnTrack};
 use super::laws::Laws;
+use super::optimiser::AdamW;
 use super::step::{StepOptions, StepReport, step};
 use crate::error::{Error, Result};
 use crate::model::Pen;
@@ -26,8 +26,8 @@ pub struct State {
     pub model: Pen,
     /// Its moving average.
     pub average: Pen,
-    /// The optimiser's moments.
-    pub optimiser: ModuleOptimizer,
+    /// The optimiser's moments, as networks.
+    pub moments: [Pen; 2],
     /// Before the first step there is none.
     pub watch: Option<Watch>,
     /// What is known besides, where forecasts teach.
@@ -49,16 +49,11 @@ impl State {
         Self {
             step: 0,
             average: model.valid(),
+            moments: AdamW::new(recipe.weight_decay).moments(&model),
             model,
-            optimiser: Self::blank_optimiser(recipe),
             watch: None,
             knowledge: Knowledge::first(recipe),
         }
-    }
-
-    /// The optimiser of a training at its start.
-    pub fn blank_optimiser(recipe: &Recipe) -> ModuleOptimizer {
-        AdamWConfig::new().with_weight_decay(recipe.weight_decay as f32).init()
     }
 }
 
@@ -68,7 +63,7 @@ pub struct Trainer {
     device: Device,
     step: usize,
     model: Pen,
-    optimiser: ModuleOptimizer,
+    optimiser: AdamW,
     ema: Ema,
     watch: Option<Watch>,
     knowledge: Knowledge,
@@ -77,18 +72,18 @@ pub struct Trainer {
 impl Trainer {
     /// Goes on from `state`; `device` is an autodiff device.
     pub fn new(recipe: &Recipe, state: State, device: &Device) -> Self {
-        let State { step, model, average, optimiser, watch, knowledge } = state;
+        let State { step, model, average, moments, watch, knowledge } = state;
+        let optimiser = AdamW::after(recipe.weight_decay, step, &moments);
         let ema = Ema::new(average, recipe.ema_decay, step);
         let model = if recipe.fixed_norms { model.with_fixed_norms() } else { model };
         Self { recipe: recipe.clone(), device: device.clone(), step, model, optimiser, ema, watch, knowledge }
     }
 
     /// What it would go on from.
-    #[cfg(not(target_arch = "wasm32"))]
     pub fn state(&self) -> State {
         let Self { step, watch, .. } = *self;
-        let (model, optimiser) = (self.model.clone(), self.optimiser.clone());
-        State { step, model, average: self.average(), optimiser, watch, knowledge: self.knowledge.clone() }
+        let (model, moments) = (self.model.clone(), self.optimiser.moments(&self.model));
+        State { step, model, average: self.average(), moments, watch, knowledge: self.knowledge.clone() }
     }
 
     /// Steps done.
@@ -109,6 +104,11 @@ impl Trainer {
     /// Physics that is learned along.
     pub fn laws(&self) -> &Laws {
         &self.knowledge.laws
+    }
+
+    /// Knows where the network finds the ball, as if it had just seen these frames.
+    pub fn remember(&mut self, found: OwnTrack) {
+        self.knowledge.own.extend(found);
     }
 
     /// The next step, on `batch`: what was found, and its learning rate. None after the last.

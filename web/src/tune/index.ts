@@ -1,20 +1,23 @@
 /** Step 5: a model learns clips in this page, and what it gained is shown on a clip held out. */
-import { FineTuner, Localiser, type DeviceChoice, type Localisation, type TuneScore } from "gravisight";
-import { contextOf, make } from "../dom";
+import { FineTuner, type DeviceChoice, type FineTuneSupervision, type TuneScore } from "gravisight";
+import { make, wordsOf } from "../dom";
 import { Chart } from "../shared/chart";
 import { save } from "../shared/files";
-import { drawFound, drawTruth } from "../shared/marks";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace, type StoredClip } from "../shared/workspace";
 import { ClipChoices, makeExamples, trainingClip } from "./clips";
+import { figuresOf, framesBefore } from "./frames";
 import markup from "./panel.html?raw";
+import { alone, forgetRun, keep, keptRun, type Run } from "./run";
 import "./style.css";
 
 /** Scores of a run, the one before it left out. */
 const SCORES = 6;
-/** Frames that are shown before and after. */
-const SHOWN = 3;
 const CAMERAS = 9;
+/** A run is kept so often, ms: what a reload costs at most. */
+const KEEP_EVERY = 5000;
+/** The published model for any ball learns best from this on; the others from the package's default. */
+const LEARNING_RATES: Record<string, number> = { any: 5e-4 };
 const signed = new Intl.NumberFormat("en", { maximumFractionDigits: 0, signDisplay: "exceptZero" });
 
 export async function start(panel: HTMLElement): Promise<void> {
@@ -27,7 +30,7 @@ class Tune {
   readonly #loss: Chart;
   readonly #score: Chart;
   readonly #clips: ClipChoices;
-  #run: AbortController | undefined;
+  #stop: AbortController | undefined;
   #tuner: FineTuner | undefined;
 
   constructor(panel: HTMLElement) {
@@ -39,31 +42,48 @@ class Tune {
     const cameras = this.#part<HTMLSelectElement>("tune-camera");
     for (let number = 2; number <= CAMERAS; number++) cameras.append(new Option(String(number), String(number)));
     this.#part("tune-example").addEventListener("click", () => void this.#busy((signal) => this.#makeExamples(signal)));
-    this.#part("tune-start").addEventListener("click", () => void this.#busy((signal) => this.#learn(signal)));
-    this.#part("tune-stop").addEventListener("click", () => this.#run?.abort());
+    this.#part("tune-start").addEventListener("click", () => void this.#busy((signal) => alone(false, () => this.#learn(signal))));
+    this.#part("tune-continue").addEventListener("click", () => void this.#busy((signal) => alone(false, () => this.#resume(signal))));
+    this.#part("tune-stop").addEventListener("click", () => this.#stop?.abort());
     this.#part("tune-save").addEventListener("click", () => void this.#alert.during(() => this.#save()));
     workspace.addEventListener("clips", () => void this.#clips.update());
   }
 
+  /** Goes on with a run that a reload broke off. */
   async open(): Promise<void> {
     await this.#clips.update();
+    const run = await keptRun();
+    this.#offer(run);
+    if (run?.state !== "running") return;
+    // Where another tab has it, it may have ended by the time that it is free.
+    void alone(true, async () => {
+      if ((await keptRun())?.state === "running") await this.#busy((signal) => this.#resume(signal));
+    });
+  }
+
+  /** The button that goes on with a kept run, where there is one. */
+  #offer(run: Run | undefined): void {
+    const button = this.#part<HTMLButtonElement>("tune-continue");
+    button.hidden = !run;
+    button.textContent = run?.state === "done" ? "Show the last run" : "Continue the last run";
   }
 
   /** One job at a time, which Stop ends. */
   async #busy(work: (signal: AbortSignal) => Promise<void>): Promise<void> {
-    if (this.#run) return;
-    const run = (this.#run = new AbortController());
-    const buttons = ["tune-example", "tune-start"].map((name) => this.#part<HTMLButtonElement>(name));
+    if (this.#stop) return;
+    const stop = (this.#stop = new AbortController());
+    const buttons = ["tune-example", "tune-start", "tune-continue"].map((name) => this.#part<HTMLButtonElement>(name));
     for (const button of buttons) button.disabled = true;
     this.#part<HTMLButtonElement>("tune-stop").disabled = false;
     this.#part("tune-progress").hidden = false;
-    await this.#alert.during(() => work(run.signal));
-    if (run.signal.aborted) this.#say("Stopped.");
+    await this.#alert.during(() => work(stop.signal));
+    if (stop.signal.aborted) this.#say("Stopped.");
     else if (this.#part("tune-alert").textContent) this.#say("Nothing is running.");
     for (const button of buttons) button.disabled = false;
     this.#part<HTMLButtonElement>("tune-stop").disabled = true;
     this.#part("tune-progress").hidden = true;
-    this.#run = undefined;
+    this.#offer(await keptRun());
+    this.#stop = undefined;
   }
 
   async #makeExamples(signal: AbortSignal): Promise<void> {
@@ -74,93 +94,150 @@ class Tune {
   }
 
   async #learn(signal: AbortSignal): Promise<void> {
-    const chosen = this.#clips.all.filter(({ use }) => use.checked);
-    const [learned, held] = [chosen.filter(({ heldOut }) => !heldOut.checked), chosen.filter(({ heldOut }) => heldOut.checked)];
-    const shown = held[0]?.clip;
-    if (learned.length === 0) throw new Error("Choose at least one clip to learn from (not held out).");
+    const chosen = this.#clips.all.filter(({ use }) => use.checked).map(({ clip, heldOut }) => ({ clip, heldOut: heldOut.checked }));
+    const shown = chosen.find(({ heldOut }) => heldOut)?.clip;
+    if (chosen.every(({ heldOut }) => heldOut)) throw new Error("Choose at least one clip to learn from (not held out).");
     if (!shown) throw new Error("Hold one clip out: without it nobody knows whether learning helped.");
     const steps = Math.round(Number(this.#part<HTMLInputElement>("tune-steps").value));
     if (!(steps >= 1 && steps <= 5000)) throw new Error("Steps must be a number from 1 to 5000.");
-    const model = new URL(`models/${this.#part<HTMLSelectElement>("tune-model").value}.json`, document.baseURI).href;
-    const device = this.#part<HTMLSelectElement>("tune-device").value as DeviceChoice;
+    const choice = (name: string) => this.#part<HTMLSelectElement>(name).value;
+    const [model, device] = [choice("tune-model"), choice("tune-device") as DeviceChoice];
+    const supervision = choice("tune-supervision") as FineTuneSupervision;
     this.#dispose();
-    this.#part<HTMLButtonElement>("tune-save").disabled = true;
+    await forgetRun();
     this.#say("Fetching the core and the model…");
-    const before = await framesBefore(model, shown, signal);
-    const tuner = await FineTuner.create({ model, device, steps, signal });
+    const url = new URL(`models/${model}.json`, document.baseURI).href;
+    const before = await framesBefore(url, shown, signal);
+    const learningRate = LEARNING_RATES[model];
+    const tuner = await FineTuner.create({ model: url, device, steps, supervision, ...(learningRate && { learningRate }), signal });
     this.#tuner = tuner;
-    const leftOut: string[] = [];
-    for (const [index, { clip, heldOut }] of chosen.entries()) {
-      this.#say(`Physics is fitted to clip ${index + 1} of ${chosen.length}…`);
-      this.#progress(index / chosen.length);
-      const added = await tuner.addClip(trainingClip(clip), { heldOut: heldOut.checked, signal });
-      if (added.leftOut) leftOut.push(`"${clip.id}" teaches nothing: ${added.leftOut}.`);
-    }
+    const leftOut = await this.#give(tuner, chosen, signal);
     if (leftOut.length > 0) this.#alert.say(leftOut.join(" "));
     const first = await tuner.evaluate({ signal });
-    const losses: [number, number][] = [];
-    const scores: [number, number][] = [];
-    const score = (made: number, now: TuneScore) => {
-      if (typeof now.forecastPx === "number") scores.push([made, now.forecastPx]);
-      this.#showScores(scores, steps, first, now);
-    };
-    score(0, first);
-    const every = Math.max(1, Math.ceil(steps / SCORES));
-    const began = performance.now();
-    for (let made = 0; made < steps; ) {
-      const count = Math.min(every, steps - made);
-      await tuner.step(count, {
-        signal,
-        onStep: ({ step, loss }) => {
-          losses.push([step, loss]);
-          const left = ((performance.now() - began) / step) * (steps - step);
-          this.#say(`Step ${step} of ${steps}, about ${words(left)} left`);
-          this.#progress(step / steps);
-          this.#loss.show({ y: "Loss", x: "Step", series: [{ name: "on the clips learned from", colour: "--accent", line: losses }], from: 0, to: steps });
-        },
-      });
-      made += count;
-      score(made, await tuner.evaluate({ signal }));
-    }
-    await this.#showFrames(shown, before, tuner, signal);
-    this.#part<HTMLButtonElement>("tune-save").disabled = false;
-    this.#say(`Done: ${steps} steps in ${words(performance.now() - began)} on ${tuner.device.name}.`);
+    const scores: [number, number][] = typeof first.forecastPx === "number" ? [[0, first.forecastPx]] : [];
+    const clips = chosen.map(({ clip, heldOut }) => ({ id: clip.id, heldOut }));
+    const checkpoint = await tuner.checkpoint();
+    await this.#go({ state: "running", model, supervision, device, steps, clips, before, first, last: first, losses: [], scores, spent: 0, checkpoint }, tuner, shown, signal);
   }
 
-  #showScores(scores: [number, number][], steps: number, before: TuneScore, now: TuneScore): void {
+  /** Goes on with the kept run. */
+  async #resume(signal: AbortSignal): Promise<void> {
+    const run = await keptRun();
+    if (!run) return;
+    try {
+      const chosen = await Promise.all(
+        run.clips.map(async ({ id, heldOut }) => {
+          const clip = await workspace.clip(id);
+          if (!clip) throw new Error(`The last run cannot go on: its clip "${id}" was deleted.`);
+          return { clip, heldOut };
+        }),
+      );
+      const shown = chosen.find(({ heldOut }) => heldOut)?.clip;
+      if (!shown) throw new Error("The last run cannot go on: none of its clips is held out.");
+      this.#dispose();
+      for (const [name, value] of Object.entries({ model: run.model, supervision: run.supervision, device: run.device, steps: String(run.steps) })) {
+        this.#part<HTMLSelectElement>(`tune-${name}`).value = value;
+      }
+      this.#say("Going on with the last run…");
+      const tuner = await FineTuner.resume(run.checkpoint, { device: run.device, signal });
+      this.#tuner = tuner;
+      await this.#give(tuner, chosen, signal);
+      if (run.state !== "done") run.state = "running";
+      await this.#go(run, tuner, shown, signal);
+    } catch (thrown) {
+      // Once it has failed, only a click tries again.
+      const kept = await keptRun();
+      if (kept?.state === "running") await keep({ ...kept, state: "stopped" });
+      throw thrown;
+    }
+  }
+
+  /** Gives the clips; what those that teach nothing say. */
+  async #give(tuner: FineTuner, chosen: { clip: StoredClip; heldOut: boolean }[], signal: AbortSignal): Promise<string[]> {
+    const leftOut: string[] = [];
+    for (const [index, { clip, heldOut }] of chosen.entries()) {
+      this.#say(`Clip ${index + 1} of ${chosen.length} is prepared…`);
+      this.#progress(index / chosen.length);
+      const added = await tuner.addClip(trainingClip(clip), { heldOut, signal });
+      if (added.leftOut) leftOut.push(`"${clip.id}" teaches nothing: ${added.leftOut}.`);
+    }
+    return leftOut;
+  }
+
+  /** The steps that are left, and what they brought. */
+  async #go(run: Run, tuner: FineTuner, shown: StoredClip, signal: AbortSignal): Promise<void> {
+    const { steps } = run;
+    this.#part<HTMLButtonElement>("tune-save").disabled = true;
+    let made = (await tuner.progress()).step;
+    const every = Math.max(1, Math.ceil(steps / SCORES));
+    const [began, before, from] = [performance.now(), run.spent, made];
+    let kept = 0;
+    const keepNow = async () => {
+      run.checkpoint = await tuner.checkpoint();
+      // Without room it goes on all the same.
+      await keep(run).catch((thrown: unknown) => this.#alert.say(`This browser cannot keep the run for a reload: ${wordsOf(thrown)}`));
+      kept = performance.now();
+    };
+    this.#showLosses(run);
+    this.#showScores(run);
+    try {
+      if (run.state === "running") await keepNow();
+      while (made < steps) {
+        const step = await tuner.step(1, { signal });
+        if (!step) break;
+        made = step.step;
+        run.losses.push([made, step.loss]);
+        const spent = performance.now() - began;
+        run.spent = before + spent;
+        this.#say(`Step ${made} of ${steps}, about ${words((spent / (made - from)) * (steps - made))} left`);
+        this.#progress(made / steps);
+        this.#showLosses(run);
+        const isScored = made % every === 0 || made === steps;
+        if (isScored) {
+          run.last = await tuner.evaluate({ signal });
+          if (typeof run.last.forecastPx === "number") run.scores.push([made, run.last.forecastPx]);
+          this.#showScores(run);
+        }
+        if (isScored || performance.now() - kept > KEEP_EVERY) await keepNow();
+      }
+      run.state = "done";
+    } catch (thrown) {
+      run.state = "stopped";
+      throw thrown;
+    } finally {
+      // A step that was under way when it was stopped has been made. What failed is said already.
+      await keepNow().catch(() => {});
+    }
+    this.#part("tune-frames").replaceChildren(...(await figuresOf(shown, run.before, tuner, signal)));
+    this.#part<HTMLButtonElement>("tune-save").disabled = false;
+    this.#say(`Done: ${steps} steps in ${words(run.spent)} on ${tuner.device.name}.`);
+  }
+
+  #showLosses({ losses, steps }: Run): void {
+    this.#loss.show({ y: "Loss", x: "Step", series: [{ name: "on the clips learned from", colour: "--accent", line: losses }], from: 0, to: steps });
+  }
+
+  #showScores({ scores, steps, first: before, last: now }: Run): void {
     const series = { name: "on the clip held out", colour: "--found", line: scores, dots: scores };
     this.#score.show({ y: "Forecast error (px)", x: "Step", series: [series], from: 0, to: steps });
-    const rows: [string, number | null | undefined, number | null | undefined, (value: number) => string][] = [
-      ["Forecast 15 frames away, median", before.forecastPx, now.forecastPx, (value) => `${value.toFixed(2)} px`],
-      ["2D error, median", before.imageErrorPx.median, now.imageErrorPx.median, (value) => `${value.toFixed(2)} px`],
-      ["Distance to the truth, mean (where it is known)", before.dtg.mean, now.dtg.mean, (value) => `${(100 * value).toFixed(1)} cm`],
+    const rows: [string, (score: TuneScore) => number | null | undefined, (value: number) => string][] = [
+      ["Forecast 15 frames away, median", ({ forecastPx }) => forecastPx, (value) => `${value.toFixed(2)} px`],
+      ["2D error, median", ({ imageErrorPx }) => imageErrorPx.median, (value) => `${value.toFixed(2)} px`],
+      ["Distance to the truth, mean (where it is known)", ({ dtg }) => dtg.mean, (value) => `${(100 * value).toFixed(1)} cm`],
     ];
     this.#part("tune-none").hidden = true;
     this.#part("tune-scores").hidden = false;
     const cells = (...texts: string[]) => texts.map((text) => make("td", { text }));
     this.#part("tune-table").replaceChildren(
-      ...rows.map(([name, a, b, say]) => {
+      ...rows.map(([name, of, say]) => {
         const header = make("th", { text: name });
         header.scope = "row";
+        const [a, b] = [of(before), of(now)];
         const known = typeof a === "number" && typeof b === "number";
         const change = known && a > 0 ? `${signed.format(100 * (b / a - 1))} %` : "–";
         return make("tr", {}, header, ...(known ? cells(say(a), say(b), change) : cells("–", "–", "–")));
       }),
     );
-  }
-
-  async #showFrames(clip: StoredClip, before: Localisation[], tuner: FineTuner, signal: AbortSignal): Promise<void> {
-    const figures: HTMLElement[] = [];
-    for (const [index, frame] of framesOf(clip).entries()) {
-      const picture = clip.pictures[frame];
-      const first = before[index];
-      if (!picture || !first) continue;
-      const now = await tuner.localise(picture, { camera: clip.camera, ...truthOf(clip, frame), signal });
-      const canvas = await drawn(picture, clip.labels[frame] ?? undefined, now.image);
-      const off = (found: Localisation) => (found.dtg === undefined ? `${found.depth.toFixed(2)} m deep` : `${(100 * found.dtg).toFixed(1)} cm off`);
-      figures.push(make("figure", {}, canvas, make("figcaption", { text: `Frame ${frame}: ${off(first)} before, ${off(now)} now` })));
-    }
-    this.#part("tune-frames").replaceChildren(...figures);
   }
 
   async #save(): Promise<void> {
@@ -183,46 +260,6 @@ class Tune {
   #say(words: string): void {
     this.#part("tune-status").textContent = words;
   }
-}
-
-/** Frames of the clip held out, spread over those with a label. */
-function framesOf({ labels }: StoredClip): number[] {
-  const seen = labels.flatMap((label, index) => (label ? [index] : []));
-  return Array.from({ length: Math.min(SHOWN, seen.length) }, (_, index) => seen[Math.floor(((index + 0.5) * seen.length) / SHOWN)] ?? 0);
-}
-
-async function framesBefore(model: string, clip: StoredClip, signal: AbortSignal): Promise<Localisation[]> {
-  const localiser = await Localiser.create({ model, camera: clip.camera, signal });
-  try {
-    const found: Localisation[] = [];
-    for (const frame of framesOf(clip)) {
-      const picture = clip.pictures[frame];
-      if (picture) found.push(await localiser.localise(picture, { ...truthOf(clip, frame), signal }));
-    }
-    return found;
-  } finally {
-    localiser.dispose();
-  }
-}
-
-function truthOf({ truth }: StoredClip, frame: number): { truth?: [number, number, number] } {
-  const world = truth?.[frame];
-  return world ? { truth: world } : {};
-}
-
-async function drawn(picture: Blob, label: [number, number] | undefined, found: [number, number]): Promise<HTMLCanvasElement> {
-  const bitmap = await createImageBitmap(picture);
-  const canvas = make("canvas");
-  const scale = 448 / bitmap.width;
-  [canvas.width, canvas.height] = [448, Math.round(bitmap.height * scale)];
-  canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", "A frame of the clip held out with the ball found and its label");
-  const context = contextOf(canvas);
-  context.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
-  bitmap.close();
-  drawFound(context, [(found[0] + 0.5) * scale, (found[1] + 0.5) * scale]);
-  if (label) drawTruth(context, [(label[0] + 0.5) * scale, (label[1] + 0.5) * scale]);
-  return canvas;
 }
 
 function words(milliseconds: number): string {

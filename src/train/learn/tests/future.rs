@@ -54,6 +54,7 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
         windows.push(Window {
             first,
             start: Start::Pictures { places: [place; 3], times: [times[0], times[1], times[2]] },
+            ball_radius: None,
             since_start: 0.0,
             camera: camera.clone(),
             forecaster: forecaster.clone(),
@@ -126,6 +127,7 @@ fn lone_windows() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
         windows.push(Window {
             first,
             start: Start::Track { place, frame: [0, first], around: seen(&times), free },
+            ball_radius: None,
             since_start: 0.0,
             camera: camera.clone(),
             forecaster: forecaster.clone(),
@@ -135,25 +137,45 @@ fn lone_windows() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
     (positions, windows, velocities)
 }
 
+/// The same seen by a network that reads apparent radii.
+fn by_size() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
+    let (mut positions, mut windows, velocities) = lone_windows();
+    for (window, position) in windows.iter_mut().zip(&mut positions) {
+        let Start::Track { place, .. } = &window.start else { panic!("not a track") };
+        let radius = window.forecaster.scene().ball.radius;
+        let depth = position[2] * place.zoom;
+        let centre = window.camera.camera_from_image(&place.in_clip([position[0], position[1]]).into(), depth).unwrap();
+        let outline = window.camera.outline(&centre, radius).unwrap();
+        let [x, y] = place.of_clip(outline.centre.into());
+        *position = [x, y, outline.radius / place.scale()];
+        window.ball_radius = Some(radius);
+    }
+    (positions, windows, velocities)
+}
+
 #[test]
 fn two_d_positions_around_a_picture_tell_its_velocity_to_a_contact() {
-    let (positions, windows, velocities) = lone_windows();
-    for (window, velocity) in windows.iter().zip(velocities) {
-        let launch = Launch::of(window, &positions, &OwnTrack::new()).unwrap().unwrap();
-        let off = (launch.velocity - velocity).norm();
-        println!("{off:.1e} m/s off, weight {:.3}", launch.weight);
-        assert!(off < 1e-6 && launch.weight > 0.999);
+    for (positions, windows, velocities) in [lone_windows(), by_size()] {
+        for (window, velocity) in windows.iter().zip(velocities) {
+            let launch = Launch::of(window, &positions, &OwnTrack::new()).unwrap().unwrap();
+            let off = (launch.velocity - velocity).norm();
+            println!("{off:.1e} m/s off, weight {:.3}", launch.weight);
+            assert!(off < 1e-6 && launch.weight > 0.999);
+        }
+        assert!(future_loss(&positions, &windows, None, &Knowledge::default()).value < 1e-4);
     }
-    assert!(future_loss(&positions, &windows, None, &Knowledge::default()).value < 1e-4);
 }
 
 #[test]
 fn the_derivatives_of_a_start_from_one_picture_equal_central_differences() {
-    let (mut positions, windows, _) = lone_windows();
-    positions.iter_mut().for_each(|position| *position = [position[0] + 0.7, position[1] - 0.4, position[2] * 1.04]);
-    for window in &windows {
+    let near = |(mut positions, windows, _): (Vec<[f64; 3]>, _, _)| -> (_, Vec<Window>) {
+        positions.iter_mut().for_each(|[x, y, third]| [*x, *y, *third] = [*x + 0.7, *y - 0.4, *third * 1.04]);
+        (positions, windows)
+    };
+    let both = [near(lone_windows()), near(by_size())];
+    for (positions, window) in both.iter().flat_map(|(positions, all)| all.iter().map(move |one| (positions, one))) {
         let launch = |positions: &[[f64; 3]]| Launch::of(window, positions, &OwnTrack::new()).unwrap().unwrap();
-        let (picture, of_position, of_velocity) = launch(&positions).slopes[0];
+        let (picture, of_position, of_velocity) = launch(positions).slopes[0];
         assert_eq!(picture, window.first);
         for axis in 0..3 {
             let at = |by: f64| {
@@ -236,6 +258,7 @@ fn a_window_in_the_middle_of_a_flight_is_forecast_with_the_spin_of_then() {
         let window = Window {
             first: 0,
             start: Start::Pictures { places: [place; 3], times: [-step, 0.0, step] },
+            ball_radius: None,
             since_start,
             camera: camera.clone(),
             forecaster: forecaster.clone(),

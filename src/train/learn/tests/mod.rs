@@ -2,6 +2,7 @@
 
 mod fine_tune;
 mod future;
+mod memory;
 mod run;
 mod score;
 mod step;

@@ -8,6 +8,7 @@ use pollster::block_on;
 use super::super::ema::Ema;
 use super::super::knowledge::Knowledge;
 use super::super::loss::map_losses;
+use super::super::optimiser::AdamW;
 use super::super::step::{StepOptions, step};
 use crate::model::{BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
 use crate::testing::{alone, formula, formula_tensor, safetensors_of, vector};
@@ -56,7 +57,7 @@ fn repeated_steps_on_one_batch_learn_it() {
     let device = Device::flex().autodiff();
     device.seed(5);
     let mut pen = Pen::new(&tiny(), &device).unwrap();
-    let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
+    let mut optimiser = AdamW::new(1e-4);
     let mut losses = Vec::new();
     for _ in 0..60 {
         let (next, report) =
@@ -65,6 +66,31 @@ fn repeated_steps_on_one_batch_learn_it() {
         losses.push(report.loss);
     }
     assert!(losses[59] < 0.6 * losses[0], "{} -> {}", losses[0], losses[59]);
+}
+
+#[test]
+fn the_optimiser_is_burns_to_the_bit_and_goes_on_from_its_moments() {
+    let _alone = alone();
+    let device = Device::flex().autodiff();
+    device.seed(6);
+    let first = Pen::new(&tiny(), &device).unwrap();
+    let gradients = |pen: &Pen| {
+        let pictures = TensorData::new(batch().pictures, [2, 32, 64, 3]);
+        let output = pen.forward(Tensor::from_data(pictures, &device));
+        let loss = map_losses(output, &batch().labels, &tiny(), CROSS_ENTROPY, 0.05, true);
+        GradientsParams::from_grads((loss.heatmap + loss.depth).backward(), pen)
+    };
+    let mut burns: ModuleOptimizer = AdamWConfig::new().with_weight_decay(0.01).init();
+    let (mut theirs, mut ours, mut optimiser) = (first.clone(), first, AdamW::new(0.01));
+    for step in 0..5 {
+        let these = gradients(&theirs);
+        theirs = burns.step(1e-2, theirs, these);
+        let these = gradients(&ours);
+        ours = optimiser.step(1e-2, ours, these);
+        assert!(save(&theirs.valid()).unwrap() == save(&ours.valid()).unwrap(), "step {step}");
+        // As after a stop.
+        optimiser = AdamW::after(0.01, step + 1, &optimiser.moments(&ours));
+    }
 }
 
 #[test]
@@ -89,7 +115,7 @@ fn a_backbone_from_timm_weights_goes_on_learning() {
     };
     let before = kernel(&pen);
     assert_eq!(before, formula_tensor("conv1.weight", &[4, 3, 7, 7]));
-    let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
+    let mut optimiser = AdamW::new(1e-4);
     let (pen, report) =
         block_on(step(pen, &mut optimiser, batch(), &options(1e-2), &mut Knowledge::default(), &device)).unwrap();
     assert!(report.loss.is_finite());
@@ -103,7 +129,7 @@ fn a_diverging_step_reports_it_and_leaves_the_weights_alone() {
     let device = Device::flex().autodiff();
     let pen = Pen::new(&tiny(), &device).unwrap();
     let before = save(&pen).unwrap();
-    let mut optimiser: ModuleOptimizer = AdamWConfig::new().init();
+    let mut optimiser = AdamW::new(1e-4);
     let mut bad = batch();
     bad.pictures[7] = f32::NAN;
     let (pen, report) =

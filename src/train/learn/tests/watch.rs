@@ -59,3 +59,15 @@ fn a_training_that_explodes_after_a_stop_is_stopped_at_the_same_step() {
         }
     }
 }
+
+#[test]
+fn a_checkpoint_of_an_earlier_version_is_refused_rather_than_passed_over() {
+    let _alone = alone();
+    let folder = scratch("earlier");
+    std::fs::create_dir(folder.join("step-00000100")).unwrap();
+    let phase = Phase { steps: 3, batch: 2, crop: None, learning_rate: 1e-3, final_learning_rate: 0.0, warm_up: 0 };
+    let recipe = Recipe::new("t".into(), Supervision::PhysicsFit, Size::square(64), vec![phase]);
+    let blank = Pen::new(&tiny(), &Device::flex().autodiff()).unwrap();
+    let error = State::load_last(&folder, &blank, &recipe).err().unwrap().to_string();
+    assert!(error.contains("step-00000100") && error.contains("earlier version"), "{error}");
+}

@@ -1,14 +1,21 @@
 //! What clips teach.
 
+mod solver;
+
 use std::path::Path;
 
 use nalgebra::{Point2, Point3};
 
+use super::places::missed;
+use super::renderings::NIGHTS;
 use super::{Example, Examples, Fits, Pictures, Places, Prepared, Sampler, prepare, teach};
 use crate::camera::Outline;
 use crate::clips::{Clip, Clips};
 use crate::model::CLOSER_RADIUS;
+use crate::random::Stream;
+use crate::synth::RandomScenes;
 use crate::testing::{formula, root, scratch};
+use crate::track::SOLVER_VERSION;
 use crate::train::recipe::{FitConfig, Phase, Recipe};
 use crate::train::testing::{on, synthetic};
 use crate::train::{TrainConfig, TrainSettings};
@@ -101,6 +108,18 @@ fn clips_are_fitted_again_when_anything_that_matters_has_changed() {
 }
 
 #[test]
+fn fits_of_another_solver_are_made_again() {
+    let clips = synthetic("fits-solver", 1, 0, |clip| clip.frames.truncate(45));
+    let config = TrainSettings::read(&on("fits-solver-run", &clips, "physics-fit", "")).unwrap().config().unwrap();
+    let clips = Clips::read(&clips).unwrap().clips;
+    let file = scratch("fits-solver-kept").join("fits.jsonl");
+    let (_, fits, _) = prepared(&config, &file);
+    fits.unwrap().save(&file).unwrap();
+    let read = |version: u32| Fits::of_solver(version, &file, &clips, &config.recipe.fit).unwrap().is_some();
+    assert!(read(SOLVER_VERSION) && !read(SOLVER_VERSION + 1));
+}
+
+#[test]
 fn fits_of_before_they_said_what_they_were_of_are_made_again() {
     let clips = synthetic("fits-old", 1, 0, |clip| clip.frames.truncate(45));
     let config = TrainSettings::read(&on("fits-old-run", &clips, "physics-fit", "")).unwrap().config().unwrap();
@@ -159,6 +178,16 @@ fn a_batch_is_drawn_from_its_step_and_every_ball_lies_in_its_view() {
         }
     }
     assert!(balls >= 5 && none >= 5, "{balls} {none}");
+}
+
+#[test]
+fn a_dark_scene_says_nothing_of_which_balls_are_missed() {
+    let scenes = RandomScenes::new(vec![], 0.0).with_nights(NIGHTS);
+    let ball = Outline { centre: Point2::origin(), radius: 5.0 };
+    let dark: Vec<u64> = (0..4000).filter(|&seed| scenes.night(seed).is_some()).collect();
+    let missed = dark.iter().filter(|&&seed| !missed(&[ball], &mut Stream::Places.of(seed)).is_empty()).count();
+    // Half of about 200; 30 are four standard deviations.
+    assert!((150..250).contains(&dark.len()) && missed.abs_diff(dark.len() / 2) < 30, "{missed} of {}", dark.len());
 }
 
 /// The published model's judge, which never saw these places, knows which are balls; and where they lie.
