@@ -81,8 +81,9 @@ pub use self::video_tracker::VideoTracker;
 /// The types of what cameras, scenes and results hold, for whoever has to name them.
 pub mod parts {
     pub use crate::camera::{Distortion, Measured, Outline};
-    pub use crate::evaluate::{Bins, Statistic};
+    pub use crate::evaluate::{Bins, CalibrationGroup, Statistic};
     pub use crate::localise::{Candidate, Maps, Saliency};
+    pub use crate::model::ConfidenceKind;
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{Elsewhere, FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
 }

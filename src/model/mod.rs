@@ -21,7 +21,7 @@ mod weights;
 pub use self::backbone::BackboneConfig;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::built_in::{ANY, SD_L};
-pub use self::card::{Card, DepthFrom, check_input, sha256_hex};
+pub use self::card::{Card, ConfidenceKind, DepthFrom, check_input, sha256_hex};
 #[cfg(test)]
 pub use self::config::HeatmapConfig;
 pub(crate) use self::config::{CLOSER_RADIUS, CLOSER_SIDE};
