@@ -153,7 +153,8 @@ test("any ball is what the page looks for by default, the scenes' own model is b
   await compared.waitFor();
   assert.match(await other.getByTestId("other-error-cm").locator("xpath=../..").textContent(), /Error of sd-l/);
   const [any, own] = [await shown(other, "error-cm"), await shown(other, "other-error-cm")];
-  assert.ok(any[0] < 200 && own[0] < 15, `${any} cm, ${own} cm`);
+  // 7.1 and 5.1 cm.
+  assert.ok(any[0] < 9.3 && own[0] < 6.7, `${any} cm, ${own} cm`);
   // An own picture of a ball that is said to be half as large: half as far.
   const [depth] = await shown(other, "depth");
   await other.getByTestId("ball").fill("20");
