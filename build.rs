@@ -15,9 +15,12 @@ fn main() {
         println!("cargo::rerun-if-env-changed={name}");
     }
     let by_wasm_pack = var(TARGET).is_ok_and(|target| target.starts_with("wasm32"));
-    // Not where we are somebody's dependency: the crate holds no npm package.
-    let is_checkout = var("CARGO_MANIFEST_DIR").is_ok_and(|root| Path::new(&root).join("pkg/package.json").exists());
-    // `wasm-pack test` builds with cargo's profile for tests, and writes nothing.
+    // Not where we are somebody's dependency: the crate holds no npm package, and cargo marks what it fetched by git.
+    let is_checkout = var("CARGO_MANIFEST_DIR").is_ok_and(|root| {
+        let has = |file: &str| Path::new(&root).join(file).exists();
+        has("pkg/package.json") && !has(".cargo-ok")
+    });
+    // `wasm-pack test` builds with cargo's profile for tests, and writes nothing. `wasm-pack build --dev` looks the same from here.
     let is_test = var("PROFILE").is_ok_and(|profile| profile == "debug");
     if by_wasm_pack && is_checkout && !is_test && var(PERMIT).is_err() {
         println!(

@@ -227,6 +227,14 @@ pub enum Error {
     },
 }
 
+/// Why a text is not the JSON that it should be, in words.
+pub(crate) fn json_refusal(error: &serde_json::Error) -> String {
+    match error.is_data() {
+        true => error.to_string(),
+        false => format!("is not JSON ({error})"),
+    }
+}
+
 impl Error {
     /// Stable name of the kind of error, for programs.
     pub fn code(&self) -> &'static str {
@@ -267,6 +275,16 @@ impl Error {
     pub fn format<M: std::fmt::Display>(what: impl Into<String>) -> impl FnOnce(M) -> Self {
         let what = what.into();
         move |message| Self::Format { what, message: message.to_string() }
+    }
+
+    /// This, of a text of another form: says as well what was `expected` there and where to get it.
+    pub(crate) fn expecting(self, expected: &str) -> Self {
+        let with = |message: String| format!("{message}; {expected}");
+        match self {
+            Self::Format { what, message } => Self::Format { what, message: with(message) },
+            Self::CameraFormat { what, message } => Self::CameraFormat { what, message: with(message) },
+            other => other,
+        }
     }
 
     /// An [`Error::Value`] for the function's caller to return.

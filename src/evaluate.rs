@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
-use crate::localise::{LocaliseOptions, Localiser};
+use crate::localise::{ConfidenceKind, Localisation, LocaliseOptions, Localiser};
+use crate::size::Size;
 
 /// Groups of equally many pictures in the confidence calibration.
 const CONFIDENCE_GROUPS: usize = 10;
@@ -39,9 +40,13 @@ pub struct Sample {
     pub found_image: Point2<f64>,
     /// 2D label, px.
     pub true_image: Point2<f64>,
-    /// The model's confidence, 0 to 1: the heatmap's mass within `confidence_radius` of the position found.
+    /// The model's confidence, 0 to 1, of the kind that follows.
     pub confidence: f64,
-    /// Radius that the confidence speaks of, px.
+    /// What the confidence is.
+    pub confidence_kind: ConfidenceKind,
+    /// Radius around the position found within which the label shows it to be right in the sense of the confidence, px of the
+    /// picture: 12 px of the network's input of a [`ConfidenceKind::HeatmapMass`], the outline's own radius of a
+    /// [`ConfidenceKind::BallProbability`].
     pub confidence_radius: f64,
     /// Time to read and decode the picture's file, s.
     pub seconds_to_decode: f64,
@@ -95,8 +100,11 @@ pub struct Metrics {
     pub per_camera: BTreeMap<String, Statistic>,
     /// DtG by environment.
     pub per_environment: BTreeMap<String, Statistic>,
-    /// What the confidence is worth: the pictures in groups of equally many, the least confident first.
-    pub calibration: Vec<Confidence>,
+    /// What the model's confidence is; absent without pictures.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub confidence_kind: Option<ConfidenceKind>,
+    /// How well the confidence is calibrated: the pictures in groups of equally many, the least confident first.
+    pub calibration: Vec<CalibrationGroup>,
     /// Error of the depth as a share of the true one, of the pictures in which some of the ball is seen; of models that say
     /// how sure they are of a depth, as are the next two.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -116,11 +124,11 @@ const GROSS: f64 = 0.3;
 
 /// A group of pictures with similar confidence.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Confidence {
-    /// The model's confidence. It is right where its mean is [`Self::near`].
+pub struct CalibrationGroup {
+    /// The model's confidence. It is well calibrated where its mean is [`Self::near`].
     pub confidence: Statistic,
-    /// Share of the pictures whose 2D label lies as near to the position found as the confidence says
-    /// (12 px of the network's input).
+    /// Fraction of the pictures in which the position found is right in the sense of the confidence: its 2D label lies within
+    /// [`Sample::confidence_radius`].
     pub near: f64,
     /// Distance to ground truth, m.
     pub dtg: Statistic,
@@ -162,7 +170,7 @@ impl Sample {
         distance(&self.found_image, &self.true_image)
     }
 
-    /// Whether the 2D label lies as near to the position found as the confidence says.
+    /// Whether the position found is right in the sense of the confidence.
     fn is_near(&self) -> bool {
         self.image_error() <= self.confidence_radius
     }
@@ -219,6 +227,7 @@ impl Metrics {
             image_error_px: Statistic::of(samples.iter().map(Sample::image_error)),
             per_camera: grouped(samples, "cam"),
             per_environment: grouped(samples, "env"),
+            confidence_kind: samples.first().map(|sample| sample.confidence_kind),
             calibration: calibration(samples),
             depth_error_relative: (!sure.is_empty())
                 .then(|| Statistic::of(sure.iter().map(|(error, depth, _)| error.abs() / depth))),
@@ -235,12 +244,12 @@ impl Metrics {
 }
 
 /// Groups of equally many samples (to within one), the least confident first; with few samples, fewer groups.
-fn calibration(samples: &[Sample]) -> Vec<Confidence> {
+fn calibration(samples: &[Sample]) -> Vec<CalibrationGroup> {
     let mut sorted: Vec<&Sample> = samples.iter().collect();
     sorted.sort_by(|a, b| a.confidence.total_cmp(&b.confidence));
     let groups = CONFIDENCE_GROUPS.min(sorted.len());
     let group = |index| &sorted[index * sorted.len() / groups..(index + 1) * sorted.len() / groups];
-    let summary = |group: &[&Sample]| Confidence {
+    let summary = |group: &[&Sample]| CalibrationGroup {
         confidence: Statistic::of(group.iter().map(|sample| sample.confidence)),
         near: group.iter().filter(|sample| sample.is_near()).count() as f64 / group.len() as f64,
         dtg: Statistic::of(group.iter().map(|sample| sample.dtg())),
@@ -287,6 +296,12 @@ pub async fn score(
         progress(index + 1, count);
     }
     Ok(samples)
+}
+
+/// [`Sample::confidence_radius`] of what was `found` in a picture of `size`.
+fn confidence_radius(localiser: &Localiser, found: &Localisation, size: Size) -> f64 {
+    let outline = found.radius_px.filter(|_| found.confidence_kind == ConfidenceKind::BallProbability);
+    outline.unwrap_or_else(|| localiser.confidence_radius(size))
 }
 
 /// A frame to score: its place, and its labels.
@@ -339,7 +354,8 @@ async fn sample(
         found_image: Point2::from(found.image),
         true_image: image,
         confidence: found.confidence,
-        confidence_radius: localiser.confidence_radius(picture.size()),
+        confidence_kind: found.confidence_kind,
+        confidence_radius: confidence_radius(localiser, &found, picture.size()),
         seconds_to_decode: decoded - began,
         seconds_to_localise: localised - decoded,
     })

@@ -45,7 +45,8 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
 /// # Errors
 /// As [`read`]; [`Error::Format`] for what is no UTF-8.
 pub fn read_text(path: &Path) -> Result<String> {
-    String::from_utf8(read(path)?).map_err(|error| Error::format(path.display().to_string())(error.utf8_error()))
+    let refuse = Error::format(path.display().to_string());
+    String::from_utf8(read(path)?).map_err(|error| refuse(format!("is not a text file ({})", error.utf8_error())))
 }
 
 /// A folder that one run writes into, and no other while it runs: a lock on a file in it that names the process. The system

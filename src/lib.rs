@@ -101,8 +101,9 @@ pub use self::video_tracker::VideoTracker;
 #[doc(hidden)]
 pub mod parts {
     pub use crate::camera::{Distortion, Measured, Outline};
-    pub use crate::evaluate::{Bins, Statistic};
+    pub use crate::evaluate::{Bins, CalibrationGroup, Statistic};
     pub use crate::localise::{Candidate, Maps, Saliency};
+    pub use crate::model::ConfidenceKind;
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{Elsewhere, FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
     pub use crate::train::{Added, ClipKey, Score, Tuned};

@@ -42,7 +42,8 @@ impl Table {
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
         let what = path.display().to_string();
         let bytes = crate::files::read(path)?;
-        Self::from_text(&String::from_utf8(bytes).map_err(Error::format(&what))?, &what)
+        let text = String::from_utf8(bytes).map_err(|error| format!("is not a text file ({})", error.utf8_error()));
+        Self::from_text(&text.map_err(Error::format(&what))?, &what)
     }
 
     /// Reads the text of a file; `what` names it in errors. The first line may be separated otherwise than the others.

@@ -245,6 +245,29 @@ fn points_that_fix_no_camera_are_refused_with_what_to_add() {
 }
 
 #[test]
+fn points_on_a_line_and_points_in_centimetres_are_told() {
+    // A tennis court's; four of the five on its left singles side line.
+    let on_a_line = r#"{"width": 1920, "height": 1080, "court": "tennis", "names": ["far singles corner left", "far service line left",
+        "near service line left", "near singles corner left", "far centre mark"],
+        "image": [[1784.05, 1272.44], [1418.48, 775.2], [1182.3, 453.95], [1141.23, 398.1], [973.49, 1276.11]]}"#;
+    let points = Points::from_json(on_a_line, "points.json").unwrap();
+    let error = calibrate(&points, &Unknowns::default()).unwrap_err().to_string();
+    assert!(error.contains("4 of these 5 points lie on a line") && error.contains("click more"), "{error}");
+    let court = |scale: f64| {
+        let corners = [[0.0, 0.0, 0.0], [10.97, 0.0, 0.0], [0.0, 23.77, 0.0], [10.97, 23.77, 0.0]];
+        let world: Vec<[f64; 3]> = corners.iter().map(|corner| corner.map(|value| scale * value)).collect();
+        let text = serde_json::json!({"width": 1920, "height": 1080, "world": world,
+            "image": [[310, 812], [1679, 821.5], [618.5, 285], [1373, 286]]});
+        let points = Points::from_json(&text.to_string(), "points.json").unwrap();
+        calibrate(&points, &Unknowns::default()).unwrap().doubts(&points)
+    };
+    let units =
+        |doubts: &[String]| doubts.iter().any(|doubt| doubt.contains("centimetres") && doubt.contains("divide"));
+    assert!(!units(&court(1.0)), "{:?}", court(1.0));
+    assert!(units(&court(100.0)) && units(&court(1000.0)), "{:?}", court(100.0));
+}
+
+#[test]
 fn files_are_read_with_their_errors() {
     let text = r#"{"width": 960, "height": 540, "court": "tennis", "names": ["near service T", "far service T"],
         "image": [[1, 2], [3, 4]]}"#;

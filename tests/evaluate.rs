@@ -7,10 +7,11 @@ mod common;
 use std::cell::Cell;
 
 use common::{golden, root, tiny_card};
+use gravisight::Card;
 use gravisight::Clips;
 use gravisight::Device;
 use gravisight::Localiser;
-use gravisight::parts::{Bins, Statistic};
+use gravisight::parts::{Bins, ConfidenceKind, Statistic};
 use gravisight::{Metrics, Sample, score};
 use nalgebra::{Point2, Point3};
 
@@ -29,6 +30,7 @@ fn sample(clip: &str, error: f64, depth: f64) -> Sample {
         found_image: Point2::new(3.0, 4.0),
         true_image: Point2::origin(),
         confidence: 0.5,
+        confidence_kind: ConfidenceKind::HeatmapMass,
         confidence_radius: 12.0,
         seconds_to_decode: 0.25,
         seconds_to_localise: 0.5,
@@ -132,6 +134,30 @@ fn the_time_is_told_by_the_callers_clock_and_by_no_other() {
     let samples = pollster::block_on(score(&localiser, &clips, Some(2), None, &clock, &mut |_, _| {})).unwrap();
     let seconds: Vec<_> = samples.iter().map(|it| [it.seconds_to_decode, it.seconds_to_localise]).collect();
     assert_eq!(seconds, [[1.0, 3.0], [7.0, 9.0]]);
+}
+
+#[test]
+fn a_confidence_is_compared_with_what_it_says() {
+    let clips = Clips::read(&root().join("tests/samples")).unwrap();
+    let scored =
+        |localiser: &Localiser| pollster::block_on(score(localiser, &clips, Some(4), None, &|| 0.0, &mut |_, _| {}));
+    // The fraction of a heatmap around the position: the same radius for each picture.
+    let tiny = Localiser::new(tiny_card(), golden("tiny.safetensors"), &Device::flex()).unwrap();
+    let samples = scored(&tiny).unwrap();
+    assert_eq!(Metrics::of(&samples, BINS).confidence_kind, Some(ConfidenceKind::HeatmapMass));
+    // 12 px of its input of 64, in pictures of 224.
+    assert!(samples.iter().all(|it| (it.confidence_radius - 12.0 * 224.0 / 64.0).abs() < 1e-9));
+    // The probability that it is a ball: the outline found says where that would be.
+    let (card, weights) = Card::with_weights(&root().join("models/any.json")).unwrap();
+    assert_eq!(card.confidence_kind(), ConfidenceKind::BallProbability);
+    let samples = scored(&Localiser::new(card, weights, &Device::flex()).unwrap()).unwrap();
+    let metrics = Metrics::of(&samples, BINS);
+    assert_eq!(serde_json::to_value(&metrics).unwrap()["confidence_kind"], "ball-probability");
+    // Balls of these pictures are of 4 to 11 px.
+    assert!(samples.iter().all(|it| (2.0..12.0).contains(&it.confidence_radius)));
+    assert!(samples.windows(2).any(|pair| pair[0].confidence_radius != pair[1].confidence_radius));
+    let empty = serde_json::to_value(Metrics::of(&[], BINS)).unwrap();
+    assert!(empty.get("confidence_kind").is_none());
 }
 
 #[test]

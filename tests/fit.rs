@@ -1,4 +1,6 @@
-//! From 2D labels to 3D trajectories: against the simulator's truth, which the fit never sees.
+//! From 2D labels to 3D trajectories: against the simulator's truth, which the fit never sees. The simulators share no code with the
+//! project: MuJoCo (tests/golden/tracks.py), and one of table tennis (tests/golden/table_tennis.py). Limits are the figures of README.md
+//! and 30 % more.
 
 #![cfg(not(target_arch = "wasm32"))]
 
@@ -110,21 +112,32 @@ fn median(values: &[f64]) -> f64 {
     sorted[sorted.len() / 2]
 }
 
-#[test]
-fn exact_labels_give_whole_clips_to_half_a_centimetre() {
-    let score = score(&tracks(), 0.0, 0.0, &FitOptions::default());
-    assert!(mean(&score.errors) < 0.005, "{}", mean(&score.errors));
+/// More than a figure, by which the limit to it is.
+const MORE: f64 = 1.3;
+
+impl Score {
+    /// Refuses errors of more than the figures, in the mean and in the median, cm.
+    fn check(&self, [of_mean, of_median]: [f64; 2]) {
+        let found = [100.0 * mean(&self.errors), 100.0 * median(&self.errors)];
+        assert!(found[0] < MORE * of_mean && found[1] < MORE * of_median, "{found:?} cm");
+    }
 }
 
 #[test]
+fn exact_labels_give_whole_clips_to_two_millimetres() {
+    score(&tracks(), 0.0, 0.0, &FitOptions::default()).check([0.14, 0.10]);
+}
+
+#[test]
+#[ignore = "long: half a minute"]
 fn noisy_labels_with_gaps_give_two_centimetres_and_say_where_they_do_not() {
     let score = score(&tracks(), 1.0, 0.1, &FitOptions::default());
-    assert!(median(&score.errors) < 0.02, "{}", median(&score.errors));
+    score.check([1.7, 1.3]);
     let sure: Vec<f64> =
         score.errors.iter().zip(&score.sigmas).filter(|(_, sigma)| **sigma < 0.1).map(|(error, _)| *error).collect();
     let share = sure.len() as f64 / score.errors.len() as f64;
     println!("sure of {:.1} %: mean {:.2} cm", 100.0 * share, 100.0 * mean(&sure));
-    assert!(share > 0.85 && mean(&sure) < 0.03, "{share} {}", mean(&sure));
+    assert!(share > 0.99 && mean(&sure) < MORE * 0.017, "{share} {}", mean(&sure));
 }
 
 fn table_tennis() -> Vec<Track> {
@@ -132,11 +145,11 @@ fn table_tennis() -> Vec<Track> {
 }
 
 #[test]
-fn table_tennis_with_known_spin_is_found_to_three_centimetres() {
-    let score = score(&table_tennis(), 1.0, 0.0, &FitOptions::default());
-    assert!(median(&score.errors) < 0.03, "{}", median(&score.errors));
+fn table_tennis_with_known_spin_is_found_to_half_a_centimetre() {
+    score(&table_tennis(), 1.0, 0.0, &FitOptions::default()).check([0.4, 0.3]);
 }
 
+/// Simulated by the forecaster that fits: of the spin nobody else tells the truth.
 #[test]
 fn a_fitted_trajectory_says_what_is_left_of_the_spin() {
     let mut track = table_tennis().remove(0);
@@ -160,13 +173,13 @@ fn a_fitted_trajectory_says_what_is_left_of_the_spin() {
 }
 
 #[test]
-fn table_tennis_with_unknown_spin_is_found_to_three_centimetres() {
+fn table_tennis_with_unknown_spin_is_found_to_a_centimetre_and_a_half() {
     let mut tracks = table_tennis();
     for track in &mut tracks {
         track.scene["ball"]["spin"] = serde_json::json!([0, 0, 0]);
     }
-    let score = score(&tracks, 1.0, 0.0, &FitOptions { estimate: vec![Parameter::Spin], ..FitOptions::default() });
-    assert!(median(&score.errors) < 0.03, "{}", median(&score.errors));
+    score(&tracks, 1.0, 0.0, &FitOptions { estimate: vec![Parameter::Spin], ..FitOptions::default() })
+        .check([1.3, 0.7]);
 }
 
 #[test]
@@ -213,9 +226,9 @@ fn wrong_labels_are_recognised_and_left_out() {
         "{recognised} of {wrong} wrong labels recognised, {accused} right ones accused; median {:.4} m",
         median(&all)
     );
-    // a wrong label may by chance lie near the right place
-    assert!(10 * recognised >= 9 * wrong && accused < 20, "{recognised} of {wrong}, {accused}");
-    assert!(median(&all) < 0.02, "{}", median(&all));
+    // All, and none; but a wrong label may by chance lie near the right place.
+    assert!(recognised + 2 >= wrong && accused <= 2, "{recognised} of {wrong}, {accused}");
+    assert!(median(&all) < MORE * 0.0076, "{}", median(&all));
 }
 
 #[test]

@@ -1,9 +1,16 @@
 //! Rallies of simulated table tennis with spins that nobody knows, hits, and labels as trackers give them: what `fit` makes
 //! of them, against the simulator's truth.
+//!
+//! The rallies are simulated by the forecaster that fits them, so its laws hold to the digit: what is tested is the search, the labels'
+//! noise and σ. The flights of another simulator, whose laws are others, are in
+//! [`flights_of_a_simulator_that_shares_no_code_are_found`].
 
 #![cfg(not(target_arch = "wasm32"))]
 
+mod common;
 mod table;
+
+use std::collections::BTreeMap;
 
 use chacha20::ChaCha12Rng;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Observation, Scene, State};
@@ -159,30 +166,137 @@ fn said(name: &str, score: &Score) {
     );
 }
 
-fn count() -> u64 {
-    std::env::var("RALLIES").ok().and_then(|count| count.parse().ok()).unwrap_or(6)
+/// Rallies of a test, and of the documents' figures.
+const FEW: u64 = 6;
+const MANY: u64 = 12;
+
+/// What rallies seen from a side reach: what is found of them, and of that what must be right.
+struct Reached {
+    /// Median of the flights' mean errors, m.
+    median: f64,
+    /// Hits found, of all, and invented.
+    found: [usize; 2],
+    invented: usize,
+    /// Fractions of the frames within one and two sigma.
+    within: [f64; 2],
 }
 
+impl Score {
+    /// Refuses what is worse than `reached` by more than 30 %, or by two hits, or by a tenth of the frames.
+    fn check(&self, name: &str, reached: &Reached) {
+        said(name, self);
+        let Reached { median: of_median, found: [found, all], invented, within } = *reached;
+        assert!(median(&self.flights) < 1.3 * of_median, "{name}: {} m", median(&self.flights));
+        assert_eq!(self.hits, all, "{name}: these are other rallies");
+        assert!(self.found + 2 >= found, "{name}: {} of {all} hits", self.found);
+        assert!(self.invented <= invented + 2, "{name}: {} hits invented", self.invented);
+        // At most 100 %; as many as the sigma says would be 61 and 94 % in space.
+        assert!((0..2).all(|k| self.within[k] > within[k] - 0.1), "{name}: {:?} within 1 and 2 sigma", self.within);
+    }
+}
+
+/// The first rallies of those of [`the_figures_of_the_documents`], fewer of which are harder.
 #[test]
+#[ignore = "long: half a minute"]
 fn rallies_are_found_from_each_side() {
-    for ((name, view), most) in VIEWS.into_iter().zip([0.10, 0.10, 0.45]) {
-        let score = scored(view, count(), false);
-        said(name, &score);
-        assert!(median(&score.flights) < most, "{name}");
-        // From behind, a ball that is hit hardly bends its way in the picture.
-        let found = if name == "behind" { 0.6 } else { 0.85 };
-        assert!(score.found as f64 >= found * score.hits as f64, "{name}: {} of {} hits", score.found, score.hits);
+    let reached = [
+        Reached { median: 0.067, found: [19, 19], invented: 1, within: [0.80, 0.96] },
+        Reached { median: 0.065, found: [18, 19], invented: 1, within: [0.71, 0.93] },
+        // A ball that is hit hardly bends its way in the picture.
+        Reached { median: 0.092, found: [16, 19], invented: 2, within: [0.68, 0.89] },
+    ];
+    for ((name, view), reached) in VIEWS.into_iter().zip(reached) {
+        scored(view, FEW, false).check(name, &reached);
     }
 }
 
 #[test]
+#[ignore = "long: half a minute"]
 fn an_apparent_size_makes_rallies_surer() {
-    for (name, view) in VIEWS {
-        let score = scored(view, count(), true);
-        said(name, &score);
-        assert!(median(&score.flights) < 0.06, "{name}");
-        assert!(score.within[1] > 0.8, "{name}");
+    let reached = [
+        Reached { median: 0.034, found: [19, 19], invented: 0, within: [0.69, 0.96] },
+        Reached { median: 0.036, found: [19, 19], invented: 0, within: [0.77, 0.97] },
+        Reached { median: 0.035, found: [18, 19], invented: 0, within: [0.85, 0.99] },
+    ];
+    for ((name, view), reached) in VIEWS.into_iter().zip(reached) {
+        let score = scored(view, FEW, true);
+        score.check(name, &reached);
         assert!(score.flights.iter().all(|&mean| mean < 1.0), "{name}");
+    }
+}
+
+/// docs/real.md has these: `cargo test --test rallies -- --ignored --nocapture the_figures`.
+#[test]
+#[ignore = "long: two minutes"]
+fn the_figures_of_the_documents() {
+    let alone = [(0.049, [42, 42], 1), (0.047, [41, 42], 1), (0.066, [35, 42], 7)];
+    let with_size = [(0.032, [42, 42], 0), (0.033, [42, 42], 0), (0.034, [41, 42], 0)];
+    for (sizes, all, within) in [(false, alone, [0.77, 0.90]), (true, with_size, [0.77, 0.98])] {
+        for ((name, view), (median, found, invented)) in VIEWS.into_iter().zip(all) {
+            scored(view, MANY, sizes).check(name, &Reached { median, found, invented, within });
+        }
+    }
+}
+
+/// tests/golden/tt_flights.json.
+#[derive(serde::Deserialize)]
+struct Strokes {
+    cameras: BTreeMap<String, Camera>,
+    flights: Vec<Stroke>,
+}
+
+#[derive(serde::Deserialize)]
+struct Stroke {
+    times: Vec<f64>,
+    bounce: f64,
+    world: Vec<[f64; 3]>,
+    labels: BTreeMap<String, Vec<Option<[f64; 2]>>>,
+}
+
+#[test]
+fn flights_of_a_simulator_that_shares_no_code_are_found() {
+    let strokes: Strokes = serde_json::from_slice(&common::golden("tt_flights.json")).unwrap();
+    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
+    let forecaster = Forecaster::new(&scene).unwrap();
+    for (view, camera) in &strokes.cameras {
+        let (mut means, mut ratios, mut explained, mut far, mut bounces) = (vec![], vec![], 0, 0, 0);
+        for stroke in &strokes.flights {
+            let label = |(&time, label): (&f64, &Option<[f64; 2]>)| Observation {
+                time,
+                image: label.map(Point2::from),
+                radius: None,
+            };
+            let observations: Vec<Observation> = stroke.times.iter().zip(&stroke.labels[view]).map(label).collect();
+            let fit = forecaster.fit(camera, &observations, &FitOptions::default()).unwrap();
+            let off = fit.frames.iter().zip(&stroke.world).map(|(frame, truth)| {
+                let error = (frame.state.position.coords - Vector3::from(*truth)).norm();
+                (error, error / frame.sigma())
+            });
+            let (errors, of_sigma): (Vec<f64>, Vec<f64>) = off.unzip();
+            explained += usize::from(fit.explained);
+            far += usize::from(fit.explained && median(&errors) > 0.3);
+            bounces += usize::from(fit.impacts.iter().any(|impact| (impact.time - stroke.bounce).abs() < 0.02));
+            means.push(errors.iter().sum::<f64>() / errors.len() as f64);
+            ratios.extend(of_sigma);
+        }
+        let within = |times: f64| ratios.iter().filter(|ratio| **ratio < times).count() as f64 / ratios.len() as f64;
+        println!(
+            "{view:8} {} flights, median of their means {:.1} cm; {explained} explained, {far} of those more than 30 cm off; {bounces} \
+             bounces; within 1 and 2 sigma {:.0} {:.0} %",
+            means.len(),
+            100.0 * median(&means),
+            100.0 * within(1.0),
+            100.0 * within(2.0)
+        );
+        let (of_median, of_explained) = match view.as_str() {
+            "side" => (0.017, 9),
+            "oblique" => (0.038, 10),
+            _ => (0.034, 12),
+        };
+        assert!(median(&means) < 1.3 * of_median, "{view}: {} m", median(&means));
+        assert!(explained + 2 >= of_explained && far == 0 && bounces >= 11, "{view}");
+        // Of positions in space 61 and 94 % would be right: σ is too large rather than too small.
+        assert!(within(1.0) > 0.61 && within(2.0) > 0.94, "{view}");
     }
 }
 
@@ -220,7 +334,8 @@ fn a_rolling_shutter_is_told() {
         errors.sum::<f64>() / times.len() as f64
     };
     let (told, untold) = (error(&rolling), error(&global));
-    assert!(told < 0.02 && untold > 2.0 * told, "{told} m told, {untold} m untold");
+    println!("{told:.4} m told, {untold:.4} m untold");
+    assert!(told < 0.001 && untold > 0.05, "{told} m told, {untold} m untold");
 }
 
 #[test]
@@ -245,7 +360,8 @@ fn a_pause_begins_anew_and_a_long_track_ends() {
     assert!(fit.hits.iter().all(|hit| fit.frames[hit.frame].time >= hit.time), "{:?}", fit.hits);
     let errors: Vec<f64> =
         fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm()).collect();
-    assert!(median(&errors) < 0.1, "{}", median(&errors));
+    println!("three rallies with pauses: median {:.4} m", median(&errors));
+    assert!(median(&errors) < 1.3 * 0.032, "{}", median(&errors));
     // Labels without any sense are no flights; they are refused, or said not to be explained, within seconds.
     let chaos: Vec<Observation> = (0..200)
         .map(|frame| {

@@ -1,4 +1,5 @@
-//! Shots of simulated table tennis with labels that something is wrong with: what `fit` says of them.
+//! Shots of simulated table tennis with labels that something is wrong with: what `fit` says of them. They are simulated by the
+//! forecaster that fits them: what is wrong is all that is wrong. (tests/rallies.rs has flights of another simulator.)
 
 #![cfg(not(target_arch = "wasm32"))]
 
@@ -94,9 +95,10 @@ fn what_people_get_wrong_is_not_explained_and_named() {
     for ([explained, named], what) in
         [(mirrored, "mirrored"), (turned, "turned"), (upwards, "gravity"), (slower, "rate"), (larger, "resolution")]
     {
-        assert!(explained <= 1 && named >= 8, "{what}: {explained} explained, {named} named");
+        assert!(explained <= 1 && named >= 9, "{what}: {explained} explained, {named} named");
     }
-    assert!(high[1] >= 9, "the table's height: {} named", high[1]);
+    // That a table is too high explains all but the apparent sizes, so most call themselves explained, and all have the note.
+    assert!(high[0] <= 10 && high[1] >= 11, "the table's height: {} explained, {} named", high[0], high[1]);
 }
 
 #[test]

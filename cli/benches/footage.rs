@@ -31,6 +31,8 @@ struct Score {
     /// Of what was found: how sure it was said to be, and whether it is the ball.
     sure: Vec<(f64, bool)>,
     seconds: f64,
+    /// Runs that gave nothing.
+    failed: usize,
 }
 
 fn count(of: &mut [usize; 2], found: bool) {
@@ -54,16 +56,20 @@ fn score(video: &Path, score: &mut Score) {
     command.arg("track").arg(video).arg("--camera").arg(&camera).arg("--scene").arg(&scene).arg("--json");
     let output = command.output().unwrap();
     score.seconds += began.elapsed().as_secs_f64();
-    let Ok(found) = serde_json::from_slice::<Value>(&output.stdout) else {
-        return println!("{}: {}", video.display(), String::from_utf8_lossy(&output.stderr));
-    };
+    // Of a run that failed nothing is found, and what there was to be found counts all the same.
+    let found = serde_json::from_slice::<Value>(&output.stdout).unwrap_or_else(|_| {
+        println!("{}: FAILED: {}", video.display(), String::from_utf8_lossy(&output.stderr).trim_end());
+        score.failed += 1;
+        Value::Null
+    });
     let mut table = csv::Reader::from_path(file("truth.csv")).unwrap();
     let truth: Vec<BTreeMap<String, String>> = table.deserialize().map(Result::unwrap).collect();
     let contacts: Value = serde_json::from_slice(&std::fs::read(file("truth.json")).unwrap()).unwrap();
     let pose: Value = serde_json::from_slice(&std::fs::read(&camera).unwrap()).unwrap();
     let axis = numbers(&pose["camera_from_world"][2]);
     let before = score.recall;
-    for (row, frame) in truth.iter().zip(found["frames"].as_array().unwrap()) {
+    for (index, row) in truth.iter().enumerate() {
+        let frame = &found["frames"][index];
         let image = numbers(&frame["image"]);
         let near = image.len() == 2
             && (image[0] - number(row, "X")).hypot(image[1] - number(row, "Y")) <= NEAR_PX.max(number(row, "Radius"));
@@ -123,6 +129,10 @@ fn main() {
         let stem = video.file_stem().unwrap().to_string_lossy();
         let kind = stem.rsplit_once('-').map_or(&*stem, |(kind, _)| kind);
         score(video, scores.entry(kind.into()).or_default());
+    }
+    let failed: usize = scores.values().map(|score| score.failed).sum();
+    if failed > 0 {
+        println!("{failed} of {} runs FAILED: nothing is found in these", videos.len());
     }
     let sure: Vec<(f64, bool)> = scores.values().flat_map(|score| score.sure.clone()).collect();
     let mut from = 0.0;

@@ -7,7 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use gravisight::{Picture, Size};
 
 use crate::import::{is_picture, left_out, pictures_in};
-use crate::video::{Oddities, Stream, packet_times};
+use crate::video::{Oddities, Stream, evenly, packet_times};
 
 /// Frames in order, read one by one as often as wanted.
 pub struct Footage {
@@ -40,12 +40,8 @@ impl Footage {
             }
             pictures => Media::Pictures(pictures.to_vec()),
         };
-        let evenly = |count: usize, fps: f64| (0..count).map(|frame| frame as f64 / fps).collect();
         let times = match (&media, fps) {
-            (Media::Video(video), fps) => {
-                let times = packet_times(video)?;
-                fps.map_or(times.clone(), |fps| evenly(times.len(), fps))
-            }
+            (Media::Video(video), fps) => packet_times(video, fps)?,
             (Media::Pictures(pictures), Some(fps)) => {
                 note_left_out(pictures);
                 evenly(pictures.len(), fps)

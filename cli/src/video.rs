@@ -87,25 +87,42 @@ fn cannot_run(program: &str, error: &std::io::Error, video: &Path) -> Error {
     Error::Data { what: video.display().to_string(), reason }
 }
 
-/// The times of a video's frames, s, from the first one's, ascending, as its packets say them: nothing is decoded.
+/// The times of a video's frames, s, from the first one's, ascending, as its packets say them: nothing is decoded. A file without
+/// times to show frames at, as AVI has none, says when to decode them: of evenly spaced frames that is the same but for a delay.
+/// With `fps` the frames are so many a second, whatever their packets say.
 ///
 /// # Errors
 /// [`Error::Data`] where ffprobe is not installed, cannot read it, or finds no times.
-pub fn packet_times(video: &Path) -> Result<Vec<f64>> {
-    let arguments = ["-v", "error", "-select_streams", "v:0", "-show_entries", "packet=pts_time", "-of", "csv=p=0"];
+pub fn packet_times(video: &Path, fps: Option<f64>) -> Result<Vec<f64>> {
+    let arguments =
+        ["-v", "error", "-select_streams", "v:0", "-show_entries", "packet=pts_time,dts_time", "-of", "csv=p=0"];
     let mut command = Command::new("ffprobe");
     command.args(arguments).arg(file_url(video)?);
     let text = output(command, "ffprobe", video)?;
-    let times = text.lines().filter_map(|line| line.trim().trim_end_matches(',').parse::<f64>().ok());
-    let mut times: Vec<f64> = times.filter(|time| time.is_finite()).collect();
+    let column = |index: usize| -> Vec<f64> {
+        let times = text.lines().filter_map(|line| line.split(',').nth(index)?.trim().parse::<f64>().ok());
+        times.filter(|time| time.is_finite()).collect()
+    };
+    let [shown, decoded] = [0, 1].map(column);
+    let mut times = if shown.len() < decoded.len() { decoded } else { shown };
     times.sort_by(f64::total_cmp);
     times.dedup();
+    if let Some(fps) = fps {
+        let packets = text.lines().filter(|line| !line.trim().is_empty()).count();
+        let frames = if times.is_empty() { packets } else { times.len() };
+        times = evenly(frames, fps);
+    }
     let Some(&first) = times.first() else {
         let reason = "has no picture, or says no times of its frames; give --fps".into();
         return Err(Error::Data { what: video.display().to_string(), reason });
     };
     times.iter_mut().for_each(|time| *time -= first);
     Ok(times)
+}
+
+/// Times of frames, `fps` a second, s.
+pub fn evenly(frames: usize, fps: f64) -> Vec<f64> {
+    (0..frames).map(|frame| frame as f64 / fps).collect()
 }
 
 /// What is odd about a video's pictures.

@@ -47,12 +47,50 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     found
 }
 
-/// Lets a run go on for a share of the time that a whole one takes, and kills it; whether it was killed before its end.
+/// Runs may end before they are killed; of so many starts for each kill that is wanted, enough are killed.
+const STARTS: u32 = 20;
+
+/// How long a run may go on before it is killed: random shares of `lasts`, smaller ones wherever a run came to its end before.
+struct Fuse {
+    lasts: Duration,
+    started: u32,
+    died: u32,
+}
+
+impl Fuse {
+    fn new(lasts: Duration) -> Self {
+        Self { lasts, started: 0, died: 0 }
+    }
+
+    /// Lets `child` go on for a while and kills it; whether it was killed before its end.
+    fn burns(&mut self, child: Child) -> bool {
+        self.started += 1;
+        assert!(
+            self.started <= STARTS * times(),
+            "of {} runs only {} were killed before their end",
+            self.started,
+            self.died
+        );
+        let died = killed(child, self.lasts.mul_f64(share(self.started)));
+        match died {
+            true => self.died += 1,
+            false => self.lasts = self.lasts.mul_f64(0.8),
+        }
+        died
+    }
+}
+
+/// Lets a run go on for a while, and kills it; whether it was killed before its end.
 fn killed(mut child: Child, after: Duration) -> bool {
     std::thread::sleep(after);
     child.kill().ok();
-    // 3: it came to its end, and not all is explained.
-    !matches!(child.wait().unwrap().code(), Some(0 | 3))
+    match child.wait().unwrap().code() {
+        // By the signal.
+        None => true,
+        // 3: it came to its end, and not all is explained.
+        Some(0 | 3) => false,
+        Some(code) => panic!("it failed by itself, with status {code}"),
+    }
 }
 
 #[test]
@@ -66,19 +104,21 @@ fn clips_are_clips_only_when_they_are_whole_and_go_on_where_they_were() {
     assert!(made(&first).wait().unwrap().success());
     let lasts = started.elapsed();
     let whole = contents(&first);
-    let mut died = 0;
-    for number in 0..times() {
-        died += u32::from(killed(made(&out), lasts.mul_f64(share(number + 1))));
+    let (mut fuse, mut went_on) = (Fuse::new(lasts), 0);
+    while fuse.died < times() || went_on == 0 {
+        let died = fuse.burns(made(&out));
         let ended = Clips::read(&out).is_ok();
+        assert!(died || ended, "it came to its end, and there are no clips");
         assert!(!ended || contents(&out) == whole, "it says that it is whole, and is not");
-        // Every other time it goes on from what was left.
-        if number % 2 == 0 || ended {
+        // Every other time it goes on from what was left; of the others the next run does.
+        if fuse.started % 2 == 1 || ended {
             assert!(made(&out).wait().unwrap().success());
             assert!(contents(&out) == whole, "what went on is not what is made at once");
             std::fs::remove_dir_all(&out).unwrap();
+            went_on += u32::from(died);
         }
     }
-    println!("synth: {died} of {} killed before the end", times());
+    println!("synth: {} of {} killed before the end, {went_on} gone on with", fuse.died, fuse.started);
 }
 
 #[test]
@@ -120,13 +160,15 @@ fn a_trajectory_is_there_whole_or_not_at_all() {
     start(&arguments).wait().unwrap();
     let lasts = started.elapsed();
     let whole = std::fs::read(&out).unwrap();
-    let mut died = 0;
-    for number in 0..times() {
+    let mut fuse = Fuse::new(lasts);
+    while fuse.died < times() {
         std::fs::remove_file(&out).ok();
-        died += u32::from(killed(start(&arguments), lasts.mul_f64(1.2 * share(number + 1))));
-        assert!(std::fs::read(&out).map_or(true, |found| found == whole), "it is there and is not whole");
+        let died = fuse.burns(start(&arguments));
+        let found = std::fs::read(&out);
+        assert!(died || found.is_ok(), "it came to its end, and nothing is there");
+        assert!(found.map_or(true, |found| found == whole), "it is there and is not whole");
     }
-    println!("fit: {died} of {} killed before the end", times());
+    println!("fit: {} of {} killed before the end", fuse.died, fuse.started);
 }
 
 #[test]
@@ -159,8 +201,10 @@ fn a_training_that_is_killed_often_ends_in_the_same_weights() {
             .next()
     };
     let expected = weights(&whole).unwrap();
-    let (mut died, mut rounds) = (0, 0);
-    while died < times() {
+    let (mut died, mut resumed, mut rounds) = (0, 0, 0);
+    let enough = |died: u32, resumed: u32| died >= times() && resumed > 0;
+    while !enough(died, resumed) {
+        assert!(rounds < STARTS * times(), "of {rounds} runs {died} were killed, and {resumed} left a checkpoint");
         std::fs::remove_dir_all(&out).ok();
         let mut child = train(&out);
         // Each round is killed again and again until it has come through.
@@ -175,8 +219,9 @@ fn a_training_that_is_killed_often_ends_in_the_same_weights() {
             if !resumable {
                 std::fs::remove_dir_all(&out).ok();
             }
+            resumed += u32::from(resumable);
             child = if resumable { start(&["train", "--resume", text(&out)]) } else { train(&out) };
-            if died >= times() {
+            if enough(died, resumed) {
                 assert!(child.wait().unwrap().success());
                 break;
             }
@@ -184,5 +229,5 @@ fn a_training_that_is_killed_often_ends_in_the_same_weights() {
         assert!(weights(&out).unwrap() == expected, "the weights differ after {died} kills");
         rounds += 1;
     }
-    println!("train: killed {died} times in {rounds} runs");
+    println!("train: killed {died} times in {rounds} runs, resumed {resumed} times");
 }

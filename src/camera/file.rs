@@ -4,9 +4,12 @@ use nalgebra::{Matrix3, Matrix4, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::{Camera, Distortion};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, json_refusal};
 use crate::size::Size;
 
+/// What a camera's file is, for who gave another.
+const EXPECTED: &str = "a camera is a JSON object with width, height, intrinsic and camera_from_world, which `gravisight calibrate` (the \
+                        page's Calibrate, `Toolbox.calibrate` in JavaScript) makes from points whose place is known";
 /// Largest number a camera of this world can hold (px, m): beyond it, products overflow.
 const MAX_ENTRY: f64 = 1e9;
 /// Largest entry of `RᵀR − 1` that rounding in a file explains.
@@ -108,8 +111,9 @@ impl Camera {
     /// # Errors
     /// [`Error::CameraFormat`] for a text of another form (the field is named), else as [`Camera::new`].
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
-        let file: CameraFile = serde_json::from_str(text)
-            .map_err(|error| Error::CameraFormat { what: what.into(), message: error.to_string() })?;
+        let file: CameraFile = serde_json::from_str(text).map_err(|error| {
+            Error::CameraFormat { what: what.into(), message: json_refusal(&error) }.expecting(EXPECTED)
+        })?;
         file.try_into().map_err(|error| match error {
             Error::CameraValue { field, reason, .. } => Error::CameraValue { what: what.into(), field, reason },
             Error::CameraSingular { field, determinant, .. } => {
@@ -124,7 +128,7 @@ impl Camera {
     /// # Errors
     /// [`Error::Io`], else as [`Camera::from_json`].
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
-        let text = crate::files::read_text(path)?;
+        let text = crate::files::read_text(path).map_err(|error| error.expecting(EXPECTED))?;
         Self::from_json(&text, &path.display().to_string())
     }
 }

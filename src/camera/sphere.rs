@@ -35,7 +35,8 @@ pub struct Measured {
     pub radius_sigma_px: f64,
     /// Standard deviation of its centre along each axis, px.
     pub sigma_px: f64,
-    /// How sure it is that this is a ball, 0 to 1.
+    /// Fraction of the heatmap's mass within 12 px (of the network's input) of the centre, in the enlarged place, 0 to 1: no
+    /// verifier was asked.
     pub confidence: f64,
 }
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::camera::Camera;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, json_refusal};
 use crate::files::{read_text, write_whole};
 use crate::image::Picture;
 use crate::physics::Scene;
@@ -68,6 +68,10 @@ struct ClipLine {
     frames: Vec<Frame>,
 }
 
+/// What the file is, for who gave another.
+const EXPECTED: &str = "clips.jsonl has a clip in each line, a JSON object with id, fps, camera and frames; `gravisight import`, `label` and \
+                        `synth` write it";
+
 impl Clips {
     /// Reads `folder/clips.jsonl`. Pictures are read later, one by one.
     ///
@@ -76,7 +80,7 @@ impl Clips {
     /// empty file.
     pub fn read(folder: &Path) -> Result<Self> {
         let index = folder.join(INDEX);
-        let text = read_text(&index)?;
+        let text = read_text(&index).map_err(|error| error.expecting(EXPECTED))?;
         let (mut clips, mut refused) = (Vec::new(), Vec::new());
         for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
             let what = format!("{}:{}", index.display(), number + 1);
@@ -87,12 +91,14 @@ impl Clips {
         }
         match refused.len() {
             0 => {}
-            1 => return Err(refused.remove(0)),
+            1 => return Err(refused.remove(0).expecting(EXPECTED)),
             count => {
                 let all = clips.len() + count;
                 let shown: String = refused.iter().take(SHOWN).map(|error| format!("\n  {error}")).collect();
                 let more = if count > SHOWN { format!("\n  and {} more", count - SHOWN) } else { String::new() };
-                let reason = format!("{count} of its {all} clips cannot be read:{shown}{more}");
+                // Where none can be read, it is another file.
+                let expected = if count == all { format!("\n{EXPECTED}") } else { String::new() };
+                let reason = format!("{count} of its {all} clips cannot be read:{shown}{more}{expected}");
                 return Err(Error::Data { what: index.display().to_string(), reason });
             }
         }
@@ -178,7 +184,8 @@ impl Clip {
     }
 
     fn from_line(line: &str, folder: &Path, what: &str) -> Result<Self> {
-        let mut fields: serde_json::Map<String, Value> = serde_json::from_str(line).map_err(Error::format(what))?;
+        let mut fields: serde_json::Map<String, Value> =
+            serde_json::from_str(line).map_err(|error| Error::format(what)(json_refusal(&error)))?;
         let missing = || Error::Format { what: what.into(), message: "missing field `camera`".into() };
         let (camera, where_from) = inlined(fields.remove("camera").ok_or_else(missing)?, folder, what, "camera")?;
         let scene = fields.remove("scene").map(|scene| -> Result<Scene> {

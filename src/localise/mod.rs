@@ -19,6 +19,7 @@ pub use self::saliency::Saliency;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::image::{MIN_SIDE, Picture};
+pub use crate::model::ConfidenceKind;
 use crate::model::{self, Card, Pen, PenConfig, PenRunner};
 use crate::size::Size;
 
@@ -115,7 +116,8 @@ pub struct Candidate {
     pub depth_sigma: f64,
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// From 0 to 1: as [`Localisation::confidence`]; of `any` the probability that this is a ball.
+    /// How sure the model is of this place, 0 to 1: of the kind of [`Localisation::confidence_kind`]. Those of several candidates need
+    /// not add up to 1.
     pub confidence: f64,
 }
 
@@ -138,9 +140,11 @@ pub struct Localisation {
     pub camera: [f64; 3],
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// Share of the heatmap's mass around the position found, 0 to 1; of a model with a network that judges (`closer` in
-    /// its card, as `any` has) the probability that it is a ball.
+    /// How sure the model is of the position found, 0 to 1: what [`Self::confidence_kind`] says. Below the card's
+    /// `confidence_threshold` there is probably no ball, and a note says so.
     pub confidence: f64,
+    /// What the confidence is.
+    pub confidence_kind: ConfidenceKind,
     /// The likeliest places, the one above first; where asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<Candidate>,
@@ -226,7 +230,8 @@ impl Localiser {
         &self.card
     }
 
-    /// Radius around the position found that [`Localisation::confidence`] speaks of, px of a picture of `size`.
+    /// Radius around the position found within which a heatmap's mass counts ([`ConfidenceKind::HeatmapMass`]), px of a picture of
+    /// `size`.
     pub fn confidence_radius(&self, size: Size) -> f64 {
         if self.reads_size() {
             return model::CONFIDENCE_RADIUS;
@@ -316,6 +321,7 @@ impl Localiser {
         if size != camera.size() {
             notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));
         }
+        notes.extend(camera.below_ground(0.0));
         let confidence = model::confidence(&raw.probability, raw.width, stride, raw.image);
         if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| confidence < threshold) {
             notes.push(format!("there is probably no ball: the confidence is below the model's {threshold:.2}"));
@@ -330,6 +336,7 @@ impl Localiser {
             camera: in_camera.coords.into(),
             world: in_world.coords.into(),
             confidence,
+            confidence_kind: self.card.confidence_kind(),
             notes,
             maps: options.maps.then(|| raw.maps(input.content, stride)),
         })

@@ -48,7 +48,7 @@ pub(crate) struct Reading {
     pub outline: Outline,
     /// Standard deviation of log(radius).
     pub log_sigma: f64,
-    /// Share of the heatmap's mass around the centre, 0 to 1.
+    /// Fraction of the heatmap's mass around the centre, 0 to 1; after the verifier the probability that it is a ball.
     pub confidence: f64,
 }
 
@@ -117,6 +117,7 @@ impl Localiser {
                  some, position and depth are off by as much as it bends there"
             ));
         }
+        notes.extend(camera.below_ground(0.0));
         let candidate = |reading: &Reading| candidate(reading, &camera_of_picture, radius).ok();
         let candidates = if options.candidates > 0 { readings.iter().filter_map(candidate).collect() } else { vec![] };
         let image = camera_of_picture.image_from_camera(&centre)?;
@@ -135,6 +136,7 @@ impl Localiser {
             camera: centre.coords.into(),
             world: camera_of_picture.world_from_camera(&centre).coords.into(),
             confidence: best.confidence,
+            confidence_kind: self.card.confidence_kind(),
             candidates,
             notes,
             maps,

@@ -7,10 +7,13 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::config::{CLOSER_SIDE, PenConfig};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, json_refusal};
 use crate::image::Normalisation;
 use crate::size::Size;
 
+/// What a card is, for who gave another.
+const EXPECTED: &str = "a model's card is the JSON file NAME.json beside its weights NAME.safetensors, which `gravisight train` writes and \
+                        the project's folder models/ holds";
 /// Largest input side a card may ask for, px.
 const MAX_INPUT_SIDE: u32 = 4096;
 
@@ -46,7 +49,7 @@ pub struct Card {
     /// Smallest and largest apparent radius in the training data, px; where depth comes from size.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_range: Option<[f64; 2]>,
-    /// Confidence below which a picture is taken to be without the ball: half of what nearly all (99.5 %) of the
+    /// Confidence (of [`Card::confidence_kind`]) below which a picture is taken to be without the ball: half of what nearly all (99.5 %) of the
     /// visible balls of the validation clips exceed; where depth comes from size what as large a share of the balls
     /// stays below as of the pictures without one exceeds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -71,13 +74,36 @@ pub enum DepthFrom {
     Size,
 }
 
+/// What a model's confidence in a position is: a number from 0 to 1, of which each kind means another.
+///
+/// A tracked video's frames have a confidence of their own ([`FollowedFrame`](crate::parts::FollowedFrame)).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[serde(rename_all = "kebab-case")]
+pub enum ConfidenceKind {
+    /// The fraction of the heatmap's mass within 12 px (of the network's input) of the position found. Of a model that reads
+    /// sizes the geometric mean of that in the picture and in the enlarged place. It is well calibrated where a ball is within that
+    /// distance in as large a fraction of the pictures.
+    HeatmapMass,
+    /// The probability that what was found is a ball: of a model with a verifier ([`Card::closer`]), by a logistic regression on
+    /// its log-odds and those of the heatmaps. It is well calibrated where the ball is inside the outline found in as large a
+    /// fraction of the pictures.
+    BallProbability,
+}
+
 impl Card {
+    /// What the model's confidence is.
+    pub fn confidence_kind(&self) -> ConfidenceKind {
+        if self.closer.is_some() { ConfidenceKind::BallProbability } else { ConfidenceKind::HeatmapMass }
+    }
+
     /// Reads the text of a card; `what` names it in errors.
     ///
     /// # Errors
     /// [`Error::Format`] or [`Error::Value`] with the field.
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
-        let card: Self = serde_json::from_str(text).map_err(Error::format(what))?;
+        let refuse = |error| Error::format(what)(json_refusal(&error)).expecting(EXPECTED);
+        let card: Self = serde_json::from_str(text).map_err(refuse)?;
         check_input(&card.architecture, card.input, &card.normalisation, what)?;
         if let Some(closer) = &card.closer {
             check_input(closer, Size::square(CLOSER_SIDE), &card.normalisation, what)?;
@@ -108,7 +134,7 @@ impl Card {
     /// # Errors
     /// [`Error::Io`], else as [`Card::from_json`].
     pub fn from_file(path: &Path) -> Result<Self> {
-        let text = crate::files::read_text(path)?;
+        let text = crate::files::read_text(path).map_err(|error| error.expecting(EXPECTED))?;
         Self::from_json(&text, &path.display().to_string())
     }
 

@@ -25,7 +25,7 @@ pub use self::built_in::{ANY, SD_L};
 pub(crate) use self::card::check_input;
 #[doc(hidden)]
 pub use self::card::sha256_hex;
-pub use self::card::{Card, DepthFrom};
+pub use self::card::{Card, ConfidenceKind, DepthFrom};
 pub(crate) use self::config::{CLOSER_RADIUS, CLOSER_SIDE};
 pub use self::config::{DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
 pub(crate) use self::decode::weighted_depth;

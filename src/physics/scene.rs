@@ -4,7 +4,11 @@ use nalgebra::{Matrix3, Point3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::state::State;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, json_refusal};
+
+/// What a scene's file is, for who gave another.
+const EXPECTED: &str = "a scene is a JSON object with gravity and ball at least; `gravisight scene tennis` prints one, and `gravisight \
+                        scene` lists the sports whose name will do (`Toolbox.scenes` in JavaScript)";
 
 /// A place: gravity, a ball, what it can touch. World frame, z up; SI units, radians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -341,7 +345,8 @@ impl Scene {
     /// # Errors
     /// [`Error::Format`] for a text of another form (the field is named), else as [`Self::check`].
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
-        let scene: Self = serde_json::from_str(text).map_err(Error::format(what))?;
+        let refuse = |error| Error::format(what)(json_refusal(&error)).expecting(EXPECTED);
+        let scene: Self = serde_json::from_str(text).map_err(refuse)?;
         scene.check(what)?;
         Ok(scene)
     }
@@ -352,7 +357,7 @@ impl Scene {
     /// [`Error::Io`], else as [`Self::from_json`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
-        let text = crate::files::read_text(path)?;
+        let text = crate::files::read_text(path).map_err(|error| error.expecting(EXPECTED))?;
         Self::from_json(&text, &path.display().to_string())
     }
 }

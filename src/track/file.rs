@@ -8,6 +8,9 @@ use super::{Fit, FittedFrame, Observation};
 use crate::error::{Error, Result};
 use crate::table::{Column, Row, Table};
 
+/// What a track's file is, for who gave another.
+const EXPECTED: &str = "a 2D track is a CSV table whose first line is Frame,Visibility,X,Y (and Time in seconds, if you like); `gravisight \
+                        track VIDEO --out track.csv` writes one, as other trackers do";
 /// The columns that a file must have, and those that it may have.
 const COLUMNS: [&str; 4] = ["Frame", "Visibility", "X", "Y"];
 const TIME: &str = "Time";
@@ -135,7 +138,7 @@ impl Track {
     /// [`Error::Io`]; [`Error::Format`] for a file that is no text, else as [`Self::from_csv`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
-        Self::from_table(&Table::from_file(path)?)
+        Self::from_table(&Table::from_file(path).map_err(|error| error.expecting(EXPECTED))?)
     }
 
     /// Reads the text of a file; `what` names it in errors.
@@ -144,7 +147,7 @@ impl Track {
     /// [`Error::Format`] where a column is missing, [`Error::Value`] for a number that cannot be (line and column are
     /// named), and for frames or times that do not ascend.
     pub fn from_csv(text: &str, what: &str) -> Result<Self> {
-        Self::from_table(&Table::from_text(text, what)?)
+        Self::from_table(&Table::from_text(text, what).map_err(|error| error.expecting(EXPECTED))?)
     }
 
     fn from_table(table: &Table) -> Result<Self> {
@@ -228,13 +231,7 @@ struct Columns<'a> {
 
 impl Columns<'_> {
     fn of(table: &Table) -> Result<Self> {
-        let [frame, visibility, x, y] = table.columns(COLUMNS).map_err(|error| match error {
-            Error::Format { what, message } => {
-                let message = format!("no 2D track, whose first line must be {}: {message}", COLUMNS.join(","));
-                Error::Format { what, message }
-            }
-            other => other,
-        })?;
+        let [frame, visibility, x, y] = table.columns(COLUMNS).map_err(|error| error.expecting(EXPECTED))?;
         let (time, sizes) = (table.column_if_any(TIME), SIZES.map(|name| table.column_if_any(name)));
         Ok(Self { frame, visibility, place: [x, y], time, sizes })
     }

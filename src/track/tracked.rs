@@ -168,11 +168,13 @@ impl Tracked {
         format!("; most of the picture changes at frame {}: a cut, or the camera moved", frames.join(", "))
     }
 
-    /// As `gravisight track --json` prints it: a stretch's flights, hits and bounces count on from those before.
+    /// As `gravisight track --json` prints it: a stretch's flights, hits and bounces count on from those before. Frames, hits and
+    /// bounces that are not `explained` belong to a flight that is not: where they are is doubtful.
     pub fn as_json(&self) -> Value {
         let frame = |(number, FollowedFrame { point, confidence, .. }): (usize, &FollowedFrame)| {
             json!({"frame": number, "time": point.time, "image": point.image().map(|at| [at.x, at.y]),
-                "radius_px": point.radius, "world": null, "sigma": null, "flight": null, "confidence": confidence})
+                "radius_px": point.radius, "world": null, "sigma": null, "flight": null, "explained": null,
+                "confidence": confidence})
         };
         let mut frames: Vec<Value> = self.frames.iter().enumerate().map(frame).collect();
         let (mut flights, mut hits, mut bounces, mut notes) = (vec![], vec![], vec![], vec![]);
@@ -184,6 +186,7 @@ impl Tracked {
                 frame["sigma"] = json!(fitted.sigma());
                 frame["flight"] = json!(flights.len() + fitted.flight);
                 frame["speed"] = json!(fitted.state.velocity.norm());
+                frame["explained"] = json!(fit.is_explained(fitted));
             }
             for (value, hit) in said["hits"].as_array_mut().into_iter().flatten().zip(&fit.hits) {
                 value["frame"] = json!(range.start + hit.frame);
@@ -193,7 +196,8 @@ impl Tracked {
             bounces.extend(fit.impacts.iter().zip(&fit.within_lines).map(|(impact, within)| {
                 json!({"time": impact.time, "surface": impact.surface.to_string(),
                     "world": <[f64; 3]>::from(impact.position), "speed": impact.speed,
-                    "sigma": fit.sigma_at(impact.time), "within_lines": within})
+                    "sigma": fit.sigma_at(impact.time), "within_lines": within,
+                    "explained": fit.is_explained_at(impact.time)})
             }));
             notes.extend(fit.notes.iter().cloned());
         }

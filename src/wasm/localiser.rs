@@ -15,7 +15,7 @@ use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::localise::{Candidate, LocaliseOptions, Localiser, Maps, Region, Saliency};
-use crate::model::Card;
+use crate::model::{Card, ConfidenceKind};
 
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
@@ -71,8 +71,11 @@ pub struct Position {
     pub camera: [f64; 3],
     /// In the world's frame (z up), in metres.
     pub world: [f64; 3],
-    /// From 0 to 1.
+    /// How sure the model is of this position, from 0 to 1: what `confidenceKind` says. Below the card's `confidence_threshold`
+    /// there is probably no ball, and `notes` says so.
     pub confidence: f64,
+    /// What the confidence is.
+    pub confidence_kind: ConfidenceKind,
     /// The likeliest places, the one above first. Where asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[tsify(optional)]
@@ -202,6 +205,7 @@ impl JsLocaliser {
             camera: found.camera,
             world: found.world,
             confidence: found.confidence,
+            confidence_kind: found.confidence_kind,
             dtg,
             heatmap: map(wanted.heatmap, |maps| &maps.heatmap),
             depth_map: map(wanted.depth_map, |maps| &maps.depth),

@@ -88,6 +88,8 @@ pub struct Hit {
     pub frame: usize,
     /// The ball's centre, metres.
     pub world: [f64; 3],
+    /// Whether the flights that it ends and begins are explained; where not, its place is not known.
+    pub explained: bool,
 }
 
 impl From<&track::Flight> for Flight {
@@ -105,10 +107,14 @@ impl From<&track::Flight> for Flight {
     }
 }
 
-impl From<&track::Hit> for Hit {
-    fn from(hit: &track::Hit) -> Self {
-        Self { time: hit.time, frame: hit.frame, world: hit.position.coords.into() }
-    }
+/// The hits of a fit.
+pub fn hits(fit: &track::Fit) -> impl Iterator<Item = Hit> {
+    fit.hits.iter().map(|hit| Hit {
+        time: hit.time,
+        frame: hit.frame,
+        world: hit.position.coords.into(),
+        explained: fit.is_explained_at(hit.time),
+    })
 }
 
 /// One moment of a trajectory.
@@ -155,6 +161,8 @@ pub struct Impact {
     pub speed: f64,
     /// The probability that it is within the scene's outermost lines; null where those go round nothing, and of a forecast.
     pub within_lines: Option<f64>,
+    /// Whether the flight that it belongs to is explained; where not, its place is not known. Null of a forecast.
+    pub explained: Option<bool>,
 }
 
 /// A number of the scene that was estimated.
@@ -187,14 +195,17 @@ impl From<&FittedFrame> for FitFrame {
 impl From<&physics::Impact> for Impact {
     fn from(impact: &physics::Impact) -> Self {
         let (world, surface) = (impact.position.into(), impact.surface.to_string());
-        Self { t: impact.time, surface, world, speed: impact.speed, within_lines: None }
+        Self { t: impact.time, surface, world, speed: impact.speed, within_lines: None, explained: None }
     }
 }
 
 /// The impacts of a fit.
 pub fn impacts(fit: &track::Fit) -> impl Iterator<Item = Impact> {
     let both = fit.impacts.iter().zip(&fit.within_lines);
-    both.map(|(impact, &within_lines)| Impact { within_lines, ..Impact::from(impact) })
+    both.map(|(impact, &within_lines)| {
+        let explained = Some(fit.is_explained_at(impact.time));
+        Impact { within_lines, explained, ..Impact::from(impact) }
+    })
 }
 
 impl From<&track::Fit> for Fit {
@@ -212,7 +223,7 @@ impl From<&track::Fit> for Fit {
             explained: fit.explained,
             verdict: fit.verdict(),
             flights: fit.flights.iter().map(Flight::from).collect(),
-            hits: fit.hits.iter().map(Hit::from).collect(),
+            hits: hits(fit).collect(),
             notes: fit.notes.clone(),
         }
     }

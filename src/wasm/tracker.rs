@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
-use super::physics::{Flight, Hit, Impact, impacts};
+use super::physics::{Flight, Hit, Impact, hits, impacts};
 use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
 use crate::camera::Camera;
@@ -70,7 +70,8 @@ pub struct VideoTrackFrame {
     pub image: Option<[f64; 2]>,
     /// Its apparent radius, pixels; null where it is not known.
     pub radius_px: Option<f64>,
-    /// Probability that this is the ball, 0 to 1.
+    /// Probability that what was found is the ball, 0 to 1, by the odds of its motion, its size and what the network sees in it,
+    /// whose weights were chosen by hand; no model's confidence. 0 where it is not seen.
     pub confidence: f64,
     /// Metres; null outside flights.
     pub world: Option<[f64; 3]>,
@@ -190,11 +191,7 @@ impl VideoTrack {
                 frame.flight = Some(said.flights.len() + fitted.flight);
                 frame.outlier = fitted.outlier;
             }
-            let hit = |hit| {
-                let hit = Hit::from(hit);
-                Hit { frame: frames.start + hit.frame, ..hit }
-            };
-            said.hits.extend(fit.hits.iter().map(hit));
+            said.hits.extend(hits(fit).map(|hit| Hit { frame: frames.start + hit.frame, ..hit }));
             said.flights.extend(fit.flights.iter().map(Flight::from));
             said.impacts.extend(impacts(fit));
             said.notes.extend(fit.notes.iter().cloned());

@@ -1,7 +1,7 @@
 //! `gravisight batch`.
 
-use std::collections::BTreeMap;
 use std::ffi::OsString;
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 use std::time::Instant;
@@ -9,6 +9,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
 
 use super::fit::PARTLY;
 use super::print_line;
@@ -19,14 +20,20 @@ const KNOWN: [&str; 5] = ["track", "label", "localise", "evaluate", "fit"];
 /// What stands for an input, and for where its other files go (without an ending).
 const INPUT: &str = "{}";
 const STEM: &str = "{out}";
+/// File of the results' folder that says which subcommand made it.
+const MANIFEST: &str = "batch.json";
+/// Hexadecimal digits of the hash of an input's path in the name of its results: one collision in 4 million lists of a thousand.
+const NAME_DIGITS: usize = 12;
 
 /// Run a subcommand for each line of a list: many videos, on as many machines as there are.
 ///
 /// What is done is not done again, so a batch that was stopped or killed is simply started again; an input that fails does not stop the
-/// others and is tried again the next time. Exit status: 0 where all of the shard is done, 3 where some failed.
+/// others and is tried again the next time. A result counts as long as its input, and the files that the subcommand names, hold what they
+/// held. Exit status: 0 where all of the shard is done, 3 where some failed.
 #[derive(Args)]
 #[command(after_help = "\
-Of each input OUT gets NAME.json, what the subcommand prints with --json, once it is whole. A line of JSON is printed for each input.\n\
+Of each input OUT gets NAME.json, what the subcommand prints with --json, once it is whole. NAME is the input's name and a hash of its \
+path. A line of JSON is printed for each input; `result` is the path of NAME.json. OUT is for one subcommand with its options.\n\
 {} stands for the input, {out} for OUT/NAME, for the subcommand's other files:\n\n  \
 gravisight batch videos.txt --out results -- track {} --camera camera.json --scene tennis --report {out}.html\n  \
 seq 0 7 | parallel gravisight batch videos.txt --shard {}/8 --out results -- track '{}' --camera …\n\n\
@@ -60,7 +67,7 @@ fn shard(text: &str) -> Result<Shard, String> {
     }
 }
 
-/// An input and the name of its results.
+/// An input and the name of its results, which depends on its path alone.
 struct Item {
     input: PathBuf,
     name: String,
@@ -74,7 +81,7 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         "the subcommand names no input: write {INPUT} where it stands"
     );
     let items = items(&arguments.list)?;
-    std::fs::create_dir_all(&arguments.out).with_context(|| arguments.out.display().to_string())?;
+    claim(&arguments.out, &arguments.command)?;
     let Shard { index, count } = arguments.shard;
     let mut failed = 0;
     for item in items.iter().skip(index).step_by(count) {
@@ -89,29 +96,100 @@ fn items(list: &Path) -> Result<Vec<Item>> {
     let text = read_text(list)?;
     let folder = list.parent().unwrap_or(Path::new(""));
     let lines = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
-    let inputs: Vec<PathBuf> = lines.map(|line| folder.join(line)).collect();
-    if inputs.is_empty() {
-        bail!("{}: no input in it", list.display());
+    let items = lines.map(|line| {
+        let input = folder.join(line);
+        let stem = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        let whole = std::path::absolute(&input).with_context(|| input.display().to_string())?;
+        let hash = hexadecimal(&Sha256::digest(whole.as_os_str().as_encoded_bytes()));
+        Ok(Item { name: format!("{stem}-{}", &hash[..NAME_DIGITS]), input })
+    });
+    let items = items.collect::<Result<Vec<Item>>>()?;
+    ensure!(!items.is_empty(), "{}: no input in it", list.display());
+    Ok(items)
+}
+
+/// Takes the folder `out` for the results of `command`: a new one, an empty one, or one in which such results are.
+fn claim(out: &Path, command: &[OsString]) -> Result<()> {
+    let words: Vec<String> = command.iter().map(|word| word.to_string_lossy().into_owned()).collect();
+    std::fs::create_dir_all(out).with_context(|| out.display().to_string())?;
+    let manifest = out.join(MANIFEST);
+    let entries = std::fs::read_dir(out).with_context(|| out.display().to_string())?;
+    let names = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned());
+    let foreign = names.filter(|name| !name.starts_with('.')).min();
+    // Another shard may have come first just now.
+    if !manifest.exists() {
+        if let Some(name) = foreign {
+            bail!("{}: holds `{name}`, which no batch made; give another --out", out.display());
+        }
+        write_whole(&manifest, format!("{:#}\n", json!({"command": words})).as_bytes())?;
     }
-    let stem = |input: &Path| input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let mut counts: BTreeMap<String, usize> = BTreeMap::new();
-    inputs.iter().for_each(|input| *counts.entry(stem(input)).or_default() += 1);
-    // Of two of one name the places in the list tell them apart, whatever the shards.
-    let item = |(place, input): (usize, PathBuf)| {
-        let stem = stem(&input);
-        let name = if counts[&stem] > 1 { format!("{stem}-{place}") } else { stem };
-        Item { input, name }
-    };
-    Ok(inputs.into_iter().enumerate().map(item).collect())
+    let found: Value = serde_json::from_str(&read_text(&manifest)?)
+        .with_context(|| format!("{}: is not what a batch wrote; give another --out", manifest.display()))?;
+    if found["command"] != json!(words) {
+        let theirs: Vec<&str> = found["command"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        bail!("{}: holds the results of another command, `{}`; give another --out", out.display(), theirs.join(" "));
+    }
+    Ok(())
+}
+
+/// What a result depends on, as a hash: the subcommand, the input, and what is in it and in the files that the subcommand names.
+fn key(command: &[OsString], input: &Path) -> io::Result<String> {
+    let mut hash = Sha256::new();
+    for word in command {
+        let bytes = word.as_encoded_bytes();
+        hash.update(bytes.len().to_le_bytes());
+        hash.update(bytes);
+        // `--camera camera.json` and `--camera=camera.json`.
+        let value =
+            word.to_str().and_then(|word| word.split_once('=')).map_or(word.as_os_str(), |(_, value)| value.as_ref());
+        if Path::new(value).is_file() {
+            add_file(&mut hash, Path::new(value))?;
+        }
+    }
+    if input.exists() {
+        add(&mut hash, input)?;
+    }
+    Ok(hexadecimal(&hash.finalize()))
+}
+
+/// Adds what is in a file or, name by name, in a folder.
+fn add(hash: &mut Sha256, path: &Path) -> io::Result<()> {
+    if !path.is_dir() {
+        return add_file(hash, path);
+    }
+    let mut entries: Vec<PathBuf> =
+        std::fs::read_dir(path)?.map(|entry| Ok(entry?.path())).collect::<io::Result<_>>()?;
+    entries.sort();
+    for entry in entries {
+        hash.update(entry.file_name().unwrap_or_default().as_encoded_bytes());
+        hash.update([0]);
+        add(hash, &entry)?;
+    }
+    Ok(())
+}
+
+fn add_file(hash: &mut Sha256, path: &Path) -> io::Result<()> {
+    let mut file = std::fs::File::open(path)?;
+    let bytes = io::copy(&mut file, hash)?;
+    hash.write_all(&bytes.to_le_bytes())
+}
+
+fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Does what an input needs; what came of it.
 fn done(arguments: &Arguments, Item { input, name }: &Item) -> Result<Value> {
     let stem = arguments.out.join(name);
-    let result = arguments.out.join(format!("{name}.json"));
+    let [result, made_of] = [format!("{name}.json"), format!(".{name}.key")].map(|name| arguments.out.join(name));
     let about = |status: &str| json!({"input": input, "status": status, "result": result});
-    if result.exists() {
+    let key = key(&arguments.command, input).with_context(|| input.display().to_string())?;
+    if result.exists() && std::fs::read_to_string(&made_of).is_ok_and(|of| of == key) {
         return Ok(about("was there"));
+    }
+    // Of another input, or of one that has changed: it must not stay for a result of this one.
+    if result.exists() {
+        std::fs::remove_file(&result).with_context(|| result.display().to_string())?;
     }
     let mut command = Command::new(std::env::current_exe().context("this program's own path")?);
     for argument in &arguments.command {
@@ -131,6 +209,7 @@ fn done(arguments: &Arguments, Item { input, name }: &Item) -> Result<Value> {
     let whole = matches!(exit, Some(0)) || exit == Some(i32::from(PARTLY));
     match serde_json::from_slice::<Value>(&output.stdout) {
         Ok(found) if whole => {
+            write_whole(&made_of, key.as_bytes())?;
             write_whole(&result, &output.stdout)?;
             if let Some(verdict) = found.get("verdict") {
                 line["verdict"] = verdict.clone();
@@ -152,6 +231,25 @@ fn filled(argument: &str, input: &Path, stem: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_folder_is_hashed_name_by_name() {
+        let folder = std::env::temp_dir().join(format!("gravisight-batch-key-{}", std::process::id()));
+        let of = |files: &[(&str, &str)]| {
+            std::fs::remove_dir_all(&folder).unwrap_or_default();
+            std::fs::create_dir_all(folder.join("in")).unwrap();
+            files.iter().for_each(|(name, text)| std::fs::write(folder.join(name), text).unwrap());
+            key(&["label".into(), "{}".into()], &folder).unwrap()
+        };
+        let one = of(&[("a", "x"), ("in/b", "y")]);
+        assert_eq!(one, of(&[("in/b", "y"), ("a", "x")]));
+        for other in
+            [of(&[("a", "x"), ("in/b", "z")]), of(&[("a", "x"), ("in/c", "y")]), of(&[("a", "xy"), ("in/b", "")])]
+        {
+            assert_ne!(one, other);
+        }
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 
     #[test]
     fn shards_and_names() {

@@ -10,7 +10,7 @@ use crate::progress::Progress;
 use crate::report::{self, Log, Report};
 use anyhow::{Result, bail};
 use clap::Args;
-use gravisight::parts::{Bins, Statistic};
+use gravisight::parts::{Bins, CalibrationGroup, ConfidenceKind, Statistic};
 use gravisight::{Card, Clips, Metrics, score};
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
@@ -122,6 +122,25 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
             share(2),
             100.0 * gross
         ))?;
+    }
+    if let Some(kind) = metrics.confidence_kind {
+        let all = metrics.dtg.n as f64;
+        let mean = |of: &dyn Fn(&CalibrationGroup) -> f64| -> f64 {
+            metrics.calibration.iter().map(|group| group.dtg.n as f64 * of(group)).sum::<f64>() / all
+        };
+        let said = mean(&|group| group.confidence.mean.unwrap_or_default());
+        let right = 100.0 * mean(&|group| group.near);
+        print_line(match kind {
+            ConfidenceKind::BallProbability => {
+                format!(
+                    "confidence: the probability that it is a ball; mean {said:.3}, and it is the ball in {right:.1} %"
+                )
+            }
+            ConfidenceKind::HeatmapMass => format!(
+                "confidence: the fraction of the heatmap within 12 px (of the network's input); mean {said:.3}, and the ball is there in \
+                 {right:.1} %"
+            ),
+        })?;
     }
     for (edges, statistic) in bins.edges().windows(2).zip(&metrics.dtg_binned) {
         row(&format!("DtG at {:.2}–{:.2} m", edges[0], edges[1]), statistic, 100.0, "cm")?;

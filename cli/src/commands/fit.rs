@@ -10,12 +10,15 @@ use serde_json::Value;
 use super::print_line;
 use crate::report::{Flights, write_flights};
 use gravisight::internal::{read_text, write_whole};
+use gravisight::parts::Flight;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
 
 /// Exit status where some flight is not explained.
 pub(super) const PARTLY: u8 = 3;
 /// 1-σ of a position that counts as sure, m.
 const SURE: f64 = 0.1;
+/// In place of where something is that belongs to a flight that is not explained.
+pub(super) const DOUBTFUL: &str = "(doubtful: its flight is not explained, so where is not known)";
 
 /// Find the 3D trajectory whose projection best explains a 2D track.
 ///
@@ -97,7 +100,12 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     };
     let forecaster = Forecaster::new(&scene)?;
     let name = || arguments.track.display().to_string();
-    let (frames, observations) = Track::from_file(&arguments.track)?.observations(arguments.fps).with_context(name)?;
+    let track = Track::from_file(&arguments.track)?;
+    let (frames, observations) = track.observations(arguments.fps).with_context(name)?;
+    let own_times = track.points.iter().any(|point| point.time.is_some());
+    if let Some(fps) = arguments.fps.filter(|_| own_times) {
+        eprintln!("gravisight: note: {}: its column Time counts; --fps {fps} is not used", arguments.track.display());
+    }
     let mut estimate: Vec<Parameter> = Vec::new();
     for unknown in &arguments.estimate {
         let parameter = match unknown {
@@ -124,17 +132,18 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     }
     if let Some(plot) = &arguments.plot {
         let name = arguments.track.file_name().unwrap_or_default().to_string_lossy();
-        let flights = Flights { name: &name, camera: &camera, scene: &scene, observations: &observations, fit: &fit };
-        write_flights(plot, &[flights], "")?;
+        let flights = Flights { camera: &camera, scene: &scene, observations: &observations, fit: &fit };
+        write_flights(plot, &name, &fit.verdict(), &[flights], "")?;
     }
     match arguments.json {
         true => print_line(as_json(&frames, &fit))?,
-        false => print(&frames, &fit, arguments.out.is_none())?,
+        false => print(&frames, &fit, &camera, arguments.out.is_none())?,
     }
     if fit.explained {
         return Ok(ExitCode::SUCCESS);
     }
-    eprintln!("gravisight: note: {}; check the scene, the camera and --fps", fit.verdict());
+    let rate = if own_times { "the column Time" } else { "--fps" };
+    eprintln!("gravisight: note: {}; check the scene, the camera and {rate}", fit.verdict());
     Ok(ExitCode::from(PARTLY))
 }
 
@@ -162,64 +171,46 @@ fn as_json(frames: &[u64], fit: &Fit) -> Value {
     fitted
 }
 
-fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
+fn print(frames: &[u64], fit: &Fit, camera: &Camera, table: bool) -> Result<()> {
     print_line(fit.verdict())?;
     for note in &fit.notes {
         print_line(format_args!("note: {note}"))?;
     }
     for (index, flight) in fit.flights.iter().enumerate() {
-        let turns = |value: f64| value / std::f64::consts::TAU;
-        let spin = flight.spin.iter().map(|w| w * w).sum::<f64>().sqrt();
-        let spin_sigma = flight.spin_sigma.iter().map(|w| w * w).sum::<f64>().sqrt();
         print_line(format_args!(
-            "flight {}: {:.3} to {:.3} s, starts at {:.2} ± {:.2} m/s, spin {:.0} ± {:.0} rev/s{}",
+            "flight {}: {:.3} to {:.3} s, {}",
             index + 1,
             flight.start,
             flight.end,
-            flight.speed[0],
-            flight.speed[1],
-            turns(spin),
-            turns(spin_sigma),
-            if flight.explained { "" } else { "  (not explained)" }
+            of_flight(flight)
         ))?;
     }
     for hit in &fit.hits {
         let [x, y, z] = hit.position.coords.into();
         let frame = frames[hit.frame.min(frames.len() - 1)];
-        print_line(format_args!("hit before frame {frame}, t {:.3} s, x {x:.3}  y {y:.3}  z {z:.3} m", hit.time))?;
+        let place = match fit.is_explained_at(hit.time) {
+            true => format!("x {x:.3}  y {y:.3}  z {z:.3} m"),
+            false => DOUBTFUL.into(),
+        };
+        print_line(format_args!("hit before frame {frame}, t {:.3} s, {place}", hit.time))?;
     }
     if table {
-        print_line("frame        t s        x        y        z m   ± cm   residual px")?;
-        for (number, frame) in frames.iter().zip(&fit.frames) {
-            let r = frame.state.position;
-            let residual = match (frame.residual_px, frame.outlier) {
-                (None, false) => "not seen".into(),
-                (None, true) => "outlier".into(),
-                (Some(residual), false) => format!("{:.2}", residual.norm()),
-                (Some(residual), true) => format!("{:.2} outlier", residual.norm()),
-            };
-            print_line(format_args!(
-                "{number:5} {:10.4} {:8.3} {:8.3} {:8.3} {:8.1}   {residual}",
-                frame.time,
-                r.x,
-                r.y,
-                r.z,
-                100.0 * frame.sigma()
-            ))?;
-        }
+        print_table(frames, fit)?;
     }
     for impact in &fit.impacts {
         let [x, y, z] = impact.position.into();
-        print_line(format_args!(
-            "touches {} at t {:.3} s, x {x:.3}  y {y:.3}  z {z:.3} m, {:.2} m/s",
-            impact.surface, impact.time, impact.speed
-        ))?;
+        let place = match fit.is_explained_at(impact.time) {
+            true => format!("x {x:.3}  y {y:.3}  z {z:.3} m, {:.2} m/s", impact.speed),
+            false => DOUBTFUL.into(),
+        };
+        print_line(format_args!("touches {} at t {:.3} s, {place}", impact.surface, impact.time))?;
     }
+    let doubtful = if fit.explained { "" } else { "  (doubtful: not every flight is explained)" };
     for estimate in &fit.estimates {
         let name = estimate.parameter.name();
-        print_line(format_args!("{name} {:.3} ± {:.3}", estimate.value, estimate.sigma))?;
+        print_line(format_args!("{name} {:.3} ± {:.3}{doubtful}", estimate.value, estimate.sigma))?;
     }
-    if fit.spin != [0.0; 3] {
+    if fit.spin != [0.0; 3] && fit.frames.first().is_some_and(|first| fit.is_explained(first)) {
         let [x, y, z] = fit.spin;
         print_line(format_args!("spin at the first frame {x:.1} {y:.1} {z:.1} rad/s"))?;
     }
@@ -230,16 +221,57 @@ fn print(frames: &[u64], fit: &Fit, table: bool) -> Result<()> {
     }
     let seen = fit.frames.iter().filter(|frame| frame.residual_px.is_some() || frame.refused.is_some()).count();
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
-    let sure = fit.frames.iter().filter(|frame| frame.sigma() < SURE).count();
-    let mut sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();
-    sigmas.sort_by(f64::total_cmp);
     print_line(format_args!("{} frames, seen in {seen}, {outliers} outliers", frames.len()))?;
     print_line(format_args!("labels: noise {:.2} px, residuals {:.2} px rms", fit.noise_px, fit.rms_px))?;
-    print_line(format_args!(
-        "positions: 1-σ {:.1} cm (median), under {:.0} cm in {:.0} % of the frames",
-        100.0 * sigmas[sigmas.len() / 2],
-        100.0 * SURE,
-        100.0 * sure as f64 / frames.len() as f64
-    ))?;
+    let sigmas = fit.known_sigmas(camera);
+    let sure = sigmas.iter().filter(|sigma| **sigma < SURE).count();
+    match sigmas.get(sigmas.len() / 2) {
+        None => print_line("positions: not known")?,
+        Some(median) => print_line(format_args!(
+            "positions: 1-σ {:.1} cm (median of the {} frames in which they are known), under {:.0} cm in {:.0} % of all frames",
+            100.0 * median,
+            sigmas.len(),
+            100.0 * SURE,
+            100.0 * sure as f64 / frames.len() as f64
+        ))?,
+    }
+    Ok(())
+}
+
+/// Speed and spin, where they are known.
+fn of_flight(flight: &Flight) -> String {
+    let turns = |spin: [f64; 3]| spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
+    match flight.known_speed() {
+        _ if !flight.explained => "not explained: speed, spin and place are not known".into(),
+        None => "speed not known".into(),
+        Some([speed, sigma]) => format!(
+            "starts at {speed:.2} ± {sigma:.2} m/s, spin {:.0} ± {:.0} rev/s",
+            turns(flight.spin),
+            turns(flight.spin_sigma)
+        ),
+    }
+}
+
+/// Where the ball is in each frame.
+fn print_table(frames: &[u64], fit: &Fit) -> Result<()> {
+    print_line("frame        t s        x        y        z m   ± cm   residual px")?;
+    for (number, frame) in frames.iter().zip(&fit.frames) {
+        let r = frame.state.position;
+        let residual = match (frame.residual_px, frame.outlier) {
+            (None, false) => "not seen".into(),
+            (None, true) => "outlier".into(),
+            (Some(residual), false) => format!("{:.2}", residual.norm()),
+            (Some(residual), true) => format!("{:.2} outlier", residual.norm()),
+        };
+        print_line(format_args!(
+            "{number:5} {:10.4} {:8.3} {:8.3} {:8.3} {:8.1}   {residual}{}",
+            frame.time,
+            r.x,
+            r.y,
+            r.z,
+            100.0 * frame.sigma(),
+            if fit.is_explained(frame) { "" } else { "  doubtful" }
+        ))?;
+    }
     Ok(())
 }

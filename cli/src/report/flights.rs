@@ -10,14 +10,15 @@ use nalgebra::Point3;
 use super::plots::{self, ACCENT, Axis, FOUND, Mark, OTHER, QUIET, TRUTH};
 use super::{cm, html};
 
+/// Of what belongs to a flight that is not explained.
+const NOT_KNOWN: &str = "not known";
+
 /// Lines from a point to a point of a box's corners, by the corners' signs.
 const EDGES: [[usize; 2]; 12] =
     [[0, 1], [1, 3], [3, 2], [2, 0], [4, 5], [5, 7], [7, 6], [6, 4], [0, 4], [1, 5], [2, 6], [3, 7]];
 
 /// A fit and what it is a fit of.
 pub struct Flights<'a> {
-    /// The track's name.
-    pub name: &'a str,
     /// The camera that saw it.
     pub camera: &'a Camera,
     /// Where.
@@ -28,23 +29,19 @@ pub struct Flights<'a> {
     pub fit: &'a Fit,
 }
 
-/// Writes the page to `path`, whole: of one fit, or of a video's one after the other; then what else there is to show (HTML).
+/// Writes the page of what is called `name` to `path`, whole: the `verdict`, each fit of its track, and what else there is to
+/// show (HTML). Without a fit the verdict says why.
 ///
 /// # Errors
 /// [`gravisight::Error::Io`] for a file that cannot be written.
-pub fn write(path: &Path, all: &[Flights<'_>], more: &str) -> Result<()> {
-    let name = all.first().map_or("", |flights| flights.name);
-    let mut body = format!("<header>\n{}", html::text("h1", name));
-    for (number, flights) in all.iter().enumerate() {
-        let verdict = flights.fit.verdict();
-        body += &html::text("p", &if all.len() > 1 { format!("{}: {verdict}", number + 1) } else { verdict });
-    }
-    body += "</header>\n<main>\n";
+pub fn write(path: &Path, name: &str, verdict: &str, all: &[Flights<'_>], more: &str) -> Result<()> {
+    let mut body = format!("<header>\n{}{}</header>\n<main>\n", html::text("h1", name), html::text("p", verdict));
     for (number, flights) in all.iter().enumerate() {
         if all.len() > 1 {
             let [from, to] = [flights.observations.first(), flights.observations.last()]
                 .map(|seen| seen.map_or(0.0, |seen| seen.time));
             body += &html::text("h2", &format!("{}: {from:.2} to {to:.2} s", number + 1));
+            body += &html::text("p", &flights.fit.verdict());
         }
         body += &stretch(flights)?;
     }
@@ -56,31 +53,43 @@ pub fn write(path: &Path, all: &[Flights<'_>], more: &str) -> Result<()> {
 fn stretch(flights: &Flights<'_>) -> Result<String> {
     let fit = flights.fit;
     let mut body: String = fit.notes.iter().map(|note| html::text("p", note)).collect();
-    body += &html::tiles(&tiles(fit));
+    body += &html::tiles(&tiles(flights));
     body +=
         &html::section("The ball's way", "In the world's frame: metres, z up.", &html::row("", &in_space(flights)?));
     body += &html::section("The track", "In the picture: pixels.", &html::row("", &in_the_picture(flights)?));
     body += &html::section("Flights", "From hit to hit; bounces are within.", &table_of_flights(fit));
     body += &html::section(
         "Contacts",
-        "Bounces on what the scene holds, hits by what it does not.",
+        "Bounces on what the scene holds, hits by what it does not. Doubtful ones belong to a flight that is not explained.",
         &table_of_contacts(fit),
     );
     Ok(body)
 }
 
-fn tiles(fit: &Fit) -> Vec<[String; 3]> {
-    let mut sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();
-    sigmas.sort_by(f64::total_cmp);
-    let fastest =
-        fit.flights.iter().map(|flight| flight.speed).max_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or_default();
+/// Of what is not explained no number is shown as one that is known.
+fn tiles(flights: &Flights<'_>) -> Vec<[String; 3]> {
+    let fit = flights.fit;
+    let sigmas = fit.known_sigmas(flights.camera);
+    let position = match sigmas.get(sigmas.len() / 2) {
+        Some(&median) => {
+            [format!("{} cm", cm(median)), format!("median of the {} frames in which it is known", sigmas.len())]
+        }
+        None => ["not known".into(), "no flight is explained".into()],
+    };
+    let fastest = fit.flights.iter().filter_map(Flight::known_speed).max_by(|a, b| a[0].total_cmp(&b[0]));
+    let fastest = match fastest {
+        Some([speed, sigma]) => [format!("{speed:.1} m/s"), format!("± {sigma:.1} m/s")],
+        None => ["not known".into(), "no flight is explained".into()],
+    };
+    let explained = fit.flights.iter().filter(|flight| flight.explained).count();
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
+    let tile = |name: &str, [value, about]: [String; 2]| [name.into(), value, about];
     vec![
-        ["Position, 1-σ".into(), format!("{} cm", cm(sigmas[sigmas.len() / 2])), "median of all frames".into()],
-        ["Fastest start".into(), format!("{:.1} m/s", fastest[0]), format!("± {:.1} m/s", fastest[1])],
+        tile("Position, 1-σ", position),
+        tile("Fastest start", fastest),
         [
-            "Flights".into(),
-            fit.flights.len().to_string(),
+            "Flights explained".into(),
+            format!("{explained} of {}", fit.flights.len()),
             format!("{} hits, {} bounces", fit.hits.len(), fit.impacts.len()),
         ],
         [
@@ -114,9 +123,16 @@ fn scene_lines(scene: &Scene) -> Vec<Vec<Point3<f64>>> {
         .collect()
 }
 
+/// The frames whose positions are drawn: those of explained flights; all where no flight is.
+fn shown(fit: &Fit) -> Vec<&FittedFrame> {
+    let explained: Vec<&FittedFrame> = fit.frames.iter().filter(|frame| fit.is_explained(frame)).collect();
+    if explained.is_empty() { fit.frames.iter().collect() } else { explained }
+}
+
 fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
     let fit = flights.fit;
-    let way: Vec<Point3<f64>> = fit.frames.iter().map(|frame| frame.state.position).collect();
+    let frames = shown(fit);
+    let way: Vec<Point3<f64>> = frames.iter().map(|frame| frame.state.position).collect();
     let boxes = edges(flights.scene);
     let mut paths: Vec<plots::Path<'_>> =
         boxes.iter().map(|edge| plots::Path { points: edge, colour: QUIET, shadow: false }).collect();
@@ -124,13 +140,18 @@ fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
     paths.extend(lines.iter().map(|line| plots::Path { points: line, colour: QUIET, shadow: false }));
     paths.push(plots::Path { points: &way, colour: FOUND, shadow: true });
     let space = plots::space(&paths)?;
-    let mut cards = vec![html::figure(&space, "In space, with its shadow on the ground", &[("found", "the ball")])];
+    let caption = match (fit.explained, frames.len() < fit.frames.len()) {
+        (true, _) => "In space, with its shadow on the ground",
+        (false, true) => "In space, with its shadow on the ground; flights that are not explained are left out",
+        (false, false) => "Doubtful, for no flight is explained: in space, with its shadow on the ground",
+    };
+    let mut cards = vec![html::figure(&space, caption, &[("found", "the ball")])];
     for (axis, label) in ["x, m", "y, m", "z, m"].into_iter().enumerate() {
         let at = |sigmas: f64| -> Vec<(f64, f64)> {
-            let value = |frame: &FittedFrame| {
+            let value = |frame: &&FittedFrame| {
                 (frame.time, frame.state.position[axis] + sigmas * frame.covariance[(axis, axis)].max(0.0).sqrt())
             };
-            fit.frames.iter().map(value).collect()
+            frames.iter().map(value).collect()
         };
         let (low, middle, high) = (at(-1.0), at(0.0), at(1.0));
         let x = Axis::around("time, s", middle.iter().map(|point| point.0));
@@ -177,8 +198,11 @@ fn table_of_flights(fit: &Fit) -> String {
             (index + 1).to_string(),
             format!("{:.3}", flight.start),
             format!("{:.3}", flight.end),
-            format!("{:.2} ± {:.2}", flight.speed[0], flight.speed[1]),
-            format!("{:.0} ± {:.0}", turns(flight.spin), turns(flight.spin_sigma)),
+            flight.known_speed().map_or(NOT_KNOWN.into(), |[speed, sigma]| format!("{speed:.2} ± {sigma:.2}")),
+            match flight.explained {
+                true => format!("{:.0} ± {:.0}", turns(flight.spin), turns(flight.spin_sigma)),
+                false => NOT_KNOWN.into(),
+            },
             flight.reason.clone().unwrap_or_else(|| "yes".into()),
         ]
     };
@@ -188,6 +212,13 @@ fn table_of_flights(fit: &Fit) -> String {
 
 fn table_of_contacts(fit: &Fit) -> String {
     let row = |time: f64, what: String, at: [f64; 3], within: Option<f64>| {
+        if !fit.is_explained_at(time) {
+            let unknown = vec![NOT_KNOWN.into(); 3];
+            return (
+                time,
+                [vec![format!("{what} (doubtful)"), format!("{time:.3}")], unknown, vec![String::new()]].concat(),
+            );
+        }
         let place = at.map(|value| format!("{value:.3}"));
         let within = within.map_or(String::new(), |share| format!("{:.1} %", 100.0 * share));
         (time, [vec![what, format!("{time:.3}")], place.to_vec(), vec![within]].concat())

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::paper::{Place, Score};
 use super::plots::{ACCENT, Axis, FOUND, Mark, OTHER, chart};
 use super::{Report, cm, html};
-use gravisight::parts::Statistic;
+use gravisight::parts::{ConfidenceKind, Statistic};
 use gravisight::{Metrics, Result, Sample};
 
 /// Bars of the histogram.
@@ -141,19 +141,30 @@ fn grouped<'a>(samples: &[&'a Sample], prefix: &str) -> BTreeMap<String, Vec<&'a
     groups
 }
 
-/// What the confidence is worth.
+/// How well the confidence is calibrated.
 pub fn confidence(metrics: &Metrics) -> Result<String> {
     let groups = || metrics.calibration.iter().map(|group| (group.confidence.mean.unwrap_or_default(), group));
     let near: Vec<(f64, f64)> = groups().map(|(confidence, group)| (confidence, group.near)).collect();
     let dtg: Vec<(f64, f64)> =
         groups().map(|(confidence, group)| (confidence, group.dtg.mean.unwrap_or_default() * 100.0)).collect();
+    let (right, about) = match metrics.confidence_kind {
+        Some(ConfidenceKind::BallProbability) => (
+            "fraction in which it is the ball",
+            "The confidence is the probability that what was found is a ball. It is the ball where the label lies inside the outline \
+             found.",
+        ),
+        Some(ConfidenceKind::HeatmapMass) | None => (
+            "fraction found within 12 px",
+            "The confidence is the fraction of the heatmap that lies within 12 px (of the network's input) of the position found.",
+        ),
+    };
     // Both axes alike, so that the diagonal is one.
     let least = near.iter().flat_map(|&(a, b)| [a, b]).fold(1.0, f64::min);
     let ends = (least - 0.05 * (1.0 - least) - 0.005).max(0.0)..1.0 + 0.02 * (1.0 - least) + 0.002;
     let diagonal = vec![(ends.start, ends.start), (1.0, 1.0)];
     let calibration = chart(
         &Axis::new("confidence", ends.clone()),
-        &Axis::new("share found within 12 px", ends),
+        &Axis::new(right, ends),
         &[Mark::Line(diagonal, OTHER), Mark::Line(near.clone(), ACCENT), Mark::Dots(near, ACCENT)],
     )?;
     let top = dtg.iter().map(|point| point.1).fold(0.1, f64::max) * 1.1;
@@ -167,8 +178,9 @@ pub fn confidence(metrics: &Metrics) -> Result<String> {
         html::figure(&calibration, "Confidence against what came of it", &keys),
         html::figure(&error, "Distance to ground truth by confidence", &[]),
     ];
-    let lead = "The confidence says which share of the heatmap lies within 12 px (of the network's input) of the \
-                position found. Pictures are sorted by it into groups of equally many; a dot is a group. Above the \
-                line the model is too modest, below it too sure.";
-    Ok(html::section("Does it know?", lead, &html::row("", &cards)))
+    let lead = format!(
+        "{about} Pictures are sorted by it into groups of equally many; a dot is a group. Above the line the model is too modest, \
+         below it too sure."
+    );
+    Ok(html::section("Does it know?", &lead, &html::row("", &cards)))
 }

@@ -20,19 +20,61 @@ const UNLIKE_CLICKS: f64 = 1.5;
 /// Share of the lines in the picture that may be missing.
 const MISSING: f64 = 0.15;
 
+/// Distance from a line within which points count as on it, a share of what they span.
+const ON_LINE: f64 = 1e-3;
+/// Radius of the largest ball of the sports, a basketball's, m: where it is less than a pixel no ball can be seen.
+const LARGEST_BALL: f64 = 0.12;
+
+impl Camera {
+    /// Where it stands in the world, m.
+    pub(crate) fn centre(&self) -> Point3<f64> {
+        self.world_from_camera(&Point3::origin())
+    }
+
+    /// That it stands below the ground (a height, m), in words.
+    pub(crate) fn below_ground(&self, ground: f64) -> Option<String> {
+        let below = ground - self.centre().z;
+        (below > BELOW).then(|| {
+            format!(
+                "the camera stands {below:.1} m below z = {ground} m: if that is the ground, camera.json is wrong, as where near and \
+                 far, or left and right, were mixed up"
+            )
+        })
+    }
+}
+
 impl Calibration {
-    /// What is doubtful about the camera, in words: below the ground, a lens that no camera has, lines that are not where they should
-    /// be. Empty where nothing is.
+    /// What is doubtful about the camera, in words: points in another unit, below the ground, a lens that no camera has, lines that
+    /// are not where they should be. Empty where nothing is.
     pub fn doubts(&self, points: &Points) -> Vec<String> {
-        [self.below(points), self.lens(), self.width(), self.vague(points), self.missing(), self.unlike()]
-            .into_iter()
-            .flatten()
-            .collect()
+        [
+            self.unit(points),
+            self.below(points),
+            self.lens(),
+            self.width(),
+            self.vague(points),
+            self.missing(),
+            self.unlike(),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
     }
 
     /// Where the camera stands in the world, m.
     pub fn centre(&self) -> Point3<f64> {
-        self.camera.world_from_camera(&Point3::origin())
+        self.camera.centre()
+    }
+
+    fn unit(&self, points: &Points) -> Option<String> {
+        let distance = self.middle(points).1;
+        let pixel = distance / self.camera.intrinsic()[(0, 0)];
+        (pixel > LARGEST_BALL).then(|| {
+            format!(
+                "the points would be {distance:.0} m away, where a pixel is {pixel:.2} m wide and no ball can be seen: is `world` in \
+                 centimetres or millimetres? Its numbers are metres: divide them by 100, or by 1000"
+            )
+        })
     }
 
     fn below(&self, points: &Points) -> Option<String> {
@@ -102,6 +144,18 @@ impl Calibration {
             )
         })
     }
+}
+
+/// How many of the points (m) at most lie on one line.
+pub(super) fn on_a_line(points: &[Point3<f64>]) -> usize {
+    let length = points.iter().map(|point| (point - points[0]).norm()).fold(0.0, f64::max);
+    let through = |from: &Point3<f64>, to: &Point3<f64>| {
+        let along = (to - from).try_normalize(ON_LINE * length)?;
+        Some(points.iter().filter(|point| (*point - from).cross(&along).norm() <= ON_LINE * length).count())
+    };
+    let pairs =
+        points.iter().enumerate().flat_map(|(index, from)| points[index + 1..].iter().map(move |to| (from, to)));
+    pairs.filter_map(|(from, to)| through(from, to)).max().unwrap_or(points.len())
 }
 
 /// How wide the picture is without its lens's distortion, degrees.

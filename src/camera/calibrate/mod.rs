@@ -14,6 +14,7 @@ mod start;
 
 use nalgebra::{DMatrix, Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
+use self::doubts::on_a_line;
 pub use self::lines::{LineSeen, calibrate_by_lines};
 pub use self::points::Points;
 pub use self::refine::Unknowns;
@@ -281,11 +282,15 @@ impl<'a> Problem<'a> {
         });
         // Of two that meet in one minimum, the first.
         let better = |a: Solution, b: Solution| if b.0.cost < a.0.cost * (1.0 - SAME_COST) - SAME_COST { b } else { a };
-        refined.reduce(better).ok_or_else(|| {
-            refuse(
+        refined.reduce(better).ok_or_else(|| match on_a_line(&world) {
+            on if world.len() < on + 2 => refuse(format!(
+                "{on} of these {} points lie on a line, and so fix no camera; click more points, two at least off that line",
+                world.len()
+            )),
+            _ => refuse(
                 "no camera has all these points in front of it; check that each click belongs to its point, that the \
                  world is right-handed in metres, and that y counts downwards in the picture",
-            )
+            ),
         })
     }
 

@@ -7,8 +7,12 @@ use serde::Deserialize;
 
 use crate::camera::court::{Court, CourtLine};
 use crate::camera::{Camera, Distortion};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, json_refusal};
 use crate::size::Size;
+
+/// What a file of points is, for who gave another.
+const EXPECTED: &str = "points are a JSON object with width, height, image (px) and world (m), or court and names in its place; `gravisight \
+                        calibrate --help` shows one";
 
 /// Known points and where they were clicked.
 #[derive(Debug, Clone)]
@@ -58,7 +62,8 @@ impl Points {
     /// # Errors
     /// [`Error::Format`] for a text of another form; [`Error::Value`] for numbers that cannot be; as [`Court::named`].
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
-        let file: PointsFile = serde_json::from_str(text).map_err(Error::format(what))?;
+        let refuse = |error| Error::format(what)(json_refusal(&error)).expecting(EXPECTED);
+        let file: PointsFile = serde_json::from_str(text).map_err(refuse)?;
         let world = match (&file.court, file.world) {
             (None, Some(world)) => world,
             (Some(court), None) => court_points(court, file.names.as_deref(), what)?,
@@ -102,7 +107,7 @@ impl Points {
     /// # Errors
     /// [`Error::Io`], else as [`Self::from_json`].
     pub fn from_file(path: &Path) -> Result<Self> {
-        let text = crate::files::read_text(path)?;
+        let text = crate::files::read_text(path).map_err(|error| error.expecting(EXPECTED))?;
         Self::from_json(&text, &path.display().to_string())
     }
 }

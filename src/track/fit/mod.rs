@@ -210,6 +210,7 @@ impl Forecaster {
         let within =
             |impact: &Impact| self.scene().within_lines(&impact.position.into(), &fit.near(impact.time)?.covariance);
         fit.within_lines = fit.impacts.iter().map(within).collect();
+        fit.notes.extend(self.scene().floor.as_ref().and_then(|floor| camera.below_ground(floor.height)));
         Ok(fit)
     }
 

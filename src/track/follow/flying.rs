@@ -74,7 +74,9 @@ pub struct FollowedFrame {
     pub repeated: bool,
     /// What moves there, where that is the ball.
     pub ball: Option<Followed>,
-    /// Probability that this is the ball; 0 without one.
+    /// Probability that what was found is the ball, by the log-odds of its tracklet (motion, size, what the network sees in it),
+    /// whose weights were chosen by hand; 0 without one. No model's confidence
+    /// ([`ConfidenceKind`](crate::parts::ConfidenceKind)).
     pub confidence: f64,
     /// Where the camera looks, if not where it did at first: then a camera that was calibrated there makes no metres here.
     pub elsewhere: Option<Elsewhere>,

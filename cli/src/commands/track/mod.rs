@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
 use gravisight::{Camera, FitOptions, Forecaster, Picture, Scene, Tracked, VideoTracker};
@@ -65,7 +65,7 @@ pub struct Arguments {
     #[arg(long, value_name = "OUT.MP4")]
     overlay: Option<PathBuf>,
     /// Write a page with trajectories, speeds and contacts; it needs nothing else.
-    #[arg(long, value_name = "OUT.HTML", requires = "camera")]
+    #[arg(long, value_name = "OUT.HTML")]
     report: Option<PathBuf>,
     /// Print one JSON object.
     #[arg(long)]
@@ -115,16 +115,17 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         })?;
     }
     progress.finish();
+    // First of all: what is to be drawn may fail, and this is not to be lost with it.
+    match arguments.json {
+        true => print_line(tracked.as_json())?,
+        false => print(&tracked, place.as_ref().map(|place| &place.camera))?,
+    }
     if let Some(out) = &arguments.overlay {
         let seen: Vec<Option<[f64; 3]>> = tracked.frames.iter().map(|frame| circle(&frame.point)).collect();
         overlay::write(out, &footage, &seen)?;
     }
     if let (Some(out), Some(place)) = (&arguments.report, &place) {
         report(out, &footage, place, &tracked)?;
-    }
-    match arguments.json {
-        true => print_line(tracked.as_json())?,
-        false => print(&tracked)?,
     }
     let nothing = place.is_some() && tracked.stretches.iter().all(|stretch| stretch.fit.is_err());
     Ok(match () {
@@ -150,6 +151,7 @@ struct Place {
 fn place(arguments: &Arguments) -> Result<Option<Place>> {
     let (Some(camera), Some(scene)) = (&arguments.camera, &arguments.scene) else {
         ensure!(arguments.ball.is_none(), "--ball is for metres: give --camera and --scene");
+        ensure!(arguments.report.is_none(), "--report shows flights in metres: give --camera and --scene");
         return Ok(None);
     };
     let mut scene = Scene::open(scene)?;
@@ -186,7 +188,6 @@ fn report(out: &Path, footage: &Footage, place: &Place, tracked: &Tracked) -> Re
         .filter_map(|stretch| {
             let fit = stretch.fit.as_ref().ok()?;
             Some(Flights {
-                name: &name,
                 camera: &place.camera,
                 scene: place.forecaster.scene(),
                 observations: &stretch.observations,
@@ -194,9 +195,6 @@ fn report(out: &Path, footage: &Footage, place: &Place, tracked: &Tracked) -> Re
             })
         })
         .collect();
-    if flights.is_empty() {
-        bail!("--report: no flight could be fitted, so there is nothing to show");
-    }
     let doubts = doubts::doubts(tracked);
     let mut looks = BTreeMap::new();
     footage.each(doubts::frames(&doubts), &mut |frame, picture: Picture| {
@@ -205,5 +203,5 @@ fn report(out: &Path, footage: &Footage, place: &Place, tracked: &Tracked) -> Re
         }
         Ok(())
     })?;
-    Ok(write_flights(out, &flights, &doubts::chapter(&doubts, &looks))?)
+    Ok(write_flights(out, &name, &tracked.verdict(), &flights, &doubts::chapter(&doubts, &looks))?)
 }

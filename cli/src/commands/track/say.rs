@@ -1,15 +1,19 @@
 //! What `track` found, in words.
 
 use anyhow::Result;
-use gravisight::Tracked;
+use gravisight::parts::{Flight, Stretch};
+use gravisight::{Camera, Fit, Tracked};
 
+use super::super::fit::DOUBTFUL;
 use super::super::print_line;
 
 /// m/s to km/h.
 const KMH: f64 = 3.6;
 
-pub(super) fn print(tracked: &Tracked) -> Result<()> {
+/// Prints what was found of a video that `camera` took, if that is known.
+pub(super) fn print(tracked: &Tracked, camera: Option<&Camera>) -> Result<()> {
     print_line(tracked.verdict())?;
+    let Some(camera) = camera else { return Ok(()) };
     let mut number = 0;
     for stretch in &tracked.stretches {
         let Ok(fit) = &stretch.fit else { continue };
@@ -18,42 +22,58 @@ pub(super) fn print(tracked: &Tracked) -> Result<()> {
         }
         for flight in &fit.flights {
             number += 1;
-            let [speed, sigma] = flight.speed;
-            let digits = if sigma < 0.095 { 2 } else { 1 };
-            let spin = flight.spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
-            print_line(format_args!(
-                "flight {number}: {:.2} to {:.2} s, starts at {speed:.digits$} ± {sigma:.digits$} m/s ({:.0} km/h), spin {spin:.0} rev/s{}",
-                flight.start,
-                flight.end,
-                KMH * speed,
-                if flight.explained { "" } else { "  (not explained)" }
-            ))?;
+            print_line(of_flight(number, flight))?;
         }
-        let mut contacts: Vec<(f64, String)> = Vec::new();
-        for impact in &fit.impacts {
-            let [x, y, z] = impact.position.into();
-            let sigma = 100.0 * fit.sigma_at(impact.time).unwrap_or_default();
-            contacts.push((
-                impact.time,
-                format!("touches {} at x {x:.2}  y {y:.2}  z {z:.2} m, ± {sigma:.0} cm", impact.surface),
-            ));
-        }
-        for hit in &fit.hits {
-            let [x, y, z] = hit.position.coords.into();
-            contacts.push((hit.time, format!("hit at x {x:.2}  y {y:.2}  z {z:.2} m")));
-        }
-        contacts.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (time, what) in contacts {
+        for (time, what) in contacts(fit) {
             print_line(format_args!("{time:.2} s: {what}"))?;
         }
-        let mut sigmas: Vec<f64> = fit.frames.iter().map(|frame| frame.sigma()).collect();
-        sigmas.sort_by(f64::total_cmp);
-        print_line(format_args!(
-            "frames {} to {}: positions ± {:.0} cm (1-σ, median)",
-            stretch.frames.start,
-            stretch.frames.end - 1,
-            100.0 * sigmas[sigmas.len() / 2]
-        ))?;
+        print_line(positions(stretch, fit, camera))?;
     }
     Ok(())
+}
+
+fn of_flight(number: usize, flight: &Flight) -> String {
+    let when = format!("flight {number}: {:.2} to {:.2} s", flight.start, flight.end);
+    match flight.known_speed() {
+        _ if !flight.explained => format!("{when}, not explained: speed, spin and place are not known"),
+        None => format!("{when}, speed not known"),
+        Some([speed, sigma]) => {
+            let digits = if sigma < 0.095 { 2 } else { 1 };
+            let spin = flight.spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
+            let kmh = KMH * speed;
+            format!("{when}, starts at {speed:.digits$} ± {sigma:.digits$} m/s ({kmh:.0} km/h), spin {spin:.0} rev/s")
+        }
+    }
+}
+
+/// Bounces and hits by time. Where one is that belongs to a flight that is not explained is not known.
+fn contacts(fit: &Fit) -> Vec<(f64, String)> {
+    let mut contacts: Vec<(f64, String)> = Vec::new();
+    let mut add = |time: f64, what: String, at: [f64; 3], sigma: Option<f64>| {
+        let [x, y, z] = at;
+        let sigma = sigma.map_or(String::new(), |sigma| format!(", ± {:.0} cm", 100.0 * sigma));
+        let place = match fit.is_explained_at(time) {
+            true => format!("at x {x:.2}  y {y:.2}  z {z:.2} m{sigma}"),
+            false => DOUBTFUL.into(),
+        };
+        contacts.push((time, format!("{what} {place}")));
+    };
+    for impact in &fit.impacts {
+        let what = format!("touches {}", impact.surface);
+        add(impact.time, what, impact.position.into(), fit.sigma_at(impact.time));
+    }
+    for hit in &fit.hits {
+        add(hit.time, "hit".into(), hit.position.coords.into(), None);
+    }
+    contacts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    contacts
+}
+
+/// How well the positions are known.
+fn positions(stretch: &Stretch, fit: &Fit, camera: &Camera) -> String {
+    let frames = format!("frames {} to {}", stretch.frames.start, stretch.frames.end - 1);
+    let (sigmas, all) = (fit.known_sigmas(camera), fit.frames.len());
+    let Some(median) = sigmas.get(sigmas.len() / 2) else { return format!("{frames}: positions not known") };
+    let of = if sigmas.len() == all { String::new() } else { format!("; not known in {} frames", all - sigmas.len()) };
+    format!("{frames}: positions ± {:.0} cm (1-σ, median{of})", 100.0 * median)
 }
