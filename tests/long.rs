@@ -5,10 +5,10 @@
 #[allow(dead_code)]
 mod table;
 
+use chacha20::ChaCha12Rng;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Observation, Parameter, Scene, State};
 use nalgebra::{Point2, Point3, Vector3};
 use rand::SeedableRng;
-use rand::rngs::StdRng;
 use table::{camera, normal};
 
 const FPS: f64 = 60.0;
@@ -38,7 +38,7 @@ fn bouncing(seed: u64) -> (Vec<State>, Vec<Point3<f64>>, Vec<Observation>) {
     };
     let times: Vec<f64> = (0..430).map(|frame| f64::from(frame) / FPS).collect();
     let forecast = forecaster.forecast(&start, &times);
-    let mut random = StdRng::seed_from_u64(seed);
+    let mut random = ChaCha12Rng::seed_from_u64(seed);
     let label = |(state, &time): (&State, &f64)| {
         let image = view().image_from_world(&state.position).unwrap();
         let image = Point2::new(image.x + 0.5 * normal(&mut random), image.y + 0.5 * normal(&mut random));

@@ -9,8 +9,8 @@ mod tracked;
 
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
-pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
 pub(crate) use self::fit::SOLVER_VERSION;
+pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
 #[doc(hidden)]
 pub use self::follow::Follower;
 pub use self::follow::{Elsewhere, Followed, FollowedFrame};

@@ -14,9 +14,7 @@ pub use examples::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
 pub use examples::read_photographs;
-pub use learn::{
-    Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Score, SizeScore, Tuned,
-};
+pub use learn::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Score, SizeScore, Tuned};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};
 pub use recipe::{

@@ -119,7 +119,7 @@ fn give(tuner: &mut FineTuner, (clip, pictures): &(Clip, Vec<Picture>), held_out
 /// Step, and score after each second one.
 fn run(tuner: &mut FineTuner, until: usize) {
     while tuner.progress()[0] < until && pollster::block_on(tuner.step()).unwrap().is_some() {
-        if tuner.progress()[0] % 2 == 0 {
+        if tuner.progress()[0].is_multiple_of(2) {
             pollster::block_on(tuner.evaluate()).unwrap();
         }
     }
