@@ -298,7 +298,7 @@ fn fit_refuses_in_one_line() {
     refused(fit(&folder, &["--estimate", "restitution"]), "`bounce` only");
     refused(fit(&folder, &["--estimate", "spin,spin"]), "twice");
     for (csv, words) in [
-        ("x,y\n1,2\n", "must be Frame,Visibility,X,Y"),
+        ("x,y\n1,2\n", "no column `Frame`"),
         ("Frame,Visibility,X,Y\n0,1,1,1\n", "seen in 1 frames"),
         ("Frame,Visibility,X,Y\n0,1,1,1\n0,1,2,2\n", "must ascend"),
         ("Frame,Visibility,X,Y\n0,1,nan,1\n", "track.csv:2: `X` must be a finite number"),
