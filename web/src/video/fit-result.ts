@@ -23,7 +23,7 @@ export class FitResult {
     const parts: HTMLElement[] = [make("p", { text: words + left, part: "video-fit-words" })];
     for (const note of notes) parts.push(make("p", { text: sentence(note), part: "video-fit-note" }));
     if (hits.length) parts.push(flightsTable(flights), hitsTable(hits));
-    else if (flights[0]) parts.push(make("p", { text: `At first ${speedWords(flights[0])}${spinWords(flights[0])}.`, part: "video-fit-start" }));
+    else if (flights[0]?.explained) parts.push(make("p", { text: `At first ${speedWords(flights[0])}${spinWords(flights[0])}.`, part: "video-fit-start" }));
     if (bounces.length) parts.push(bouncesTable(bounces));
     else parts.push(make("p", { text: "No bounces." }));
     const stale = make("p", { text: "Frames came after this fit: fit again to take them in.", part: "video-fit-stale" });
@@ -53,29 +53,32 @@ function tableOf(part: string, caption: string, head: string[], rows: string[][]
   return make("table", { part: `${part}s` }, make("caption", { text: caption }), make("thead", {}, make("tr", {}, ...titles)), make("tbody", {}, ...lines));
 }
 
+/** In place of what belongs to a flight that is not explained: it would be a number without a meaning. */
+const UNKNOWN = "not known";
+
 const counted = (count: number, what: string, many = `${what}s`) => `${count} ${count === 1 ? what : many}`;
 const seconds = (ms: number) => `${(ms / 1000).toFixed(2)} s`;
 const sentence = (words: string) => `${words.charAt(0).toUpperCase()}${words.slice(1)}${/[.?!]$/.test(words) ? "" : "."}`;
 
 function bouncesTable(bounces: Curve["bounces"]): HTMLElement {
   const lined = bounces.some(({ withinLines }) => withinLines !== null);
-  const rows = bounces.map(({ timestampMs, surface, speed, withinLines }) => {
-    const row = [seconds(timestampMs), surfaceWords(surface), `${speed.toFixed(1)} m/s`];
-    return lined ? [...row, withinLines === null ? "" : `${(100 * withinLines).toFixed(0)} %`] : row;
+  const rows = bounces.map(({ timestampMs, surface, speed, withinLines, explained }) => {
+    const row = [seconds(timestampMs), surfaceWords(surface), explained ? `${speed.toFixed(1)} m/s` : UNKNOWN];
+    return lined ? [...row, withinLines === null || !explained ? "" : `${(100 * withinLines).toFixed(0)} %`] : row;
   });
   const heads = ["Time", "On", "Speed", ...(lined ? ["Within the lines"] : [])];
   return tableOf("video-bounce", counted(bounces.length, "bounce"), heads, rows);
 }
 
 function hitsTable(hits: Curve["hits"]): HTMLElement {
-  const rows = hits.map(({ timestampMs, world }) => [seconds(timestampMs), world.map((metres) => metres.toFixed(2)).join(", ")]);
+  const rows = hits.map(({ timestampMs, world, explained }) => [seconds(timestampMs), explained ? world.map((metres) => metres.toFixed(2)).join(", ") : UNKNOWN]);
   return tableOf("video-hit", counted(hits.length, "hit"), ["Time", "At x, y, z (m)"], rows);
 }
 
 function flightsTable(flights: Curve["flights"]): HTMLElement {
   const rows = flights.map((flight) => [
     `${seconds(flight.startMs)} to ${seconds(flight.endMs)}`,
-    `${speedWords(flight)}${spinWords(flight)}`,
+    flight.explained ? `${speedWords(flight)}${spinWords(flight)}` : UNKNOWN,
     flight.explained ? "explained" : (flight.reason ?? "not explained"),
   ]);
   return tableOf("video-flight", counted(flights.length, "flight"), ["Flight", "At its start", ""], rows);
