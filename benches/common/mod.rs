@@ -1,6 +1,6 @@
 //! What the benches share.
 
-/// Whether this is a check (`cargo test`, which passes no `--bench`): then a bench runs once, on little, to show that it runs.
+/// Whether this is a check (`cargo test --bench NAME`, which passes no `--bench` to the program): then a bench runs once, on little, to show that it runs.
 pub fn is_check() -> bool {
     !std::env::args().any(|argument| argument == "--bench")
 }
