@@ -55,7 +55,7 @@ test("a throw can be stopped", async () => {
 test("fine-tuning asks for clips, makes examples, learns, can be stopped, and gives the model away", { timeout: 300_000 }, async () => {
   await page.locator("#tab-tune").click();
   await page.getByTestId("tune-start").click();
-  assert.match(await page.getByTestId("tune-alert").textContent(), /at least one clip/);
+  await page.getByTestId("tune-alert").filter({ hasText: /at least one clip/ }).waitFor(PATIENCE);
   await page.getByTestId("tune-example").click();
   await page.getByTestId("tune-status").filter({ hasText: "Five clips are ready" }).waitFor(PATIENCE);
   await page.getByTestId("tune-steps").fill("500");
