@@ -26,7 +26,7 @@ pub struct Sample {
     pub found: Point3<f64>,
     /// True position, world frame, m.
     pub truth: Point3<f64>,
-    /// The ball's radius that the model was told, m.
+    /// The ball's radius that was given to the model, m.
     pub ball_radius: Option<f64>,
     /// Depth found (camera z), m.
     pub found_depth: f64,
@@ -269,7 +269,7 @@ fn grouped(samples: &[Sample], prefix: &str) -> BTreeMap<String, Statistic> {
 }
 
 /// Runs `localiser` on every frame of `clips` that has a 2D and a 3D label, hidden balls included
-/// (as the paper does); with `limit`, on about that many, evenly spread. A model that reads sizes is told `ball_radius` (m), or
+/// (as the paper does); with `limit`, on about that many, evenly spread. A model that reads sizes is given `ball_radius` (m), or
 /// that of a clip's scene. `clock` tells the time, s since any moment: what
 /// clock there is, only the caller knows. `progress` gets the number done and in all.
 ///

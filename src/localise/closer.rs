@@ -16,7 +16,7 @@ use crate::image::{Filter, resized};
 use crate::model::{CLOSER_RADIUS, CLOSER_SIDE, CONFIDENCE_RADIUS};
 use crate::size::Size;
 
-/// What a place is looked at through.
+/// How a candidate is enlarged for the second pass.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Glass {
     /// Side of what is seen, px of the network's input.
@@ -25,31 +25,31 @@ pub(crate) struct Glass {
     radius: f64,
 }
 
-/// For a network that looks again itself: a radius among those that it reads best.
+/// For a detector that measures its own candidates again: a radius among those that it measures best.
 const OWN: Glass = Glass { side: 128, radius: 23.0 };
-/// For the network that judges.
+/// For the verifier.
 pub(crate) const CLOSER: Glass = Glass { side: CLOSER_SIDE, radius: CLOSER_RADIUS };
 /// Strongest enlargement: beyond it there is nothing more to be seen.
 const MOST_ENLARGED: f64 = 6.0;
-/// Places that are looked at again at most, and the share of the first one's confidence that makes a place worth it.
+/// Candidates of the second pass at most, and the fraction of the first one's confidence that a candidate needs for it.
 pub(super) const LOOKED_AT: usize = 4;
 const WORTH: f64 = 0.2;
-/// What is left of the confidence in a place where a second look shows no ball.
+/// Factor on the confidence of a candidate in whose crop no ball is found.
 const NOT_SEEN: f64 = 0.5;
-/// Places of the enlarged part among which the ball is looked for.
+/// Peaks of the crop among which the ball is searched.
 const PLACES: usize = 3;
 /// Largest share of a view's side from its middle to where the ball may be.
 const MOST_REACH: f64 = 0.36;
-/// Largest ratio of the second look's radius to the first's, or the inverse.
+/// Largest ratio of the crop's radius to the first pass's, or the inverse.
 const SAME_SIZE: f64 = 2.0;
 
-/// Log of the odds of a ball: of nothing known, and by the log-odds that the first look, the second and the judge say. A logistic
-/// regression on 20,000 places that the first look proposed in random renderings, of which a sixth were balls.
+/// Log-odds of a ball: the bias, and the weights of the log-odds of first pass, crop and verifier. A logistic
+/// regression on 20,000 candidates of the first pass in random renderings, of which a sixth were balls.
 const ODDS: [f64; 4] = [-0.26, 0.71, 0.19, 0.76];
-/// Least probability that a look says, and the most is as far from 1.
+/// Least probability that enters the regression; the largest is as far from 1.
 const LEAST: f64 = 1e-3;
 
-/// Probability of a ball by what the three looks say, 0 to 1 each.
+/// Probability of a ball from the three confidences, 0 to 1 each.
 fn likely(said: [f64; 3]) -> f64 {
     let log_odds = |share: f64| {
         let share = share.clamp(LEAST, 1.0 - LEAST);
@@ -101,7 +101,7 @@ impl View {
 }
 
 impl Localiser {
-    /// The `readings` of the picture `rgb`, the likeliest first, after a second look at those that may be the ball: the
+    /// The `readings` of the picture `rgb`, the likeliest first, after the second pass over those that may be the ball: the
     /// likeliest `count` first. `camera` took the picture, if that is known.
     pub(super) async fn look_closer(
         &self,
@@ -130,7 +130,7 @@ impl Localiser {
         Ok(seen)
     }
 
-    /// `reading` after a second look.
+    /// `reading` after the second pass.
     async fn closer(&self, rgb: &RgbImage, camera: Option<&Camera>, reading: Reading) -> Result<Reading> {
         let seen = self.look_at(rgb, &reading.outline, reading.outline.radius).await?;
         let outline = seen.map_or(reading.outline, |seen| seen.outline);
@@ -150,7 +150,7 @@ impl Localiser {
         })
     }
 
-    /// The network that judges places, where there is one.
+    /// The verifier, where there is one.
     #[cfg(test)]
     pub(crate) fn judge(&self) -> Option<&Self> {
         self.closer.as_deref()
@@ -164,7 +164,7 @@ impl Localiser {
         Ok(seen.map_or(0.0, |seen| ((seen.confidence - chance) / (1.0 - chance)).max(0.0)))
     }
 
-    /// The ball that is at most `reach` px from the middle of `outline` and about as large; none where a closer look shows none.
+    /// The ball that is at most `reach` px from the middle of `outline` and about as large; none where the crop shows none.
     pub(super) async fn look_at(&self, rgb: &RgbImage, outline: &Outline, reach: f64) -> Result<Option<Reading>> {
         self.look_through(OWN, rgb, outline, reach).await
     }

@@ -49,7 +49,7 @@ const RUNNERS: usize = 4;
 /// ```
 pub struct Localiser {
     pen: Pen,
-    /// The network that judges whether a place shows a ball, where there is one.
+    /// The verifier, where there is one.
     closer: Option<Box<Localiser>>,
     /// The last used comes last.
     runners: Mutex<Vec<(Size, Arc<PenRunner>)>>,
@@ -58,7 +58,7 @@ pub struct Localiser {
     device: Device,
 }
 
-/// What [`Localiser::localise`] is told and asked for besides the ball's position.
+/// Options of [`Localiser::localise`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LocaliseOptions {
     /// Return the network's maps, too ([`Localisation::maps`]).

@@ -52,7 +52,7 @@ impl Signs {
     }
 }
 
-/// `reading` after a look at the edge in `rgb`, which `camera` took; without a camera, balls are circles.
+/// `reading` after edge refinement in `rgb`, which `camera` took; without a camera, balls are circles.
 pub(super) fn refined(rgb: &RgbImage, camera: Option<&Camera>, reading: Reading) -> Reading {
     let reading = Reading { log_sigma: reading.log_sigma.max(LEAST_SIGMA), ..reading };
     let long = if camera.is_none() { long_lens(rgb) } else { None };

@@ -13,7 +13,7 @@ use crate::image::{Filter, Picture, resized, tile};
 use crate::model::{self, Peak};
 use crate::size::Size;
 
-/// Longer side of a picture in which large balls are spotted, px, and the confidence that makes a place worth a look.
+/// Longer side of the picture in which large balls are searched, px, and the confidence from which a candidate goes on.
 const SPOTTED_SIDE: u32 = 448;
 const SPOTTED: f64 = 0.15;
 /// Most pixels that the network sees at once: a little more than 1920×1088. Larger pictures are searched in tiles.
@@ -27,7 +27,7 @@ const SHRUNK: u32 = 4;
 const LEAST_SHRUNK: u32 = 48;
 /// Largest radius that is read at a picture's own resolution where a smaller one is there to be read, px.
 const LARGE: f64 = 45.0;
-/// Places that are looked for at least: the confidence of the first depends on the others.
+/// Candidates that are searched at least: the confidence of the first depends on the others.
 const PLACES: usize = 5;
 /// Cells that the network saw in training; many more of them add up to more doubt than each was worth.
 const CELLS: f64 = 4096.0;
@@ -220,7 +220,7 @@ impl Localiser {
         Ok((self.look_closer(picture.rgb(), camera, readings, count).await?, maps))
     }
 
-    /// The same before anything is looked at again: `count` places or more.
+    /// The same before the second pass: `count` candidates or more.
     ///
     /// # Errors
     /// As [`Self::readings`].

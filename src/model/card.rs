@@ -17,7 +17,7 @@ const EXPECTED: &str = "a model's card is the JSON file NAME.json beside its wei
 /// Largest input side a card may ask for, px.
 const MAX_INPUT_SIDE: u32 = 4096;
 
-/// What a published model is: enough to run it and to judge it.
+/// A model's card: what is needed to run it, and how well it does.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(hashmap_as_object))]
 #[serde(deny_unknown_fields)]
@@ -31,7 +31,7 @@ pub struct Card {
     /// Architecture.
     #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
     pub architecture: PenConfig,
-    /// Architecture of the network that judges whether a place shows a ball, whose tensors are in the same file, their
+    /// Architecture of the verifier, whose tensors are in the same file, their
     /// names behind `closer.`; absent where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]

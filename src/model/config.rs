@@ -10,7 +10,7 @@ const MAX_CHANNELS: usize = 4096;
 
 /// Geometric mean of the radii that a network for any ball reads, px.
 const MIDDLE_RADIUS: f64 = 9.5;
-/// Radius that the network that judges places is shown a ball with, px of its input.
+/// Radius that a ball has in the verifier's input, px.
 pub(crate) const CLOSER_RADIUS: f64 = 12.0;
 /// Side of that input, px.
 pub(crate) const CLOSER_SIDE: u32 = 64;
@@ -129,7 +129,7 @@ impl PenConfig {
         Self { depth, ..Self::compact(MIDDLE_RADIUS) }
     }
 
-    /// The network that judges places: 0.4 M parameters, balls of about 12 px radius in pictures of 64×64 px.
+    /// The verifier: 0.4 M parameters, balls of about 12 px radius in pictures of 64×64 px.
     pub fn closer() -> Self {
         let depth = DepthConfig { activation: DepthActivation::Radius, scale: CLOSER_RADIUS };
         let backbone = BackboneConfig::Compact { stem: 16, stages: [24, 48, 72, 96], pyramid: 32 };

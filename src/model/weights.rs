@@ -185,10 +185,10 @@ fn written_with(tensors: &[Entry<'_>], [key, value]: [&str; 2]) -> Result<Vec<u8
     safetensors::serialize(views.collect::<Result<Vec<_>>>()?, Some(metadata)).map_err(refuse)
 }
 
-/// What the names of the second look's tensors begin with in a file of two networks.
+/// Prefix of the verifier's tensors in a file of two networks.
 const CLOSER: &str = "closer.";
 
-/// The two networks of a weights file, each as a file: its own, and that of the second look, which is empty where there is
+/// The two networks of a weights file, each as a file: the detector's, and the verifier's, which is empty where there is
 /// none.
 ///
 /// # Errors
@@ -206,7 +206,7 @@ pub fn parted(bytes: &[u8]) -> Result<[Vec<u8>; 2]> {
     Ok([written(&own)?, written(&closer)?])
 }
 
-/// The file of two networks: `own`, and `closer` for the second look.
+/// The file of two networks: `own`, and `closer`, the verifier.
 ///
 /// # Errors
 /// As [`parted`].

@@ -61,7 +61,7 @@ pub struct Ball {
     /// Density of the air ρ, kg/m³.
     #[serde(default = "air_density")]
     pub air_density: f64,
-    /// Angular velocity ω of a start of which nothing else is said, world axes, rad/s.
+    /// Default angular velocity ω of a start, world axes, rad/s.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub spin: [f64; 3],
     /// Rate at which the spin decays in flight, 1/s; 0: constant.

@@ -28,7 +28,7 @@ pub struct Stretch {
     pub frames: Range<usize>,
     /// The labels of these frames.
     pub observations: Vec<Observation>,
-    /// Why nothing can be said of it, in words.
+    /// Why it could not be fitted, in words.
     pub fit: std::result::Result<Fit, String>,
 }
 

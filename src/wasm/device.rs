@@ -88,7 +88,7 @@ async fn adapter() -> Option<Adapter> {
     Some(Adapter { limits, ..serde_wasm_bindgen::from_value(found.info()).unwrap_or_default() })
 }
 
-/// A device, with what people and programs are told of it.
+/// A device, with its name and its adapter.
 #[derive(Clone)]
 pub(super) struct Named {
     pub device: Device,

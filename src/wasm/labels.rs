@@ -21,7 +21,7 @@ pub struct LabelProposal {
     pub radius_px: f64,
     /// Share of such labels that are within a pixel of the truth, 0 to 1.
     pub confidence: f64,
-    /// Whether a person should look at it.
+    /// Whether it needs a check by a person.
     pub doubtful: bool,
 }
 

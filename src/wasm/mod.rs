@@ -36,7 +36,7 @@ fn start() {
     std::panic::set_hook(Box::new(|info| LAST_PANIC.with(|last| *last.borrow_mut() = info.to_string())));
 }
 
-/// What the code said when it trapped; empty if it did not.
+/// The panic's message after a trap; empty if there was none.
 #[wasm_bindgen(js_name = lastPanic)]
 pub fn last_panic() -> String {
     LAST_PANIC.with(|last| last.borrow().clone())

@@ -38,7 +38,7 @@ pub struct VideoTrack {
     pub impacts: Vec<Impact>,
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
     pub cuts: Vec<usize>,
-    /// Frames in which the camera looks elsewhere than at first: no metres there.
+    /// Frames in which the camera has moved from its first view: no metres there.
     pub elsewhere: Vec<OtherView>,
     /// What is odd about the track, in words.
     pub notes: Vec<String>,
