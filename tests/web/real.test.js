@@ -63,7 +63,8 @@ test("a table of flights with their reasons stays within the page, wide and narr
   assert.match(await own.getByTestId("video-flights").textContent(), /frame rate are wrong there/);
   for (const width of [1280, 390]) {
     await own.setViewportSize({ width, height: 844 });
-    assert.equal(await own.evaluate(() => document.documentElement.scrollWidth), width);
+    // Pictures and charts follow the new width a moment later.
+    await own.waitForFunction((width) => document.documentElement.scrollWidth === width, width, PATIENCE);
     const { x, width: table } = await own.getByTestId("video-flights").boundingBox();
     assert.ok(x >= 0 && x + table <= width, `the table reaches from ${x} to ${x + table} px of ${width}`);
   }

@@ -43,7 +43,7 @@ export async function throwOne() {
   };
 }
 
-export async function fineTune({ model, steps }) {
+export async function fineTune({ model, steps, ...options }) {
   const { FineTuner, Localiser, Toolbox } = window.gravisight;
   const toolbox = await Toolbox.create();
   const simulator = await toolbox.simulator({ environment: 1, camera: 2 });
@@ -56,7 +56,7 @@ export async function fineTune({ model, steps }) {
     }
     return { id: `clip ${number}`, fps, camera: simulator.camera, scene: simulator.scene, frames: drawn };
   };
-  const tuner = await FineTuner.create({ model, steps, batch: 8 });
+  const tuner = await FineTuner.create({ model, steps, batch: 8, ...options });
   for (const number of [0, 1, 2, 3]) {
     const given = await clip(number);
     // The 3D truth is for scoring only.
