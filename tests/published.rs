@@ -123,6 +123,7 @@ impl Seen {
 }
 
 #[test]
+#[ignore = "long: a quarter of a minute; scripts/test runs it"]
 fn visible_balls_are_found_as_well_as_the_card_says_and_scenes_without_one_are_refused() {
     for (name, set, _) in MODELS {
         let (localiser, card) = (localiser(name), card(name));

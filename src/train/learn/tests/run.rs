@@ -176,6 +176,7 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
 }
 
 #[test]
+#[ignore = "long: a quarter of a minute; scripts/test runs it"]
 fn labels_written_otherwise_are_recognised() {
     for (name, hint, change) in [
         ("swapped", "exchanged", (|frame| frame.image = frame.image.map(|[x, y]| [y, x])) as fn(&mut Frame)),
@@ -217,6 +218,7 @@ fn clips_that_cannot_teach_are_refused_by_name() {
 }
 
 #[test]
+#[ignore = "long: a quarter of a minute; scripts/test runs it"]
 fn the_papers_own_recipe_makes_its_steps() {
     let _alone = alone();
     let folder = synthetic("paper", 1, 45, |clip| clip.frames.truncate(45));
