@@ -85,10 +85,10 @@ function hearFlights({ reason }) {
   Worker.prototype.addEventListener = function (type, listener, options) {
     const heard = (event) => {
       const answer = event.data?.answer;
-      if (answer?.flights?.length && answer.hits) {
-        const [flight] = answer.flights;
-        answer.flights = [flight, { ...flight, explained: false, reason }, flight];
-        answer.hits = [0.3, 0.6].map((time) => ({ time, frame: 30 * time, world: [-0.123, 1.234, 0.345] }));
+      if (answer?.flights && answer.hits) {
+        const explained = { start: 0.1, end: 0.8, speedStart: 4.321, speedSigma: 0.021, spin: [31, -52, 12], spinSigma: [1, 2, 1], explained: true, reason: null };
+        answer.flights = [explained, { ...explained, explained: false, reason }, explained];
+        answer.hits = [0.3, 0.6].map((time) => ({ time, frame: 30 * time, world: [-0.123, 1.234, 0.345], explained: true }));
       }
       listener(event);
     };
