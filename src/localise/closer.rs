@@ -1,6 +1,6 @@
-//! A second look: a place where the ball may be, enlarged (or made smaller) until the ball has the radius that the network
-//! reads best, and read again. A third of the first look's error is left. Where the model has a network for it, that judges
-//! whether it is a ball at all: it learned from what the first look takes for one.
+//! The second pass: a candidate's crop is scaled until the ball has the radius that the network measures best, and measured
+//! again, which leaves a third of the error. The verifier, where the model has one, estimates from the crop whether it is a ball at
+//! all: it was trained on the first pass's candidates.
 
 use std::f64::consts::PI;
 
@@ -118,7 +118,7 @@ impl Localiser {
                 false => left.push(reading),
             }
         }
-        // What a closer look makes less of lets others come first: these are looked at as well.
+        // A candidate that the crop makes less likely lets others come first: these are measured as well.
         for reading in left {
             seen.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
             if seen.get(count.saturating_sub(1)).is_none_or(|last| last.confidence < reading.confidence) {

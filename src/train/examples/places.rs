@@ -1,4 +1,4 @@
-//! Random scenes as the second look sees them: places that a model proposes, enlarged.
+//! The verifier's training data: crops of random scenes around a model's candidates.
 //!
 //! What a first look takes for a ball and is none teaches most, and no drawing by hand has its like. So the model's own
 //! proposals are what is learned from, beside the balls that it may have missed.
@@ -42,7 +42,7 @@ const RADII: [f64; 2] = [CLOSER_RADIUS / 2.5, CLOSER_RADIUS * 2.0];
 /// Step of the seeds of places to score with: no run is so long.
 const SCORED: u64 = u64::MAX;
 
-/// A place as the second look sees it.
+/// A crop around a candidate, as the verifier sees it.
 pub struct Seen {
     /// Of [`CLOSER_SIDE`] px.
     pub rgb: RgbImage,

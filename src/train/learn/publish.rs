@@ -99,7 +99,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         Supervision::Future2dPredict => "2D labels and physics, through forecasts (the paper's 2D-predict)".into(),
         Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
         Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
-        Supervision::Places => "renderings of random scenes, as the second look sees them".into(),
+        Supervision::Places => "crops of renderings of random scenes, around a detector's candidates".into(),
         Supervision::Labels3d => "3D labels (the paper's baseline, not its method)".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",

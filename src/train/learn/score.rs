@@ -160,7 +160,7 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
     })
 }
 
-/// Scores `localiser`, a network of the second look, on the places of `count` renderings.
+/// Scores `localiser`, a verifier, on the candidates in `count` renderings.
 ///
 /// # Errors
 /// As [`Localiser::readings`].

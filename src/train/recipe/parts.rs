@@ -11,11 +11,11 @@ pub enum Supervision {
     /// network learns the fitted depths.
     #[serde(rename = "physics-fit")]
     PhysicsFit,
-    /// The paper's method: the forecast from three neighbouring frames must meet the network's own later 2D
-    /// positions (detached).
+    /// Forecasts must meet the network's own 2D positions in other frames (detached): the target of the paper's method, which takes
+    /// the velocity from three pictures ([`Velocity::Pictures`]).
     #[serde(rename = "future-2d-predict")]
     Future2dPredict,
-    /// The paper's variant: the forecast must meet the later 2D labels.
+    /// Forecasts must meet the 2D labels of other frames: the target of the paper's 2D-gt.
     #[serde(rename = "future-2d-gt")]
     Future2dGt,
     /// 3D labels (`world` of each frame): the paper's baseline, not its method.
@@ -27,7 +27,7 @@ pub enum Supervision {
     /// Renderings of random scenes, without any clips: apparent radius for any ball (network `compact-size`).
     #[serde(rename = "rendered")]
     Rendered,
-    /// The same renderings as the second look sees them: places that the run's `first` model proposes, enlarged (network
+    /// Crops of such renderings around the candidates of the run's `first` model, for the verifier (network
     /// `closer`).
     #[serde(rename = "places")]
     Places,

@@ -28,7 +28,7 @@ pub struct RunPaths {
     pub out: PathBuf,
     /// The card of a model whose weights the network starts from; architecture and input are then that model's.
     pub start_from: Option<PathBuf>,
-    /// The card of the model whose second look is learned, with supervision `places`: what is made is that model with it.
+    /// The card of the model whose verifier is trained, with supervision `places`: the result is that model with its verifier.
     pub first: Option<PathBuf>,
     /// A file with timm weights (ImageNet, say) for the backbone to start from.
     pub backbone_weights: Option<PathBuf>,
@@ -105,12 +105,12 @@ impl RunPaths {
         self.train.as_deref().ok_or_else(|| needed("train"))
     }
 
-    /// The card of the model whose second look is learned.
+    /// The card of the model whose verifier is trained.
     ///
     /// # Errors
     /// [`Error::Value`] where none is given.
     pub fn first(&self) -> Result<&Path> {
-        let missing = "is missing: the card of the model whose second look is learned";
+        let missing = "is missing: the card of the model whose verifier is trained";
         self.first.as_deref().ok_or_else(|| Error::value("run configuration", "first", missing))
     }
 

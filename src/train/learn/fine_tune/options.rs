@@ -57,10 +57,10 @@ pub enum FineTuneSupervision {
     #[default]
     #[serde(rename = "physics-fit")]
     PhysicsFit,
-    /// The forecast from a frame must meet the network's own 2D positions in later and earlier ones: the paper's 2D-predict.
+    /// The forecast from a frame must meet the network's own 2D positions in later and earlier ones, the target of the paper's 2D-predict.
     #[serde(rename = "future-2d-predict")]
     Future2dPredict,
-    /// The forecast must meet the 2D labels there: the paper's 2D-gt.
+    /// The forecast must meet the 2D labels there, the target of the paper's 2D-gt.
     #[serde(rename = "future-2d-gt")]
     Future2dGt,
 }
