@@ -101,7 +101,7 @@ pub use self::video_tracker::VideoTracker;
 #[doc(hidden)]
 pub mod parts {
     pub use crate::camera::{Distortion, Measured, Outline};
-    pub use crate::evaluate::{Bins, CalibrationGroup, Statistic};
+    pub use crate::evaluate::{Bins, CalibrationGroup, DepthMapScore, Statistic, score_depth_maps};
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::model::ConfidenceKind;
     pub use crate::physics::{Cuboid, Impact, Potential};
@@ -118,7 +118,7 @@ pub mod internal {
     pub use crate::model::{ANY, BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex};
     pub use crate::physics::Case;
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
-    pub use crate::synth::{Engine, Set, Shot, Split, Studio};
+    pub use crate::synth::{Disturbance, Engine, Place, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::{Follower, TrackPoint};
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};

@@ -5,7 +5,7 @@
 //! (It is what `StdRng` was when the published sets were drawn: their clips stay what they are.)
 
 pub use chacha20::ChaCha12Rng as Random;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use sha2::{Digest, Sha256};
 
 /// What is drawn from a seed. Streams of one seed share no numbers, so what two of them draw is independent.
@@ -28,6 +28,8 @@ pub enum Stream {
     Augmentation = 6,
     /// Noise on a clip's 2D labels.
     LabelNoise = 7,
+    /// How a training clip's camera is turned away.
+    CameraError = 8,
 }
 
 impl Stream {
@@ -47,6 +49,13 @@ impl Stream {
     }
 }
 
+/// Two independent standard normal deviates (Box and Muller).
+pub fn normal_pair(random: &mut Random) -> [f64; 2] {
+    let radius = (-2.0 * random.random_range(f64::MIN_POSITIVE..1.0).ln()).sqrt();
+    let angle = random.random_range(0.0..std::f64::consts::TAU);
+    [radius * angle.cos(), radius * angle.sin()]
+}
+
 /// One seed of a run's seed, a step and a number in it, by SplitMix64's finaliser: neighbouring steps share nothing.
 pub fn mixed(seed: u64, step: u64, index: u64) -> u64 {
     [step, index].into_iter().fold(seed, |mixed, part| {
@@ -63,7 +72,7 @@ mod tests {
 
     use super::*;
 
-    const ALL: [Stream; 8] = [
+    const ALL: [Stream; 9] = [
         Stream::Scene,
         Stream::Night,
         Stream::Deviates,
@@ -72,6 +81,7 @@ mod tests {
         Stream::Batch,
         Stream::Augmentation,
         Stream::LabelNoise,
+        Stream::CameraError,
     ];
 
     #[test]

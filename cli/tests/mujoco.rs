@@ -7,14 +7,19 @@ use std::process::{Command, Output};
 
 use gravisight::Picture;
 use gravisight::State;
-use gravisight::internal::{Engine as _, Shot, Split, Studio};
+use gravisight::internal::{Engine as _, Place, Shot, Split, Studio};
 use image::RgbImage;
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 use serde_json::Value;
 
 fn studio(environment: impl Into<Option<usize>>, camera: usize) -> Studio {
-    Studio::new(Shot { environment: environment.into(), camera }).unwrap()
+    let place = environment.into().map_or(Place::Spring, Place::Environment);
+    Studio::new(Shot { place, camera }).unwrap()
+}
+
+fn room(camera: usize) -> Studio {
+    Studio::new(Shot { place: Place::Room, camera }).unwrap()
 }
 
 fn mean_difference(ours: &RgbImage, theirs: &RgbImage) -> f64 {
@@ -83,6 +88,60 @@ fn the_ball_on_the_spring_follows_the_law() {
     let worst = path.iter().zip(&law).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
     println!("within {worst:.1e} m");
     assert!(path.len() == 120 && worst < 1e-6, "{worst} m");
+}
+
+#[test]
+fn the_rooms_ball_bounces_as_its_scene_says() {
+    let studio = room(1);
+    // Dropped beside the box: the rebound's height is the restitution squared of the drop's.
+    let start = State { position: Point3::new(1.0, -0.5, 1.05), velocity: Vector3::zeros(), spin: Vector3::zeros() };
+    let times: Vec<f64> = (0..60).map(|frame| f64::from(frame) / 60.0).collect();
+    let (theirs, ours) = (studio.mujoco().unwrap().path(&start, &times), studio.builtin().path(&start, &times));
+    let [theirs, ours] = [theirs, ours].map(|path| path.unwrap());
+    let rebound = |path: &[Point3<f64>]| path[30..].iter().map(|at| at.z - 0.05).fold(0.0, f64::max);
+    println!("rebound from 1 m: {:.3} m, by the built-in engine {:.3} m", rebound(&theirs), rebound(&ours));
+    assert!((rebound(&ours) - 0.64).abs() < 0.005 && (rebound(&theirs) - 0.64).abs() < 0.04);
+}
+
+#[test]
+fn both_engines_draw_the_room_and_the_ball_in_the_centre_alike() {
+    for (studio, ball) in [(room(1), [0.6, -0.3, 0.7]), (room(2), [0.3, -0.2, 0.9]), (studio(None, 1), [1.0, 0.8, 0.4])]
+    {
+        let ball = Point3::from(ball);
+        let [ours, theirs] =
+            [studio.builtin().picture(&ball), studio.mujoco().unwrap().picture(&ball)].map(Result::unwrap);
+        let mean = mean_difference(&ours, &theirs);
+        println!("{:?}: pixels differ by {mean:.2} of 255", studio.camera().size());
+        let place = common::scratch("mujoco-room").join(format!("{}.png", ours.width()));
+        let mut sheet = RgbImage::new(2 * ours.width(), ours.height());
+        image::imageops::replace(&mut sheet, &ours, 0, 0);
+        image::imageops::replace(&mut sheet, &theirs, ours.width().into(), 0);
+        sheet.save(&place).unwrap();
+        assert!(mean < 6.0, "{mean}: {}", place.display());
+    }
+}
+
+#[test]
+fn both_engines_see_the_same_depths() {
+    let away = Point3::new(0.3, 0.4, 1.4);
+    for (name, studio, ball) in [
+        ("environment 1", studio(1, 1), away),
+        ("environment 3", studio(3, 5), away),
+        ("spring", studio(None, 1), away),
+        ("room", room(2), Point3::new(0.35, -0.15, 0.62)),
+    ] {
+        let [ours, theirs] = [studio.builtin().depth(&ball), studio.mujoco().unwrap().depth(&ball)].map(Result::unwrap);
+        let pairs = || ours.iter().zip(&theirs);
+        // Where a surface ends, a pixel shows one or the other.
+        let off = pairs().filter(|(a, b)| a.is_finite() != b.is_finite() || (*a - *b).abs() > 0.01 * a.abs());
+        let share = off.count() as f64 / ours.len() as f64;
+        println!("{name}: {:.2} % of the pixels differ by more than a hundredth", 100.0 * share);
+        assert!(share < 0.03, "{name}: {share}");
+        let image = studio.camera().image_from_world(&ball).unwrap();
+        let at = image.y.round() as usize * studio.camera().size().width as usize + image.x.round() as usize;
+        let nearest = studio.camera().camera_from_world(&ball).z - studio.scene().ball.radius;
+        assert!((f64::from(ours[at]) - nearest).abs() < 0.02, "{name}: {} m, the ball at {nearest}", ours[at]);
+    }
 }
 
 #[test]

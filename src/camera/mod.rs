@@ -12,7 +12,7 @@ mod fold;
 mod sphere;
 mod sphere_slope;
 
-use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 
 pub use self::calibrate::{Calibration, LineSeen, Method, Points, Unknowns, calibrate, calibrate_by_lines};
 pub use self::court::{Court, CourtLine};
@@ -130,6 +130,19 @@ impl Camera {
     /// Lens distortion.
     pub fn distortion(&self) -> &Distortion {
         &self.distortion
+    }
+
+    /// This camera turned about its own centre: `by` maps old camera coordinates to new ones.
+    #[must_use]
+    pub fn turned(&self, by: &Rotation3<f64>) -> Self {
+        let (rotation, translation) = (by * self.rotation, by * self.translation);
+        let rotation_inverse = self.rotation_inverse * by.inverse();
+        Self { rotation, translation, rotation_inverse, ..self.clone() }
+    }
+
+    /// Rotation of world into camera coordinates.
+    pub fn rotation(&self) -> &Matrix3<f64> {
+        &self.rotation
     }
 
     /// Camera coordinates of a world point, m.

@@ -1,6 +1,7 @@
 //! The paper's engine: MuJoCo simulates, and draws with OpenGL, without a screen (EGL).
 
 use std::error::Error as _;
+use std::f64::consts::PI;
 use std::sync::Mutex;
 
 use image::RgbImage;
@@ -10,10 +11,10 @@ use nalgebra::Point3;
 
 use super::scenes::Paper;
 use super::studio::FLOOR;
-use super::{Engine, Studio};
+use super::{Engine, Place, Studio};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::State;
+use crate::physics::{Contact, State};
 use crate::size::Size;
 
 /// Steps of the simulation in a frame.
@@ -25,12 +26,21 @@ const SHADOW: u32 = 1024;
 /// OpenGL's exponent for a shininess of 1.
 const SHINIEST: f64 = 128.0;
 
+/// Stiffness of the room's contacts per unit mass, 1/s²: a contact of a hundredth of a second.
+const ROOM_STIFFNESS: f64 = 1e5;
+/// The room's size, m.
+const ROOM: f64 = 2.0;
+/// Share of the depth of OpenGL's far plane from which on a pixel shows nothing.
+const NOTHING: f32 = 0.99;
+
 /// OpenGL's functions are looked up when a context is made, for all threads.
 static OPENING: Mutex<()> = Mutex::new(());
 
 /// MuJoCo, with the scene of one shot. It belongs to the thread that made it, as its OpenGL context does.
 pub struct Mujoco {
     size: Size,
+    /// Depth from which on nothing is there, m.
+    farthest: f32,
     data: MjData<Box<MjModel>>,
     renderer: MjRenderer,
 }
@@ -41,13 +51,15 @@ impl Mujoco {
     /// # Errors
     /// [`Error::Device`] if there is no OpenGL without a screen; [`Error::Format`] if MuJoCo does not take the scene.
     pub fn new(studio: &Studio) -> Result<Self> {
-        let text = model(studio.paper, studio.shot.environment, &studio.camera)?;
+        let text = model(studio.paper, studio.shot.place, &studio.camera)?;
         let model = MjModel::from_xml_string(&text).map_err(Error::format("MuJoCo's model"))?;
+        let farthest = NOTHING * model.vis().map.zfar * model.stat().extent as f32;
         let _one_at_a_time = OPENING.lock();
         // The model's only camera; the picture's size is the model's, too.
         let renderer = MjRenderer::builder().camera(MjvCamera::new_fixed(0)).build(&model).map_err(failed)?;
+        let renderer = renderer.with_depth_rendering(true);
         let data = MjData::try_new(Box::new(model)).map_err(Error::format("MuJoCo's model"))?;
-        Ok(Self { size: studio.camera.size(), data, renderer })
+        Ok(Self { size: studio.camera.size(), farthest, data, renderer })
     }
 
     /// Puts the ball somewhere, at rest and not turned.
@@ -82,6 +94,12 @@ impl Engine for Mujoco {
         let pixels = self.renderer.rgb_flat().ok_or(RendererError::RgbDisabled).map_err(failed)?;
         RgbImage::from_raw(width, height, pixels.to_vec()).ok_or(RendererError::DimensionMismatch).map_err(failed)
     }
+
+    fn depth(&mut self, centre: &Point3<f64>) -> Result<Vec<f32>> {
+        self.picture(centre)?;
+        let depths = self.renderer.depth_flat().ok_or(RendererError::DepthDisabled).map_err(failed)?;
+        Ok(depths.iter().map(|&depth| if depth < self.farthest { depth } else { f32::INFINITY }).collect())
+    }
 }
 
 fn failed(error: RendererError) -> Error {
@@ -91,19 +109,38 @@ fn failed(error: RendererError) -> Error {
 }
 
 /// The scene as MuJoCo reads it.
-fn model(paper: &Paper, environment: Option<usize>, camera: &Camera) -> Result<String> {
-    let (ball, light, head, material) = (&paper.ball, &paper.light, &paper.headlight, &paper.material);
-    let (gravity, integrator, joint, things) = match environment {
-        Some(environment) => (paper.bouncing.gravity, "Euler", String::new(), things(paper, environment)?),
+fn model(paper: &Paper, place: Place, camera: &Camera) -> Result<String> {
+    let (ball, light, head, material) = (paper.ball(place), paper.light(place), &paper.headlight, &paper.material);
+    let (scene, [_, height]) = (paper.scene(place)?, camera.size().xy());
+    let [integrator, joint, contact] = match place {
+        Place::Environment(_) => {
+            ["Euler".into(), String::new(), format!(r#"solref="-{} 0""#, paper.bouncing.stiffness)]
+        }
         // A free joint's spring pulls towards where the model has the body, the origin. MuJoCo's usual semi-implicit
-        // steps would be millimetres off; Runge and Kutta's follow the law.
-        None => (0.0, "RK4", format!(r#"stiffness="{}""#, paper.spring.stiffness), String::new()),
+        // steps would be millimetres off; Runge and Kutta's follow the law. The ball in the centre is not touched.
+        Place::Spring => {
+            let [joint, contact] = [format!(r#"stiffness="{}""#, paper.spring.stiffness), r#"contype="0""#.into()];
+            ["RK4".into(), joint, contact]
+        }
+        Place::Room => {
+            let Contact::Bounce { restitution, friction, .. } = scene.contact else {
+                unreachable!("the room's contact")
+            };
+            // A damped spring's restitution is exp(−πζ / √(1 − ζ²)).
+            let ratio = restitution.ln().hypot(PI).recip() * -restitution.ln();
+            let damping = 2.0 * ratio * ROOM_STIFFNESS.sqrt();
+            let contact = format!(r#"solref="-{ROOM_STIFFNESS} -{damping}" friction="{friction} 0 0""#);
+            // The geom with the higher priority says how two touch.
+            ["Euler".into(), String::new(), contact + r#" priority="1""#]
+        }
     };
+    let fps = if place == Place::Room { paper.room.fps } else { paper.fps };
     let eye = camera.world_from_camera(&Point3::origin());
     let axis = |x, y| text((camera.world_from_camera(&Point3::new(x, y, 0.0)) - eye).as_slice());
     Ok(format!(
         r#"<mujoco>
 <compiler angle="degree"/>
+{statistic}
 <option gravity="0 0 {down}" timestep="{step}" integrator="{integrator}"/>
 <visual>
 <global offwidth="{width}" offheight="{height}"/>
@@ -122,12 +159,15 @@ fn model(paper: &Paper, environment: Option<usize>, camera: &Camera) -> Result<S
 {things}
 <body>
 <joint type="free" {joint}/>
-<geom type="sphere" size="{radius}" mass="{mass}" rgba="{colour} 1" solref="-{contact} 0"/>
+<geom type="sphere" size="{radius}" mass="{mass}" rgba="{colour} 1" {contact}/>
 </body>
 </worldbody>
 </mujoco>"#,
-        down = -gravity,
-        step = 1.0 / (paper.fps * SUBSTEPS),
+        // By itself it takes the walls for the scene's size, and cuts off what is near.
+        statistic = if place == Place::Room { format!(r#"<statistic extent="{ROOM}"/>"#) } else { String::new() },
+        down = scene.gravity[2],
+        step = 1.0 / (fps * SUBSTEPS),
+        things = things(paper, place)?,
         width = camera.size().width,
         height = camera.size().height,
         ambient = text(&[head.ambient; 3]),
@@ -135,7 +175,7 @@ fn model(paper: &Paper, environment: Option<usize>, camera: &Camera) -> Result<S
         specular = text(&[head.specular; 3]),
         shine = material.specular,
         shininess = material.shininess / SHINIEST,
-        reflectance = paper.bouncing.floor.reflectance,
+        reflectance = paper.floor(place).map_or(0.0, |floor| floor.reflectance),
         light_position = text(&light.position),
         light_direction = text(&light.direction),
         light_diffuse = text(&[light.diffuse; 3]),
@@ -145,19 +185,28 @@ fn model(paper: &Paper, environment: Option<usize>, camera: &Camera) -> Result<S
         eye = text(eye.coords.as_slice()),
         right = axis(1.0, 0.0),
         up = axis(0.0, -1.0),
-        field_of_view = paper.field_of_view,
+        field_of_view = 2.0 * (height / 2.0 / camera.intrinsic()[(1, 1)]).atan().to_degrees(),
         radius = ball.radius,
         mass = ball.mass,
         colour = text(&ball.colour),
-        contact = paper.bouncing.stiffness,
     ))
 }
 
-/// What the ball can touch.
-fn things(paper: &Paper, environment: usize) -> Result<String> {
-    let colour = text(&paper.bouncing.floor.colour);
-    let floor = format!(r#"<geom type="plane" size="{FLOOR} {FLOOR} .1" rgba="{colour} 1" material="mirror"/>"#);
-    let boxes = paper.blocks(environment)?.iter().map(|block| {
+/// What stands around: what the ball can touch, and the ball in the centre.
+fn things(paper: &Paper, place: Place) -> Result<String> {
+    let floor = paper.floor(place).map(|floor| {
+        let colour = text(&floor.colour);
+        format!(r#"<geom type="plane" size="{FLOOR} {FLOOR} .1" rgba="{colour} 1" material="mirror"/>"#)
+    });
+    let walls = paper.walls(place).iter().map(|wall| {
+        let [point, normal, colour] = [text(&wall.point), text(&wall.normal), text(&wall.colour)];
+        format!(r#"<geom type="plane" pos="{point}" zaxis="{normal}" size="{FLOOR} {FLOOR} .1" rgba="{colour} 1"/>"#)
+    });
+    let anchor = paper.anchor(place).map(|anchor| {
+        let (radius, colour) = (anchor.radius, text(&anchor.colour));
+        format!(r#"<geom type="sphere" size="{radius}" rgba="{colour} 1" contype="0" conaffinity="0"/>"#)
+    });
+    let boxes = paper.blocks(place)?.iter().map(|block| {
         format!(
             r#"<geom type="box" pos="{}" size="{}" euler="0 0 {}" rgba="{} {}"/>"#,
             text(&block.position),
@@ -167,7 +216,7 @@ fn things(paper: &Paper, environment: usize) -> Result<String> {
             block.alpha
         )
     });
-    Ok(std::iter::once(floor).chain(boxes).collect::<Vec<_>>().join("\n"))
+    Ok(floor.into_iter().chain(walls).chain(anchor).chain(boxes).collect::<Vec<_>>().join("\n"))
 }
 
 /// Numbers as MuJoCo reads them.

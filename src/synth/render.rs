@@ -8,10 +8,12 @@
 use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Point3, Vector3};
 
-use super::scenes::Paper;
-use super::studio::{CLEAR, Colour, FLOOR_GRID, Face, Studio, faces, sphere};
+use super::scenes::{Ball, Paper};
+use super::studio::{CLEAR, Colour, FLOOR_GRID, Face, Studio, faces, sphere, wall};
+use super::{Disturbance, Place};
 use crate::camera::Camera;
 use crate::error::Result;
+use crate::size::Size;
 
 /// Samples of a pixel, px from its centre.
 const SAMPLES: [[f64; 2]; 4] = [[-0.125, -0.375], [0.375, -0.125], [-0.375, 0.125], [0.125, 0.375]];
@@ -60,6 +62,7 @@ struct Pixel {
 /// Draws one environment through one camera.
 pub struct Renderer {
     studio: Studio<'static>,
+    ball: Ball,
     camera: Camera,
     eye: Point3<f64>,
     samples: Vec<Sample>,
@@ -71,33 +74,51 @@ fn byte(colour: Colour) -> Rgb<u8> {
 }
 
 impl Renderer {
-    /// For an environment of the bouncing ball, or (without) the spring's empty space.
-    pub(super) fn new(paper: &'static Paper, environment: Option<usize>, camera: &Camera) -> Result<Self> {
+    /// For a place, as `camera` sees it, with what is disturbed.
+    ///
+    /// # Errors
+    /// As [`Studio::new`](super::Studio::new).
+    pub(super) fn new(
+        paper: &'static Paper,
+        place: Place,
+        camera: &Camera,
+        disturbance: Option<Disturbance>,
+    ) -> Result<Self> {
+        let bare = disturbance == Some(Disturbance::Background);
         let mut all = Vec::new();
-        if let Some(environment) = environment {
-            let floor = &paper.bouncing.floor;
+        if let Some(floor) = paper.floor(place) {
             all.push(Face {
                 centre: Point3::origin(),
                 axes: [Vector3::x(), Vector3::y(), Vector3::z()],
                 half: [f64::INFINITY; 2],
                 cell: [FLOOR_GRID; 2],
-                colour: Vector3::from(floor.colour).cast(),
+                colour: Vector3::from(if bare { paper.disturbances.bare_floor } else { floor.colour }).cast(),
                 alpha: 1.0,
             });
-            all.extend(paper.blocks(environment)?.iter().flat_map(faces));
+        }
+        all.extend(paper.walls(place).iter().map(wall));
+        if !bare {
+            all.extend(paper.blocks(place)?.iter().flat_map(faces));
         }
         let eye = camera.world_from_camera(&Point3::origin());
         let studio = Studio {
             paper,
-            floor: environment.is_some(),
+            lamp: paper.light(place),
+            floor: paper.floor(place).is_some_and(|floor| floor.reflectance > 0.0),
             faces: all,
+            anchor: paper.anchor(place),
             forward: camera.world_from_camera(&Point3::new(0.0, 0.0, 1.0)) - eye,
-            light: Point3::from(paper.light.position),
-            axis: Vector3::from(paper.light.direction).normalize(),
+            light: Point3::from(paper.light(place).position),
+            axis: Vector3::from(paper.light(place).direction).normalize(),
         };
-        let mut renderer = Self { studio, camera: camera.clone(), eye, samples: Vec::new(), pixels: Vec::new() };
-        for row in 0..camera.size().height {
-            for column in 0..camera.size().width {
+        let (mut ball, camera) = (paper.ball(place).clone(), camera.clone());
+        if disturbance == Some(Disturbance::Ball) {
+            ball.radius *= paper.disturbances.ball_scale;
+        }
+        let mut renderer = Self { studio, ball, camera, eye, samples: Vec::new(), pixels: Vec::new() };
+        let Size { width, height } = renderer.camera.size();
+        for row in 0..height {
+            for column in 0..width {
                 renderer.prepare(f64::from(column), f64::from(row))?;
             }
         }
@@ -129,7 +150,18 @@ impl Renderer {
     fn look(&self, along: Vector3<f64>) -> Sample {
         let studio = &self.studio;
         let veil = self.veil(&self.eye, &along, &self.eye, None);
-        let Some(hit) = studio.cast(&self.eye, &along, |face| face.alpha >= 1.0) else {
+        let hit = studio.cast(&self.eye, &along, |face| face.alpha >= 1.0);
+        if let Some((anchor, distance)) = self.anchor(&along)
+            && hit.is_none_or(|hit| distance < hit.distance)
+        {
+            let point = self.eye + along * distance;
+            let normal = point.coords.normalize();
+            let (lit, tint) = (studio.light(&point, &normal, &self.eye), Vector3::from(anchor.colour).cast());
+            let shadowed = studio.shadowed(&(point + normal * CLEAR));
+            let spot = if shadowed { Colour::zeros() } else { lit.spot.of(&tint) };
+            return Sample { along, distance, point, dark: lit.head.of(&tint), spot, mirror: None, veil };
+        }
+        let Some(hit) = hit else {
             let (point, none) = (self.eye, Colour::zeros());
             return Sample { along, distance: f64::INFINITY, point, dark: none, spot: none, mirror: None, veil };
         };
@@ -138,6 +170,12 @@ impl Renderer {
         let spot = if studio.shadowed(&hit.point) { Colour::zeros() } else { lit.spot.of(&face.colour) };
         let mirror = (studio.floor && hit.face == 0).then(|| self.mirrored(&hit.point, &along));
         Sample { along, distance: hit.distance, point: hit.point, dark: lit.head.of(&face.colour), spot, mirror, veil }
+    }
+
+    /// The ball in the centre where a ray from the eye meets it, and how far that is.
+    fn anchor(&self, along: &Vector3<f64>) -> Option<(&'static Ball, f64)> {
+        let anchor = self.studio.anchor?;
+        sphere(&self.eye, along, &Point3::origin(), INSCRIBED * anchor.radius).map(|distance| (anchor, distance))
     }
 
     /// The see-through face that a ray meets; its colour is dimmed by `reflectance` in a mirror.
@@ -179,9 +217,8 @@ impl Renderer {
 
     /// A sample's colour, with the ball where there is one.
     fn shade(&self, sample: &Sample, ball: Option<&Point3<f64>>) -> Colour {
-        let paper = self.studio.paper;
-        let radius = INSCRIBED * paper.ball.radius;
-        let tint: Colour = Vector3::from(paper.ball.colour).cast();
+        let radius = INSCRIBED * self.ball.radius;
+        let tint: Colour = Vector3::from(self.ball.colour).cast();
         if let Some(centre) = ball
             && let Some(distance) = sphere(&self.eye, &sample.along, centre, radius).filter(|&d| d < sample.distance)
         {
@@ -207,7 +244,7 @@ impl Renderer {
                 Some((centre, met)) => {
                     let point = sample.point + up * met;
                     let lit = self.studio.light(&point, &((point - centre) / radius), &self.mirrored_eye());
-                    let tint = tint * paper.bouncing.floor.reflectance;
+                    let tint = tint * self.studio.paper.bouncing.floor.reflectance;
                     lit.head.of(&tint) + lit.spot.of(&tint)
                 }
                 None => *seen,
@@ -219,7 +256,7 @@ impl Renderer {
 
     /// The picture with the ball at `centre` (world frame, m).
     pub fn frame(&self, centre: &Point3<f64>) -> RgbImage {
-        let radius = self.studio.paper.ball.radius;
+        let radius = self.ball.radius;
         let outline = self.outline(centre);
         let width = self.camera.size().width;
         let mirror = Point3::new(centre.x, centre.y, -centre.z);
@@ -249,20 +286,40 @@ impl Renderer {
         })
     }
 
+    /// How far what each pixel shows is with the ball at `centre`, along the camera's axis, m; infinite where nothing is. Boxes that are
+    /// seen through do not count.
+    ///
+    /// # Errors
+    /// As [`Camera::world_from_image`].
+    pub fn depth(&self, centre: &Point3<f64>) -> Result<Vec<f32>> {
+        let Size { width, height } = self.camera.size();
+        let mut depths = Vec::with_capacity(self.camera.size().pixels());
+        for (row, column) in (0..height).flat_map(|row| (0..width).map(move |column| (row, column))) {
+            let at = self.camera.world_from_image(&Point2::new(f64::from(column), f64::from(row)), 1.0)? - self.eye;
+            let along = at.normalize();
+            let face = self.studio.cast(&self.eye, &along, |face| face.alpha >= 1.0).map(|hit| hit.distance);
+            let ball = sphere(&self.eye, &along, centre, INSCRIBED * self.ball.radius);
+            let anchor = self.anchor(&along).map(|(_, distance)| distance);
+            let nearest = face.into_iter().chain(ball).chain(anchor).fold(f64::INFINITY, f64::min);
+            depths.push((nearest / at.norm()) as f32);
+        }
+        Ok(depths)
+    }
+
     /// A rectangle around the ball's picture, px: left, top, right, bottom.
     fn outline(&self, centre: &Point3<f64>) -> [f64; 4] {
         let in_camera = self.camera.camera_from_world(centre);
-        let reach = (in_camera.coords.norm_squared() - self.studio.paper.ball.radius.powi(2)).max(1e-9).sqrt();
+        let reach = (in_camera.coords.norm_squared() - self.ball.radius.powi(2)).max(1e-9).sqrt();
         let Ok(image) = self.camera.image_from_camera(&in_camera) else { return [0.0, 0.0, -1.0, -1.0] };
         let focal = self.camera.intrinsic()[(0, 0)].max(self.camera.intrinsic()[(1, 1)]);
         // Generous: an ellipse off the picture's middle is longer than the circle in it.
-        let size = 1.5 * focal * self.studio.paper.ball.radius / reach * (in_camera.coords.norm() / in_camera.z) + 1.0;
+        let size = 1.5 * focal * self.ball.radius / reach * (in_camera.coords.norm() / in_camera.z) + 1.0;
         [image.x - size, image.y - size, image.x + size, image.y + size]
     }
 
     /// Share of 13 points of the ball's disc, as the camera sees it, that no box hides.
     pub fn visible(&self, centre: &Point3<f64>) -> f64 {
-        let radius = self.studio.paper.ball.radius;
+        let radius = self.ball.radius;
         let axis = |x: f64, y: f64| self.camera.world_from_camera(&Point3::new(x, y, 0.0)) - self.eye;
         let (right, down) = (axis(1.0, 0.0), axis(0.0, 1.0));
         let rings = [(0.0, 1), (0.45, 4), (0.85, 8)];
@@ -272,7 +329,9 @@ impl Renderer {
             let point = centre + (right * angle.cos() + down * angle.sin()) * share * radius;
             let distance = (point - self.eye).norm();
             let along = (point - self.eye) / distance;
-            self.studio.cast(&self.eye, &along, |_| true).is_none_or(|hit| hit.distance > distance)
+            let face = self.studio.cast(&self.eye, &along, |_| true).map(|hit| hit.distance);
+            let anchor = self.anchor(&along).map(|(_, distance)| distance);
+            face.into_iter().chain(anchor).all(|nearer| nearer > distance)
         });
         seen.count() as f64 / 13.0
     }

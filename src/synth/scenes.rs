@@ -1,11 +1,13 @@
-//! The scenes of the paper's data sets, from `paper.json`: what both engines are fed with.
+//! The scenes of the paper's data sets and of the room in the place of its real one, from `paper.json`: what both engines are fed with.
 
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
 use nalgebra::{Matrix3, Vector3};
 use serde::Deserialize;
+use serde_json::json;
 
+use super::Place;
 use crate::camera::{Camera, Distortion};
 use crate::error::{Error, Result};
 use crate::physics::Scene;
@@ -27,9 +29,33 @@ pub(super) struct Paper {
     cameras: BTreeMap<String, [f64; 3]>,
     pub bouncing: Bouncing,
     pub spring: Spring,
+    pub disturbances: Disturbances,
+    pub room: Room,
 }
 
+/// What clips to test with may have that their scenes do not say.
 #[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Disturbances {
+    /// A constant acceleration, m/s².
+    pub wind: [f64; 3],
+    pub hand: Hand,
+    pub ball_scale: f64,
+    /// Colour of a floor with nothing on it.
+    pub bare_floor: [f32; 3],
+}
+
+/// A push at some time of the clip.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Hand {
+    /// Change of the velocity, m/s.
+    pub speed: f64,
+    /// When, as shares of the clip's time.
+    pub between: [f64; 2],
+}
+
+#[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Ball {
     pub radius: f64,
@@ -114,6 +140,8 @@ pub(super) struct Spring {
     pub seconds: f64,
     pub stiffness: f64,
     camera: [f64; 3],
+    /// The ball in the centre, which does not move.
+    pub anchor: Ball,
     pub start: SpringStart,
 }
 
@@ -121,7 +149,65 @@ pub(super) struct Spring {
 #[serde(deny_unknown_fields)]
 pub(super) struct SpringStart {
     pub component: [f64; 2],
+    /// Of that of a circle, as a factor.
+    pub speed: [f64; 2],
     pub least_distance: f64,
+}
+
+/// The room in the place of the paper's real data set: two walls and a box in the corner.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Room {
+    size: Size,
+    field_of_view: f64,
+    pub fps: f64,
+    pub frames: usize,
+    gravity: f64,
+    pub ball: Ball,
+    restitution: f64,
+    friction: f64,
+    cameras: BTreeMap<String, RoomCamera>,
+    pub light: Light,
+    pub floor: Floor,
+    pub walls: Vec<RoomWall>,
+    boxes: Vec<Block>,
+    /// Clips of each camera, by split.
+    pub clips: BTreeMap<String, Vec<usize>>,
+    /// Standard deviation of the 2D labels, as of clicks, px.
+    pub label_noise_px: f64,
+    pub start: RoomStart,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RoomCamera {
+    position: [f64; 3],
+    /// What it looks at.
+    target: [f64; 3],
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RoomWall {
+    pub point: [f64; 3],
+    pub normal: [f64; 3],
+    pub colour: [f32; 3],
+}
+
+/// A throw: from a place, at a speed, towards a target; the clip starts some time after.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct RoomStart {
+    pub low: [f64; 3],
+    pub high: [f64; 3],
+    pub speed: [f64; 2],
+    pub target_low: [f64; 3],
+    pub target_high: [f64; 3],
+    /// Latest start of a clip after the throw, s.
+    pub latest: f64,
+    /// Distances from the camera, m.
+    pub nearest: f64,
+    pub farthest: f64,
 }
 
 /// Read once; the file is part of the crate, and a test reads all of it.
@@ -133,65 +219,109 @@ impl Paper {
         PAPER.as_ref().map_err(Error::format("paper.json"))
     }
 
-    /// Camera `number` (as in the paper) of the bouncing ball's sets.
-    pub(super) fn camera(&self, number: usize) -> Result<Camera> {
-        let placed = self.cameras.get(&number.to_string()).ok_or_else(|| Error::Data {
+    /// Camera `number` (as in the paper) of a place; its pictures have `size`, or the paper's.
+    pub(super) fn camera(&self, place: Place, number: usize, size: Option<Size>) -> Result<Camera> {
+        let none = |count: usize| Error::Data {
             what: "--set".into(),
-            reason: format!("there is no camera {number}; there are 1 to {}", self.cameras.len()),
-        })?;
-        self.placed(placed)
-    }
-
-    /// The spring set's camera.
-    pub(super) fn spring_camera(&self) -> Result<Camera> {
-        self.placed(&self.spring.camera)
+            reason: format!("there is no camera {number}; there are 1 to {count}"),
+        };
+        match place {
+            Place::Environment(_) => {
+                let placed = self.cameras.get(&number.to_string()).ok_or_else(|| none(self.cameras.len()))?;
+                self.around_origin(placed, size)
+            }
+            Place::Spring => self.around_origin(&self.spring.camera, size),
+            Place::Room => {
+                let cameras = &self.room.cameras;
+                let RoomCamera { position, target } =
+                    cameras.get(&number.to_string()).ok_or_else(|| none(cameras.len()))?;
+                let forward = (Vector3::from(*target) - Vector3::from(*position)).normalize();
+                looking(Vector3::from(*position), forward, size.unwrap_or(self.room.size), self.room.field_of_view)
+            }
+        }
     }
 
     /// A camera at an azimuth, an elevation (degrees) and a distance (m), looking at the origin.
-    fn placed(&self, &[azimuth, elevation, distance]: &[f64; 3]) -> Result<Camera> {
+    fn around_origin(&self, &[azimuth, elevation, distance]: &[f64; 3], size: Option<Size>) -> Result<Camera> {
         let (a, e) = (azimuth.to_radians(), elevation.to_radians());
         let forward = Vector3::new(e.cos() * a.cos(), e.cos() * a.sin(), e.sin());
-        let right = forward.cross(&Vector3::z()).normalize();
-        let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-        let [width, height] = self.size.xy();
-        let focal = height / 2.0 / (self.field_of_view.to_radians() / 2.0).tan();
-        let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
-        let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);
-        Camera::new(self.size, intrinsic, Distortion::default(), rotation, rotation * forward * distance)
+        looking(-forward * distance, forward, size.unwrap_or(self.size), self.field_of_view)
     }
 
-    /// The boxes of an environment.
-    pub(super) fn blocks(&self, environment: usize) -> Result<&[Block]> {
-        let blocks = self.bouncing.environments.get(&environment.to_string());
-        blocks.map(Vec::as_slice).ok_or_else(|| Error::Data {
-            what: "--set".into(),
-            reason: format!("there is no environment {environment}"),
-        })
+    /// The ball that moves.
+    pub(super) fn ball(&self, place: Place) -> &Ball {
+        if place == Place::Room { &self.room.ball } else { &self.ball }
     }
 
-    /// What the physics needs to know of an environment.
-    pub(super) fn scene(&self, environment: usize) -> Result<Scene> {
-        let boxes: Vec<_> = (self.blocks(environment)?.iter())
-            .map(|block| {
-                serde_json::json!({"position": block.position, "half_size": block.half_size, "yaw": block.yaw.to_radians()})
-            })
+    /// The spot light.
+    pub(super) fn light(&self, place: Place) -> &Light {
+        if place == Place::Room { &self.room.light } else { &self.light }
+    }
+
+    /// The floor, where there is one.
+    pub(super) fn floor(&self, place: Place) -> Option<&Floor> {
+        match place {
+            Place::Environment(_) => Some(&self.bouncing.floor),
+            Place::Spring => None,
+            Place::Room => Some(&self.room.floor),
+        }
+    }
+
+    /// The walls.
+    pub(super) fn walls(&self, place: Place) -> &[RoomWall] {
+        if place == Place::Room { &self.room.walls } else { &[] }
+    }
+
+    /// The ball in the centre, where there is one.
+    pub(super) fn anchor(&self, place: Place) -> Option<&Ball> {
+        (place == Place::Spring).then_some(&self.spring.anchor)
+    }
+
+    /// The boxes.
+    pub(super) fn blocks(&self, place: Place) -> Result<&[Block]> {
+        match place {
+            Place::Spring => Ok(&[]),
+            Place::Room => Ok(&self.room.boxes),
+            Place::Environment(number) => {
+                let blocks = self.bouncing.environments.get(&number.to_string());
+                blocks.map(Vec::as_slice).ok_or_else(|| Error::Data {
+                    what: "--set".into(),
+                    reason: format!("there is no environment {number}"),
+                })
+            }
+        }
+    }
+
+    /// What the physics needs to know of a place.
+    pub(super) fn scene(&self, place: Place) -> Result<Scene> {
+        let Ball { radius, mass, .. } = self.ball(place);
+        let ball = json!({"radius": radius, "mass": mass});
+        let boxes: Vec<_> = (self.blocks(place)?.iter())
+            .map(|block| json!({"position": block.position, "half_size": block.half_size, "yaw": block.yaw.to_radians()}))
             .collect();
-        let scene = serde_json::json!({
-            "gravity": [0.0, 0.0, -self.bouncing.gravity],
-            "ball": {"radius": self.ball.radius, "mass": self.ball.mass},
-            "contact": {"model": "spring", "stiffness": self.bouncing.stiffness},
-            "floor": {"height": 0.0}, "boxes": boxes,
-        });
-        Scene::from_json(&scene.to_string(), "paper.json")
-    }
-
-    /// The same of the spring set.
-    pub(super) fn spring_scene(&self) -> Result<Scene> {
-        let scene = serde_json::json!({
-            "gravity": [0.0, 0.0, 0.0],
-            "ball": {"radius": self.ball.radius, "mass": self.ball.mass},
-            "spring": {"stiffness": self.spring.stiffness, "anchor": [0.0, 0.0, 0.0]},
-        });
+        let scene = match place {
+            Place::Environment(_) => json!({
+                "gravity": [0.0, 0.0, -self.bouncing.gravity],
+                "ball": ball,
+                "contact": {"model": "spring", "stiffness": self.bouncing.stiffness},
+                "floor": {"height": 0.0}, "boxes": boxes,
+            }),
+            Place::Spring => json!({
+                "gravity": [0.0, 0.0, 0.0],
+                "ball": ball,
+                "spring": {"stiffness": self.spring.stiffness, "anchor": [0.0, 0.0, 0.0]},
+            }),
+            Place::Room => {
+                let wall = |wall: &RoomWall| json!({"point": wall.point, "normal": wall.normal});
+                json!({
+                    "gravity": [0.0, 0.0, -self.room.gravity],
+                    "ball": ball,
+                    "contact": {"model": "bounce", "restitution": self.room.restitution, "friction": self.room.friction},
+                    "floor": {"height": 0.0}, "boxes": boxes,
+                    "walls": self.room.walls.iter().map(wall).collect::<Vec<_>>(),
+                })
+            }
+        };
         Scene::from_json(&scene.to_string(), "paper.json")
     }
 
@@ -199,4 +329,15 @@ impl Paper {
     pub(super) fn spring_frequency(&self) -> f64 {
         (self.spring.stiffness / self.ball.mass).sqrt()
     }
+}
+
+/// A camera at `position` that looks `forward`, upright; `field_of_view` is vertical, degrees.
+fn looking(position: Vector3<f64>, forward: Vector3<f64>, size: Size, field_of_view: f64) -> Result<Camera> {
+    let right = forward.cross(&Vector3::z()).normalize();
+    let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
+    let [width, height] = size.xy();
+    let focal = height / 2.0 / (field_of_view.to_radians() / 2.0).tan();
+    let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
+    let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);
+    Camera::new(size, intrinsic, Distortion::default(), rotation, -(rotation * position))
 }

@@ -2,9 +2,9 @@
 
 use nalgebra::{Point3, Rotation3, Vector3};
 
-use super::scenes::{Block, Paper};
+use super::scenes::{Ball, Block, Light, Paper, RoomWall};
 
-/// The floor's half side, m.
+/// The floor's half side, and a wall's, m.
 pub(super) const FLOOR: f64 = 800.0;
 /// Distance between the floor's lighting corners, m: MuJoCo's.
 pub(super) const FLOOR_GRID: f64 = 2.0 * FLOOR / 198.0;
@@ -95,7 +95,10 @@ impl Face {
 /// The lights and everything that does not move.
 pub(super) struct Studio<'a> {
     pub(super) paper: &'a Paper,
+    pub(super) lamp: &'a Light,
     pub(super) faces: Vec<Face>,
+    /// A ball that does not move.
+    pub(super) anchor: Option<&'a Ball>,
     /// Whether the first face is a floor.
     pub(super) floor: bool,
     /// Direction that the camera looks in.
@@ -107,7 +110,7 @@ pub(super) struct Studio<'a> {
 impl Studio<'_> {
     /// OpenGL's fixed lighting of a point, without shadows.
     pub(super) fn light(&self, point: &Point3<f64>, normal: &Vector3<f64>, eye: &Point3<f64>) -> Lit {
-        let Paper { light, headlight, material, .. } = self.paper;
+        let (light, Paper { headlight, material, .. }) = (self.lamp, self.paper);
         let view = (eye - point).normalize();
         let shine = |towards: &Vector3<f64>, diffuse: f64, specular: f64| {
             let facing = normal.dot(towards);
@@ -147,13 +150,18 @@ impl Studio<'_> {
         nearest
     }
 
-    /// Whether a box (not the ball) is between a point and the light.
+    /// Whether a box or the ball in the centre (not the one that moves) is between a point and the light.
     pub(super) fn shadowed(&self, point: &Point3<f64>) -> bool {
         let way = self.light - point;
         let distance = way.norm();
         let boxes = |face: &Face| face.half[0].is_finite();
+        let behind_anchor = self.anchor.is_some_and(|anchor| {
+            let met = sphere(point, &(way / distance), &Point3::origin(), anchor.radius);
+            met.is_some_and(|met| met > CLEAR && met < distance)
+        });
         // From the light, so that faces are met from the front.
-        self.cast(&self.light, &(-way / distance), boxes).is_some_and(|hit| hit.distance < distance - 10.0 * CLEAR)
+        let hit = self.cast(&self.light, &(-way / distance), boxes);
+        behind_anchor || hit.is_some_and(|hit| hit.distance < distance - 10.0 * CLEAR)
     }
 }
 
@@ -182,4 +190,18 @@ pub(super) fn faces(block: &Block) -> Vec<Face> {
         }
     };
     vec![face(0, 1.0), face(0, -1.0), face(1, 1.0), face(1, -1.0), face(2, 1.0)]
+}
+
+/// A wall, as far as the floor's grid of lighting goes.
+pub(super) fn wall(wall: &RoomWall) -> Face {
+    let normal = Vector3::from(wall.normal).normalize();
+    let across = normal.cross(&Vector3::z()).normalize();
+    Face {
+        centre: Point3::from(wall.point),
+        axes: [across, normal.cross(&across), normal],
+        half: [FLOOR; 2],
+        cell: [FLOOR_GRID; 2],
+        colour: Vector3::from(wall.colour).cast(),
+        alpha: 1.0,
+    }
 }

@@ -2,10 +2,11 @@
 //! where the sheet of pictures side by side is.
 
 use crate::Picture;
-use crate::synth::{Set, Shot, Split, Studio};
+use crate::size::Size;
+use crate::synth::{Disturbance, Engine as _, Place, Set, Shot, Split, Studio};
 use crate::testing::{root, scratch};
 use image::{Rgb, RgbImage, imageops};
-use nalgebra::Point3;
+use nalgebra::{Point2, Point3, Vector3};
 use serde_json::Value;
 
 /// Centroid, px, and area, px², of what is teal near a place: half-covered pixels count half.
@@ -37,7 +38,7 @@ fn the_ball_is_drawn_where_and_as_large_as_mujoco_draws_it() {
     for (row, clip) in clips.iter().enumerate() {
         let id = clip["id"].as_str().unwrap();
         let number = |part: usize| id.split('/').nth(part).unwrap().trim_matches(char::is_alphabetic).parse().unwrap();
-        let studio = Studio::new(Shot { environment: Some(number(1)), camera: number(2) }).unwrap();
+        let studio = Studio::new(Shot { place: Place::Environment(number(1)), camera: number(2) }).unwrap();
         for (column, frame) in clip["frames"].as_array().unwrap().iter().enumerate() {
             let theirs = Picture::open(&folder.join(frame["file"].as_str().unwrap())).unwrap().rgb().clone();
             let world: [f64; 3] = serde_json::from_value(frame["world"].clone()).unwrap();
@@ -85,12 +86,15 @@ fn sets_are_nested_and_their_clips_repeat() {
     assert_eq!(shots(Set::SdS, Split::Train).len(), 1);
     assert_eq!(shots(Set::SdM, Split::Train).len(), 6);
     assert_eq!(shots(Set::SdM, Split::Test).len(), 9);
-    assert_eq!(shots(Set::SdL, Split::Test).len(), 27);
+    assert_eq!([Split::Val, Split::Test].map(|split| shots(Set::SdL, split).len()), [27, 27]);
+    assert_eq!([Split::Train, Split::Test].map(|split| shots(Set::Rd, split).len()), [2, 2]);
+    let all = |split| shots(Set::Rd, split).iter().map(|shot| shot.clips(split).unwrap()).sum::<usize>();
+    assert_eq!([Split::Train, Split::Val, Split::Test].map(all), [251, 34, 81], "as the paper's real data set");
     for split in [Split::Train, Split::Val, Split::Test] {
         assert!(shots(Set::SdS, split).iter().all(|shot| shots(Set::SdM, split).contains(shot)));
         assert!(shots(Set::SdM, split).iter().all(|shot| shots(Set::SdL, split).contains(shot)));
     }
-    let studio = Studio::new(Shot { environment: Some(1), camera: 1 }).unwrap();
+    let studio = Studio::new(Shot { place: Place::Environment(1), camera: 1 }).unwrap();
     let clip =
         |seed, split, number| studio.clip(&mut studio.builtin(), seed, split, number).unwrap().to_line().unwrap();
     assert_eq!(clip(1, Split::Train, 3), clip(1, Split::Train, 3));
@@ -102,7 +106,7 @@ fn sets_are_nested_and_their_clips_repeat() {
 #[test]
 fn clips_are_as_the_paper_says() {
     for (environment, camera) in [(1, 1), (2, 9), (3, 4)] {
-        let studio = Studio::new(Shot { environment: Some(environment), camera }).unwrap();
+        let studio = Studio::new(Shot { place: Place::Environment(environment), camera }).unwrap();
         for number in 0..5 {
             let clip = studio.clip(&mut studio.builtin(), 7, Split::Train, number).unwrap();
             assert_eq!((clip.frames.len(), clip.fps), (90, 15.0));
@@ -115,19 +119,126 @@ fn clips_are_as_the_paper_says() {
             assert!(clip.frames.iter().filter(|frame| frame.visible).count() > 45);
         }
     }
-    let spring = Studio::new(Shot { environment: None, camera: 1 }).unwrap();
+    let spring = Studio::new(Shot { place: Place::Spring, camera: 1 }).unwrap();
     let clip = spring.clip(&mut spring.builtin(), 7, Split::Test, 0).unwrap();
     assert_eq!(clip.frames.len(), 120);
     let nearest = clip.frames.iter().map(|frame| Point3::from(frame.world.unwrap()).coords.norm()).fold(9.0, f64::min);
     assert!((0.85..2.7).contains(&nearest), "{nearest} m");
-    assert!(Studio::new(Shot { environment: Some(4), camera: 1 }).is_err());
-    assert!(Studio::new(Shot { environment: Some(1), camera: 10 }).is_err());
+    assert!(Studio::new(Shot { place: Place::Environment(4), camera: 1 }).is_err());
+    assert!(Studio::new(Shot { place: Place::Environment(1), camera: 10 }).is_err());
+}
+
+#[test]
+fn the_springs_balls_start_up_to_three_quarters_off_a_circles_speed() {
+    let spring = Studio::new(Shot { place: Place::Spring, camera: 1 }).unwrap();
+    let speeds = (0..60).map(|number| {
+        let clip = spring.clip(&mut spring.builtin(), 7, Split::Test, number).unwrap();
+        let at = |index: usize| Point3::from(clip.frames[index].world.unwrap()).coords;
+        let least =
+            clip.frames.iter().map(|frame| Point3::from(frame.world.unwrap()).coords.norm()).fold(9.0, f64::min);
+        assert!(least > 0.2 + 0.3, "the balls never touch: {least} m");
+        // x(t) = x0 cos ωt + v0/ω sin ωt
+        let (sine, cosine) = (3_f64.sqrt() / 15.0).sin_cos();
+        (at(1) - at(0) * cosine).norm() / sine / at(0).norm()
+    });
+    let speeds: Vec<f64> = speeds.collect();
+    let (slowest, fastest) = speeds.iter().fold((9.0_f64, 0.0_f64), |(low, high), &v| (low.min(v), high.max(v)));
+    println!("speeds {slowest:.2} to {fastest:.2} of a circle's");
+    assert!((0.25..0.7).contains(&slowest) && (1.3..=1.75).contains(&fastest));
+}
+
+#[test]
+fn the_rooms_clips_are_as_its_description_says() {
+    let (mut off, mut bounces) = (Vec::<f64>::new(), 0);
+    for camera in [1, 2] {
+        let studio = Studio::new(Shot { place: Place::Room, camera }).unwrap();
+        let eye = studio.camera().world_from_camera(&Point3::origin());
+        assert!((1.3..1.4).contains(&eye.coords.norm()), "{} m from the origin", eye.coords.norm());
+        for number in 0..10 {
+            let clip = studio.clip(&mut studio.builtin(), 7, Split::Train, number).unwrap();
+            assert_eq!((clip.frames.len(), clip.fps), (16, 60.0));
+            let positions: Vec<Point3<f64>> = clip.frames.iter().map(|frame| frame.world.unwrap().into()).collect();
+            for (frame, at) in clip.frames.iter().zip(&positions) {
+                assert!((0.5..=2.5).contains(&(at - eye).norm()));
+                assert!(at.x > 0.04 && at.y < 0.56 && at.z > 0.04, "inside the walls: {at}");
+                let image = studio.camera().image_from_world(at).unwrap();
+                off.extend((image - Point2::from(frame.image.unwrap())).iter());
+            }
+            let steps: Vec<Vector3<f64>> = positions.windows(2).map(|pair| pair[1] - pair[0]).collect();
+            bounces += usize::from(steps.windows(2).any(|pair| (pair[1] - pair[0]).norm() > 0.01));
+        }
+    }
+    let sigma = (off.iter().map(|error| error * error).sum::<f64>() / off.len() as f64).sqrt();
+    println!("labels off by {sigma:.2} px; {bounces} of 20 clips have a bounce");
+    assert!((1.35..1.65).contains(&sigma) && bounces >= 5);
+}
+
+#[test]
+fn a_size_changes_the_picture_and_not_what_is_in_it() {
+    let shot = Shot { place: Place::Environment(2), camera: 4 };
+    let (usual, double) = (Studio::new(shot).unwrap(), Studio::of_size(shot, Some(Size::square(448))).unwrap());
+    let clip = |studio: &Studio| studio.clip(&mut studio.builtin(), 7, Split::Val, 0).unwrap();
+    let [usual, double] = [clip(&usual), clip(&double)];
+    for (a, b) in usual.frames.iter().zip(&double.frames) {
+        assert_eq!(a.world, b.world);
+        let [[x, y], [wide, high]] = [a.image.unwrap(), b.image.unwrap()];
+        // Pixel centres are whole numbers.
+        assert!((wide + 0.5 - 2.0 * (x + 0.5)).abs() < 1e-9 && (high + 0.5 - 2.0 * (y + 0.5)).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn what_is_disturbed_is_what_the_name_says() {
+    let shot = Shot { place: Place::Environment(1), camera: 1 };
+    let usual = Studio::new(shot).unwrap();
+    let with = |disturbance| Studio::new(shot).unwrap().disturbed(disturbance).unwrap();
+    let clip = |studio: &Studio| studio.clip(&mut studio.builtin(), 7, Split::Test, 2).unwrap();
+    let residual = |clip: &crate::Clip| -> f64 {
+        // The scene's own physics from the first two frames on.
+        let at = |index: usize| Point3::from(clip.frames[index].world.unwrap());
+        let dt = 1.0 / 15.0;
+        let half_fall = Vector3::new(0.0, 0.0, -0.5) * dt * dt;
+        let velocity = (at(1) - at(0) - half_fall) / dt;
+        let start = usual.scene().start(at(0), velocity);
+        let times: Vec<f64> = clip.frames.iter().map(|frame| frame.t).collect();
+        let path = usual.builtin().path(&start, &times).unwrap();
+        path.iter().enumerate().map(|(index, place)| (place - at(index)).norm()).fold(0.0, f64::max)
+    };
+    let plain = clip(&usual);
+    for (disturbance, moves) in [
+        (Disturbance::Wind, true),
+        (Disturbance::Hand, true),
+        (Disturbance::Ball, false),
+        (Disturbance::Background, false),
+    ] {
+        let studio = with(disturbance);
+        let disturbed = clip(&studio);
+        assert_eq!(residual(&disturbed) > 0.5, moves, "{disturbance:?}: {} m", residual(&disturbed));
+        assert_eq!(disturbed.scene.is_some(), plain.scene.is_some());
+        if !moves {
+            assert_eq!(disturbed.frames[5].world, plain.frames[5].world);
+            let centre = Point3::from(plain.frames[5].world.unwrap());
+            assert_ne!(studio.renderer().frame(&centre), usual.renderer().frame(&centre));
+        }
+    }
+    let seen = |frame: &&crate::Frame| usual.renderer().visible(&frame.world.unwrap().into()) == 1.0;
+    let frame = plain.frames.iter().find(seen).unwrap();
+    let centre = Point3::from(frame.world.unwrap());
+    let area = |studio: &Studio| {
+        let [with, without] = [centre, Point3::new(0.0, 0.0, -50.0)].map(|at| studio.renderer().frame(&at));
+        let [x, y] = frame.image.unwrap();
+        let near = |column: u32, row: u32| (f64::from(column) - x).hypot(f64::from(row) - y) < 12.0;
+        let changed = with.enumerate_pixels().filter(|&(x, y, pixel)| near(x, y) && without.get_pixel(x, y) != pixel);
+        changed.count() as f64
+    };
+    let grown = area(&with(Disturbance::Ball)) / area(&usual);
+    assert!((1.25_f64.powi(2) - grown).abs() < 0.2, "the ball's area grew by {grown}");
 }
 
 #[test]
 fn only_what_the_ball_touches_is_drawn_again() {
     // A frame drawn with shortcuts is the frame drawn in full: moving the ball far away leaves the same empty place.
-    let studio = Studio::new(Shot { environment: Some(1), camera: 3 }).unwrap();
+    let studio = Studio::new(Shot { place: Place::Environment(1), camera: 3 }).unwrap();
     let empty = studio.renderer().frame(&Point3::new(0.0, 0.0, -50.0));
     let with = studio.renderer().frame(&Point3::new(-1.5, 1.0, 2.0));
     let changed: Vec<_> = with.enumerate_pixels().filter(|(x, y, pixel)| empty.get_pixel(*x, *y) != *pixel).collect();

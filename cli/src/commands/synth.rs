@@ -1,12 +1,13 @@
 //! `gravisight synth`.
 
 use std::io::Cursor;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
-use image::{ImageFormat, RgbImage};
+use image::{ImageBuffer, ImageFormat, Luma};
 use nalgebra::Point3;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde_json::{Value, json};
@@ -14,15 +15,19 @@ use serde_json::{Value, json};
 use super::{film, print_line};
 use crate::progress::Progress;
 use gravisight::internal::{Claim, NewFolder, write_whole};
-use gravisight::internal::{Set, Shot, Split, Studio};
-use gravisight::{Clip, Clips};
+use gravisight::internal::{Disturbance, Set, Shot, Split, Studio};
+use gravisight::{Clip, Clips, Size};
 
 /// What made a folder, so that it is gone on with in the same way.
 const SETTINGS: &str = "synth.json";
 /// A clip's line, in its own folder from when it is whole.
 const LINE: &str = "clip.json";
+/// Clips of each kind of footage.
+const FILMS: usize = 100;
+/// Sides that a picture may have, px.
+const SIDES: RangeInclusive<u32> = 16..=4096;
 
-/// Make the paper's synthetic data sets, or footage of sports.
+/// Make the paper's synthetic data sets, a room like its real one, or footage of sports.
 #[derive(Args)]
 pub struct Arguments {
     /// Which set: sd-s is a part of sd-m, and sd-m of sd-l.
@@ -37,9 +42,21 @@ pub struct Arguments {
     /// What simulates and draws.
     #[arg(long, value_enum, default_value = "builtin")]
     engine: Engine,
-    /// Clips for each camera of each environment.
-    #[arg(long, value_name = "N", default_value_t = 100)]
-    clips: usize,
+    /// Clips for each camera of each environment [default: as in the paper: 100; of rd 251, 34 and 81 over both cameras].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    clips: Option<u32>,
+    /// Size of the pictures, px; the vertical field of view stays [default: 224x224, of rd 384x224].
+    #[arg(long, value_name = "WxH", value_parser = parse_size)]
+    size: Option<Size>,
+    /// Standard deviation of noise on the 2D labels, px [default: 0, of rd 1.5].
+    #[arg(long, value_name = "PX", value_parser = parse_noise)]
+    label_noise: Option<f64>,
+    /// Clips to test with: something that their scenes do not say (built-in engine).
+    #[arg(long, value_enum, value_name = "WHAT")]
+    disturb: Option<Disturbed>,
+    /// Write what is how far, too: beside each 000.png a 000.depth.png of 16 bits, mm along the camera's axis; 0 where nothing is.
+    #[arg(long)]
+    depth: bool,
     /// Another seed gives other clips.
     #[arg(long, value_name = "S", default_value_t = 20_231_130)]
     seed: u64,
@@ -54,8 +71,33 @@ enum SetName {
     SdM,
     SdL,
     Spring,
+    /// A rendered room that stands in for the paper's real data set: 60 frames a second, 2D labels as if clicked (σ 1.5 px).
+    Rd,
     /// Sports as people film them, as videos (needs ffmpeg): --clips of each of four kinds.
     Broadcast,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Disturbed {
+    /// A wind from the side.
+    Wind,
+    /// A push at a random time.
+    Hand,
+    /// A ball that is a quarter larger than the scene's.
+    Ball,
+    /// An empty floor of another colour behind the ball, whose path stays.
+    Background,
+}
+
+impl Disturbed {
+    fn disturbance(self) -> Disturbance {
+        match self {
+            Self::Wind => Disturbance::Wind,
+            Self::Hand => Disturbance::Hand,
+            Self::Ball => Disturbance::Ball,
+            Self::Background => Disturbance::Background,
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -98,7 +140,6 @@ impl Engine {
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
-    ensure!(arguments.clips > 0, "--clips must be at least 1");
     let split = match arguments.split {
         SplitName::Train => Split::Train,
         SplitName::Val => Split::Val,
@@ -109,21 +150,50 @@ pub fn run(arguments: Arguments) -> Result<()> {
         SetName::SdM => Set::SdM,
         SetName::SdL => Set::SdL,
         SetName::Spring => Set::Spring,
-        SetName::Broadcast => return film::run(&arguments.out, split, arguments.clips, arguments.seed, arguments.json),
+        SetName::Rd => Set::Rd,
+        SetName::Broadcast => {
+            let plain = arguments.size.is_none()
+                && !arguments.depth
+                && arguments.disturb.is_none()
+                && arguments.label_noise.is_none();
+            ensure!(plain, "--set broadcast takes none of --size, --depth, --label-noise and --disturb");
+            let clips = arguments.clips.map_or(FILMS, |clips| clips as usize);
+            return film::run(&arguments.out, split, clips, arguments.seed, arguments.json);
+        }
     };
     let out = &arguments.out;
     let shots = set.shots(split);
+    if arguments.disturb.is_some() && !matches!(arguments.engine, Engine::Builtin) {
+        bail!("--disturb needs --engine builtin");
+    }
     // An engine that cannot work says so before there is a folder.
-    arguments.engine.open(&Studio::new(shots[0])?)?;
-    let _claim =
-        claim(out, &json!({"engine": arguments.engine.name(), "split": split.name(), "seed": arguments.seed}))?;
-    let all = (shots.len() * arguments.clips) as u64;
+    arguments.engine.open(&Studio::of_size(shots[0], arguments.size)?)?;
+    let mut settings = json!({"engine": arguments.engine.name(), "split": split.name(), "seed": arguments.seed});
+    if let Some(size) = arguments.size {
+        settings["size"] = json!(size.to_string());
+    }
+    if arguments.depth {
+        settings["depth"] = json!(true);
+    }
+    if let Some(noise) = arguments.label_noise {
+        settings["label_noise"] = json!(noise);
+    }
+    if let Some(disturbed) = arguments.disturb {
+        settings["disturb"] = json!(format!("{disturbed:?}").to_lowercase());
+    }
+    let _claim = claim(out, &settings)?;
+    let counts = shots.iter().map(|shot| match arguments.clips {
+        Some(clips) => Ok(clips as usize),
+        None => shot.clips(split),
+    });
+    let counts: Vec<usize> = counts.collect::<gravisight::Result<_>>()?;
+    let all = counts.iter().sum::<usize>() as u64;
     let progress = Mutex::new((Progress::new(), 0_u64));
     let began = std::time::Instant::now();
     let mut clips = Vec::new();
     let mut drawn = 0;
-    for shot in shots {
-        let made = shoot(&arguments, shot, split, |clip| {
+    for (shot, count) in shots.into_iter().zip(counts) {
+        let made = shoot(&arguments, shot, split, count, |clip| {
             if let Ok(mut progress) = progress.lock() {
                 progress.1 += 1;
                 let done = progress.1;
@@ -152,9 +222,21 @@ pub fn run(arguments: Arguments) -> Result<()> {
 }
 
 /// Makes a shot's clips; with each, how many pictures were drawn. `done` is told of each.
-fn shoot(arguments: &Arguments, shot: Shot, split: Split, done: impl Fn(&Clip) + Sync) -> Result<Vec<(Clip, usize)>> {
-    let studio = Studio::new(shot)?;
-    let clips = (0..arguments.clips).into_par_iter().map_init(
+fn shoot(
+    arguments: &Arguments,
+    shot: Shot,
+    split: Split,
+    count: usize,
+    done: impl Fn(&Clip) + Sync,
+) -> Result<Vec<(Clip, usize)>> {
+    let mut studio = Studio::of_size(shot, arguments.size)?;
+    if let Some(noise) = arguments.label_noise {
+        studio = studio.with_label_noise(noise);
+    }
+    if let Some(disturbed) = arguments.disturb {
+        studio = studio.disturbed(disturbed.disturbance())?;
+    }
+    let clips = (0..count).into_par_iter().map_init(
         || None,
         |opened, number| {
             let engine = match opened {
@@ -162,7 +244,7 @@ fn shoot(arguments: &Arguments, shot: Shot, split: Split, done: impl Fn(&Clip) +
                 None => opened.insert(arguments.engine.open(&studio)?),
             };
             let clip = studio.clip(engine.as_mut(), arguments.seed, split, number)?;
-            let new = make(&arguments.out, engine.as_mut(), &clip, &shot.folder(split, number))?;
+            let new = make(&arguments.out, engine.as_mut(), &clip, &shot.folder(split, number), arguments.depth)?;
             done(&clip);
             Ok((clip, new))
         },
@@ -195,7 +277,13 @@ fn claim(out: &Path, settings: &Value) -> Result<Claim> {
 }
 
 /// Draws a clip, unless it is there; how many pictures were drawn.
-fn make(out: &Path, engine: &mut dyn gravisight::internal::Engine, clip: &Clip, folder: &str) -> Result<usize> {
+fn make(
+    out: &Path,
+    engine: &mut dyn gravisight::internal::Engine,
+    clip: &Clip,
+    folder: &str,
+    with_depth: bool,
+) -> Result<usize> {
     let place = out.join(folder);
     if place.join(LINE).is_file() {
         return Ok(0);
@@ -203,18 +291,49 @@ fn make(out: &Path, engine: &mut dyn gravisight::internal::Engine, clip: &Clip, 
     let new = NewFolder::at(&place)?;
     for frame in &clip.frames {
         let name = frame.file.file_name().context("a frame without a name")?;
-        let picture = engine.picture(&Point3::from(frame.world.context("a frame without a position")?))?;
+        let centre = Point3::from(frame.world.context("a frame without a position")?);
         let file = new.path().join(name);
         // The folder appears as a whole; no picture needs to by itself.
-        std::fs::write(&file, png(&picture)?).with_context(|| file.display().to_string())?;
+        let write = |file: &Path, bytes| std::fs::write(file, bytes).with_context(|| file.display().to_string());
+        write(&file, png(&engine.picture(&centre)?)?)?;
+        if with_depth {
+            let Size { width, height } = clip.camera.size();
+            let depths = engine.depth(&centre)?.iter().map(|metres| millimetres(*metres)).collect();
+            let depths = ImageBuffer::<Luma<u16>, _>::from_raw(width, height, depths)
+                .context("a depth image of another size")?;
+            write(&file.with_extension("depth.png"), png(&depths)?)?;
+        }
     }
     write_whole(&new.path().join(LINE), clip.to_line()?.as_bytes())?;
     new.finish()?;
     Ok(clip.frames.len())
 }
 
-fn png(picture: &RgbImage) -> Result<Vec<u8>> {
+/// Whole millimetres; 0 where nothing is, or what is too far for them.
+fn millimetres(metres: f32) -> u16 {
+    let whole = (metres * 1000.0).round();
+    if whole <= f32::from(u16::MAX) { whole as u16 } else { 0 }
+}
+
+fn png<P: image::PixelWithColorType>(picture: &ImageBuffer<P, Vec<P::Subpixel>>) -> Result<Vec<u8>>
+where
+    [P::Subpixel]: image::EncodableLayout,
+{
     let mut bytes = Cursor::new(Vec::new());
     picture.write_to(&mut bytes, ImageFormat::Png)?;
     Ok(bytes.into_inner())
+}
+
+/// A number of pixels.
+fn parse_noise(text: &str) -> Result<f64, String> {
+    text.parse().ok().filter(|px| (0.0..=100.0).contains(px)).ok_or_else(|| "must be from 0 to 100 px".into())
+}
+
+/// `384x224`.
+fn parse_size(text: &str) -> Result<Size, String> {
+    let sides = text.split_once('x').and_then(|(width, height)| Some((width.parse().ok()?, height.parse().ok()?)));
+    match sides {
+        Some((width, height)) if SIDES.contains(&width) && SIDES.contains(&height) => Ok(Size::new(width, height)),
+        _ => Err(format!("must be WIDTHxHEIGHT, as in 384x224, each from {} to {}", SIDES.start(), SIDES.end())),
+    }
 }

@@ -9,7 +9,7 @@ use super::pictures::{files_below, id_of, one_a_row, read_text, tail};
 use super::{Format, ImportOptions};
 use gravisight::Picture;
 use gravisight::Scene;
-use gravisight::internal::Table;
+use gravisight::internal::{self, Table};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Size};
 use gravisight::{Error, Result};
@@ -57,11 +57,11 @@ fn id(folder: &Path, format: Format) -> std::result::Result<String, String> {
 
 /// The scene that the paper made a clip in.
 fn published_scene(id: &str, format: Format) -> Option<Scene> {
-    let environment = match format {
-        Format::Spring => None,
-        _ => Some(id.split('/').nth(1)?.strip_prefix("env")?.parse().ok()?),
+    let place = match format {
+        Format::Spring => internal::Place::Spring,
+        _ => internal::Place::Environment(id.split('/').nth(1)?.strip_prefix("env")?.parse().ok()?),
     };
-    gravisight::internal::Shot { environment, camera: 1 }.scene().ok()
+    internal::Shot { place, camera: 1 }.scene().ok()
 }
 
 fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {

@@ -1,7 +1,7 @@
 //! The paper's own numbers, for data that is the paper's.
 
 use gravisight::Clip;
-use gravisight::internal::Shot;
+use gravisight::internal::{self, Shot};
 
 /// Largest difference between two descriptions of the same box, m (and rad).
 const SAME_BOX: f64 = 1e-3;
@@ -62,7 +62,7 @@ impl Place {
             return Some(Self::Real { camera });
         }
         let environment = number("env")?;
-        let known = Shot { environment: Some(environment), camera }.scene().ok()?.boxes;
+        let known = Shot { place: internal::Place::Environment(environment), camera }.scene().ok()?.boxes;
         let boxes = &clip.scene.as_ref()?.boxes;
         let same = |index: usize| {
             let [ours, theirs] =
