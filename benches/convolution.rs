@@ -265,7 +265,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
             clip_norm: 1.0,
             learning_rate: 1e-3,
         };
-        let mut optimiser = AdamW::new(0.0);
+        let mut optimiser = AdamW::new(0.0, 1e-5);
         let mut pen = Some(pen);
         let batch = Batch { pictures, size: [job.side; 2], labels, windows: vec![] };
         // The next step's batch is made beforehand, as the peer's is.

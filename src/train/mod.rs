@@ -18,7 +18,7 @@ pub use learn::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner,
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};
 pub use recipe::{
-    Augmentation, FitConfig, FutureConfig, HeatmapLoss, Law, Network, Phase, Recipe, Supervision, Velocity,
+    Augmentation, FitConfig, FutureConfig, HeatmapLoss, Law, Network, Phase, Recipe, Select, Supervision, Velocity,
 };
 #[cfg(not(target_arch = "wasm32"))]
 pub use recipe::{RunPaths, TrainConfig, TrainSettings};

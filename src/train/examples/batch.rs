@@ -69,7 +69,7 @@ impl Place {
     }
 }
 
-/// A 2D position that a forecast must meet, or that tells where the ball flies.
+/// What a forecast must meet, or what tells where the ball flies: a 2D position; or where the ball is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Target {
     /// A 2D label, px of the clip's picture.
@@ -83,6 +83,15 @@ pub enum Target {
     },
     /// The network's own 2D position in this frame when it last saw it.
     Remembered(FrameId),
+    /// No forecast: what the network finds in this picture of the batch must be the true position, camera coordinates, m.
+    True {
+        /// Index in the batch.
+        picture: usize,
+        /// Its place.
+        place: Place,
+        /// Where the ball is.
+        position: [f64; 3],
+    },
 }
 
 /// A frame of a run's clips: numbers of the clip and of the frame in it.

@@ -110,7 +110,9 @@ impl Examples {
         let examples = Self { clips, frames, of_frame };
         if recipe.supervision.is_future() && examples.windows(recipe).is_empty() {
             let longest = match recipe.future.velocity {
-                Velocity::Pictures => recipe.future.ahead.iter().max().unwrap_or(&0) + 2,
+                Velocity::Pictures => {
+                    recipe.future.sequence.unwrap_or(recipe.future.ahead.iter().max().unwrap_or(&0) + 2)
+                }
                 Velocity::Labels => recipe.future.ahead.iter().min().unwrap_or(&0).max(&FEWEST_AROUND) + 1,
             };
             return refuse(format!(
@@ -126,7 +128,7 @@ impl Examples {
     }
 
     /// Frames (clip, frame) that forecasts start from: those that have their neighbours and all frames ahead; where 2D
-    /// positions tell the velocity, those that have enough of them, and one to be met.
+    /// positions tell the velocity, those that have enough of them, and one to be met. Where sequences are drawn, their first frames.
     pub fn windows(&self, recipe: &Recipe) -> Vec<(usize, usize)> {
         let ahead = &recipe.future.ahead;
         let has = |clip: usize, frame: usize| self.example(clip, frame).is_some();
@@ -142,7 +144,13 @@ impl Examples {
                     && !self.before_and_ahead(clip, frame, ahead).is_empty()
             }
         };
-        self.frames.iter().map(|example| (example.clip, example.frame)).filter(whole).collect()
+        let all = self.frames.iter().map(|example| (example.clip, example.frame));
+        match recipe.future.sequence.filter(|_| recipe.future.velocity == Velocity::Pictures) {
+            Some(length) => {
+                all.filter(|&(clip, first)| (first..first + length).all(|frame| has(clip, frame))).collect()
+            }
+            None => all.filter(whole).collect(),
+        }
     }
 
     /// Frames of `clip` with a 2D target that are at most `reach` from `frame`, itself included, in order.
@@ -244,4 +252,21 @@ pub(super) fn check_label(clip: &Clip, frame: &Frame) -> Result<()> {
 /// Name of a frame for errors.
 pub(super) fn name(clip: &Clip, frame: &Frame) -> String {
     format!("clip `{}`, frame {}", clip.id, frame.file.display())
+}
+
+/// Where a frame's 3D label is, camera coordinates, m.
+///
+/// # Errors
+/// [`Error::Data`] for a frame without one, or with one that lies behind the camera.
+fn true_point(clip: &Clip, frame: &Frame) -> Result<nalgebra::Point3<f64>> {
+    let what = || name(clip, frame);
+    let Some(world) = frame.world else {
+        let reason = "has no `world` label, which 3D supervision needs".into();
+        return Err(Error::Data { what: what(), reason });
+    };
+    let point = clip.camera.camera_from_world(&world.into());
+    if point.z > 0.0 {
+        return Ok(point);
+    }
+    Err(Error::Data { what: what(), reason: format!("its `world` label lies behind the camera (z = {} m)", point.z) })
 }

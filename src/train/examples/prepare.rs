@@ -3,16 +3,16 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use rand::RngExt;
+use nalgebra::{Rotation3, Unit, Vector3};
 use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
 use super::super::recipe::{FitConfig, Recipe, Supervision};
 use super::fits::Fits;
 use super::readings::check_taught;
-use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, labelled_2d, name, teach};
-use crate::clips::{Clip, Clips, Frame};
-use crate::error::{Error, Result};
-use crate::random::Stream;
+use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, labelled_2d, teach, true_point};
+use crate::clips::{Clip, Clips};
+use crate::error::Result;
+use crate::random::{Stream, normal_pair};
 
 /// Clips that are fitted between two reports of progress.
 const FITTED_TOGETHER: usize = 20;
@@ -62,7 +62,7 @@ pub fn prepare(
     };
     let frames = match recipe.supervision {
         Supervision::Labels3d => labelled_3d(&clips, |_| true)?,
-        Supervision::Future2dGt | Supervision::Future2dPredict => {
+        Supervision::Future2dGt | Supervision::Future2dPredict | Supervision::Future3dGt => {
             check_physics(&clips.clips)?;
             labelled_2d(&clips)
         }
@@ -86,8 +86,7 @@ fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
     if let Some(most) = recipe.clips_per_camera {
         let mut counts: BTreeMap<String, usize> = BTreeMap::new();
         clips.clips.retain(|clip| {
-            let group = clip.id.rsplit_once('/').map_or("", |(group, _)| group);
-            let count = counts.entry(group.into()).or_default();
+            let count = counts.entry(group(clip).into()).or_default();
             *count += 1;
             *count <= most
         });
@@ -101,18 +100,27 @@ fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
         if recipe.label_noise_px > 0.0 {
             add_noise(clip, recipe.label_noise_px, recipe.seed);
         }
+        if recipe.camera_off_degrees > 0.0 {
+            let mut random = Stream::CameraError.of_named(recipe.seed, group(clip));
+            let axis = Unit::new_normalize(Vector3::from_fn(|_, _| normal_pair(&mut random)[0]));
+            let turn = Rotation3::from_axis_angle(&axis, recipe.camera_off_degrees.to_radians());
+            clip.camera = clip.camera.turned(&turn);
+        }
     }
     Ok(clips)
+}
+
+/// What a clip's id names before its number: its camera and environment.
+fn group(clip: &Clip) -> &str {
+    clip.id.rsplit_once('/').map_or("", |(group, _)| group)
 }
 
 /// Adds Gaussian noise to the clip's 2D labels: the same for the same seed and clip.
 fn add_noise(clip: &mut Clip, sigma: f64, seed: u64) {
     let mut random = Stream::LabelNoise.of_named(seed, &clip.id);
     for frame in &mut clip.frames {
-        // Box and Muller's pair
-        let radius = (-2.0 * random.random_range(f64::MIN_POSITIVE..1.0).ln()).sqrt();
-        let angle = random.random_range(0.0..std::f64::consts::TAU);
-        frame.image = frame.image.map(|[x, y]| [x + sigma * radius * angle.cos(), y + sigma * radius * angle.sin()]);
+        let [right, down] = normal_pair(&mut random);
+        frame.image = frame.image.map(|[x, y]| [x + sigma * right, y + sigma * down]);
     }
 }
 
@@ -122,7 +130,7 @@ fn labelled_3d(clips: &Clips, wanted: impl Fn(usize) -> bool) -> Result<Vec<Exam
     for (index, clip) in clips.clips.iter().enumerate().filter(|&(index, _)| wanted(index)) {
         for (number, frame) in clip.frames.iter().enumerate() {
             if let Some(image) = frame.image.filter(|_| frame.visible || frame.world.is_some()) {
-                let depth = Some([true_depth(clip, frame)?, 1.0]);
+                let depth = Some([true_point(clip, frame)?.z, 1.0]);
                 examples.push(Example { clip: index, frame: number, image, depth });
             }
         }
@@ -149,18 +157,4 @@ fn fitted(
     }
     check_taught(clips, &fits, config, &folder.display().to_string())?;
     Fits::new(clips, config, &fits)
-}
-
-/// Depth (camera z) of a frame's 3D label, m.
-fn true_depth(clip: &Clip, frame: &Frame) -> Result<f64> {
-    let what = || name(clip, frame);
-    let Some(world) = frame.world else {
-        let reason = "has no `world` label, which 3D supervision needs".into();
-        return Err(Error::Data { what: what(), reason });
-    };
-    let depth = clip.camera.camera_from_world(&world.into()).z;
-    if depth > 0.0 {
-        return Ok(depth);
-    }
-    Err(Error::Data { what: what(), reason: format!("its `world` label lies behind the camera (z = {depth} m)") })
 }

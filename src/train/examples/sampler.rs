@@ -7,10 +7,10 @@ use nalgebra::{Matrix2, Vector2};
 use rand::RngExt;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
-use super::super::recipe::{Phase, Recipe, Supervision, Velocity};
+use super::super::recipe::{Phase, Recipe, STARTS, Supervision, Velocity};
 use super::augment::{Crop, View, change_light};
 use super::teacher::{forecaster, scene_of};
-use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window, distance_of_scene};
+use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window, distance_of_scene, true_point};
 use crate::camera::Outline;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
@@ -18,9 +18,6 @@ use crate::image::{NetworkInput, tile};
 use crate::physics::{Forecaster, Scene};
 use crate::random::{Random, Stream, mixed};
 use crate::size::Size;
-
-/// Pictures of a window that the forecast starts from, where pictures tell the velocity.
-const STARTS: usize = 3;
 
 /// Radii, px, at which a network that reads sizes sees a ball again, and the largest enlargement for that.
 const AGAIN: Range<f64> = 18.0..28.0;
@@ -34,7 +31,7 @@ pub struct Sampler {
     recipe: Recipe,
     examples: Examples,
     pictures: Pictures,
-    /// Middles of windows, clip and frame; where forecasts teach.
+    /// Where forecasts teach: middles of windows, or the first frames of sequences; clip and frame.
     windows: Vec<(usize, usize)>,
     /// One a clip, likewise, with everything and with nothing to touch.
     forecasters: Vec<[Arc<Forecaster>; 2]>,
@@ -53,8 +50,17 @@ struct Shot {
     seed: u64,
 }
 
-/// A window's first picture in the batch, and its middle: clip and frame.
-type Opened = (usize, (usize, usize));
+/// A window in a batch.
+#[derive(Debug)]
+struct Opened {
+    /// Its first picture.
+    first: usize,
+    clip: usize,
+    /// Its middle frame.
+    middle: usize,
+    /// Frames that forecasts meet, and their pictures; where 2D positions tell the velocity these need none.
+    ahead: Vec<(usize, usize)>,
+}
 
 /// One picture of a batch.
 struct Drawn {
@@ -109,7 +115,7 @@ impl Sampler {
         let (shots, opened) = self.shots(phase, step);
         let drawn: Vec<Drawn> = shots.par_iter().map(|shot| self.draw(shot, phase)).collect::<Result<_>>()?;
         let Size { width, height } = self.crop(phase).map_or(self.recipe.input, Size::square);
-        let windows = opened.iter().map(|&opened| self.window(opened, &drawn)).collect();
+        let windows = opened.iter().map(|opened| self.window(opened, &drawn)).collect::<Result<_>>()?;
         let mut batch = Batch {
             pictures: Vec::with_capacity(drawn.len() * 3 * (width * height) as usize),
             size: [height as usize, width as usize],
@@ -151,48 +157,64 @@ impl Sampler {
                 };
                 let empty = random.random_bool(self.recipe.empty_share);
                 if !starts.is_empty() && !empty {
-                    opened.push((index, (clip, frame)));
+                    opened.push(Opened { first: index, clip, middle: frame, ahead: vec![] });
                 }
                 Shot { clip, frame: (!empty).then_some(frame), seed: seed(index) }
             };
             return ((0..phase.batch).map(shot).collect(), opened);
         }
         let ahead = &self.recipe.future.ahead;
-        let count = (phase.batch / (STARTS + ahead.len())).max(1);
-        let middles: Vec<(usize, usize)> =
-            (0..count).map(|_| self.windows[random.random_range(0..self.windows.len())]).collect();
-        let frames = middles.iter().flat_map(|&(clip, middle)| {
-            let starts = [middle - 1, middle, middle + 1].into_iter();
-            starts.chain(ahead.iter().map(move |by| middle + by)).map(move |frame| (clip, frame))
-        });
-        let shots =
-            frames.enumerate().map(|(index, (clip, frame))| Shot { clip, frame: Some(frame), seed: seed(index) });
-        let shots: Vec<Shot> = shots.collect();
-        let opened = middles.iter().enumerate().map(|(index, &middle)| (index * (STARTS + ahead.len()), middle));
-        (shots, opened.collect())
+        let (mut shots, mut opened) = (vec![], vec![]);
+        let pictures = self.recipe.future.sequence.unwrap_or(STARTS + ahead.len());
+        for _ in 0..(phase.batch / pictures).max(1) {
+            let (clip, frame) = self.windows[random.random_range(0..self.windows.len())];
+            let first = shots.len();
+            let frames: Vec<usize> = match self.recipe.future.sequence {
+                Some(length) => {
+                    opened.extend((1..length - 1).filter_map(|middle| {
+                        let within = ahead.iter().filter(|&by| middle + by < length);
+                        let ahead: Vec<_> = within.map(|by| (frame + middle + by, first + middle + by)).collect();
+                        let window = Opened { first: first + middle - 1, clip, middle: frame + middle, ahead };
+                        (!window.ahead.is_empty()).then_some(window)
+                    }));
+                    (frame..frame + length).collect()
+                }
+                None => {
+                    let pictures = ahead.iter().enumerate().map(|(index, by)| (frame + by, first + STARTS + index));
+                    opened.push(Opened { first, clip, middle: frame, ahead: pictures.collect() });
+                    [frame - 1, frame, frame + 1].into_iter().chain(ahead.iter().map(|by| frame + by)).collect()
+                }
+            };
+            let seeds = (first..).map(seed);
+            shots.extend(frames.iter().zip(seeds).map(|(&frame, seed)| Shot { clip, frame: Some(frame), seed }));
+        }
+        (shots, opened)
     }
 
-    /// The window whose first picture is `first` of `drawn`; the others follow.
-    fn window(&self, (first, (clip, middle)): Opened, drawn: &[Drawn]) -> Window {
-        let ahead = &self.recipe.future.ahead;
+    /// The window of pictures of `drawn`.
+    fn window(&self, &Opened { first, clip, middle, ref ahead }: &Opened, drawn: &[Drawn]) -> Result<Window> {
         let frames = &self.pictures.clips()[clip].frames;
         let since = |frame: usize| frames[frame].t - frames[middle].t;
         let [forecaster, free] = &self.forecasters[clip];
         let label = |frame: usize| self.examples.example(clip, frame).map_or([0.0; 2], |example| example.image);
         let (start, ahead) = match self.recipe.future.velocity {
             Velocity::Pictures => {
-                let target = |(number, frame): (usize, usize)| {
-                    let picture = first + STARTS + number;
+                let target = |&(frame, picture): &(usize, usize)| {
+                    let place = drawn[picture].place;
                     let target = match self.recipe.supervision {
                         Supervision::Future2dGt => Target::Label(label(frame)),
-                        _ => Target::Predicted { picture, place: drawn[picture].place },
+                        Supervision::Future3dGt => Target::True {
+                            picture,
+                            place,
+                            position: true_position(self.pictures.clips(), clip, frame)?,
+                        },
+                        _ => Target::Predicted { picture, place },
                     };
-                    (since(frame), target)
+                    Ok((since(frame), target))
                 };
                 let places = [0, 1, 2].map(|number| drawn[first + number].place);
                 let times = [0, 1, 2].map(|number| since(middle + number - 1));
-                let later = ahead.iter().map(|by| middle + by).enumerate();
-                (Start::Pictures { places, times }, later.map(target).collect())
+                (Start::Pictures { places, times }, ahead.iter().map(target).collect::<Result<_>>()?)
             }
             Velocity::Labels => {
                 let target = |frame: usize| {
@@ -206,10 +228,11 @@ impl Sampler {
                 let around = around.into_iter().map(target).collect();
                 let frame = [clip, middle];
                 let start = Start::Track { place: drawn[first].place, frame, around, free: free.clone() };
-                (start, self.examples.before_and_ahead(clip, middle, ahead).into_iter().map(target).collect())
+                let ahead = self.examples.before_and_ahead(clip, middle, &self.recipe.future.ahead);
+                (start, ahead.into_iter().map(target).collect())
             }
         };
-        Window {
+        Ok(Window {
             first,
             start,
             ball_radius: self.reads_size.then(|| forecaster.scene().ball.radius),
@@ -217,7 +240,7 @@ impl Sampler {
             camera: self.pictures.clips()[clip].camera.clone(),
             forecaster: forecaster.clone(),
             ahead,
-        }
+        })
     }
 
     fn draw(&self, shot: &Shot, phase: &Phase) -> Result<Drawn> {
@@ -305,6 +328,13 @@ impl Sampler {
 fn as_looked_at_again(outline: &Outline, random: &mut Random) -> f64 {
     let (again, radius) = (random.random_bool(0.5), random.random_range(AGAIN));
     if again { (radius / outline.radius).clamp(1.0, MOST_ENLARGED) } else { 1.0 }
+}
+
+/// Where a frame's ball is, camera coordinates, m.
+fn true_position(clips: &[Clip], clip: usize, frame: usize) -> Result<[f64; 3]> {
+    let clip = &clips[clip];
+    let frame = &clip.frames[frame];
+    Ok(true_point(clip, frame)?.into())
 }
 
 /// About how far a clip's ball is, m: in sight in any case.

@@ -11,12 +11,14 @@ use crate::model::Pen;
 pub struct Ema {
     average: Pen,
     decay: f64,
-    updates: usize,
+    /// Updates seen, where the decay grows.
+    updates: Option<usize>,
 }
 
 impl Ema {
-    /// An average that starts at `model`; `updates` is how many it has already seen.
-    pub fn new(average: Pen, decay: f64, updates: usize) -> Self {
+    /// An average that starts at `average`. `updates` is how many it has already seen, where the decay is to grow from 1/10 to its
+    /// full value, so that the random start is forgotten; else none.
+    pub fn new(average: Pen, decay: f64, updates: Option<usize>) -> Self {
         Self { average, decay, updates }
     }
 
@@ -25,11 +27,10 @@ impl Ema {
         &self.average
     }
 
-    /// Moves the average towards `model`. The decay grows from 1/10 to its full value, so that the
-    /// random start is forgotten.
+    /// Moves the average towards `model`.
     pub fn update(&mut self, model: &Pen) {
-        let warm_up = (1 + self.updates) as f64 / (10 + self.updates) as f64;
-        self.updates += 1;
+        let warm_up = self.updates.map_or(1.0, |updates| (1 + updates) as f64 / (10 + updates) as f64);
+        self.updates = self.updates.map(|updates| updates + 1);
         let mut current = Collect(TensorContainer::new());
         model.valid().visit(&mut current);
         let mut blend = Blend { current: current.0, decay: self.decay.min(warm_up) };

@@ -4,11 +4,11 @@
 //! the graph as `value + ⟨g, u − detach(u)⟩`: the same on every device, and no tape of solver steps.
 
 use burn::tensor::{Tensor, TensorData};
-use nalgebra::{Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Matrix3, Point2, Point3, Vector2, Vector3};
 
-use super::super::examples::{Start, Window};
+use super::super::examples::{Start, Target, Window};
 use super::knowledge::{Knowledge, OwnTrack};
-use super::launch::{Launch, image_of, seen};
+use super::launch::{Launch, image_of, point, seen};
 use super::step::{StepOptions, read};
 use crate::error::Result;
 use crate::model::Decoded;
@@ -72,7 +72,7 @@ pub fn future_loss(
     let Knowledge { own, laws } = knowledge;
     let gradient = vec![[0.0; 3]; positions.len()];
     let mut loss = FutureLoss { value: 0.0, gradient, by_law: vec![0.0; laws.count()], whole: 0 };
-    let terms: usize = windows.iter().map(|window| 2 * window.ahead.len()).sum();
+    let terms: usize = windows.iter().flat_map(|window| &window.ahead).map(|(_, target)| axes(target)).sum();
     for window in windows {
         let under = laws.window(window);
         let found = under.and_then(|under| window_loss(positions, &under, robust_px, own));
@@ -109,7 +109,7 @@ fn images(positions: &[[f64; 3]], window: &Window, own: &OwnTrack) -> Result<Opt
 
 /// A window's loss.
 struct WindowLoss {
-    /// Sum over its times and axes, px.
+    /// Sum over its times and axes, px; against true positions m.
     value: f64,
     /// Its gradient by each picture that it starts from.
     slopes: Vec<(usize, Vector3<f64>)>,
@@ -125,6 +125,9 @@ fn window_loss(
     robust_px: Option<f64>,
     own: &OwnTrack,
 ) -> Result<Option<WindowLoss>> {
+    if window.ahead.iter().any(|(_, target)| matches!(target, Target::True { .. })) {
+        return true_loss(positions, window).map(Some);
+    }
     let Some(launch) = Launch::of(window, positions, own)? else { return Ok(None) };
     let forecast = window.forecaster.forecast_with_jacobians(&launch.state(window), &window.times());
     if !forecast.status.is_exact() || forecast.states.len() != window.ahead.len() {
@@ -158,6 +161,27 @@ fn window_loss(
     let slopes: Vec<(usize, Vector3<f64>)> = launch.slopes.iter().map(slope).collect();
     let finite = value.is_finite() && slopes.iter().all(|(_, slope)| slope.iter().all(|part| part.is_finite()));
     Ok(finite.then_some(WindowLoss { value, slopes, errors }))
+}
+
+/// Axes along which `target` is met.
+fn axes(target: &Target) -> usize {
+    if matches!(target, Target::True { .. }) { 3 } else { 2 }
+}
+
+/// The sum over a window's true positions of how far the network's own are from them along each axis of the camera, m, and its
+/// gradient. Paper, the 3D-gt of "Analysis of future loss".
+fn true_loss(positions: &[[f64; 3]], window: &Window) -> Result<WindowLoss> {
+    let mut loss = WindowLoss { value: 0.0, slopes: vec![], errors: vec![] };
+    for (_, target) in &window.ahead {
+        let Target::True { picture, place, position } = target else { continue };
+        let (world, slope) = point(window, place, positions[*picture])?;
+        let error = window.camera.camera_from_world(&world) - Point3::from(*position);
+        loss.value += error.iter().map(|part| part.abs()).sum::<f64>();
+        let by_world = window.camera.rotation().transpose() * error.map(f64::signum);
+        loss.slopes.push((*picture, slope.transpose() * by_world));
+        loss.errors.push(None);
+    }
+    Ok(loss)
 }
 
 /// What an error of `size` px costs, and its derivative.

@@ -104,7 +104,7 @@ impl Launch {
 
 /// Where the ball is in the world by what was found in a drawn picture (its place, and its depth or apparent radius), and its
 /// derivative.
-fn point(window: &Window, place: &Place, [x, y, third]: [f64; 3]) -> Result<(Point3<f64>, Matrix3<f64>)> {
+pub fn point(window: &Window, place: &Place, [x, y, third]: [f64; 3]) -> Result<(Point3<f64>, Matrix3<f64>)> {
     let image = Point2::from(place.in_clip([x, y]));
     let scale = if window.ball_radius.is_some() { place.scale() } else { place.zoom };
     let (point, by_clip) = match window.ball_radius {
@@ -143,6 +143,7 @@ pub fn seen(window: &Window, target: Target, positions: &[[f64; 3]], own: &OwnTr
         Target::Label(label) => Some(label.into()),
         Target::Predicted { picture, place } => image_of(window, &place, positions[picture]),
         Target::Remembered(frame) => own.get(&frame).map(|&image| image.into()),
+        Target::True { .. } => None,
     }
 }
 

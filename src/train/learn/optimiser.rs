@@ -8,15 +8,14 @@ use crate::model::Pen;
 
 /// Decays of the two moments.
 const DECAYS: [f32; 2] = [0.9, 0.999];
-/// Against a division by a gradient that is zero.
-const EPSILON: f32 = 1e-5;
-
-/// Adam with decoupled weight decay (Loshchilov and Hutter, 2019): Burn's `AdamW` to the bit.
+/// Adam with decoupled weight decay (Loshchilov and Hutter, 2019): Burn's `AdamW` to the bit (its ε is 1e-5).
 ///
 /// Burn's own keeps its moments to itself and reads them synchronously when it is saved, which a GPU in a browser does not allow.
 /// Here they are networks, which are saved as any other.
 pub struct AdamW {
     weight_decay: f64,
+    /// Against a division by a gradient that is zero.
+    epsilon: f32,
     /// Updates made.
     updates: usize,
     /// Running means of each weight's gradient and of its square.
@@ -25,20 +24,21 @@ pub struct AdamW {
 
 impl AdamW {
     /// At the start of a training.
-    pub fn new(weight_decay: f64) -> Self {
+    pub fn new(weight_decay: f64, epsilon: f64) -> Self {
         // Burn's is of single precision.
         let weight_decay = f64::from(weight_decay as f32);
-        Self { weight_decay, updates: 0, moments: [TensorContainer::new(), TensorContainer::new()] }
+        let moments = [TensorContainer::new(), TensorContainer::new()];
+        Self { weight_decay, epsilon: epsilon as f32, updates: 0, moments }
     }
 
     /// After `updates` updates, with the `moments` that [`Self::moments`] gave.
-    pub fn after(weight_decay: f64, updates: usize, moments: &[Pen; 2]) -> Self {
+    pub fn after(weight_decay: f64, epsilon: f64, updates: usize, moments: &[Pen; 2]) -> Self {
         let moments = [0, 1].map(|order| {
             let mut collected = Collect(TensorContainer::new());
             moments[order].visit(&mut collected);
             collected.0
         });
-        Self { updates, moments, ..Self::new(weight_decay) }
+        Self { updates, moments, ..Self::new(weight_decay, epsilon) }
     }
 
     /// The moments as networks like `pen`, without gradients; zero where there are none yet.
@@ -62,7 +62,7 @@ struct Update<'a> {
 impl ModuleMapper for Update<'_> {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let Some(gradient) = self.gradients.remove::<D>(param.id) else { return param };
-        let AdamW { weight_decay, updates, moments } = &mut *self.optimiser;
+        let AdamW { weight_decay, epsilon, updates, moments } = &mut *self.optimiser;
         let powers = [gradient.clone(), gradient.square()];
         let mut corrected = powers.into_iter().zip(moments).zip(DECAYS).map(|((power, moments), decay)| {
             let new = power.mul_scalar(1.0 - decay);
@@ -74,7 +74,7 @@ impl ModuleMapper for Update<'_> {
             mean.div_scalar(1.0 - decay.powi(*updates as i32))
         });
         let (Some(mean), Some(square)) = (corrected.next(), corrected.next()) else { return param };
-        let change = mean.div(square.sqrt().add_scalar(EPSILON)).mul_scalar(self.learning_rate);
+        let change = mean.div(square.sqrt().add_scalar(*epsilon)).mul_scalar(self.learning_rate);
         let decay = self.learning_rate * *weight_decay;
         param.map(|weights| {
             let is_learned = weights.is_require_grad();

@@ -5,9 +5,9 @@ use burn::module::Module as _;
 use super::super::examples::Examples;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::examples::Source;
-use super::super::recipe::Recipe;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::recipe::Supervision;
+use super::super::recipe::{Recipe, Select};
 use super::score::Score;
 use crate::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
@@ -21,7 +21,8 @@ use crate::synth::{LARGEST, SMALLEST};
 /// The averaged weights that scored best so far.
 #[derive(Debug, Clone)]
 pub struct Best {
-    /// Their forecast error, px, or of what reads sizes the radius's error; less is better. Absent where there is none to be had: then the last count as best.
+    /// Their forecast error, px, their DtG, m, or of what reads sizes the radius's error; less is better. Absent where there is none to
+    /// be had: then the last count as best.
     pub score: Option<f64>,
     /// Confidence below which a picture is taken to be without the ball.
     pub confidence_threshold: f64,
@@ -30,9 +31,13 @@ pub struct Best {
 }
 
 impl Best {
-    /// Puts the weights `average` in the place of `best` unless that is better: whether it did.
-    pub fn keep(best: &mut Option<Self>, scored: &Score, average: Pen) -> bool {
-        Self::keep_by(best, scored.forecast_px, scored.least_confidence / 2.0, average)
+    /// Puts the weights `average` in the place of `best` unless that is better by what `select` names: whether it did.
+    pub fn keep(best: &mut Option<Self>, scored: &Score, select: Select, average: Pen) -> bool {
+        let score = match select {
+            Select::Forecast => scored.forecast_px,
+            Select::Dtg => scored.dtg.mean,
+        };
+        Self::keep_by(best, score, scored.least_confidence / 2.0, average)
     }
 
     /// The same, of any score of which less is better.
@@ -100,6 +105,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
         Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
         Supervision::Places => "crops of renderings of random scenes, around a detector's candidates".into(),
+        Supervision::Future3dGt => "3D labels, by windows (the paper's 3D-gt)".into(),
         Supervision::Labels3d => "3D labels (the paper's baseline, not its method)".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",

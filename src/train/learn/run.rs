@@ -251,7 +251,7 @@ impl<'a> Run<'a> {
             Err(error) => return Ok(Validation::Failed { failed: error.to_string() }),
         };
         let kept = match &scored {
-            Validation::Score(scored) => Best::keep(&mut self.best, scored, average),
+            Validation::Score(scored) => Best::keep(&mut self.best, scored, self.recipe.select, average),
             Validation::Size(scored) => {
                 let score = match self.recipe.supervision {
                     Supervision::Places => scored.confused,

@@ -49,7 +49,7 @@ impl State {
         Self {
             step: 0,
             average: model.valid(),
-            moments: AdamW::new(recipe.weight_decay).moments(&model),
+            moments: AdamW::new(recipe.weight_decay, recipe.adam_epsilon).moments(&model),
             model,
             watch: None,
             knowledge: Knowledge::first(recipe),
@@ -73,8 +73,8 @@ impl Trainer {
     /// Goes on from `state`; `device` is an autodiff device.
     pub fn new(recipe: &Recipe, state: State, device: &Device) -> Self {
         let State { step, model, average, moments, watch, knowledge } = state;
-        let optimiser = AdamW::after(recipe.weight_decay, step, &moments);
-        let ema = Ema::new(average, recipe.ema_decay, step);
+        let optimiser = AdamW::after(recipe.weight_decay, recipe.adam_epsilon, step, &moments);
+        let ema = Ema::new(average, recipe.ema_decay, recipe.ema_warm_up.then_some(step));
         let model = if recipe.fixed_norms { model.with_fixed_norms() } else { model };
         Self { recipe: recipe.clone(), device: device.clone(), step, model, optimiser, ema, watch, knowledge }
     }

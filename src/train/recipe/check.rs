@@ -1,6 +1,7 @@
 //! What a configuration may not say.
 
-use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision};
+use super::parts::STARTS;
+use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision, Velocity};
 use crate::error::{Error, Result};
 use crate::model::{CLOSER_SIDE, check_input};
 use crate::size::Size;
@@ -53,6 +54,7 @@ impl Recipe {
             ("fit.half_weight_sigma", self.fit.half_weight_sigma),
             ("fit.largest_sigma", self.fit.largest_sigma),
             ("heatmap_loss.sigma", self.heatmap_loss().sigma()),
+            ("adam_epsilon", self.adam_epsilon),
         ] {
             if !(value.is_finite() && value > 0.0) {
                 return refuse(field, format!("must be positive, not {value}"));
@@ -86,6 +88,9 @@ impl Recipe {
         if !(0.0..=100.0).contains(&self.label_noise_px) {
             return refuse("label_noise_px", format!("must be from 0 to 100 px, not {}", self.label_noise_px));
         }
+        if !(0.0..=45.0).contains(&self.camera_off_degrees) {
+            return refuse("camera_off_degrees", format!("must be from 0 to 45, not {}", self.camera_off_degrees));
+        }
         if self.clips_per_camera == Some(0) {
             return refuse("clips_per_camera", "must be at least 1".into());
         }
@@ -115,13 +120,23 @@ impl Recipe {
     }
 
     fn check_future(&self) -> Result<()> {
-        let FutureConfig { ahead, weight, robust_px, around, learn, .. } = &self.future;
+        let FutureConfig { ahead, weight, robust_px, around, learn, velocity, sequence, .. } = &self.future;
         let refuse = |field: &str, reason: String| Err(Error::value("run configuration", field, reason));
         if ahead.is_empty() || ahead.iter().any(|&frames| frames < 2) {
             return refuse("future.ahead", "needs frames ahead, each at least 2 (the window holds 1)".into());
         }
         if !learn.is_empty() && !self.supervision.is_future() {
             return refuse("future.learn", "needs a supervision that learns through forecasts (future-2d-…)".into());
+        }
+        if self.supervision == Supervision::Future3dGt && *velocity != Velocity::Pictures {
+            return refuse("future.velocity", "must be \"pictures\" with supervision \"future-3d-gt\"".into());
+        }
+        if let Some(frames) = *sequence {
+            let shortest = STARTS - 1 + ahead.iter().min().unwrap_or(&0);
+            if frames < shortest || self.phases.iter().any(|phase| frames > phase.batch) {
+                let reason = format!("must be from {shortest} frames to the batch's pictures, not {frames}");
+                return refuse("future.sequence", reason);
+            }
         }
         if !(2..=1000).contains(around) {
             return refuse("future.around", format!("must be from 2 to 1000 frames, not {around}"));

@@ -11,7 +11,10 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-pub use self::parts::{Augmentation, FitConfig, FutureConfig, HeatmapLoss, Law, Network, Phase, Supervision, Velocity};
+pub(in crate::train) use self::parts::STARTS;
+pub use self::parts::{
+    Augmentation, FitConfig, FutureConfig, HeatmapLoss, Law, Network, Phase, Select, Supervision, Velocity,
+};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::paths::{RunPaths, TrainConfig};
 #[cfg(not(target_arch = "wasm32"))]
@@ -51,6 +54,10 @@ pub struct Recipe {
     /// Standard deviation of noise that is added to every 2D label, px, to see what labels by hand would do.
     #[serde(default)]
     pub label_noise_px: f64,
+    /// By how much the training clips' cameras are turned away from where they were, degrees, to see what a bad calibration
+    /// does: each camera once, about a random axis through its centre.
+    #[serde(default)]
+    pub camera_off_degrees: f64,
     /// Clips that are used of each camera and environment: all where absent.
     #[serde(default)]
     pub clips_per_camera: Option<usize>,
@@ -83,9 +90,18 @@ pub struct Recipe {
     /// Weight decay of AdamW (decoupled, times the learning rate). Zero makes it Adam.
     #[serde(default = "default_weight_decay")]
     pub weight_decay: f64,
+    /// Adam's ε, against a division by a gradient that is zero.
+    #[serde(default = "default_adam_epsilon")]
+    pub adam_epsilon: f64,
     /// Decay of the exponential moving average of the weights, a step. The average is what is scored and kept.
     #[serde(default = "default_ema_decay")]
     pub ema_decay: f64,
+    /// Whether that decay grows from 1/10 to its full value, so that the random start is forgotten.
+    #[serde(default = "default_ema_warm_up")]
+    pub ema_warm_up: bool,
+    /// By what the weights are chosen that are kept.
+    #[serde(default)]
+    pub select: Select,
     /// Global gradient norm above which gradients are scaled down.
     #[serde(default = "default_clip_norm")]
     pub clip_norm: f64,
@@ -144,6 +160,12 @@ fn default_depth_transition() -> f64 {
 fn default_weight_decay() -> f64 {
     0.01
 }
+fn default_adam_epsilon() -> f64 {
+    1e-5
+}
+fn default_ema_warm_up() -> bool {
+    true
+}
 fn default_ema_decay() -> f64 {
     0.998
 }
@@ -176,6 +198,7 @@ impl Recipe {
             labelled_share: 0.0,
             contact: None,
             label_noise_px: 0.0,
+            camera_off_degrees: 0.0,
             clips_per_camera: None,
             fit: FitConfig::default(),
             future: FutureConfig::default(),
@@ -186,7 +209,10 @@ impl Recipe {
             centre_weight: 0.0,
             depth_transition: default_depth_transition(),
             weight_decay: default_weight_decay(),
+            adam_epsilon: default_adam_epsilon(),
             ema_decay: default_ema_decay(),
+            ema_warm_up: default_ema_warm_up(),
+            select: Select::default(),
             clip_norm: default_clip_norm(),
             fixed_norms: false,
             augmentation: Augmentation::default(),

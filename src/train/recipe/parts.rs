@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::physics::{Contact, Scene};
 
+/// Pictures of a window that the forecast starts from, where pictures tell the velocity.
+pub(in crate::train) const STARTS: usize = 3;
+
 /// What teaches depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Supervision {
@@ -18,7 +21,11 @@ pub enum Supervision {
     /// Forecasts must meet the 2D labels of other frames: the target of the paper's 2D-gt.
     #[serde(rename = "future-2d-gt")]
     Future2dGt,
-    /// 3D labels (`world` of each frame): the paper's baseline, not its method.
+    /// The network's own positions at the later times of a window must be the true ones in camera coordinates (L1): the paper's
+    /// 3D-gt, as printed. Needs 3D labels.
+    #[serde(rename = "future-3d-gt")]
+    Future3dGt,
+    /// 3D labels (`world` of each frame) teach the depth map: a baseline, not the paper's method.
     #[serde(rename = "3d-gt")]
     Labels3d,
     /// 3D labels on the recipe's `labelled_share` of the clips, `physics-fit` on the others.
@@ -41,7 +48,7 @@ impl Supervision {
 
     /// Whether it learns through forecasts.
     pub fn is_future(self) -> bool {
-        matches!(self, Self::Future2dPredict | Self::Future2dGt)
+        matches!(self, Self::Future2dPredict | Self::Future2dGt | Self::Future3dGt)
     }
 }
 
@@ -84,6 +91,10 @@ pub struct FutureConfig {
     pub numeric: bool,
     /// Where the forecast's velocity is from.
     pub velocity: Velocity,
+    /// Consecutive frames of a clip that are drawn together, where pictures tell the velocity: each is the middle of a window, and
+    /// forecasts meet those of them that are ahead. A batch then has three times as many forecasts, and most of what the noise of
+    /// a picture's depth does to them cancels. Where absent, each window has its own pictures, as in the paper.
+    pub sequence: Option<usize>,
     /// Frames on either side that tell the velocity, with [`Velocity::Labels`].
     pub around: usize,
     /// Numbers of the scenes that are known only roughly, and learned along with the network.
@@ -100,6 +111,7 @@ impl Default for FutureConfig {
             robust_px: 3.0,
             numeric: false,
             velocity: Velocity::Labels,
+            sequence: None,
             around: 5,
             learn: vec![],
         }
@@ -150,6 +162,17 @@ pub enum Velocity {
     /// free flight: closed form, linear in the depth of that picture. Forecasts go both ways in time.
     #[default]
     Labels,
+}
+
+/// By what the weights are chosen that a run keeps, among those scored on the validation clips.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Select {
+    /// Forecasts against 2D labels: needs no 3D truth.
+    #[default]
+    Forecast,
+    /// Mean distance to the true position, as in the paper: needs 3D labels of the validation clips.
+    Dtg,
 }
 
 /// Random changes of training pictures.

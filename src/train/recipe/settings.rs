@@ -6,7 +6,7 @@ use super::{Recipe, RunPaths, TrainConfig};
 use crate::error::{Error, Result};
 
 /// The recipes of the published models and of the paper, and a short one, by name.
-const PRESETS: [(&str, &str); 9] = [
+const PRESETS: [(&str, &str); 10] = [
     ("any", include_str!("../../../models/any.toml")),
     ("any-closer", include_str!("../../../models/any-closer.toml")),
     ("quick", include_str!("../../../models/quick.toml")),
@@ -16,6 +16,7 @@ const PRESETS: [(&str, &str); 9] = [
     ("sd-l", include_str!("../../../models/sd-l.toml")),
     ("spring", include_str!("../../../models/spring.toml")),
     ("paper", include_str!("../../../models/paper.toml")),
+    ("paper-compact", include_str!("../../../models/paper-compact.toml")),
 ];
 
 /// Fields of a run's configuration, any part of them.

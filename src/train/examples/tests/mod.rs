@@ -8,7 +8,7 @@ use nalgebra::{Point2, Point3};
 
 use super::places::missed;
 use super::renderings::NIGHTS;
-use super::{Example, Examples, Fits, Pictures, Places, Prepared, Sampler, prepare, teach};
+use super::{Example, Examples, Fits, Pictures, Places, Prepared, Sampler, Start, Target, prepare, teach};
 use crate::camera::Outline;
 use crate::clips::{Clip, Clips};
 use crate::model::CLOSER_RADIUS;
@@ -146,6 +146,89 @@ fn a_clip_without_a_scene_is_not_forecast_by_anothers() {
     let examples = Examples::new(&recipe, clips.clone(), frames.collect()).unwrap();
     let error = Sampler::new(&recipe, examples, Pictures::new(clips.clone(), 0)).err().unwrap().to_string();
     assert!(error.contains(&clips.clips[0].id) && error.contains("scene"), "{error}");
+}
+
+/// The sampler of a recipe of future losses whose windows start from three pictures, on clips of 30 frames, two of which hide the
+/// ball of one.
+fn of_windows(name: &str, supervision: &str, extra: &str) -> (TrainConfig, Sampler) {
+    let folder = synthetic(name, 2, 30, |clip| {
+        clip.frames.truncate(30);
+        clip.frames.iter_mut().for_each(|frame| frame.visible = true);
+        if clip.id.ends_with("0001") {
+            clip.frames[3].visible = false;
+        }
+    });
+    let extra = format!("augmentation = {{ brightness = 0.0, noise = 0.0 }}\nempty_share = 0.0\n{extra}");
+    let mut settings = TrainSettings::read(&on(&format!("{name}-run"), &folder, supervision, &extra)).unwrap();
+    settings.set("phases=[{steps=4,batch=40,crop=32,learning_rate=1e-3}]").unwrap();
+    let config = settings.config().unwrap();
+    let Prepared { examples, .. } = prepare(&config.recipe, &folder, &folder.join("fits"), &mut |_, _| {}).unwrap();
+    let pictures = Pictures::new(examples.clips.clone(), 0);
+    let sampler = Sampler::new(&config.recipe, examples, pictures).unwrap();
+    (config, sampler)
+}
+
+#[test]
+fn of_a_sequence_every_picture_is_the_middle_of_a_window() {
+    let future = r#"future = { ahead = [4, 8, 15], velocity = "pictures", sequence = 18 }"#;
+    let (config, sampler) = of_windows("sequence", "future-2d-predict", future);
+    let phase = Phase { batch: 40, ..config.recipe.phases[0] };
+    let batch = sampler.batch(&phase, 3).unwrap();
+    // Two sequences of 18; the last four frames have none of the frames ahead in theirs.
+    assert_eq!((batch.count(), batch.windows.len()), (36, 2 * 13));
+    for (index, window) in batch.windows.iter().enumerate() {
+        let (sequence, middle) = (index / 13, index % 13 + 1);
+        assert_eq!(window.first, 18 * sequence + middle - 1);
+        let Start::Pictures { times, .. } = window.start else { panic!("starts from pictures") };
+        let frame = 1.0 / 15.0;
+        assert!((times[0] + frame).abs() < 1e-9 && times[1] == 0.0 && (times[2] - frame).abs() < 1e-9);
+        let expected: Vec<usize> = [4, 8, 15].into_iter().filter(|by| middle + by < 18).collect();
+        assert_eq!(window.ahead.len(), expected.len());
+        for ((time, target), by) in window.ahead.iter().zip(expected) {
+            let Target::Predicted { picture, .. } = target else { panic!("meets a picture's own position") };
+            assert_eq!(*picture, 18 * sequence + middle + by);
+            assert!((time - by as f64 * frame).abs() < 1e-9);
+        }
+    }
+    let windows = sampler.examples().windows(&config.recipe);
+    let first_of = |clip: usize| windows.iter().filter(move |(of, _)| *of == clip).map(|(_, first)| *first);
+    assert_eq!(first_of(0).collect::<Vec<_>>(), (0..=12).collect::<Vec<_>>());
+    assert_eq!(first_of(1).collect::<Vec<_>>(), (4..=12).collect::<Vec<_>>(), "none across a hidden ball");
+}
+
+#[test]
+fn with_true_positions_a_window_meets_those_of_its_frames_ahead() {
+    let future = r#"future = { ahead = [4, 8], velocity = "pictures" }"#;
+    let (config, sampler) = of_windows("true-positions", "future-3d-gt", future);
+    let batch = sampler.batch(&Phase { batch: 10, ..config.recipe.phases[0] }, 0).unwrap();
+    assert_eq!((batch.count(), batch.windows.len()), (10, 2));
+    for (number, window) in batch.windows.iter().enumerate() {
+        for (index, (_, target)) in window.ahead.iter().enumerate() {
+            let &Target::True { picture, position, place } = target else { panic!("meets the truth") };
+            assert_eq!(picture, 5 * number + 3 + index);
+            let seen = window.camera.image_from_camera(&Point3::from(position)).unwrap();
+            let label = Point2::from(place.in_clip(batch.labels.image[picture].unwrap()));
+            assert!((seen - label).norm() < 1e-6, "the truth is where the picture's label is");
+        }
+    }
+}
+
+#[test]
+fn a_turned_camera_sees_the_scene_from_the_same_place() {
+    let folder = synthetic("turned", 2, 0, |clip| clip.frames.truncate(20));
+    let cameras = |extra: &str| {
+        let config = TrainSettings::read(&on("turned-run", &folder, "3d-gt", extra)).unwrap().config().unwrap();
+        let Prepared { examples, .. } = prepare(&config.recipe, &folder, &folder.join("fits"), &mut |_, _| {}).unwrap();
+        examples.clips.clips.iter().map(|clip| clip.camera.clone()).collect::<Vec<_>>()
+    };
+    let (usual, turned) = (cameras(""), cameras("camera_off_degrees = 2.0"));
+    for (a, b) in usual.iter().zip(&turned) {
+        assert!((a.world_from_camera(&Point3::origin()) - b.world_from_camera(&Point3::origin())).norm() < 1e-9);
+        let turn = b.rotation() * a.rotation().transpose();
+        let angle = ((turn.trace() - 1.0) / 2.0).acos().to_degrees();
+        assert!((angle - 2.0).abs() < 1e-6, "{angle}");
+    }
+    assert_eq!(turned[0].rotation(), turned[1].rotation(), "one camera, one error");
 }
 
 fn places_of_any() -> (Recipe, Places) {

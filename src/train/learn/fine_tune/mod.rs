@@ -14,7 +14,7 @@ use self::given::{Given, Here};
 use self::options::recipe;
 pub use self::options::{FineTuneOptions, FineTuneSupervision};
 use super::super::examples::{Example, Examples, Pictures, Sampler, check_label, check_physics, teach};
-use super::super::recipe::{Recipe, Supervision};
+use super::super::recipe::{Recipe, Select, Supervision};
 use super::knowledge::OwnTrack;
 use super::publish::{Best, card_of_fine_tuning, publish};
 use super::score::{Score, score};
@@ -204,7 +204,7 @@ impl FineTuner {
             }
         };
         let scored = score(&localiser, validation, None, self.trainer.laws()).await?;
-        Best::keep(&mut self.best, &scored, self.trainer.average());
+        Best::keep(&mut self.best, &scored, Select::Forecast, self.trainer.average());
         Ok(scored)
     }
 

@@ -91,6 +91,41 @@ fn the_future_losss_gradients_equal_central_differences() {
     }
 }
 
+#[test]
+fn the_loss_against_true_positions_is_what_the_paper_prints_and_has_its_gradient() {
+    let (positions, windows) = windows();
+    // What the fourth picture of each window must be: 20, −10 and 30 cm off what is found.
+    let off = [0.2, -0.1, 0.3];
+    let truths = windows.iter().map(|window| {
+        let picture = window.first + 3;
+        let Start::Pictures { places, .. } = window.start else { panic!() };
+        let [x, y, depth] = positions[picture];
+        let image = places[0].in_clip([x, y]).into();
+        let found = window.camera.camera_from_image(&image, depth * places[0].zoom).unwrap();
+        let position = [0, 1, 2].map(|axis| found[axis] - off[axis]);
+        Window { ahead: vec![(1.0, Target::True { picture, place: places[0], position })], ..window.clone() }
+    });
+    let truths: Vec<Window> = truths.collect();
+    let loss = future_loss(&positions, &truths, None, &Knowledge::default());
+    assert!(
+        (loss.value - 0.6 / 3.0).abs() < 1e-9,
+        "the mean over windows and axes of the distances, m: {}",
+        loss.value
+    );
+    for picture in 0..positions.len() {
+        for axis in 0..3 {
+            let at = |by: f64| {
+                let mut moved = positions.clone();
+                moved[picture][axis] += by;
+                future_loss(&moved, &truths, None, &Knowledge::default()).value
+            };
+            let expected = (at(1e-6) - at(-1e-6)) / 2e-6;
+            let found = loss.gradient[picture][axis];
+            assert!((found - expected).abs() < 1e-6 * (1.0 + expected.abs()), "{picture} {axis}: {found} {expected}");
+        }
+    }
+}
+
 /// Windows of one picture each, with exact 2D positions around: one flies, one has bounced just before, one is seen in a
 /// mirrored and scaled picture and pulled by a spring. And positions near the truth, but off; and the truth's velocities.
 fn lone_windows() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
