@@ -96,7 +96,11 @@ export class Localiser {
     const again = saliency ? await pictureToSend(image) : undefined;
     const found: Localisation = await this.#transport.call("localise", { picture, camera, options: wanted }, { transfer, signal });
     this.#device = found.device;
-    if (again) found.saliency = await this.#transport.call("saliency", { picture: again.picture }, { transfer: again.transfer, signal });
+    if (again) {
+      found.saliency = await this.#transport.call("saliency", { picture: again.picture }, { transfer: again.transfer, signal });
+      // Of a model that reads sizes these are shares of the depth.
+      if (this.card.depth_from === "size") found.saliency.values = found.saliency.values.map((share) => share * found.depth);
+    }
     return found;
   }
 

@@ -50,9 +50,9 @@ fn of_square(saliency: &Saliency, x: u32, y: u32) -> f64 {
 fn brightening_some_pixels_moves_the_depth_as_the_saliency_says() {
     let localiser = localiser();
     let rgb = small();
-    let saliency = localiser.saliency(&picture(&rgb)).unwrap();
+    let saliency = pollster::block_on(localiser.saliency(&picture(&rgb))).unwrap();
     assert_eq!((saliency.width, saliency.height), (64, 64));
-    assert!((saliency.depth - depth(&localiser, &rgb)).abs() < 1e-4);
+    assert!((saliency.depth.unwrap() - depth(&localiser, &rgb)).abs() < 1e-4);
     let squares = (0..64).step_by(SQUARE as usize);
     let mut squares: Vec<_> = squares.clone().flat_map(|y| squares.clone().map(move |x| (x, y))).collect();
     squares.sort_by(|a, b| of_square(&saliency, b.0, b.1).abs().total_cmp(&of_square(&saliency, a.0, a.1).abs()));
@@ -78,8 +78,43 @@ fn brightening_some_pixels_moves_the_depth_as_the_saliency_says() {
 }
 
 #[test]
+fn of_a_model_that_reads_sizes_it_is_how_the_share_of_the_depth_moves() {
+    let (card, weights) = crate::Card::with_weights(&root().join("models/any.json")).unwrap();
+    let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
+    let rgb = image::open(root().join("tests/samples/frames/test_e1_c1_0000/000.png")).unwrap().into_rgb8();
+    let saliency = pollster::block_on(localiser.saliency(&picture(&rgb))).unwrap();
+    assert_eq!((saliency.width, saliency.height, saliency.depth), (224, 224, None));
+    // What the network reads in the whole picture, before it looks closer.
+    let log_depth = |rgb: &RgbImage| -> f64 {
+        let readings = pollster::block_on(localiser.first_look(&picture(rgb), None, 1, false)).unwrap().0;
+        -readings[0].outline.radius.ln()
+    };
+    let squares = (0..224).step_by(SQUARE as usize);
+    let mut squares: Vec<_> = squares.clone().flat_map(|y| squares.clone().map(move |x| (x, y))).collect();
+    squares.sort_by(|a, b| of_square(&saliency, b.0, b.1).abs().total_cmp(&of_square(&saliency, a.0, a.1).abs()));
+    let [mut off, mut all] = [0.0; 2];
+    for &(x, y) in squares.iter().take(20) {
+        let moved = |by: i16| {
+            let mut rgb = rgb.clone();
+            let pixels = (y..y + SQUARE).flat_map(|y| (x..x + SQUARE).map(move |x| (x, y)));
+            for (x, y) in pixels {
+                let pixel = rgb.get_pixel_mut(x, y);
+                pixel.0 = pixel.0.map(|value| (i16::from(value) + by).clamp(0, 255) as u8);
+            }
+            log_depth(&rgb)
+        };
+        let slope = (moved(STEP.into()) - moved(-i16::from(STEP))) / (2.0 * f64::from(STEP) / 255.0);
+        off += (slope - of_square(&saliency, x, y)).powi(2);
+        all += of_square(&saliency, x, y).powi(2);
+    }
+    println!("off by {:.3} of their root mean square", (off / all).sqrt());
+    // The reading centres itself anew on each picture; the saliency keeps the place.
+    assert!((off / all).sqrt() < 0.3);
+}
+
+#[test]
 fn a_wide_picture_has_the_saliency_of_the_part_that_it_fills() {
     let rgb = imageops::resize(&small(), 128, 64, imageops::FilterType::Triangle);
-    let saliency = localiser().saliency(&picture(&rgb)).unwrap();
+    let saliency = pollster::block_on(localiser().saliency(&picture(&rgb))).unwrap();
     assert_eq!((saliency.width, saliency.height, saliency.values.len()), (64, 32, 64 * 32));
 }

@@ -130,10 +130,12 @@ impl JsLocaliser {
         self.run(&picture, &camera, options).await.map_err(js_error)
     }
 
-    /// How the depth found in a picture depends on each pixel, in metres by full brightness. On the CPU.
+    /// How the depth found in a picture depends on each pixel, in metres by full brightness; of a model that reads sizes as a share of
+    /// the depth. On the CPU.
     pub async fn saliency(&self, picture: AnyPicture) -> std::result::Result<Ts<FloatMap>, JsValue> {
         let saliency = async || {
-            let Saliency { width, height, values, .. } = self.localiser.saliency(&picture::read(&picture).await?)?;
+            let Saliency { width, height, values, .. } =
+                self.localiser.saliency(&picture::read(&picture).await?).await?;
             object_of(&FloatMap { width, height, values: values.as_slice().into() })
         };
         saliency().await.map_err(js_error)

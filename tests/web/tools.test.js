@@ -120,6 +120,21 @@ test("saliency comes on request", async () => {
   assert.ok(strongest < 40, `${strongest} px from the ball`);
 });
 
+test("of a model that reads sizes saliency is in metres, around the ball, too", async () => {
+  const { size, strongest, most, depth } = await page.evaluate(async ({ camera, base64 }) => {
+    const localiser = await window.gravisight.Localiser.create({ camera, ball: { radius: 0.2 } });
+    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+    const { saliency, image, depth } = await localiser.localise(bytes, { saliency: true });
+    localiser.dispose();
+    const peak = saliency.values.reduce((best, value, index) => (Math.abs(value) > Math.abs(saliency.values[best]) ? index : best), 0);
+    const at = [peak % saliency.width, Math.floor(peak / saliency.width)];
+    return { size: [saliency.width, saliency.height], strongest: Math.max(Math.abs(at[0] - image[0]), Math.abs(at[1] - image[1])), most: Math.abs(saliency.values[peak]), depth };
+  }, { camera: samples[0].camera, base64: pictureBase64(0) });
+  assert.deepEqual(size, [224, 224]);
+  // The brightness of its edge moves the depth by centimetres to a metre, not by shares of it.
+  assert.ok(strongest < 20 && most > 0.005 * depth && most < depth, `${strongest} px from the ball, ${most} of ${depth} m`);
+});
+
 test("the camera is set once, changed, or given with the picture; without one the error says so", async () => {
   const result = await page.evaluate(async ({ model, cameras, base64 }) => {
     const { Localiser } = window.gravisight;

@@ -104,7 +104,7 @@ test("what was skipped is filled in by stepping, forward and back", async () => 
   assert.equal(await clock(), "0.00 s");
 });
 
-test("heatmap and depth are drawn over the frame; what the depth depends on, by the model that knows its scenes alone", PATIENCE, async () => {
+test("heatmap, depth and what the depth depends on are drawn over the frame, by a model that reads sizes and by one that knows its scenes", PATIENCE, async () => {
   const layersOf = async (own, layers) => {
     const drawn = new Set();
     for (const layer of layers) {
@@ -116,8 +116,7 @@ test("heatmap and depth are drawn over the frame; what the depth depends on, by 
     await own.getByTestId("video-layer-none").check({ force: true });
     return drawn.size;
   };
-  assert.equal(await layersOf(page, ["none", "heatmap", "depth"]), 3);
-  assert.ok(await page.getByTestId("video-layer-saliency").isDisabled());
+  assert.equal(await layersOf(page, ["none", "heatmap", "depth", "saliency"]), 4);
   const own = await step({}, browser, SD_L);
   await own.getByTestId("video-input").setInputFiles([pngFile("ball.png", pictureOf(samples[0])), jsonFile(samples[0].camera)]);
   await own.getByTestId("video-sport").selectOption("floor");

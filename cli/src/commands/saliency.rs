@@ -27,6 +27,9 @@ pub struct Arguments {
     /// The camera that took it (camera.json).
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: PathBuf,
+    /// The ball's radius, m, for a model that reads sizes.
+    #[arg(long, value_name = "M")]
+    ball_radius: Option<f64>,
     /// Where to write the picture.
     #[arg(long, value_name = "OUT.PNG")]
     out: PathBuf,
@@ -41,12 +44,16 @@ pub struct Arguments {
 pub fn run(arguments: Arguments) -> Result<()> {
     check_png("--out", &arguments.out)?;
     let camera = Camera::from_file(&arguments.camera)?;
-    let localiser = model::open(arguments.model.as_deref(), None, &DeviceChoice::Cpu.open()?)?;
+    let localiser = model::open(arguments.model.as_deref(), arguments.ball_radius, &DeviceChoice::Cpu.open()?)?;
     let picture = open_picture(&arguments.image)?;
     let name = || arguments.image.display().to_string();
-    let found =
-        pollster::block_on(localiser.localise(&picture, &camera, LocaliseOptions::default())).with_context(name)?;
-    let saliency = localiser.saliency(&picture).with_context(name)?;
+    let options = LocaliseOptions { ball_radius: arguments.ball_radius, ..LocaliseOptions::default() };
+    let found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
+    let mut saliency = pollster::block_on(localiser.saliency(&picture)).with_context(name)?;
+    if saliency.depth.is_none() {
+        // Shares of the depth, to metres.
+        saliency.values.iter_mut().for_each(|value| *value *= found.depth as f32);
+    }
     let (drawn, full) = draw::with_saliency(picture.rgb(), &saliency);
     write_whole(&arguments.out, &draw::png(&drawn)?)?;
     let radius = localiser.confidence_radius(picture.size());

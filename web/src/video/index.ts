@@ -301,9 +301,8 @@ class Step {
   #onState(): void {
     this.#transport.showState();
     const playing = this.#source?.playing ?? false;
-    const noSaliency = playing || !this.#model.hasSaliency;
-    if (noSaliency && this.#looker.layer === "saliency") this.#checkLayer("none");
-    this.#part<HTMLInputElement>("video-layer-saliency").disabled = noSaliency;
+    if (playing && this.#looker.layer === "saliency") this.#checkLayer("none");
+    this.#part<HTMLInputElement>("video-layer-saliency").disabled = playing;
     if (!playing) this.#looker.catchUp();
   }
 

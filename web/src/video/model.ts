@@ -16,11 +16,6 @@ export class Model {
     return this.#localiser;
   }
 
-  /** Whether it can say what the depth depends on: one that reads sizes depends on the ball's outline alone. */
-  get hasSaliency(): boolean {
-    return this.#localiser?.card.depth_from !== "size";
-  }
-
   async load({ signal, progress }: Watch): Promise<void> {
     const model = chosenModel();
     if (this.#localiser && this.#loaded === model) return;
