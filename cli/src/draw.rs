@@ -28,14 +28,17 @@ pub fn with_heatmap(picture: &RgbImage, maps: &Maps) -> RgbImage {
     painted(picture, [maps.width, maps.height], levels, |level| (HEAT, level * HEAT_OPACITY))
 }
 
-/// `picture` under its depth map, and the depths (m) of the darkest and of the brightest colour.
-pub fn with_depth(picture: &RgbImage, maps: &Maps) -> (RgbImage, [f32; 2]) {
-    let nearest = maps.depth.iter().fold(f32::INFINITY, |least, &depth| least.min(depth));
-    let farthest = maps.depth.iter().fold(0.0, |most: f32, &depth| most.max(depth));
+/// The nearest and the farthest depth of some maps, m.
+pub fn depth_range<'a>(maps: impl Iterator<Item = &'a Maps>) -> [f32; 2] {
+    maps.flat_map(|maps| &maps.depth)
+        .fold([f32::INFINITY, 0.0], |[nearest, farthest], &depth| [nearest.min(depth), farthest.max(depth)])
+}
+
+/// `picture` under its depth map; the range's ends (m) are the darkest and the brightest colour.
+pub fn with_depth(picture: &RgbImage, maps: &Maps, [nearest, farthest]: [f32; 2]) -> RgbImage {
     let span = (farthest - nearest).max(f32::MIN_POSITIVE);
     let levels = maps.depth.iter().map(|depth| (depth - nearest) / span).collect();
-    let picture = painted(picture, [maps.width, maps.height], levels, |level| (viridis(level), DEPTH_OPACITY));
-    (picture, [nearest, farthest])
+    painted(picture, [maps.width, maps.height], levels, |level| (viridis(level), DEPTH_OPACITY))
 }
 
 /// `picture`, dimmed, with |∂depth/∂brightness| glowing in it, and the value of the full glow, m.

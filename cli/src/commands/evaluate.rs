@@ -8,10 +8,13 @@ use crate::device::DeviceChoice;
 use crate::model;
 use crate::progress::Progress;
 use crate::report::{self, Log, Report};
-use anyhow::{Result, bail};
+use anyhow::{Result, bail, ensure};
 use clap::Args;
-use gravisight::parts::{Bins, CalibrationGroup, ConfidenceKind, Statistic};
+use gravisight::parts::{Bins, CalibrationGroup, ConfidenceKind, DepthMapScore, Statistic, score_depth_maps};
 use gravisight::{Card, Clips, Metrics, score};
+
+/// Most pictures whose depth map is compared with a depth image.
+const DEPTH_MAPS: usize = 90;
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
 #[derive(Args)]
@@ -28,6 +31,9 @@ pub struct Arguments {
     /// The ball's radius, m, for a model that reads sizes [default: that of each clip's scene].
     #[arg(long, value_name = "M")]
     ball_radius: Option<f64>,
+    /// Score only the clips whose id contains this, as in env2/cam7.
+    #[arg(long, value_name = "TEXT")]
+    only: Option<String>,
     /// Depth bins of the binned DtG.
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u16).range(1..=1000))]
     bins: u16,
@@ -59,7 +65,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     let log = arguments.log.as_deref().map(Log::read).transpose()?;
     let localiser = model::open(arguments.model.as_deref(), arguments.ball_radius, &arguments.device.open()?)?;
-    let clips = Clips::read(&arguments.data)?;
+    let mut clips = Clips::read(&arguments.data)?;
+    if let Some(part) = &arguments.only {
+        clips.clips.retain(|clip| clip.id.contains(part));
+        ensure!(!clips.clips.is_empty(), "--only {part}: no clip of {} has that in its id", arguments.data.display());
+    }
     // The first picture would pay for memory and kernels, and the speed would tell.
     pollster::block_on(localiser.warm_up())?;
     let mut progress = Progress::new();
@@ -74,6 +84,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         bail!("no ball lies between --z-min {} and --z-max {} (m)", bins.z_min, bins.z_max);
     }
     let metrics = Metrics::of(&samples, bins);
+    let depth_map = pollster::block_on(score_depth_maps(&localiser, &clips, DEPTH_MAPS))?;
     if let Some(path) = &arguments.report {
         let log = log.as_ref();
         report::write(path, &Report { localiser: &localiser, clips: &clips, samples: &samples, bins, log })?;
@@ -81,9 +92,25 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let Some(model) = arguments.model.filter(|_| arguments.record) {
         record(&model::card_path(&model), &metrics)?;
     }
-    match arguments.json {
-        true => Ok(print_line(serde_json::to_string(&metrics)?)?),
-        false => print(&metrics, bins),
+    if arguments.json {
+        let mut object = serde_json::to_value(&metrics)?;
+        if let Some(depth_map) = depth_map {
+            object["depth_map"] = serde_json::to_value(depth_map)?;
+        }
+        return Ok(print_line(object)?);
+    }
+    print(&metrics, bins)?;
+    match depth_map {
+        Some(DepthMapScore { pictures, correlation, error_relative, error_of_constant }) => {
+            let percent = |error: Statistic| 100.0 * error.median.unwrap_or_default();
+            Ok(print_line(format_args!(
+                "depth map of {pictures} pictures, away from the ball: correlation with the scene's depth {correlation:.2}; off by {:.0} % \
+                 (median), a constant by {:.0} %",
+                percent(error_relative),
+                percent(error_of_constant)
+            ))?)
+        }
+        None => Ok(()),
     }
 }
 

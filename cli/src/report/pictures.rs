@@ -10,6 +10,8 @@ use gravisight::{Error, LocaliseOptions, Picture, Result, Sample};
 /// Clips whose worst picture is shown, and pictures whose saliency is.
 const WORST: usize = 6;
 const SALIENCIES: usize = 4;
+/// Pictures of the clip that is shown.
+const FRAMES: usize = 6;
 /// Shares of a picture's sides that the ball's picture and the saliency's show.
 const ZOOM: f64 = 0.3;
 const SALIENCY_ZOOM: f64 = 0.6;
@@ -33,6 +35,37 @@ pub fn worst(report: &Report<'_>) -> Result<String> {
     Ok(html::section("Where it failed most", lead, &html::row("", &cards)))
 }
 
+/// Some pictures of one clip in a row each: as they are, with the heatmap, with the depth map (all in the same colours).
+pub fn strip(report: &Report<'_>, samples: &[&Sample]) -> Result<String> {
+    let count = FRAMES.min(samples.len());
+    let some = (0..count).map(|index| samples[index * (samples.len() - 1) / (count - 1).max(1)]);
+    let mut frames = Vec::new();
+    for sample in some {
+        let picture = picture(report, sample)?;
+        let clip = &report.clips.clips[sample.place[0]];
+        let options = LocaliseOptions { maps: true, ball_radius: sample.ball_radius, ..LocaliseOptions::default() };
+        let found = pollster::block_on(report.localiser.localise(&picture, &clip.camera, options))?;
+        let Some(maps) = found.maps else { return Ok(String::new()) };
+        frames.push((picture, maps, clip.frames[sample.place[1]].t));
+    }
+    let range = draw::depth_range(frames.iter().map(|(_, maps, _)| maps));
+    let whole = |drawing: &RgbImage| {
+        let sides = [drawing.width(), drawing.height()].map(f64::from);
+        cut(drawing, sides.map(|side| side / 2.0), sides, "")
+    };
+    let rows = frames.iter().flat_map(|(picture, maps, t)| {
+        let drawings = [
+            (picture.rgb().clone(), format!("{t:.2} s")),
+            (draw::with_heatmap(picture.rgb(), maps), "heatmap".into()),
+            (draw::with_depth(picture.rgb(), maps, range), "depth".into()),
+        ];
+        drawings.map(|(drawing, name)| Ok((whole(&drawing)?, name)))
+    });
+    let drawings: Vec<(String, String)> = rows.collect::<Result<_>>()?;
+    let caption = format!("Pictures, heatmaps and depth maps; depth from {:.1} (dark) to {:.1} m", range[0], range[1]);
+    Ok(html::figure(&html::strip(&drawings), &caption, &[]))
+}
+
 /// A picture's card: with marks, with heatmap, with depth map.
 fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
     let picture = picture(report, sample)?;
@@ -40,7 +73,8 @@ fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
     let options = LocaliseOptions { maps: true, ball_radius: sample.ball_radius, ..LocaliseOptions::default() };
     let found = pollster::block_on(report.localiser.localise(&picture, camera, options))?;
     let Some(maps) = found.maps else { return Ok(String::new()) };
-    let (depth_map, [nearest, farthest]) = draw::with_depth(picture.rgb(), &maps);
+    let range @ [nearest, farthest] = draw::depth_range([&maps].into_iter());
+    let depth_map = draw::with_depth(picture.rgb(), &maps, range);
     let heatmap = draw::with_heatmap(picture.rgb(), &maps);
     let drawings = [
         (marked(picture.rgb(), sample, ZOOM)?, "ball".to_string()),
@@ -61,17 +95,18 @@ fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
 
 /// Some pictures with ∂depth/∂pixel.
 pub fn saliency(report: &Report<'_>) -> Result<String> {
-    if report.localiser.reads_size() {
-        // What a depth depends on that is worked out from a radius and a place is no map of one network's.
-        return Ok(String::new());
-    }
     let mut sorted: Vec<&Sample> = report.samples.iter().collect();
     sorted.sort_by(|a, b| a.dtg().total_cmp(&b.dtg()));
     let count = SALIENCIES.min(sorted.len());
     let some = (0..count).map(|index| sorted[(2 * index + 1) * sorted.len() / (2 * count)]);
     let card = |sample: &Sample| -> Result<String> {
         let picture = picture(report, sample)?;
-        let (drawing, full) = draw::with_saliency(picture.rgb(), &report.localiser.saliency(&picture)?);
+        let mut saliency = pollster::block_on(report.localiser.saliency(&picture))?;
+        if saliency.depth.is_none() {
+            // Shares of the depth, to metres.
+            saliency.values.iter_mut().for_each(|value| *value *= sample.found_depth as f32);
+        }
+        let (drawing, full) = draw::with_saliency(picture.rgb(), &saliency);
         let details = format!("Brightest: {:.1} cm. {}, frame {}", full * 100.0, sample.clip, sample.place[1]);
         let glow = part(&drawing, sample, SALIENCY_ZOOM, "")? + &html::text("p", &details);
         Ok(html::figure(&glow, &format!("{} cm off", cm(sample.dtg())), &[]))

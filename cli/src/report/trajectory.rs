@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Point3;
 
 use super::plots::{self, Axis, FOUND, Mark, TRUTH};
-use super::{Report, cm, html};
+use super::{Report, cm, html, pictures};
 use gravisight::parts::Statistic;
 use gravisight::{Result, Sample};
 
@@ -41,7 +41,8 @@ pub fn chapter(report: &Report<'_>) -> Result<String> {
         samples.len(),
         cm(mean)
     );
-    Ok(html::section("A trajectory", &lead, &html::row("", &cards)))
+    let pictures = pictures::strip(report, &samples)?;
+    Ok(html::section("A trajectory", &lead, &(html::row("", &cards) + &pictures)))
 }
 
 /// The samples of the clip in the middle, by mean DtG, of those with the most samples; and the mean.

@@ -1,10 +1,15 @@
 //! Metrics, with units: how far off the positions found are.
 
+mod depth_map;
+#[cfg(test)]
+mod tests;
+
 use std::collections::BTreeMap;
 
 use nalgebra::{Point2, Point3, distance};
 use serde::Serialize;
 
+pub use self::depth_map::{DepthMapScore, score_depth_maps};
 use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
 use crate::localise::{ConfidenceKind, Localisation, LocaliseOptions, Localiser};
