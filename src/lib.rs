@@ -69,6 +69,7 @@ mod table;
 pub mod track;
 pub mod train;
 mod video_tracker;
+mod volume;
 #[cfg(target_arch = "wasm32")]
 mod wasm;
 
@@ -96,6 +97,7 @@ pub use self::train::{FineTuneOptions, FineTuneSupervision, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 pub use self::video_tracker::VideoTracker;
+pub use self::volume::Volume;
 
 /// Names that are in the modules of their subjects.
 #[doc(hidden)]

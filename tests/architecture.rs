@@ -8,22 +8,23 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error`, `size` and the tests' `testing` are open to all.
-const ARROWS: [(&str, &[&str]); 19] = [
+const ARROWS: [(&str, &[&str]); 20] = [
     ("size", &[]),
+    ("volume", &[]),
     ("random", &[]),
     ("error", &["size"]),
     ("files", &[]),
     ("table", &["files"]),
     ("least_squares", &[]),
-    ("camera", &["files", "image", "least_squares"]),
+    ("camera", &["files", "image", "least_squares", "volume"]),
     ("image", &["files", "kernels"]),
     ("kernels", &[]),
     ("model", &["image", "files", "kernels"]),
-    ("physics", &["files"]),
+    ("physics", &["files", "volume"]),
     ("contour", &["camera", "image"]),
     ("track", &["camera", "contour", "image", "kernels", "least_squares", "physics", "table"]),
     ("clips", &["camera", "files", "image", "physics"]),
-    ("localise", &["camera", "contour", "image", "model"]),
+    ("localise", &["camera", "contour", "image", "model", "volume"]),
     ("evaluate", &["camera", "clips", "image", "localise"]),
     ("synth", &["camera", "clips", "physics", "random"]),
     (
@@ -50,8 +51,9 @@ const WASM: (&str, &[&str]) = (
     ],
 );
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 14] = [
+const WITHOUT_BURN: [&str; 15] = [
     "random",
+    "volume",
     "size",
     "error",
     "files",

@@ -158,6 +158,34 @@ fn every_court_calibrates_from_clicks_of_half_a_pixel() {
 }
 
 #[test]
+fn a_bent_lens_is_found_before_any_click_is_called_wrong() {
+    let court = Court::named("tennis").unwrap();
+    let world: Vec<[f64; 3]> = court.points.values().copied().filter(|point| point[2] == 0.0).collect();
+    let (mut bent, mut wrong, mut worst) = (0, 0, 0.0_f64);
+    let rounds = 12;
+    for (index, k1) in [-0.15, -0.25, -0.38].into_iter().cycle().take(rounds).enumerate() {
+        let lens = Distortion { k1, ..Distortion::default() };
+        let camera = looking([3.0, -22.0, 7.0], [0.0, 0.0, 0.0], 1300.0, Size::new(1920, 1080), lens);
+        let points = clicked(&camera, &world, false, 1.0, 40 + index as u64);
+        let found = calibrate(&points, &ONLY_POSE).unwrap();
+        wrong += found.outliers.len();
+        bent += usize::from(found.camera.distortion().k1 < -0.05);
+        worst = worst.max(apart(&found.camera, &camera).0);
+    }
+    println!("{bent} of {rounds} lenses found, {wrong} clicks called wrong, camera at most {worst:.2} m off");
+    assert!(bent >= rounds - 1 && wrong == 0 && worst < 0.6, "{bent} {wrong} {worst}");
+    // A straight lens stays one, nearly always.
+    let camera = looking([3.0, -22.0, 7.0], [0.0, 0.0, 0.0], 1300.0, Size::new(1920, 1080), Distortion::default());
+    let straight = (0..40).filter(|&seed| {
+        let found = calibrate(&clicked(&camera, &world, false, 1.0, 900 + seed), &ONLY_POSE).unwrap();
+        found.camera.distortion().is_none()
+    });
+    let straight = straight.count();
+    println!("{straight} of 40 straight lenses are straight");
+    assert!(straight >= 37, "{straight}");
+}
+
+#[test]
 fn a_wrong_click_is_named_and_left_out() {
     let camera = looking([6.0, -5.0, 3.0], [1.0, 1.5, 0.5], 900.0, Size::new(1280, 720), Distortion::default());
     let mut world = BOX.to_vec();

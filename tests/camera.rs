@@ -291,3 +291,43 @@ fn unknown_and_missing_fields_are_named() {
         assert!(parse(&file).unwrap_err().to_string().contains(field));
     }
 }
+
+/// At (0, −6, 2), looking at the origin: where a court's landmarks are.
+fn standing(change: impl Fn(&mut Matrix3<f64>, &mut Matrix3<f64>, &mut Vector3<f64>)) -> Camera {
+    let forward = Vector3::new(0.0, 6.0, -2.0).normalize();
+    let right = forward.cross(&Vector3::z()).normalize();
+    let mut rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
+    let mut intrinsic = Matrix3::new(900.0, 0.0, 639.5, 0.0, 900.0, 359.5, 0.0, 0.0, 1.0);
+    let mut translation = -(rotation * Vector3::new(0.0, -6.0, 2.0));
+    change(&mut intrinsic, &mut rotation, &mut translation);
+    Camera::new(Size::new(1280, 720), intrinsic, Distortion::default(), rotation, translation).unwrap()
+}
+
+#[test]
+fn a_camera_that_cannot_be_is_doubted_in_words() {
+    let around = [[-1.0, 0.0, 0.0], [1.0, 0.5, 0.3]].map(Point3::from);
+    assert_eq!(standing(|_, _, _| ()).doubts(Some(0.0), &around), Vec::<String>::new());
+    assert_eq!(standing(|_, _, _| ()).doubts(None, &[]), Vec::<String>::new());
+    type Change = fn(&mut Matrix3<f64>, &mut Matrix3<f64>, &mut Vector3<f64>);
+    let cases: [(&str, Change); 7] = [
+        ("below", |_, rotation, translation| *translation = -(*rotation * Vector3::new(0.0, -6.0, -2.0))),
+        ("divide the last column", |_, _, translation| *translation *= 1000.0),
+        ("principal point", |intrinsic, _, _| intrinsic[(0, 2)] = 1919.5),
+        ("as large as each other", |intrinsic, _, _| intrinsic[(1, 1)] = 500.0),
+        ("models no lens distortion", |intrinsic, _, _| (intrinsic[(0, 0)], intrinsic[(1, 1)]) = (400.0, 400.0)),
+        ("upside down", |_, rotation, translation| {
+            let half_turn = Matrix3::from_diagonal(&Vector3::new(-1.0, -1.0, 1.0));
+            (*rotation, *translation) = (half_turn * *rotation, half_turn * *translation);
+        }),
+        ("were the inverse", |_, rotation, translation| {
+            (*rotation, *translation) = (rotation.transpose(), -(rotation.transpose() * *translation));
+        }),
+    ];
+    for (words, change) in cases {
+        let doubts = standing(change).doubts(Some(0.0), &around);
+        assert!(doubts.iter().any(|doubt| doubt.contains(words)), "{words}: {doubts:?}");
+    }
+    let elsewhere = [[0.0, -40.0, 0.0]].map(Point3::from);
+    let doubts = standing(|_, _, _| ()).doubts(Some(0.0), &elsewhere);
+    assert!(doubts.len() == 1 && doubts[0].contains("nothing of the scene"), "{doubts:?}");
+}

@@ -7,10 +7,12 @@ mod calibrate;
 mod court;
 mod courts;
 mod distortion;
+mod doubts;
 mod file;
 mod fold;
 mod sphere;
 mod sphere_slope;
+mod volume;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 

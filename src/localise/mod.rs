@@ -4,6 +4,7 @@
 
 pub(crate) mod closer;
 mod outline;
+mod possible;
 mod saliency;
 mod size;
 #[cfg(test)]
@@ -12,7 +13,7 @@ mod tests;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use burn::tensor::{Device, Transaction};
-use nalgebra::Point2;
+use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Serialize};
 
 pub use self::saliency::Saliency;
@@ -22,6 +23,7 @@ use crate::image::{MIN_SIDE, Picture};
 pub use crate::model::ConfidenceKind;
 use crate::model::{self, Card, Pen, PenConfig, PenRunner};
 use crate::size::Size;
+use crate::volume::Volume;
 
 /// Largest difference between two devices' maps that rounding explains: of a probability, and of a
 /// depth as a share of the largest in the training data.
@@ -69,6 +71,9 @@ pub struct LocaliseOptions {
     pub region: Option<Region>,
     /// Also return so many likely places ([`Localisation::candidates`]); with models that read sizes.
     pub candidates: usize,
+    /// Where the ball can be ([`Scene::volume`](crate::Scene::volume)): a place that would be elsewhere is not taken for it; with models
+    /// that read sizes.
+    pub volume: Option<Volume>,
 }
 
 /// A part of a picture, px.
@@ -171,6 +176,13 @@ pub struct Maps {
 }
 
 impl Localisation {
+    /// Notes what is doubtful about `camera` before points of the scene (m), beyond what was noted without them.
+    pub fn doubt(&mut self, camera: &Camera, around: &[Point3<f64>]) {
+        let new: Vec<String> =
+            camera.doubts(None, around).into_iter().filter(|doubt| !self.notes.contains(doubt)).collect();
+        self.notes.extend(new);
+    }
+
     /// Distance to the true position in the world frame, m: DtG of one picture (paper, "Evaluation Metrics").
     pub fn dtg(&self, truth: [f64; 3]) -> f64 {
         nalgebra::distance(&self.world.into(), &truth.into())
@@ -300,7 +312,12 @@ impl Localiser {
         if self.reads_size() {
             return self.localise_by_size(picture, camera, options).await;
         }
-        for (field, given) in [("region", options.region.is_some()), ("candidates", options.candidates > 0)] {
+        let given = [
+            ("region", options.region.is_some()),
+            ("candidates", options.candidates > 0),
+            ("volume", options.volume.is_some()),
+        ];
+        for (field, given) in given {
             if given {
                 let reason = format!("is for models that read sizes; `{}` looks at whole pictures", self.card.name);
                 return Err(Error::value("options", field, reason));
@@ -321,7 +338,7 @@ impl Localiser {
         if size != camera.size() {
             notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));
         }
-        notes.extend(camera.below_ground(0.0));
+        notes.extend(camera.doubts(None, &[]));
         let confidence = model::confidence(&raw.probability, raw.width, stride, raw.image);
         if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| confidence < threshold) {
             notes.push(format!("there is probably no ball: the confidence is below the model's {threshold:.2}"));

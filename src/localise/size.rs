@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Point2, Point3};
 
 use super::closer::LOOKED_AT;
 use super::outline::refined;
+use super::possible::Possible;
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, Maps, Region, device_name};
 use crate::camera::{Camera, Measured, Outline};
 use crate::error::{Error, Result};
@@ -29,6 +30,8 @@ const LEAST_SHRUNK: u32 = 48;
 const LARGE: f64 = 45.0;
 /// Candidates that are searched at least: the confidence of the first depends on the others.
 const PLACES: usize = 5;
+/// The same where it is known where the ball can be, which refuses some.
+const MORE_PLACES: usize = 30;
 /// Cells that the network saw in training; many more of them add up to more doubt than each was worth.
 const CELLS: f64 = 4096.0;
 /// Standard deviation of log(radius) over the scale of its Laplace distribution: between that distribution's own, √2, and
@@ -50,6 +53,16 @@ pub(crate) struct Reading {
     pub log_sigma: f64,
     /// Fraction of the heatmap's mass around the centre, 0 to 1; after the verifier the probability that it is a ball.
     pub confidence: f64,
+}
+
+/// What was found in a picture.
+pub(crate) struct Found {
+    /// Places of the ball, the likeliest first.
+    pub readings: Vec<Reading>,
+    /// The network's maps, where asked for.
+    pub maps: Option<Maps>,
+    /// Places that cannot be the ball, the surest first, and why.
+    pub refused: Vec<(Reading, String)>,
 }
 
 /// Maps of a part of a picture, row-major.
@@ -88,9 +101,15 @@ impl Localiser {
         let radius = self.ball_radius(&options)?;
         let size = picture.size();
         let camera_of_picture = camera.for_picture(size)?;
-        let (readings, maps) = self
-            .readings(picture, Some(&camera_of_picture), options.region, options.candidates.max(1), options.maps)
-            .await?;
+        let possible =
+            options.volume.map(|volume| Possible { camera: &camera_of_picture, ball_radius: radius, volume });
+        let (count, maps) = (options.candidates.max(1), options.maps);
+        let Found { mut readings, maps, refused } =
+            self.readings(picture, Some(&camera_of_picture), options.region, possible.as_ref(), count, maps).await?;
+        let none_possible = readings.is_empty();
+        if let (true, Some((surest, _))) = (none_possible, refused.first()) {
+            readings.push(Reading { confidence: 0.0, ..*surest });
+        }
         let Some(best) = readings.first() else {
             return Err(Error::OutputNotFinite { device: device_name(&self.device) });
         };
@@ -107,8 +126,24 @@ impl Localiser {
         if size != camera.size() {
             notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));
         }
-        if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| best.confidence < threshold) {
+        if none_possible {
+            notes.push(
+                "no place in the picture can be the ball: the position is of the likeliest one, and is none".into(),
+            );
+        } else if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| best.confidence < threshold)
+        {
             notes.push(format!("there is probably no ball: the confidence is below the model's {threshold:.2}"));
+        }
+        if let Some((surest, reason)) = refused.first() {
+            let Point2 { coords } = surest.outline.centre;
+            notes.push(format!(
+                "{} places were not taken for the ball, by where it can be; the surest, at ({:.0}, {:.0}) px with a confidence of {:.2}: \
+                 {reason}",
+                refused.len(),
+                coords.x,
+                coords.y,
+                surest.confidence
+            ));
         }
         let off_axis = centre.coords.xy().norm().atan2(centre.z).to_degrees();
         if off_axis > WIDE && camera.distortion().is_none() {
@@ -117,7 +152,7 @@ impl Localiser {
                  some, position and depth are off by as much as it bends there"
             ));
         }
-        notes.extend(camera.below_ground(0.0));
+        notes.extend(camera.doubts(None, &[]));
         let candidate = |reading: &Reading| candidate(reading, &camera_of_picture, radius).ok();
         let candidates = if options.candidates > 0 { readings.iter().filter_map(candidate).collect() } else { vec![] };
         let image = camera_of_picture.image_from_camera(&centre)?;
@@ -202,8 +237,8 @@ impl Localiser {
         Err(Error::value("model", "depth_from", reason))
     }
 
-    /// The likeliest `count` places of the ball in (a `region` of) `picture`, which `camera` took, if that is known; where asked
-    /// for, also the heatmap and the apparent radii.
+    /// The likeliest `count` places of the ball in (a `region` of) `picture`, which `camera` took, if that is known, of those that are
+    /// `possible`; where asked for, also the heatmap and the apparent radii.
     ///
     /// # Errors
     /// [`Error::Value`] for a region outside the picture; [`Error::OutputNotFinite`] and [`Error::Device`].
@@ -212,12 +247,26 @@ impl Localiser {
         picture: &Picture,
         camera: Option<&Camera>,
         region: Option<Region>,
+        possible: Option<&Possible<'_>>,
         count: usize,
         with_maps: bool,
-    ) -> Result<(Vec<Reading>, Option<Maps>)> {
-        let (mut readings, maps) = self.first_look(picture, region, count.max(PLACES), with_maps).await?;
+    ) -> Result<Found> {
+        // Where some of them cannot be, others are offered in their place.
+        let places = if possible.is_some() { MORE_PLACES } else { PLACES };
+        let (mut readings, maps) = self.first_look(picture, region, count.max(places), with_maps).await?;
+        let mut refused = vec![];
+        if let Some(possible) = possible {
+            (readings, refused) = possible.part(readings);
+        }
         readings.truncate(count.max(LOOKED_AT));
-        Ok((self.look_closer(picture.rgb(), camera, readings, count).await?, maps))
+        let mut readings = self.look_closer(picture.rgb(), camera, readings, count).await?;
+        if let Some(possible) = possible {
+            let (seen, impossible) = possible.part(readings);
+            readings = seen;
+            refused.splice(0..0, impossible);
+            refused.sort_by(|(a, _), (b, _)| b.confidence.total_cmp(&a.confidence));
+        }
+        Ok(Found { readings, maps, refused })
     }
 
     /// The same before the second pass: `count` candidates or more.

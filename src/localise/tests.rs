@@ -118,3 +118,35 @@ fn a_wide_picture_has_the_saliency_of_the_part_that_it_fills() {
     let saliency = pollster::block_on(localiser().saliency(&picture(&rgb))).unwrap();
     assert_eq!((saliency.width, saliency.height, saliency.values.len()), (64, 32, 64 * 32));
 }
+
+#[test]
+fn a_place_where_the_ball_cannot_be_is_not_taken_for_it() {
+    let (card, weights) = crate::Card::with_weights(&root().join("models/any.json")).unwrap();
+    let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
+    let clips = crate::Clips::read(&root().join("tests/samples")).unwrap();
+    let clip = &clips.clips[0];
+    let picture = clips.picture(clip, &clip.frames[0]).unwrap();
+    let scene = clip.scene.as_ref().unwrap();
+    let localised = |volume| {
+        let options = LocaliseOptions { ball_radius: Some(scene.ball.radius), volume, ..LocaliseOptions::default() };
+        pollster::block_on(localiser.localise(&picture, &clip.camera, options)).unwrap()
+    };
+    let free = localised(None);
+    let truth = clip.frames[0].world.unwrap();
+    assert!(free.dtg(truth) < 0.2, "{} m", free.dtg(truth));
+    // Where it is, it may be.
+    let at_home = localised(scene.volume());
+    assert_eq!((at_home.world, at_home.confidence), (free.world, free.confidence));
+    // The ball is above the floor that this volume ends at.
+    let cellar = crate::Volume { low: [-50.0, -50.0, -9.0], high: [50.0, 50.0, -3.0] };
+    let below = localised(Some(cellar));
+    assert!(
+        below.confidence < 0.5 && below.notes.iter().any(|note| note.contains("not taken for the ball")),
+        "{below:?}"
+    );
+    // Nearer than anything in the picture: nothing sure can be the ball.
+    let eye = clip.camera.world_from_camera(&nalgebra::Point3::origin()).coords;
+    let near = crate::Volume { low: (eye.add_scalar(-0.3)).into(), high: (eye.add_scalar(0.3)).into() };
+    let none = localised(Some(near));
+    assert!(none.confidence < 0.1 && none.notes.iter().any(|note| note.contains("probably no ball")), "{none:?}");
+}

@@ -1,6 +1,6 @@
 //! What a scene's numbers may be.
 
-use super::scene::{Contact, Scene};
+use super::scene::{Bounds, Contact, Scene};
 use crate::error::{Error, Result};
 
 /// Largest number a scene can hold (SI units): beyond it, products overflow.
@@ -89,6 +89,13 @@ impl Scene {
             finite(format!("lines[{index}]"), &[*from, *to].concat())?;
         }
         finite("net".into(), &self.net.concat())?;
+        if let Some(Bounds { low, high }) = self.bounds {
+            finite("bounds".into(), &[low, high].concat())?;
+            if (0..3).any(|axis| low[axis] >= high[axis]) {
+                let reason = format!("must have each of `low` below `high`, not {low:?} and {high:?}");
+                return Err(Error::value(what, "bounds", reason));
+            }
+        }
         if let Some(spring) = &self.spring {
             not_negative("spring.stiffness".into(), spring.stiffness)?;
             finite("spring.anchor".into(), &spring.anchor)?;

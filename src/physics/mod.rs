@@ -28,5 +28,5 @@ pub(crate) use self::forecast::columns::{Column, column, part};
 pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Moved, Status};
 pub(crate) use self::obstacle::Obstacle;
 pub use self::obstacle::Surface;
-pub use self::scene::{Ball, Contact, Cuboid, Floor, Rotation, Scene, Spring, Wall};
+pub use self::scene::{Ball, Bounds, Contact, Cuboid, Floor, Rotation, Scene, Spring, Wall};
 pub use self::state::State;

@@ -1,6 +1,6 @@
 //! Scenes of common sports.
 
-use super::scene::{Contact, Cuboid, Floor, Scene, Wall};
+use super::scene::{Bounds, Contact, Cuboid, Floor, Scene, Wall};
 use crate::error::{Error, Result};
 
 /// Standard gravity, m/s².
@@ -18,10 +18,26 @@ struct Place {
     boxes: &'static [Cuboid],
     lines: &'static [[[f64; 3]; 2]],
     net: &'static [[f64; 3]],
+    /// The area that the rules keep free around the court, and the height of play.
+    bounds: Option<Bounds>,
 }
 
-const EMPTY: Place =
-    Place { name: "", ball: "", contact: None, floor: true, walls: &[], boxes: &[], lines: &[], net: &[] };
+const EMPTY: Place = Place {
+    name: "",
+    ball: "",
+    contact: None,
+    floor: true,
+    walls: &[],
+    boxes: &[],
+    lines: &[],
+    net: &[],
+    bounds: None,
+};
+
+/// An area that reaches so far to each side of the middle, m, up to a height.
+const fn around([x, y]: [f64; 2], height: f64) -> Option<Bounds> {
+    Some(Bounds { low: [-x, -y, 0.0], high: [x, y, height] })
+}
 
 /// Every place.
 const PLACES: [Place; 9] = [
@@ -41,6 +57,8 @@ const PLACES: [Place; 9] = [
             [[0.0, -6.4, 0.0], [0.0, 6.4, 0.0]],
         ],
         net: &[[-6.399, 0.0, 1.07], [0.0, 0.0, 0.914], [6.399, 0.0, 1.07]],
+        // ITF: 40.23 x 20.11 m at the largest events. A lob outdoors goes higher than any ceiling that is asked for.
+        bounds: around([10.06, 20.12], 15.0),
         ..EMPTY
     },
     // ITTF table, its surface 0.76 m above the floor, which is z = 0.
@@ -56,6 +74,8 @@ const PLACES: [Place; 9] = [
             [[0.0, -1.37, 0.76], [0.0, 1.37, 0.76]],
         ],
         net: &[[-0.915, 0.0, 0.9125], [0.915, 0.0, 0.9125]],
+        // ITTF: a playing space of 14 x 7 m, 5 m high.
+        bounds: around([3.5, 7.0], 5.0),
         ..EMPTY
     },
     // FIBA court with its two boards; the rings are not modelled: what they do is a hit.
@@ -79,6 +99,8 @@ const PLACES: [Place; 9] = [
             [[2.45, 14.0, 0.0], [2.45, 8.2, 0.0]],
             [[-2.45, 8.2, 0.0], [2.45, 8.2, 0.0]],
         ],
+        // FIBA: 2 m around the lines, 7 m high.
+        bounds: around([9.5, 16.0], 8.0),
         ..EMPTY
     },
     // IFAB pitch of 105 x 68 m, grass; posts are not modelled.
@@ -104,6 +126,8 @@ const PLACES: [Place; 9] = [
             [[20.16, 52.5, 0.0], [20.16, 36.0, 0.0]],
             [[-20.16, 36.0, 0.0], [20.16, 36.0, 0.0]],
         ],
+        // A board's distance and a stand's row around the lines; a goal kick's height.
+        bounds: around([42.0, 62.0], 40.0),
         ..EMPTY
     },
     // FIVB court, net of 2.43 m.
@@ -120,6 +144,8 @@ const PLACES: [Place; 9] = [
             [[-4.5, 3.0, 0.0], [4.5, 3.0, 0.0]],
         ],
         net: &[[-4.5, 0.0, 2.43], [4.5, 0.0, 2.43]],
+        // FIVB: a free zone of 5 and 6.5 m, 12.5 m high.
+        bounds: around([9.5, 15.5], 12.5),
         ..EMPTY
     },
     // BWF court, a shuttle of feathers (its drag is its flight).
@@ -141,6 +167,8 @@ const PLACES: [Place; 9] = [
             [[0.0, 1.98, 0.0], [0.0, 6.7, 0.0]],
         ],
         net: &[[-3.05, 0.0, 1.55], [0.0, 0.0, 1.524], [3.05, 0.0, 1.55]],
+        // BWF: 2 m around the lines, 12 m high.
+        bounds: around([5.05, 8.7], 12.0),
         ..EMPTY
     },
     // WSF court, 9.75 x 6.40 m; the front wall is the far one.
@@ -164,6 +192,8 @@ const PLACES: [Place; 9] = [
             [[-3.2, 4.875, 1.78], [3.2, 4.875, 1.78]],
             [[-3.2, 4.875, 4.57], [3.2, 4.875, 4.57]],
         ],
+        // WSF: 5.64 m high at least.
+        bounds: around([3.2, 4.875], 8.0),
         ..EMPTY
     },
     // A level floor at z = 0 and a tennis ball; another with --ball.
@@ -193,6 +223,7 @@ impl Scene {
             boxes: place.boxes.to_vec(),
             lines: place.lines.to_vec(),
             net: place.net.to_vec(),
+            bounds: place.bounds,
             ..Self::new(GRAVITY, 1.0)
         };
         scene.with_ball(place.ball)

@@ -5,6 +5,13 @@ use serde::{Deserialize, Serialize};
 
 use super::state::State;
 use crate::error::{Error, Result, json_refusal};
+use crate::volume::Volume;
+
+/// Cosine of the largest angle between a wall's normal and a world axis at which the wall bounds the scene's volume.
+const ALONG_AXIS: f64 = 0.9999;
+/// How far a position may be outside the scene's volume: so many radii, and a place that was not measured better, m.
+const PRESSED: f64 = 1.0;
+const UNSURE: f64 = 0.1;
 
 /// What a scene's file is, for who gave another.
 const EXPECTED: &str = "a scene is a JSON object with gravity and ball at least; `gravisight scene tennis` prints one, and `gravisight \
@@ -40,6 +47,20 @@ pub struct Scene {
     /// The upper edge of a net, from post to post, m: to be drawn. What it does to the ball is a hit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub net: Vec<[f64; 3]>,
+    /// Where the ball can be in play: what a picture shows elsewhere is no ball of this scene.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub bounds: Option<Bounds>,
+}
+
+/// A box along the world's axes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[serde(deny_unknown_fields)]
+pub struct Bounds {
+    /// Its lowest corner, m.
+    pub low: [f64; 3],
+    /// Its highest corner, m.
+    pub high: [f64; 3],
 }
 
 /// The ball's own properties.
@@ -286,6 +307,38 @@ fn is_zero(vector: &[f64; 3]) -> bool {
 }
 
 impl Scene {
+    /// Where the ball's centre can be: within the scene's bounds, above its floor, before its walls (of those along the world's axes);
+    /// none where the scene says nothing of it. A ball that is pressed, or not measured to the centimetre, is still inside.
+    pub fn volume(&self) -> Option<Volume> {
+        let mut volume = Volume::ALL;
+        if let Some(Bounds { low, high }) = self.bounds {
+            volume = Volume { low, high };
+        }
+        if let Some(floor) = &self.floor {
+            volume.low[2] = volume.low[2].max(floor.height);
+        }
+        for wall in &self.walls {
+            let normal = Vector3::from(wall.normal).normalize();
+            for axis in 0..3 {
+                if normal[axis] > ALONG_AXIS {
+                    volume.low[axis] = volume.low[axis].max(wall.point[axis]);
+                } else if normal[axis] < -ALONG_AXIS {
+                    volume.high[axis] = volume.high[axis].min(wall.point[axis]);
+                }
+            }
+        }
+        let margin = PRESSED * self.ball.radius + UNSURE;
+        volume.low.iter_mut().for_each(|side| *side -= margin);
+        volume.high.iter_mut().for_each(|side| *side += margin);
+        (volume != Volume::ALL).then_some(volume)
+    }
+
+    /// Points of what stands at a known place, m: ends of lines, a net, boxes. Empty where the scene has none of them.
+    pub fn landmarks(&self) -> Vec<Point3<f64>> {
+        let ends = self.lines.iter().flatten().chain(&self.net).chain(self.boxes.iter().map(|it| &it.position));
+        ends.map(|&point| point.into()).collect()
+    }
+
     /// Speed at which the ball falls steadily through the air, m/s; infinite without drag.
     pub(crate) fn terminal_speed(&self) -> f64 {
         let ball = &self.ball;
@@ -320,6 +373,7 @@ impl Scene {
             spring: None,
             lines: vec![],
             net: vec![],
+            bounds: None,
         }
     }
 

@@ -16,6 +16,7 @@ use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::localise::{Candidate, LocaliseOptions, Localiser, Maps, Region, Saliency};
 use crate::model::{Card, ConfidenceKind};
+use crate::physics::Scene;
 
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
@@ -40,6 +41,9 @@ pub struct Wanted {
     /// Search this part of the picture alone.
     #[serde(default)]
     region: Option<Region>,
+    /// What the camera looks at: where it says that the ball cannot be, none is taken for it.
+    #[serde(default)]
+    scene: Option<Scene>,
     /// Also return so many likely places.
     #[serde(default)]
     candidates: usize,
@@ -179,7 +183,9 @@ impl JsLocaliser {
         let wanted = wanted.unwrap_or_default();
         let picture = picture::read(picture).await?;
         let camera = Camera::from_json(camera, "camera")?;
-        let found = self
+        // A model of one scene knows itself where its ball can be.
+        let volume = wanted.scene.as_ref().and_then(Scene::volume).filter(|_| self.localiser.reads_size());
+        let mut found = self
             .localiser
             .localise(
                 &picture,
@@ -189,9 +195,11 @@ impl JsLocaliser {
                     ball_radius: wanted.ball_radius,
                     region: wanted.region,
                     candidates: wanted.candidates,
+                    volume,
                 },
             )
             .await?;
+        found.doubt(&camera, &wanted.scene.map_or(vec![], |scene| scene.landmarks()));
         let map = |wanted: bool, values: fn(&Maps) -> &[f32]| {
             let maps = found.maps.as_ref().filter(|_| wanted);
             maps.map(|maps| FloatMap { width: maps.width, height: maps.height, values: values(maps).into() })

@@ -27,7 +27,7 @@ pub struct Arguments {
     /// The ball's radius, m, for a model that reads sizes.
     #[arg(long, value_name = "M")]
     ball_radius: Option<f64>,
-    /// A scene (scene.json), for its ball's radius.
+    /// A scene (scene.json, or the name of a sport): its ball's radius, and where that ball can be.
     #[arg(long, value_name = "SCENE.JSON", conflicts_with = "ball_radius")]
     scene: Option<PathBuf>,
     /// Search this part of the pictures alone: left, top, width and height, px.
@@ -54,9 +54,12 @@ pub fn run(arguments: Arguments) -> Result<()> {
         check_png("--overlay", out)?;
     }
     let camera = Camera::from_file(&arguments.camera)?;
-    let of_scene = arguments.scene.as_deref().map(Scene::open).transpose()?.map(|scene| scene.ball.radius);
-    let ball_radius = arguments.ball_radius.or(of_scene);
+    let scene = arguments.scene.as_deref().map(Scene::open).transpose()?;
+    let ball_radius = arguments.ball_radius.or(scene.as_ref().map(|scene| scene.ball.radius));
     let localiser = model::open(arguments.model.as_deref(), ball_radius, &arguments.device.open()?)?;
+    // A model of one scene knows itself where its ball can be.
+    let volume = scene.as_ref().and_then(Scene::volume).filter(|_| localiser.reads_size());
+    let landmarks = scene.as_ref().map_or(vec![], Scene::landmarks);
     for path in &arguments.images {
         let name = || path.display().to_string();
         let picture = open_picture(path)?;
@@ -65,8 +68,10 @@ pub fn run(arguments: Arguments) -> Result<()> {
             ball_radius,
             region: arguments.region,
             candidates: arguments.candidates.into(),
+            volume,
         };
-        let found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
+        let mut found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
+        found.doubt(&camera, &landmarks);
         if let (Some(out), Some(maps)) = (&arguments.overlay, &found.maps) {
             let mut drawn = draw::with_heatmap(picture.rgb(), maps);
             draw::mark(&mut drawn, found.image);

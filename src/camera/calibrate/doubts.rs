@@ -4,6 +4,7 @@ use nalgebra::{Point2, Point3, Vector2};
 
 use super::{Calibration, Points};
 use crate::camera::Camera;
+use crate::camera::doubts::LARGEST_BALL;
 
 /// Below the ground by more than this, m, and so many σ.
 const BELOW: f64 = 0.1;
@@ -22,24 +23,24 @@ const MISSING: f64 = 0.15;
 
 /// Distance from a line within which points count as on it, a share of what they span.
 const ON_LINE: f64 = 1e-3;
-/// Radius of the largest ball of the sports, a basketball's, m: where it is less than a pixel no ball can be seen.
-const LARGEST_BALL: f64 = 0.12;
 
 impl Camera {
-    /// Where it stands in the world, m.
-    pub(crate) fn centre(&self) -> Point3<f64> {
-        self.world_from_camera(&Point3::origin())
+    /// How far the lens moves the picture's corners at most, as a share of their way from the axis; none where it does not reach them.
+    fn bend_of_corners(&self) -> Option<f64> {
+        let [width, height] = self.size().xy();
+        let inverse = self.intrinsic().try_inverse()?;
+        let mut most: f64 = 0.0;
+        for corner in [[0.0, 0.0], [width - 1.0, 0.0], [0.0, height - 1.0], [width - 1.0, height - 1.0]] {
+            let seen: Vector2<f64> = (inverse * Point2::from(corner).coords.push(1.0)).xy();
+            let ideal = self.distortion().undistort(seen).ok()?;
+            most = most.max((seen - ideal).norm() / ideal.norm().max(f64::MIN_POSITIVE));
+        }
+        Some(most)
     }
 
-    /// That it stands below the ground (a height, m), in words.
-    pub(crate) fn below_ground(&self, ground: f64) -> Option<String> {
-        let below = ground - self.centre().z;
-        (below > BELOW).then(|| {
-            format!(
-                "the camera stands {below:.1} m below z = {ground} m: if that is the ground, camera.json is wrong, as where near and \
-                 far, or left and right, were mixed up"
-            )
-        })
+    /// Whether the lens reaches the picture's corners, and bends them as lenses do.
+    pub(super) fn sees_its_corners(&self) -> bool {
+        self.bend_of_corners().is_some_and(|most| most <= BENT)
     }
 }
 
@@ -86,29 +87,21 @@ impl Calibration {
     }
 
     fn lens(&self) -> Option<String> {
-        let camera = &self.camera;
-        let [width, height] = camera.size().xy();
-        let inverse = camera.intrinsic().try_inverse()?;
-        let mut most: f64 = 0.0;
-        for corner in [[0.0, 0.0], [width - 1.0, 0.0], [0.0, height - 1.0], [width - 1.0, height - 1.0]] {
-            let seen: Vector2<f64> = (inverse * Point2::from(corner).coords.push(1.0)).xy();
-            let Ok(ideal) = camera.distortion().undistort(seen) else {
-                return Some(
-                    "the lens found does not reach the picture's corners: estimate less of it, or add points near the corners".into(),
-                );
-            };
-            most = most.max((seen - ideal).norm() / ideal.norm().max(f64::MIN_POSITIVE));
+        match self.camera.bend_of_corners() {
+            None => Some(
+                "the lens found does not reach the picture's corners: estimate less of it, or add points near the corners".into(),
+            ),
+            Some(most) => (most > BENT).then(|| {
+                format!(
+                    "the lens found bends the picture's corners by {:.0} %: estimate less of it, or add points near the corners",
+                    100.0 * most
+                )
+            }),
         }
-        (most > BENT).then(|| {
-            format!(
-                "the lens found bends the picture's corners by {:.0} %: estimate less of it, or add points near the corners",
-                100.0 * most
-            )
-        })
     }
 
     fn width(&self) -> Option<String> {
-        let degrees = field_of_view(&self.camera);
+        let degrees = self.camera.field_of_view();
         (!(NARROWEST..=WIDEST).contains(&degrees)).then(|| {
             format!("the picture would be {degrees:.1}° wide: give `intrinsic`, or add points at other depths")
         })
@@ -156,9 +149,4 @@ pub(super) fn on_a_line(points: &[Point3<f64>]) -> usize {
     let pairs =
         points.iter().enumerate().flat_map(|(index, from)| points[index + 1..].iter().map(move |to| (from, to)));
     pairs.filter_map(|(from, to)| through(from, to)).max().unwrap_or(points.len())
-}
-
-/// How wide the picture is without its lens's distortion, degrees.
-fn field_of_view(camera: &Camera) -> f64 {
-    (2.0 * (camera.size().xy()[0] / 2.0 / camera.intrinsic()[(0, 0)]).atan()).to_degrees()
 }

@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use super::paint::{Expected, Grey, find};
 use super::refine::{Guess, Refined, Seen, refine};
-use super::{Calibration, Points, Problem, Unknowns, refuse};
+use super::{Calibration, NO_LENS, Points, Problem, Unknowns, refuse, two_sided};
 use crate::camera::court::CourtLine;
 use crate::camera::fold::Range;
 use crate::error::Result;
@@ -79,8 +79,8 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
     }
     let whole = Problem::new(points, unknowns);
     // First what the clicks can tell.
-    let mut problem = Problem::new(points, &Unknowns { focal: unknowns.focal, ..Unknowns::default() });
-    let ((start, method), outliers) = problem.by_clicks()?;
+    let clicked = Problem::new(points, &Unknowns { focal: unknowns.focal, ..Unknowns::default() });
+    let (mut problem, ((start, method), outliers)) = clicked.by_clicks_and_lens()?;
     let freedom = (2 * (points.image.len() - outliers.len())).saturating_sub(problem.unknowns.count());
     let least = if freedom < 4 { UNKNOWN_CLICK } else { BEST_CLICK };
     let noise = problem.variance(&start, &outliers).sqrt().max(least);
@@ -93,13 +93,29 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
     for round in 0..ROUNDS {
         lines = problem.searched(&camera, &grey);
         if 2 * round >= ROUNDS && lines.len() >= FEWEST_LINES {
-            problem.unknowns = whole.unknowns;
+            let distortion = problem.unknowns.distortion.max(whole.unknowns.distortion);
+            problem.unknowns = Unknowns { distortion, ..whole.unknowns };
         }
         let of_lines = lines.iter().flat_map(|line| line.seen.iter().copied());
         let seen: Vec<Seen> = of_lines.chain(clicks.iter().copied()).collect();
-        let moved = refine(camera.guess, &problem.unknowns, &seen).filter(|moved| moved.covariance.is_some());
-        let Some(moved) = moved else { break };
-        camera = moved;
+        let moved_by =
+            |unknowns: &Unknowns| refine(camera.guess, unknowns, &seen).filter(|moved| moved.covariance.is_some());
+        let Some(moved) = moved_by(&problem.unknowns) else { break };
+        // Bowed lines ask for the lens.
+        let bent = Unknowns { distortion: 1, ..problem.unknowns };
+        let freedom = (PER_LINE as usize * lines.len() + 2 * clicks.len()).saturating_sub(bent.count());
+        let with_lens = moved_by(&bent).filter(|bent| {
+            let asked = 2 * round >= ROUNDS && lines.len() >= FEWEST_LINES && problem.unknowns.distortion == 0;
+            let variance = (bent.cost / freedom.max(1) as f64).max(1.0);
+            let better = (moved.cost - bent.cost).max(0.0);
+            let pays = freedom > 0 && two_sided((better / variance).sqrt(), freedom) < NO_LENS;
+            let reaches = bent.guess.camera(points.size).is_ok_and(|camera| camera.sees_its_corners());
+            asked && points.distortion.is_none() && pays && reaches
+        });
+        if with_lens.is_some() {
+            problem.unknowns = bent;
+        }
+        camera = with_lens.unwrap_or(moved);
     }
     if lines.len() < FEWEST_LINES {
         return Err(refuse(format!(

@@ -33,6 +33,8 @@ const SOLID: f64 = 0.5;
 const NEARLY_FLAT: f64 = 0.1;
 /// Chance of calling a good click wrong, in one calibration.
 const FALSE_ALARM: f64 = 1e-3;
+/// Chance that clicks through a lens without distortion bow as much, below which one coefficient is estimated.
+const NO_LENS: f64 = 0.01;
 /// Clicks are not taken to be better than this, px, when one is called wrong.
 const BEST_CLICK: f64 = 0.3;
 /// One click in so many may be wrong (and one more, if two are mixed up).
@@ -107,7 +109,8 @@ impl Calibration {
 
 /// A camera from labelled points: at least six, or four in one plane.
 ///
-/// Without [`Points::intrinsic`] the focal length is estimated, with the principal point in the picture's middle.
+/// Without [`Points::intrinsic`] the focal length is estimated, with the principal point in the picture's middle. Without a lens given or
+/// asked for, one coefficient of it is estimated where that pays (an F test), before any click is called wrong.
 ///
 /// ```
 /// use gravisight::{Points, Unknowns, calibrate};
@@ -124,8 +127,7 @@ impl Calibration {
 /// [`Error::Calibration`] with what to add, where the points do not fix a camera; clicks that the given lens cannot have
 /// seen are among [`Calibration::outliers`], or named there.
 pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
-    let problem = Problem::new(points, unknowns);
-    let (solution, outliers) = problem.by_clicks()?;
+    let (problem, (solution, outliers)) = Problem::new(points, unknowns).by_clicks_and_lens()?;
     let variance = problem.variance(&solution.0, &outliers);
     problem.result(solution, outliers, variance)
 }
@@ -165,6 +167,32 @@ impl<'a> Problem<'a> {
         outliers.extend(&outside);
         outliers.sort_unstable();
         Ok((found.map_err(|error| self.without(&outside, error))?, outliers))
+    }
+
+    /// The same, with one coefficient of the lens where none is given or asked for and it pays: where it explains clicks that would be
+    /// called wrong without it, or where they bow so that chance hardly would.
+    fn by_clicks_and_lens(self) -> Result<(Self, (Solution, Vec<usize>))> {
+        let plain = self.by_clicks();
+        if !self.points.distortion.is_none() || self.unknowns.distortion > 0 {
+            return plain.map(|plain| (self, plain));
+        }
+        let bent = Self { points: self.points, unknowns: Unknowns { distortion: 1, ..self.unknowns } };
+        let freedom = |outliers: &[usize]| {
+            (2 * (self.points.image.len() - outliers.len())).checked_sub(bent.unknowns.count()).filter(|&free| free > 0)
+        };
+        let found = bent.by_clicks().ok().and_then(|found| Some((freedom(&found.1)?, found)));
+        let Some((freedom, (with_lens, its_outliers))) = found else { return plain.map(|plain| (self, plain)) };
+        let pays = plain.as_ref().map_or(true, |((plain, _), outliers)| {
+            let variance = (with_lens.0.cost / freedom as f64).max(BEST_CLICK * BEST_CLICK);
+            let better = (plain.cost - with_lens.0.cost).max(0.0);
+            its_outliers.len() < outliers.len()
+                || its_outliers == *outliers && two_sided((better / variance).sqrt(), freedom) < NO_LENS
+        });
+        let reaches = with_lens.0.guess.camera(self.points.size).is_ok_and(|camera| camera.sees_its_corners());
+        match pays && reaches {
+            true => Ok((bent, (with_lens, its_outliers))),
+            false => plain.map(|plain| (self, plain)),
+        }
     }
 
     /// The clicks' variance a coordinate, px². As many unknowns as clicks say nothing of it: 1 px, then.
@@ -395,5 +423,45 @@ impl<'a> Problem<'a> {
     /// The middle of the world points.
     fn centre(&self) -> Vector3<f64> {
         self.points.world.iter().map(|point| point.coords).sum::<Vector3<f64>>() / self.points.world.len() as f64
+    }
+}
+
+/// The chance that a variable of Student's t distribution with `freedom` degrees of freedom is farther from zero than `t`
+/// (Abramowitz and Stegun, 26.7.3 and 26.7.4).
+fn two_sided(t: f64, freedom: usize) -> f64 {
+    let angle = (t / (freedom as f64).sqrt()).atan();
+    let (sine, cosine) = angle.sin_cos();
+    let odd = freedom % 2 == 1;
+    // cos θ + 2/3 cos³ θ + …, or 1 + 1/2 cos² θ + …
+    let (mut term, mut sum) = (if odd { cosine } else { 1.0 }, 0.0);
+    let mut power = if odd { 1 } else { 0 };
+    while power + 2 <= freedom {
+        sum += term;
+        term *= cosine * cosine * (power + 1) as f64 / (power + 2) as f64;
+        power += 2;
+    }
+    let within = if odd { std::f64::consts::FRAC_2_PI * (angle + sine * sum) } else { sine * sum };
+    (1.0 - within).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::two_sided;
+
+    #[test]
+    fn the_tails_of_students_distribution_are_the_tables() {
+        // Abramowitz and Stegun, table 26.10: percentage points of the t distribution.
+        for (t, freedom, chance) in [
+            (12.706, 1, 0.05),
+            (4.303, 2, 0.05),
+            (3.182, 3, 0.05),
+            (2.776, 4, 0.05),
+            (2.571, 5, 0.05),
+            (63.657, 1, 0.01),
+            (3.169, 10, 0.01),
+        ] {
+            assert!((two_sided(t, freedom) - chance).abs() < 1e-4, "{t} {freedom}: {}", two_sided(t, freedom));
+        }
+        assert!((two_sided(0.0, 7) - 1.0).abs() < 1e-12);
     }
 }

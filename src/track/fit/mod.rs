@@ -206,11 +206,17 @@ impl Forecaster {
     /// forecaster has a potential or options of its own. A label outside the camera's lens model costs itself alone
     /// (its `refused`).
     pub fn fit(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
-        let mut fit = self.fit_labels(camera, observations, options)?;
+        let doubts = camera.doubts(self.scene().floor.as_ref().map(|floor| floor.height), &self.scene().landmarks());
+        let mut fit = self.fit_labels(camera, observations, options).map_err(|error| match error {
+            Error::Fit { reason } if !doubts.is_empty() => {
+                Error::Fit { reason: format!("{reason}; {}", doubts.join("; ")) }
+            }
+            error => error,
+        })?;
         let within =
             |impact: &Impact| self.scene().within_lines(&impact.position.into(), &fit.near(impact.time)?.covariance);
         fit.within_lines = fit.impacts.iter().map(within).collect();
-        fit.notes.extend(self.scene().floor.as_ref().and_then(|floor| camera.below_ground(floor.height)));
+        fit.notes.extend(doubts);
         Ok(fit)
     }
 

@@ -129,7 +129,8 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
     let mut within = [0_usize; 2];
     for index in 0..count {
         let drawing = renderings.scored(index);
-        let found = localiser.readings(&Picture::from_rgb(drawing.picture()), None, None, 1, false).await?.0;
+        let found =
+            localiser.readings(&Picture::from_rgb(drawing.picture()), None, None, None, 1, false).await?.readings;
         let Some(found) = found.first() else { continue };
         let Some(ball) = drawing.balls.first() else {
             empty.push(found.confidence);
