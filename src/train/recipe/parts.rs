@@ -156,7 +156,7 @@ impl Law {
 #[serde(rename_all = "lowercase")]
 pub enum Velocity {
     /// The network's positions in three neighbouring pictures, as in the paper. Their depth noise weighs some twenty
-    /// times as much as their common depth, so this needs very long.
+    /// times as much as their common depth, so this needs several thousand steps, and [`FutureConfig::sequence`] helps.
     Pictures,
     /// 2D positions around one picture (the labels; with `future-2d-predict` what the network itself found there), in
     /// free flight: closed form, linear in the depth of that picture. Forecasts go both ways in time.
