@@ -35,9 +35,15 @@ fn report(name: &str, clips: &Clips, log: Option<&Path>) -> Result<String, Error
 #[test]
 fn a_report_is_one_file_that_asks_for_no_other() {
     let html = report("report", &clips("train/env1/cam1/0000"), None).unwrap();
-    for title in
-        ["How far off", "Environments and cameras", "Does it know?", "A trajectory", "Where it failed", "looks at"]
-    {
+    for title in [
+        "How far off",
+        "Environments and cameras",
+        "Does it know?",
+        "A trajectory",
+        "heatmaps and depth maps",
+        "Where it failed",
+        "looks at",
+    ] {
         assert!(html.contains(title), "{title}");
     }
     for address in ["http://", "https://", "<script", "@import", "url("] {

@@ -51,7 +51,7 @@ impl Camera {
         let known = if ground.is_some() { "the scene's ground" } else { "if that is the ground" };
         (below > BELOW).then(|| match ground {
             Some(_) => format!(
-                "the camera stands {below:.1} m below {known} at z = {height} m: camera.json is wrong, as where near and far, or left and \
+                "the camera stands {below:.1} m below z = {height} m, {known}: camera.json is wrong, as where near and far, or left and \
                  right, were mixed up"
             ),
             None => format!(

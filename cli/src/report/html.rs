@@ -71,6 +71,11 @@ pub fn strip(drawings: &[(String, String)]) -> String {
     format!("<div class=\"strip\">\n{}</div>\n", drawings.iter().map(part).collect::<String>())
 }
 
+/// The same of a film's frames, [`FRAMES`](super::pictures::FRAMES) in a row.
+pub fn frames(drawings: &[(String, String)]) -> String {
+    strip(drawings).replacen("class=\"strip\"", "class=\"strip frames\"", 1)
+}
+
 /// A table; the first cell of a row is its name.
 pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     let mut out = String::from("<div class=\"card scroll\" tabindex=\"0\">\n<table>\n<thead><tr>");

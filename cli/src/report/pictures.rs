@@ -11,7 +11,7 @@ use gravisight::{Error, LocaliseOptions, Picture, Result, Sample};
 const WORST: usize = 6;
 const SALIENCIES: usize = 4;
 /// Pictures of the clip that is shown.
-const FRAMES: usize = 6;
+pub const FRAMES: usize = 6;
 /// Shares of a picture's sides that the ball's picture and the saliency's show.
 const ZOOM: f64 = 0.3;
 const SALIENCY_ZOOM: f64 = 0.6;
@@ -35,7 +35,7 @@ pub fn worst(report: &Report<'_>) -> Result<String> {
     Ok(html::section("Where it failed most", lead, &html::row("", &cards)))
 }
 
-/// Some pictures of one clip in a row each: as they are, with the heatmap, with the depth map (all in the same colours).
+/// Some pictures of one clip side by side; below each its heatmap and its depth map (all in the same colours).
 pub fn strip(report: &Report<'_>, samples: &[&Sample]) -> Result<String> {
     let count = FRAMES.min(samples.len());
     let some = (0..count).map(|index| samples[index * (samples.len() - 1) / (count - 1).max(1)]);
@@ -53,17 +53,18 @@ pub fn strip(report: &Report<'_>, samples: &[&Sample]) -> Result<String> {
         let sides = [drawing.width(), drawing.height()].map(f64::from);
         cut(drawing, sides.map(|side| side / 2.0), sides, "")
     };
-    let rows = frames.iter().flat_map(|(picture, maps, t)| {
-        let drawings = [
-            (picture.rgb().clone(), format!("{t:.2} s")),
-            (draw::with_heatmap(picture.rgb(), maps), "heatmap".into()),
-            (draw::with_depth(picture.rgb(), maps, range), "depth".into()),
-        ];
-        drawings.map(|(drawing, name)| Ok((whole(&drawing)?, name)))
-    });
-    let drawings: Vec<(String, String)> = rows.collect::<Result<_>>()?;
+    let mut drawings = Vec::new();
+    for (picture, _, t) in &frames {
+        drawings.push((whole(picture.rgb())?, format!("{t:.2} s")));
+    }
+    for (picture, maps, _) in &frames {
+        drawings.push((whole(&draw::with_heatmap(picture.rgb(), maps))?, String::new()));
+    }
+    for (picture, maps, _) in &frames {
+        drawings.push((whole(&draw::with_depth(picture.rgb(), maps, range))?, String::new()));
+    }
     let caption = format!("Pictures, heatmaps and depth maps; depth from {:.1} (dark) to {:.1} m", range[0], range[1]);
-    Ok(html::figure(&html::strip(&drawings), &caption, &[]))
+    Ok(html::figure(&html::frames(&drawings), &caption, &[]))
 }
 
 /// A picture's card: with marks, with heatmap, with depth map.

@@ -35,6 +35,8 @@ const NEARLY_FLAT: f64 = 0.1;
 const FALSE_ALARM: f64 = 1e-3;
 /// Chance that clicks through a lens without distortion bow as much, below which one coefficient is estimated.
 const NO_LENS: f64 = 0.01;
+/// Equations beyond the unknowns that one coefficient needs, and two.
+const ENOUGH: [usize; 2] = [3, 10];
 /// Clicks are not taken to be better than this, px, when one is called wrong.
 const BEST_CLICK: f64 = 0.3;
 /// One click in so many may be wrong (and one more, if two are mixed up).
@@ -169,30 +171,39 @@ impl<'a> Problem<'a> {
         Ok((found.map_err(|error| self.without(&outside, error))?, outliers))
     }
 
-    /// The same, with one coefficient of the lens where none is given or asked for and it pays: where it explains clicks that would be
-    /// called wrong without it, or where they bow so that chance hardly would.
+    /// The same, with one coefficient of the lens (with clicks enough two) where none is given or asked for and it pays: where it
+    /// explains clicks that would be called wrong without it, or where they bow so that chance hardly would.
     fn by_clicks_and_lens(self) -> Result<(Self, (Solution, Vec<usize>))> {
-        let plain = self.by_clicks();
-        if !self.points.distortion.is_none() || self.unknowns.distortion > 0 {
-            return plain.map(|plain| (self, plain));
+        let open = self.points.distortion.is_none() && self.unknowns.distortion == 0;
+        let mut best = self.by_clicks();
+        let mut problem = self;
+        for distortion in 1..=2 {
+            let unknowns = Unknowns { distortion, ..problem.unknowns };
+            let bent = Self { points: problem.points, unknowns };
+            let Some(freedom) = bent.freedom(&[]).filter(|&freedom| open && freedom >= ENOUGH[distortion - 1]) else {
+                break;
+            };
+            let Ok((with_lens, outliers)) = bent.by_clicks() else { continue };
+            let reaches = with_lens.0.guess.camera(problem.points.size).is_ok_and(|camera| camera.sees_its_corners());
+            let freedom = bent.freedom(&outliers).unwrap_or(freedom);
+            let pays = best.as_ref().map_or(true, |((before, _), called_wrong)| {
+                let better = (before.cost - with_lens.0.cost).max(0.0);
+                let added = distortion - problem.unknowns.distortion;
+                outliers.len() < called_wrong.len()
+                    || outliers == *called_wrong && lens_chance(added, better, with_lens.0.cost, freedom) < NO_LENS
+            });
+            if pays && reaches {
+                best = Ok((with_lens, outliers));
+                problem = bent;
+            }
         }
-        let bent = Self { points: self.points, unknowns: Unknowns { distortion: 1, ..self.unknowns } };
-        let freedom = |outliers: &[usize]| {
-            (2 * (self.points.image.len() - outliers.len())).checked_sub(bent.unknowns.count()).filter(|&free| free > 0)
-        };
-        let found = bent.by_clicks().ok().and_then(|found| Some((freedom(&found.1)?, found)));
-        let Some((freedom, (with_lens, its_outliers))) = found else { return plain.map(|plain| (self, plain)) };
-        let pays = plain.as_ref().map_or(true, |((plain, _), outliers)| {
-            let variance = (with_lens.0.cost / freedom as f64).max(BEST_CLICK * BEST_CLICK);
-            let better = (plain.cost - with_lens.0.cost).max(0.0);
-            its_outliers.len() < outliers.len()
-                || its_outliers == *outliers && two_sided((better / variance).sqrt(), freedom) < NO_LENS
-        });
-        let reaches = with_lens.0.guess.camera(self.points.size).is_ok_and(|camera| camera.sees_its_corners());
-        match pays && reaches {
-            true => Ok((bent, (with_lens, its_outliers))),
-            false => plain.map(|plain| (self, plain)),
-        }
+        best.map(|best| (problem, best))
+    }
+
+    /// Equations less unknowns with these clicks left out; none where that is not above zero.
+    fn freedom(&self, outliers: &[usize]) -> Option<usize> {
+        let equations = 2 * (self.points.image.len() - outliers.len());
+        equations.checked_sub(self.unknowns.count()).filter(|&freedom| freedom > 0)
     }
 
     /// The clicks' variance a coordinate, px². As many unknowns as clicks say nothing of it: 1 px, then.
@@ -423,6 +434,16 @@ impl<'a> Problem<'a> {
     /// The middle of the world points.
     fn centre(&self) -> Vector3<f64> {
         self.points.world.iter().map(|point| point.coords).sum::<Vector3<f64>>() / self.points.world.len() as f64
+    }
+}
+
+/// The chance that a lens without distortion lets a cost (px²) fall `better` below what is left, `cost`, when one or two coefficients
+/// are `added`: F test.
+fn lens_chance(added: usize, better: f64, cost: f64, freedom: usize) -> f64 {
+    let variance = (cost / freedom as f64).max(BEST_CLICK * BEST_CLICK);
+    match added {
+        1 => two_sided((better / variance).sqrt(), freedom),
+        _ => (1.0 + better / (variance * freedom as f64)).powf(-(freedom as f64) / 2.0),
     }
 }
 
