@@ -34,6 +34,13 @@ const line = (row) => (row.line ? `\`${row.line.replaceAll("|", "\\|")}\`` : "")
 const table = (head, rows) => [head, head.map(() => "---"), ...rows].map((row) => `| ${row.join(" | ")} |`).join("\n");
 const how = (name, { quick }) => `\`scripts/paper ${name}${quick ? " --quick" : ""}\``;
 
+/** DtG by loss and by the noise of the labels. */
+const byNoise = ({ rows }) => {
+  const noises = [...new Set(Object.keys(rows).map((name) => name.split(" ")[1]))].sort();
+  const kinds = [...new Set(Object.keys(rows).map((name) => name.split(" ")[0]))];
+  return table(["loss", ...noises.map((noise) => `${noise} px`)], kinds.map((kind) => [kind, ...noises.map((noise) => dtg(rows[`${kind} ${noise}`]))]));
+};
+
 const CAMERAS = [1, 2, 3, 4, 5, 6, 7, 8, 9].map((number) => `cam${number}`);
 
 /** A curve as a small text chart's data: every so many steps the DtG. */
@@ -89,14 +96,8 @@ const SECTIONS = {
       );
     },
   ],
-  losses: [
-    "What forecasts are compared with, and the noise of the labels (SD-S)",
-    ({ rows }) => {
-      const noises = [...new Set(Object.keys(rows).map((name) => name.split(" ")[1]))].sort();
-      const kinds = [...new Set(Object.keys(rows).map((name) => name.split(" ")[0]))];
-      return table(["loss", ...noises.map((noise) => `${noise} px`)], kinds.map((kind) => [kind, ...noises.map((noise) => dtg(rows[`${kind} ${noise}`]))]));
-    },
-  ],
+  losses: ["What forecasts are compared with, and the noise of the labels (SD-S)", byNoise],
+  noise: ["The same on the rendered RD", byNoise],
   backbones: [
     "Backbones",
     ({ rows }) =>
