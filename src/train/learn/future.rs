@@ -17,7 +17,7 @@ use crate::physics::State;
 /// The future loss and its gradient.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FutureLoss {
-    /// Mean over windows, times and axes, px.
+    /// Mean over windows, times and axes, px; against true positions m.
     pub value: f64,
     /// By each picture's position (x and y in px of the drawn picture; depth in m, or apparent radius in px of it).
     pub gradient: Vec<[f64; 3]>,

@@ -106,7 +106,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
         Supervision::Places => "crops of renderings of random scenes, around a detector's candidates".into(),
         Supervision::Future3dGt => "3D labels, by windows (the paper's 3D-gt)".into(),
-        Supervision::Labels3d => "3D labels (the paper's baseline, not its method)".into(),
+        Supervision::Labels3d => "3D labels".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
             100.0 * recipe.labelled_share

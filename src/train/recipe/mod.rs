@@ -74,7 +74,8 @@ pub struct Recipe {
     /// Network by name; [`Self::architecture`] overrides it.
     #[serde(default = "default_network")]
     pub network: Network,
-    /// Depth the network starts at, m; the mean of the training labels where absent.
+    /// Depth the network starts at, m; where absent the mean of the depths that teach, or where forecasts do the cameras' distance from
+    /// their scenes' origin.
     #[serde(default)]
     pub prior_depth: Option<f64>,
     /// Weight of the depth loss against the heatmap loss. It must stay small: with 2 the 2D error is four times

@@ -18,7 +18,8 @@ pub enum Supervision {
     /// the velocity from three pictures ([`Velocity::Pictures`]).
     #[serde(rename = "future-2d-predict")]
     Future2dPredict,
-    /// Forecasts must meet the 2D labels of other frames: the target of the paper's 2D-gt.
+    /// Forecasts must meet the 2D labels of other frames: the target of the paper's 2D-gt. (Its text replaces the forecast by them, which
+    /// would leave none in the loss.)
     #[serde(rename = "future-2d-gt")]
     Future2dGt,
     /// The network's own positions at the later times of a window must be the true ones in camera coordinates (L1): the paper's
@@ -91,9 +92,10 @@ pub struct FutureConfig {
     pub numeric: bool,
     /// Where the forecast's velocity is from.
     pub velocity: Velocity,
-    /// Consecutive frames of a clip that are drawn together, where pictures tell the velocity: each is the middle of a window, and
-    /// forecasts meet those of them that are ahead. A batch then has three times as many forecasts, and most of what the noise of
-    /// a picture's depth does to them cancels. Where absent, each window has its own pictures, as in the paper.
+    /// Consecutive frames of a clip that are drawn together, where pictures tell the velocity: each that has neighbours and a frame ahead
+    /// among them is the middle of a window. A batch then has three times as many forecasts (the short ones more often), and noise in
+    /// one frame's depth, which enters its neighbours' velocities with opposite signs, partly cancels. Where absent, each window has
+    /// its own pictures, as in the paper.
     pub sequence: Option<usize>,
     /// Frames on either side that tell the velocity, with [`Velocity::Labels`].
     pub around: usize,
