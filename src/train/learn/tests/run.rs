@@ -245,7 +245,8 @@ fn the_papers_own_recipe_makes_its_steps() {
     let card = TrainConfig::start(settings.config().unwrap(), &Device::flex(), &mut observe).unwrap();
     assert_eq!(losses.len(), 2);
     for [loss, heatmap, future, norm] in losses {
-        assert!([loss, heatmap, future, norm].iter().all(|value| value.is_finite()) && norm > 0.0 && future > 0.0);
+        // At β = 10 a random network's positions jump over the picture: a forecast may end behind the camera, and count as zero.
+        assert!([loss, heatmap, future, norm].iter().all(|value| value.is_finite()) && norm > 0.0 && future >= 0.0);
     }
     assert!(Card::from_file(&card).is_ok());
 }
