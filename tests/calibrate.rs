@@ -176,13 +176,26 @@ fn a_bent_lens_is_found_before_any_click_is_called_wrong() {
     assert!(bent >= rounds - 1 && wrong == 0 && worst < 0.6, "{bent} {wrong} {worst}");
     // A straight lens stays one, nearly always.
     let camera = looking([3.0, -22.0, 7.0], [0.0, 0.0, 0.0], 1300.0, Size::new(1920, 1080), Distortion::default());
-    let straight = (0..40).filter(|&seed| {
+    let straight = (0..20).filter(|&seed| {
         let found = calibrate(&clicked(&camera, &world, false, 1.0, 900 + seed), &ONLY_POSE).unwrap();
         found.camera.distortion().is_none()
     });
     let straight = straight.count();
-    println!("{straight} of 40 straight lenses are straight");
-    assert!(straight >= 37, "{straight}");
+    println!("{straight} of 20 straight lenses are straight");
+    assert!(straight >= 18, "{straight}");
+}
+
+#[test]
+fn anothers_intrinsic_is_doubted() {
+    let court = Court::named("tennis").unwrap();
+    let world: Vec<[f64; 3]> = court.points.values().copied().filter(|point| point[2] == 0.0).collect();
+    let camera = looking([3.0, -22.0, 7.0], [0.0, 0.0, 0.0], 1300.0, Size::new(1920, 1080), Distortion::default());
+    let mut points = clicked(&camera, &world, true, 1.0, 3);
+    assert_eq!(calibrate(&points, &ONLY_POSE).unwrap().doubts(&points), Vec::<String>::new());
+    let intrinsic = points.intrinsic.as_mut().unwrap();
+    (intrinsic[(0, 0)], intrinsic[(1, 1)]) = (700.0, 700.0);
+    let doubts = calibrate(&points, &ONLY_POSE).unwrap().doubts(&points);
+    assert!(doubts.iter().any(|doubt| doubt.contains("intrinsic") && doubt.contains("px off")), "{doubts:?}");
 }
 
 #[test]

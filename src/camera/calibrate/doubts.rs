@@ -18,6 +18,8 @@ const NARROWEST: f64 = 1.0;
 const VAGUE: f64 = 0.2;
 /// Clicks farther from where the lines say than so many of their σ, root mean square.
 const UNLIKE_CLICKS: f64 = 1.5;
+/// Clicks' standard deviation from which something else is wrong, as a share of the picture's width: 10 px of 1920.
+const ROUGH: f64 = 0.005;
 /// Share of the lines in the picture that may be missing.
 const MISSING: f64 = 0.15;
 
@@ -54,6 +56,7 @@ impl Calibration {
             self.lens(),
             self.width(),
             self.vague(points),
+            self.rough(points),
             self.missing(),
             self.unlike(),
         ]
@@ -112,6 +115,17 @@ impl Calibration {
         let sigma = self.sigma_centre.norm();
         (sigma > VAGUE * distance).then(|| {
             format!("the clicks leave open where the camera is, to ± {sigma:.1} m: add points farther apart, at other depths or heights")
+        })
+    }
+
+    fn rough(&self, points: &Points) -> Option<String> {
+        let known = if points.intrinsic.is_some() { "is `intrinsic` this camera's, at this size? " } else { "" };
+        (self.noise_px > ROUGH * self.camera.size().xy()[0]).then(|| {
+            format!(
+                "the best camera leaves the clicks {:.0} px off (root mean square), which is far more than a click is: {known}Was each point \
+                 clicked that its name says?",
+                self.rms_px
+            )
         })
     }
 

@@ -176,6 +176,8 @@ impl<'a> Problem<'a> {
     fn by_clicks_and_lens(self) -> Result<(Self, (Solution, Vec<usize>))> {
         let open = self.points.distortion.is_none() && self.unknowns.distortion == 0;
         let mut best = self.by_clicks();
+        let all: Vec<usize> = (0..self.points.image.len()).collect();
+        let mut of_all = self.solve(&all).map_or(f64::INFINITY, |(found, _)| found.cost);
         let mut problem = self;
         for distortion in 1..=2 {
             let unknowns = Unknowns { distortion, ..problem.unknowns };
@@ -183,18 +185,24 @@ impl<'a> Problem<'a> {
             let Some(freedom) = bent.freedom(&[]).filter(|&freedom| open && freedom >= ENOUGH[distortion - 1]) else {
                 break;
             };
+            // To look for wrong clicks takes hundreds of solutions: not where all clicks together do not bow, and none is called wrong.
+            let added = distortion - problem.unknowns.distortion;
+            let bent_of_all = bent.solve(&all).map_or(f64::INFINITY, |(found, _)| found.cost);
+            let bows = lens_chance(added, (of_all - bent_of_all).max(0.0), bent_of_all, freedom) < NO_LENS;
+            if !bows && best.as_ref().is_ok_and(|(_, called_wrong)| called_wrong.is_empty()) {
+                continue;
+            }
             let Ok((with_lens, outliers)) = bent.by_clicks() else { continue };
             let reaches = with_lens.0.guess.camera(problem.points.size).is_ok_and(|camera| camera.sees_its_corners());
             let freedom = bent.freedom(&outliers).unwrap_or(freedom);
             let pays = best.as_ref().map_or(true, |((before, _), called_wrong)| {
                 let better = (before.cost - with_lens.0.cost).max(0.0);
-                let added = distortion - problem.unknowns.distortion;
                 outliers.len() < called_wrong.len()
                     || outliers == *called_wrong && lens_chance(added, better, with_lens.0.cost, freedom) < NO_LENS
             });
             if pays && reaches {
                 best = Ok((with_lens, outliers));
-                problem = bent;
+                (problem, of_all) = (bent, bent_of_all);
             }
         }
         best.map(|best| (problem, best))
