@@ -7,9 +7,10 @@ use nalgebra::{DVector, Point2, Point3, Vector2};
 
 use serde::Serialize;
 
+use super::lens::{NO_LENS, two_sided};
 use super::paint::{Expected, Grey, find};
 use super::refine::{Guess, Refined, Seen, refine};
-use super::{Calibration, NO_LENS, Points, Problem, Unknowns, refuse, two_sided};
+use super::{Calibration, Points, Problem, Unknowns, refuse};
 use crate::camera::court::CourtLine;
 use crate::camera::fold::Range;
 use crate::error::Result;
