@@ -1,5 +1,7 @@
 //! A court's painted lines, which pull the camera that clicks gave to a fraction of a pixel.
 //!
+//! Lines that fit worse than they should count as much less (Helmert's estimation of variance components).
+//!
 //! Where each line is expected, the picture is searched across it, as far as the camera is unsure there; straight lines that most
 //! samples speak for count, with the clicks, in one least-squares problem; and again with what that camera expects.
 
@@ -34,9 +36,7 @@ const LEAST_WIDTH: f64 = 0.3;
 const LEAST_SEARCH: f64 = 2.5;
 const MOST_SEARCH: f64 = 40.0;
 const SIGMAS: f64 = 3.0;
-/// A click is not taken to be better than this, px.
-const BEST_CLICK: f64 = 1.0;
-/// Clicks that may be as bad as this, px, where nothing says how good they are.
+/// A click's 1-σ, px, where nothing says how good the clicks are: it counts as one degree of freedom beside those that say it.
 const UNKNOWN_CLICK: f64 = 3.0;
 /// 1-σ of one sample, px; of all of a line alike: of what is seen, px, and of where it was painted, as a share of its width.
 const SAMPLE_SIGMA: f64 = 0.4;
@@ -44,6 +44,8 @@ const LINE_SIGMA: f64 = 0.12;
 const PAINTED_SIGMA: f64 = 0.08;
 /// A line's samples tell two things, however many they are: its offset and its tilt.
 const PER_LINE: f64 = 2.0;
+/// The share of what is told that is not used up by the unknowns is not taken to be less.
+const LEAST_REDUNDANCY: f64 = 0.1;
 /// Found lines that are needed.
 const FEWEST_LINES: usize = 3;
 /// Clicks farther than so many of their σ, root mean square, are not of this camera.
@@ -83,16 +85,17 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
     let clicked = Problem::new(points, &Unknowns { focal: unknowns.focal, ..Unknowns::default() });
     let (mut problem, ((start, method), outliers)) = clicked.by_clicks_and_lens()?;
     let freedom = (2 * (points.image.len() - outliers.len())).saturating_sub(problem.unknowns.count());
-    let least = if freedom < 4 { UNKNOWN_CLICK } else { BEST_CLICK };
-    let noise = problem.variance(&start, &outliers).sqrt().max(least);
+    let noise = ((start.cost + UNKNOWN_CLICK.powi(2)) / (freedom as f64 + 1.0)).sqrt();
     let click = |index| Seen { weight: 1.0 / noise, ..Seen::click(points.world[index], points.image[index]) };
     let clicks: Vec<Seen> = (0..points.image.len()).filter(|index| !outliers.contains(index)).map(click).collect();
 
     let grey = Grey::of(picture.rgb());
     let mut camera = refine(start.guess, &problem.unknowns, &clicks).unwrap_or(start);
     let mut lines = Vec::new();
+    // By how much the lines are farther off than they should be: so much less they count.
+    let mut stretch = 1.0;
     for round in 0..ROUNDS {
-        lines = problem.searched(&camera, &grey);
+        lines = problem.searched(&camera, stretch, &grey);
         if 2 * round >= ROUNDS && lines.len() >= FEWEST_LINES {
             let distortion = problem.unknowns.distortion.max(whole.unknowns.distortion);
             problem.unknowns = Unknowns { distortion, ..whole.unknowns };
@@ -117,6 +120,14 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
             problem.unknowns = bent;
         }
         camera = with_lens.unwrap_or(moved);
+        let told = PER_LINE * lines.len() as f64 + 2.0 * clicks.len() as f64;
+        let redundancy = (1.0 - problem.unknowns.count() as f64 / told).max(LEAST_REDUNDANCY);
+        let misfit = |line: &Painted| {
+            let (_, rms) = line.off(&camera.guess, &problem.unknowns);
+            (rms.powi(2) - SAMPLE_SIGMA.powi(2)).max(0.0) / (line.sigma / stretch).powi(2)
+        };
+        let misfits = lines.iter().map(misfit).sum::<f64>() / lines.len().max(1) as f64;
+        stretch = (misfits / redundancy).sqrt().max(1.0);
     }
     if lines.len() < FEWEST_LINES {
         return Err(refuse(format!(
@@ -188,13 +199,13 @@ struct Sample {
 }
 
 impl Problem<'_> {
-    /// The lines as the picture shows them.
-    fn searched(&self, camera: &Refined, grey: &Grey) -> Vec<Painted> {
+    /// The lines as the picture shows them, `stretch` times as unsure as usual.
+    fn searched(&self, camera: &Refined, stretch: f64, grey: &Grey) -> Vec<Painted> {
         let lines = self.points.lines.iter().enumerate();
-        lines.filter_map(|(index, line)| self.search(camera, index, line, grey)).collect()
+        lines.filter_map(|(index, line)| self.search(camera, index, line, stretch, grey)).collect()
     }
 
-    fn search(&self, camera: &Refined, index: usize, line: &CourtLine, grey: &Grey) -> Option<Painted> {
+    fn search(&self, camera: &Refined, index: usize, line: &CourtLine, stretch: f64, grey: &Grey) -> Option<Painted> {
         let samples = self.samples(camera, line)?;
         let unsure = samples.iter().map(|sample| sample.sigma).fold(0.0, f64::max);
         let reach = SIGMAS * unsure + LEAST_SEARCH;
@@ -204,7 +215,7 @@ impl Problem<'_> {
         let expected: Vec<Expected> = samples.iter().map(|sample| sample.expected).collect();
         let found = find(grey, &expected, reach)?;
         let scale = samples.iter().map(|sample| sample.scale).sum::<f64>() / samples.len() as f64;
-        let sigma = LINE_SIGMA.hypot(PAINTED_SIGMA * scale * line.width);
+        let sigma = stretch * LINE_SIGMA.hypot(PAINTED_SIGMA * scale * line.width);
         let weight = 1.0 / SAMPLE_SIGMA.hypot(sigma * (found.len() as f64 / PER_LINE).sqrt());
         let seen = found.iter().map(|&(number, offset)| {
             let Sample { world, image, expected: Expected { across, .. }, .. } = samples[number];
