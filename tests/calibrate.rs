@@ -354,7 +354,7 @@ proptest! {
 
 #[test]
 fn a_scenes_lines_are_where_the_court_of_the_same_name_has_its_points() {
-    for name in ["tennis", "volleyball", "badminton", "table-tennis"] {
+    for name in ["tennis", "volleyball", "badminton", "table-tennis", "pickleball"] {
         let scene = Scene::named(name).unwrap();
         let court = Court::named(name).unwrap();
         for corner in ["near corner left", "far corner right", "near doubles corner left", "far doubles corner right"] {

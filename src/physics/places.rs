@@ -40,7 +40,7 @@ const fn around([x, y]: [f64; 2], height: f64) -> Option<Bounds> {
 }
 
 /// Every place.
-const PLACES: [Place; 9] = [
+const PLACES: [Place; 12] = [
     // ITF court, hard, doubles; the world as in the court `tennis`: origin in its middle, x right, y away.
     Place {
         name: "tennis",
@@ -196,6 +196,64 @@ const PLACES: [Place; 9] = [
         bounds: around([3.2, 4.875], 8.0),
         ..EMPTY
     },
+    // USA Pickleball court, 44 x 20 ft.
+    Place {
+        name: "pickleball",
+        ball: "pickleball",
+        lines: &[
+            [[-3.048, -6.7056, 0.0], [3.048, -6.7056, 0.0]],
+            [[3.048, -6.7056, 0.0], [3.048, 6.7056, 0.0]],
+            [[3.048, 6.7056, 0.0], [-3.048, 6.7056, 0.0]],
+            [[-3.048, 6.7056, 0.0], [-3.048, -6.7056, 0.0]],
+            [[-3.048, -2.1336, 0.0], [3.048, -2.1336, 0.0]],
+            [[-3.048, 2.1336, 0.0], [3.048, 2.1336, 0.0]],
+            [[0.0, -6.7056, 0.0], [0.0, -2.1336, 0.0]],
+            [[0.0, 6.7056, 0.0], [0.0, 2.1336, 0.0]],
+        ],
+        net: &[[-3.353, 0.0, 0.914], [0.0, 0.0, 0.864], [3.353, 0.0, 0.914]],
+        // USA Pickleball: 64 x 34 ft at the largest events.
+        bounds: around([5.19, 9.76], 8.0),
+        ..EMPTY
+    },
+    // FIP court, 20 x 10 m between walls: glass and fence to 3 and 4 m, which are taken to be higher than any ball; a fence's bounce is a
+    // hit.
+    Place {
+        name: "padel",
+        ball: "padel",
+        walls: &[
+            Wall { point: [0.0, 10.0, 0.0], normal: [0.0, -1.0, 0.0] },
+            Wall { point: [0.0, -10.0, 0.0], normal: [0.0, 1.0, 0.0] },
+            Wall { point: [-5.0, 0.0, 0.0], normal: [1.0, 0.0, 0.0] },
+            Wall { point: [5.0, 0.0, 0.0], normal: [-1.0, 0.0, 0.0] },
+        ],
+        lines: &[
+            [[-5.0, -10.0, 0.0], [5.0, -10.0, 0.0]],
+            [[5.0, -10.0, 0.0], [5.0, 10.0, 0.0]],
+            [[5.0, 10.0, 0.0], [-5.0, 10.0, 0.0]],
+            [[-5.0, 10.0, 0.0], [-5.0, -10.0, 0.0]],
+            [[-5.0, -6.95, 0.0], [5.0, -6.95, 0.0]],
+            [[-5.0, 6.95, 0.0], [5.0, 6.95, 0.0]],
+            [[0.0, -7.15, 0.0], [0.0, 7.15, 0.0]],
+        ],
+        net: &[[-5.0, 0.0, 0.92], [0.0, 0.0, 0.88], [5.0, 0.0, 0.92]],
+        // FIP: 6 m free above the court, 8 m in new halls. Balls leave the cage; they come back as another flight.
+        bounds: around([5.0, 10.0], 12.0),
+        ..EMPTY
+    },
+    // MCC pitch; the wickets are not modelled.
+    Place {
+        name: "cricket",
+        ball: "cricket",
+        lines: &[
+            [[-1.83, -8.84, 0.0], [1.83, -8.84, 0.0]],
+            [[-1.83, 8.84, 0.0], [1.83, 8.84, 0.0]],
+            [[-1.32, -10.06, 0.0], [1.32, -10.06, 0.0]],
+            [[-1.32, 10.06, 0.0], [1.32, 10.06, 0.0]],
+        ],
+        // ICC: boundaries of at most 82.3 m from the pitch's middle.
+        bounds: around([82.3, 82.3], 60.0),
+        ..EMPTY
+    },
     // A level floor at z = 0 and a tennis ball; another with --ball.
     Place { name: "floor", ball: "tennis", ..EMPTY },
     // Free flight, nothing to touch; a tennis ball, another with --ball.
@@ -249,7 +307,7 @@ mod tests {
 
     #[test]
     fn every_scene_is_one_that_can_be_fitted() {
-        assert_eq!(Scene::names().len(), 9);
+        assert_eq!(Scene::names().len(), 12);
         for name in Scene::names() {
             let scene = Scene::named(name).unwrap();
             scene.check(name).unwrap();
@@ -257,7 +315,7 @@ mod tests {
             let written = serde_json::to_string(&scene).unwrap();
             assert_eq!(Scene::from_json(&written, name).unwrap(), scene);
         }
-        let error = Scene::named("cricket").unwrap_err().to_string();
+        let error = Scene::named("curling").unwrap_err().to_string();
         assert!(error.contains("table-tennis"), "{error}");
     }
 }
