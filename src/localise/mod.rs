@@ -145,8 +145,11 @@ pub struct Localisation {
     pub camera: [f64; 3],
     /// Position in the world frame, m.
     pub world: [f64; 3],
+    /// Whether a ball was found: its confidence reaches the model's `confidence_threshold`, and it can be where it was found. If not, the
+    /// position is that of the likeliest place, and is not to be used.
+    pub ball_found: bool,
     /// How sure the model is of the position found, 0 to 1: what [`Self::confidence_kind`] says. Below the card's
-    /// `confidence_threshold` there is probably no ball, and a note says so.
+    /// `confidence_threshold` no ball is found ([`Self::ball_found`]).
     pub confidence: f64,
     /// What the confidence is.
     pub confidence_kind: ConfidenceKind,
@@ -294,9 +297,9 @@ impl Localiser {
         Err(Error::Device { device: device_name(&self.device), reason })
     }
 
-    /// A picture's worth of values with every frequency in it, `[height, width, 3]`.
+    /// An input's worth of values with every frequency in it.
     fn test_pattern(&self) -> Vec<f32> {
-        let count = 3 * self.card.input.pixels();
+        let count = self.config.input_channels() * self.card.input.pixels();
         (0..count).map(|index| ((index as f64).powf(1.5) * 0.01).sin() as f32).collect()
     }
 
@@ -340,9 +343,9 @@ impl Localiser {
         }
         notes.extend(camera.doubts(None, &[]));
         let confidence = model::confidence(&raw.probability, raw.width, stride, raw.image);
-        if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| confidence < threshold) {
-            notes.push(format!("there is probably no ball: the confidence is below the model's {threshold:.2}"));
-        }
+        let unsure = self.unsure(confidence);
+        let ball_found = unsure.is_none();
+        notes.extend(unsure);
         Ok(Localisation {
             image,
             depth: raw.depth,
@@ -352,11 +355,20 @@ impl Localiser {
             candidates: vec![],
             camera: in_camera.coords.into(),
             world: in_world.coords.into(),
+            ball_found,
             confidence,
             confidence_kind: self.card.confidence_kind(),
             notes,
             maps: options.maps.then(|| raw.maps(input.content, stride)),
         })
+    }
+
+    /// Why no ball is found where the confidence is as low as this.
+    fn unsure(&self, confidence: f64) -> Option<String> {
+        let threshold = self.card.confidence_threshold.filter(|&threshold| confidence < threshold)?;
+        Some(format!(
+            "no ball found: the confidence is below the model's {threshold:.2}, and the position is that of the likeliest place"
+        ))
     }
 
     /// Runs the network on one normalised picture `[height, width, 3]` and reads its maps back.

@@ -126,14 +126,14 @@ impl Localiser {
         if size != camera.size() {
             notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));
         }
-        if none_possible {
-            notes.push(
-                "no place in the picture can be the ball: the position is of the likeliest one, and is none".into(),
-            );
-        } else if let Some(threshold) = self.card.confidence_threshold.filter(|&threshold| best.confidence < threshold)
-        {
-            notes.push(format!("there is probably no ball: the confidence is below the model's {threshold:.2}"));
-        }
+        let unfound = match none_possible {
+            true => Some(
+                "no ball found: no place in the picture can be it; the position is that of the likeliest one".into(),
+            ),
+            false => self.unsure(best.confidence),
+        };
+        let ball_found = unfound.is_none();
+        notes.extend(unfound);
         if let Some((surest, reason)) = refused.first() {
             let Point2 { coords } = surest.outline.centre;
             notes.push(format!(
@@ -170,6 +170,7 @@ impl Localiser {
             covariance: Some(covariance(best, &camera_of_picture, &image, centre.z)?),
             camera: centre.coords.into(),
             world: camera_of_picture.world_from_camera(&centre).coords.into(),
+            ball_found,
             confidence: best.confidence,
             confidence_kind: self.card.confidence_kind(),
             candidates,
@@ -362,7 +363,11 @@ impl Localiser {
 
     /// The network's maps of the part of `size` that begins at (`left`, `top`).
     pub(super) async fn one_field(&self, rgb: &RgbImage, left: u32, top: u32, size: Size) -> Result<Field> {
-        let values = tile(rgb, [left, top], size, &self.card.normalisation);
+        self.field_of(tile(rgb, [left, top], size, &self.card.normalisation), size).await
+    }
+
+    /// The network's maps of a normalised input of `size`.
+    pub(super) async fn field_of(&self, values: Vec<f32>, size: Size) -> Result<Field> {
         let output = self.runner(size).run(values);
         let [_, _, columns] = output.depth.dims();
         let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };

@@ -148,5 +148,5 @@ fn a_place_where_the_ball_cannot_be_is_not_taken_for_it() {
     let eye = clip.camera.world_from_camera(&nalgebra::Point3::origin()).coords;
     let near = crate::Volume { low: (eye.add_scalar(-0.3)).into(), high: (eye.add_scalar(0.3)).into() };
     let none = localised(Some(near));
-    assert!(none.confidence < 0.1 && none.notes.iter().any(|note| note.contains("probably no ball")), "{none:?}");
+    assert!(none.confidence < 0.1 && none.notes.iter().any(|note| note.contains("no ball found")), "{none:?}");
 }

@@ -75,8 +75,10 @@ pub struct Position {
     pub camera: [f64; 3],
     /// In the world's frame (z up), in metres.
     pub world: [f64; 3],
-    /// How sure the model is of this position, from 0 to 1: what `confidenceKind` says. Below the card's `confidence_threshold`
-    /// there is probably no ball, and `notes` says so.
+    /// Whether a ball was found: its confidence reaches the card's `confidence_threshold`, and it can be where it was found. If not,
+    /// the position is that of the likeliest place, and is not to be used.
+    pub ball_found: bool,
+    /// How sure the model is of this position, from 0 to 1: what `confidenceKind` says.
     pub confidence: f64,
     /// What the confidence is.
     pub confidence_kind: ConfidenceKind,
@@ -214,6 +216,7 @@ impl JsLocaliser {
             candidates: found.candidates,
             camera: found.camera,
             world: found.world,
+            ball_found: found.ball_found,
             confidence: found.confidence,
             confidence_kind: found.confidence_kind,
             dtg,

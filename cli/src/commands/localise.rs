@@ -120,6 +120,9 @@ fn print(name: Option<String>, found: &Localisation) -> Result<()> {
         print_line(name)?;
     }
     let Localisation { image: [u, v], depth, depth_sigma, camera, world, confidence, .. } = found;
+    if !found.ball_found {
+        print_line("no ball found; the likeliest place is")?;
+    }
     let sigma = depth_sigma.map_or(String::new(), |sigma| format!(" ± {sigma:.3}"));
     let point = |[x, y, z]: &[f64; 3]| format!("x {x:8.3}  y {y:8.3}  z {z:8.3} m");
     print_line(format_args!("world       {}", point(world)))?;

@@ -5,8 +5,11 @@ import type { Subject } from "./subject";
 
 const AXES = ["x", "y", "z"] as const;
 const NOTHING = "–";
+const HEADING = "Position in the world, in metres";
+const UNFOUND = "No ball found. The likeliest place in the world, in metres";
 
 export class ResultPanel {
+  readonly #heading = make("h2", { text: HEADING });
   readonly #world = AXES.map((axis) => number(`world-${axis}`));
   readonly #camera = AXES.map((axis) => number(`camera-${axis}`));
   readonly #image = number("image-xy");
@@ -31,7 +34,7 @@ export class ResultPanel {
     const device = make("div", { class: "row" });
     device.append(make("dt", { text: "Device" }), make("dd", { part: "device" }, this.#device, this.#reason));
     element("result").append(
-      make("h2", { text: "Position in the world, in metres" }),
+      this.#heading,
       vector("vector large", this.#world),
       make("h2", { text: "In the camera’s frame, in metres" }),
       vector("vector", this.#camera),
@@ -58,6 +61,8 @@ export class ResultPanel {
   }
 
   show(result: Localisation, subject: Subject, { name, depth_from: from }: Card): void {
+    this.#heading.textContent = result.ballFound ? HEADING : UNFOUND;
+    element("result").classList.toggle("unfound", !result.ballFound);
     result.world.forEach((value, axis) => set(this.#world[axis]!, [value], 3));
     result.camera.forEach((value, axis) => set(this.#camera[axis]!, [value], 3));
     set(this.#image, result.image, 1);
@@ -87,6 +92,8 @@ export class ResultPanel {
     for (const each of all) set(each, [], 0);
     for (const sampleRow of this.#sampleRows) sampleRow.hidden = true;
     this.#otherRow.hidden = true;
+    this.#heading.textContent = HEADING;
+    element("result").classList.remove("unfound");
     this.#notes.replaceChildren();
   }
 }
