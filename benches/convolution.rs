@@ -83,7 +83,7 @@ fn flops(config: &PenConfig, side: usize) -> f64 {
     };
     let block = |channels: usize, stride: usize| 2.0 * conv(channels, channels, 3, stride);
     match (&config.backbone, &config.head) {
-        (&BackboneConfig::Compact { stem, stages, pyramid }, _) => {
+        (&BackboneConfig::Compact { stem, stages, pyramid, .. }, _) => {
             let inputs = [stem, stages[0], stages[1], stages[2]];
             let stages = inputs.into_iter().zip(stages).enumerate().map(|(index, (input, output))| {
                 let stride = 4 << index;
@@ -267,7 +267,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
         };
         let mut optimiser = AdamW::new(0.0, 1e-5);
         let mut pen = Some(pen);
-        let batch = Batch { pictures, size: [job.side; 2], labels, windows: vec![] };
+        let batch = Batch { pictures, size: [job.side; 2], channels: 3, labels, windows: vec![] };
         // The next step's batch is made beforehand, as the peer's is.
         let mut next = Some(batch.clone());
         Box::new(move || {

@@ -4,14 +4,19 @@
 //! The folder holds `negatives/` (pictures without a ball), `balls/` (with balls) and `balls.csv` (`file,x,y,radius_px`). The cameras are
 //! not known, so one is made up for each picture (focal length: the longer side), and depths are not scored. A ball is found where the
 //! first detection is within half a radius, at least 3 px, of a labelled one.
+//!
+//! `cargo bench --bench photographs -- --fit FOLDER [CARD]` fits the weights of the confidence (`ODDS` in `src/localise/closer.rs`) to
+//! the photographs without a ball in FOLDER, which the model must not have been trained with: as they are and with a drawn ball, half
+//! each.
 
 mod common;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use gravisight::internal::RandomScenes;
+use gravisight::internal::{RandomScenes, read_photographs};
 use gravisight::{Camera, Card, Device, LocaliseOptions, Localiser, Picture, Size};
+use nalgebra::{SMatrix, SVector};
 use pollster::block_on;
 
 /// The ball's radius, m: scales the depths, which are not scored.
@@ -29,6 +34,54 @@ struct Ball {
     x: f64,
     y: f64,
     radius_px: f64,
+}
+
+fn localiser(card: Option<&String>) -> Localiser {
+    let card = card.map_or(concat!(env!("CARGO_MANIFEST_DIR"), "/models/any.json"), String::as_str);
+    let (card, weights) = Card::with_weights(Path::new(card)).unwrap();
+    Localiser::new(card, weights, &Device::flex()).unwrap()
+}
+
+/// Drawings of each photograph that the weights are fitted to; of each every other shows a ball.
+const DRAWINGS: u64 = 8;
+/// Newton's steps of the fit; it has converged after a few.
+const NEWTON_STEPS: usize = 30;
+/// Strength of the prior that keeps the weights finite where everything is told apart.
+const RIDGE: f64 = 1e-3;
+
+/// Fits the weights of the confidence.
+fn fit(folder: &Path, localiser: &Localiser) {
+    let photographs = read_photographs(folder).unwrap();
+    let scenes = [1.0, 0.0].map(|empty| RandomScenes::new(vec![], empty));
+    let (mut rows, mut labels) = (vec![], vec![]);
+    for (number, photograph) in photographs.iter().enumerate() {
+        for drawing in 0..DRAWINGS {
+            let seed = DRAWINGS * number as u64 + drawing;
+            let drawing = scenes[(drawing % 2) as usize].draw_before(photograph, seed, 1);
+            for found in block_on(localiser.evidence(&Picture::from_rgb(drawing.picture()))).unwrap() {
+                let [first, crop, verifier, size] = found.features;
+                rows.push(SVector::from([1.0, first, crop, verifier, size]));
+                let is_ball = drawing.balls.iter().any(|ball| {
+                    let [x, y] = ball.centre;
+                    (found.outline.centre.x - x).hypot(found.outline.centre.y - y) <= NEAR_PX.max(ball.radius / 2.0)
+                });
+                labels.push(f64::from(u8::from(is_ball)));
+            }
+        }
+    }
+    let mut weights = SVector::<f64, 5>::zeros();
+    for _ in 0..NEWTON_STEPS {
+        let (mut slope, mut bend) = (weights * -RIDGE, SMatrix::identity() * RIDGE);
+        for (row, label) in rows.iter().zip(&labels) {
+            let probability = 1.0 / (1.0 + (-weights.dot(row)).exp());
+            slope += row * (label - probability);
+            bend += row * row.transpose() * probability * (1.0 - probability);
+        }
+        weights += bend.cholesky().unwrap().solve(&slope);
+    }
+    let weights: Vec<String> = weights.iter().map(|weight| format!("{weight:.3}")).collect();
+    let balls = labels.iter().sum::<f64>();
+    println!("{} candidates, {balls} of them balls: {}", rows.len(), weights.join(", "));
 }
 
 /// Confidence and place (px) of each detection, the first one first.
@@ -63,13 +116,16 @@ fn main() {
     if common::is_check() {
         arguments.push(small_set().to_string_lossy().into_owned());
     }
+    if let [first, folder, rest @ ..] = arguments.as_slice()
+        && first == "--fit"
+    {
+        return fit(Path::new(folder), &localiser(rest.first()));
+    }
     let [folder, rest @ ..] = arguments.as_slice() else {
         return println!("usage: cargo bench --bench photographs -- FOLDER [CARD]");
     };
     let folder = Path::new(folder);
-    let card = rest.first().map_or(concat!(env!("CARGO_MANIFEST_DIR"), "/models/any.json"), String::as_str);
-    let (card, weights) = Card::with_weights(Path::new(card)).unwrap();
-    let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
+    let localiser = localiser(rest.first());
 
     let surest = |path: &PathBuf| detections(&localiser, path).iter().fold(0.0, |most: f64, (p, _)| most.max(*p));
     let negatives: Vec<f64> = pictures(&folder.join("negatives")).iter().map(surest).collect();

@@ -6,6 +6,7 @@ use safetensors::SafeTensors;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::backbone::PICTURE_CHANNELS;
 use super::config::{CLOSER_SIDE, PenConfig};
 use crate::error::{Error, Result, json_refusal};
 use crate::image::Normalisation;
@@ -105,6 +106,10 @@ impl Card {
         let refuse = |error| Error::format(what)(json_refusal(&error)).expecting(EXPECTED);
         let card: Self = serde_json::from_str(text).map_err(refuse)?;
         check_input(&card.architecture, card.input, &card.normalisation, what)?;
+        if card.architecture.input_channels() != PICTURE_CHANNELS {
+            let reason = "must be 3: a model is given one picture (its verifier two)";
+            return Err(Error::value(what, "architecture.backbone.input_channels", reason));
+        }
         if let Some(closer) = &card.closer {
             check_input(closer, Size::square(CLOSER_SIDE), &card.normalisation, what)?;
             if !closer.depth.is_size() {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::backbone::{BackboneConfig, Outline};
+use super::backbone::{BackboneConfig, Outline, PICTURE_CHANNELS};
 use crate::error::{Error, Result};
 
 /// Largest number of channels in any layer; a card asking for more is damaged or hostile.
@@ -115,8 +115,9 @@ impl PenConfig {
 
     /// The network for browsers: 0.7 M parameters, 0.2 GMAC at 224×224. `prior_depth` in m.
     pub fn compact(prior_depth: f64) -> Self {
+        let stages = [24, 48, 96, 128];
         Self {
-            backbone: BackboneConfig::Compact { stem: 16, stages: [24, 48, 96, 128], pyramid: 32 },
+            backbone: BackboneConfig::Compact { stem: 16, stages, pyramid: 32, input_channels: PICTURE_CHANNELS },
             head: HeadConfig::Depthwise,
             heatmap: HeatmapConfig { beta: 1.0 },
             depth: DepthConfig { activation: DepthActivation::Exp, scale: prior_depth },
@@ -129,11 +130,17 @@ impl PenConfig {
         Self { depth, ..Self::compact(MIDDLE_RADIUS) }
     }
 
-    /// The verifier: 0.4 M parameters, balls of about 12 px radius in pictures of 64×64 px.
+    /// The verifier: 0.4 M parameters, balls of about 12 px radius in pictures of 64×64 px, each with a second one of what is around it.
     pub fn closer() -> Self {
         let depth = DepthConfig { activation: DepthActivation::Radius, scale: CLOSER_RADIUS };
-        let backbone = BackboneConfig::Compact { stem: 16, stages: [24, 48, 72, 96], pyramid: 32 };
+        let (stages, input_channels) = ([24, 48, 72, 96], 2 * PICTURE_CHANNELS);
+        let backbone = BackboneConfig::Compact { stem: 16, stages, pyramid: 32, input_channels };
         Self { backbone, depth, ..Self::compact(CLOSER_RADIUS) }
+    }
+
+    /// Channels of the input: 3 a picture.
+    pub fn input_channels(&self) -> usize {
+        self.backbone.input_channels()
     }
 
     /// Number the input's sides must be multiples of, px.
@@ -161,6 +168,10 @@ impl PenConfig {
         }
         if let Some(wrong) = sizes.iter().find(|&&count| count == 0 || count > MAX_CHANNELS) {
             return refuse("channels/depths", format!("must be 1 to {MAX_CHANNELS}, not {wrong}"));
+        }
+        let channels = self.input_channels();
+        if ![1, 2].map(|pictures| pictures * PICTURE_CHANNELS).contains(&channels) {
+            return refuse("backbone.input_channels", format!("must be 3 or 6, not {channels}"));
         }
         let several = features.len() > 1;
         if several != matches!(self.head, HeadConfig::Paper { .. }) {

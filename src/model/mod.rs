@@ -19,6 +19,7 @@ mod tests;
 mod weights;
 
 pub use self::backbone::BackboneConfig;
+pub(crate) use self::backbone::PICTURE_CHANNELS;
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
 pub use self::built_in::{ANY, SD_L};

@@ -88,7 +88,7 @@ impl Pen {
         &self.config
     }
 
-    /// Runs the network on normalised pictures, `[batch, height, width, 3]`, sides multiples of
+    /// Runs the network on normalised pictures, `[batch, height, width, channels]` (3 a picture; the verifier's 6), sides multiples of
     /// [`PenConfig::input_multiple`].
     pub fn forward(&self, pictures: Tensor<4>) -> PenOutput {
         let [heatmap, depth] = self.maps(&mut Tensors, &pictures);
@@ -98,14 +98,17 @@ impl Pen {
     /// A runner for pictures of `size`: on the CPU with everything worked out beforehand, elsewhere as
     /// [`Self::forward`].
     pub fn runner(self, size: Size, device: &Device) -> PenRunner {
-        let plan = is_cpu(device).then(|| Plan::new(size, |layers, picture| self.maps(layers, picture).into()));
+        let plan = is_cpu(device).then(|| {
+            Plan::new(size, self.config.input_channels(), |layers, picture| self.maps(layers, picture).into())
+        });
         PenRunner { pen: self, size, device: device.clone(), plan }
     }
 
     /// Memory that a training step on `batch` pictures of `size` takes, about, in bytes: values of maps,
     /// with their gradients and what the backward pass keeps.
     pub fn training_bytes(&self, batch: usize, size: Size) -> usize {
-        let values = Plan::map_values(size, |layers, picture| self.maps(layers, picture).into());
+        let values =
+            Plan::map_values(size, self.config.input_channels(), |layers, picture| self.maps(layers, picture).into());
         batch * values * size_of::<f32>() * COPIES_IN_TRAINING
     }
 
@@ -143,7 +146,7 @@ pub struct PenRunner {
 }
 
 impl PenRunner {
-    /// Runs the network on normalised pictures `[batch, height, width, 3]` of the runner's size. May be called
+    /// Runs the network on normalised pictures `[batch, height, width, channels]` of the runner's size. May be called
     /// by several threads at once.
     ///
     /// # Panics
@@ -151,7 +154,8 @@ impl PenRunner {
     pub fn run(&self, pictures: Vec<f32>) -> PenOutput {
         let [height, width] = [self.size.height, self.size.width].map(|side| side as usize);
         let Some(plan) = &self.plan else {
-            let shape = [pictures.len() / (3 * height * width), height, width, 3];
+            let channels = self.pen.config.input_channels();
+            let shape = [pictures.len() / (channels * height * width), height, width, channels];
             return self.pen.forward(Tensor::from_data(TensorData::new(pictures, shape), &self.device));
         };
         let maps: Vec<Tensor<4>> = (plan.run(&pictures).into_iter())

@@ -58,22 +58,26 @@ enum Task {
 }
 
 impl Plan {
-    /// The plan of a network that takes a picture of `size`, `[1, height, width, 3]`; `network` names its layers and
+    /// The plan of a network that takes a picture of `size`, `[1, height, width, channels]`; `network` names its layers and
     /// returns its outputs.
-    pub(super) fn new(size: Size, network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> Self {
-        let mut recorder = Recorder::new(size);
+    pub(super) fn new(size: Size, channels: usize, network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> Self {
+        let mut recorder = Recorder::new(size, channels);
         let outputs = network(&mut recorder, &PICTURE);
         recorder.finish(&outputs)
     }
 
     /// Values of all maps of such a network.
-    pub(super) fn map_values(size: Size, network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>) -> usize {
-        let mut recorder = Recorder::new(size);
+    pub(super) fn map_values(
+        size: Size,
+        channels: usize,
+        network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
+    ) -> usize {
+        let mut recorder = Recorder::new(size, channels);
         network(&mut recorder, &PICTURE);
         recorder.maps.iter().map(Extent::len).sum()
     }
 
-    /// Runs the network on pictures `[batch, height, width, 3]`; its outputs' layouts and values.
+    /// Runs the network on pictures `[batch, height, width, channels]`; its outputs' layouts and values.
     ///
     /// Enough pictures go through the network one to a thread: their maps stay in the thread's cache.
     ///
@@ -158,8 +162,8 @@ pub(super) struct Recorder {
 }
 
 impl Recorder {
-    fn new(size: Size) -> Self {
-        let picture = Extent::new([1, size.height as usize, size.width as usize, 3]);
+    fn new(size: Size, channels: usize) -> Self {
+        let picture = Extent::new([1, size.height as usize, size.width as usize, channels]);
         Self { vectors: Vectors::best(), maps: vec![picture], records: Vec::new() }
     }
 

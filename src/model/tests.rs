@@ -30,7 +30,7 @@ fn largest_difference(found: &[f32], expected: &[f32]) -> f32 {
 
 /// A small compact network, the one of tests/golden/pen.py.
 fn small() -> PenConfig {
-    let backbone = BackboneConfig::Compact { stem: 6, stages: [6, 8, 10, 12], pyramid: 8 };
+    let backbone = BackboneConfig::Compact { stem: 6, stages: [6, 8, 10, 12], pyramid: 8, input_channels: 3 };
     PenConfig { backbone, ..PenConfig::compact(7.5) }
 }
 
@@ -224,8 +224,10 @@ fn truncated_weights_are_refused_as_such() {
 fn weights_of_another_architecture_are_refused_with_the_tensor() {
     let device = Device::flex();
     let bytes = formula_weights(&small(), &device);
-    let wider =
-        PenConfig { backbone: BackboneConfig::Compact { stem: 8, stages: [6, 8, 10, 12], pyramid: 8 }, ..small() };
+    let wider = PenConfig {
+        backbone: BackboneConfig::Compact { stem: 8, stages: [6, 8, 10, 12], pyramid: 8, input_channels: 3 },
+        ..small()
+    };
     let error = load(&wider, bytes, &device).unwrap_err();
     assert!(matches!(error, Error::WeightsArchitecture { .. }), "{error}");
     assert!(error.to_string().contains("stem"), "{error}");

@@ -27,6 +27,8 @@ pub use self::broadcast::{Film, Filmed, Kind};
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
 #[cfg(not(target_arch = "wasm32"))]
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) use self::random::Spot;
 pub use self::random::{Apparent, Drawing, LARGEST, RandomScenes, SMALLEST};
 use self::render::Renderer;
 use self::scenes::Paper;

@@ -37,10 +37,11 @@ pub(super) fn outline(stem: usize, stages: [usize; 4], pyramid: usize) -> Outlin
 }
 
 impl Compact {
-    pub(super) fn new(stem: usize, stages: [usize; 4], pyramid: usize, device: &Device) -> Self {
-        let inputs = [stem, stages[0], stages[1], stages[2]];
+    /// `stem`: channels of the input and of the first map.
+    pub(super) fn new(stem: [usize; 2], stages: [usize; 4], pyramid: usize, device: &Device) -> Self {
+        let inputs = [stem[1], stages[0], stages[1], stages[2]];
         Self {
-            stem: ConvNorm::new(conv([3, stem], 5, 2), device),
+            stem: ConvNorm::new(conv(stem, 5, 2), device),
             stages: inputs
                 .into_iter()
                 .zip(stages)
@@ -54,7 +55,7 @@ impl Compact {
         }
     }
 
-    /// `[batch, h, w, 3]` -> its one feature.
+    /// `[batch, h, w, input_channels]` -> its one feature.
     pub(super) fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Vec<L::Map> {
         let mut x = self.stem.forward(layers, picture, None);
         let mut features = Vec::with_capacity(self.stages.len());

@@ -41,7 +41,22 @@ pub enum BackboneConfig {
         stages: [usize; 4],
         /// Channels of the pyramid.
         pyramid: usize,
+        /// Channels of the input: 3 a picture.
+        #[serde(default = "one_picture", skip_serializing_if = "is_one_picture")]
+        input_channels: usize,
     },
+}
+
+/// Channels of a picture: red, green, blue.
+pub(crate) const PICTURE_CHANNELS: usize = 3;
+
+fn one_picture() -> usize {
+    PICTURE_CHANNELS
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde's signature
+fn is_one_picture(channels: &usize) -> bool {
+    *channels == PICTURE_CHANNELS
 }
 
 /// What the rest of the network must know of a backbone.
@@ -72,7 +87,15 @@ impl BackboneConfig {
         match *self {
             Self::ResNet34 { width } => resnet34::outline(width),
             Self::ConvNext { depths, widths, .. } => convnext::outline(depths, widths),
-            Self::Compact { stem, stages, pyramid } => compact::outline(stem, stages, pyramid),
+            Self::Compact { stem, stages, pyramid, .. } => compact::outline(stem, stages, pyramid),
+        }
+    }
+
+    /// Channels of the input: 3 a picture.
+    pub(super) fn input_channels(&self) -> usize {
+        match *self {
+            Self::Compact { input_channels, .. } => input_channels,
+            Self::ResNet34 { .. } | Self::ConvNext { .. } => PICTURE_CHANNELS,
         }
     }
 
@@ -101,13 +124,13 @@ impl Backbone {
             BackboneConfig::ConvNext { depths, widths, response_norm } => {
                 Self::ConvNext(ConvNext::new(depths, widths, response_norm, device))
             }
-            BackboneConfig::Compact { stem, stages, pyramid } => {
-                Self::Compact(Compact::new(stem, stages, pyramid, device))
+            BackboneConfig::Compact { stem, stages, pyramid, input_channels } => {
+                Self::Compact(Compact::new([input_channels, stem], stages, pyramid, device))
             }
         }
     }
 
-    /// `[batch, height, width, 3]` -> the features of its [`Outline`], `[batch, height/stride, width/stride, channels]`.
+    /// `[batch, height, width, input_channels]` -> the features of its [`Outline`], `[batch, height/stride, width/stride, channels]`.
     pub(super) fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Vec<L::Map> {
         match self {
             Self::ResNet34(net) => net.forward(layers, picture),

@@ -35,6 +35,48 @@ fn wrap(value: f32, period: f32) -> f32 {
     value - period * floor(value / period)
 }
 
+/// A place in a photograph.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spot {
+    /// Number of the photograph.
+    pub photograph: usize,
+    /// Its middle, px of the photograph.
+    pub centre: [f32; 2],
+    /// Its radius, px of the photograph.
+    pub radius: f32,
+}
+
+/// Radii that a place in a photograph is drawn with, px.
+const SPOT_RADII: [f32; 2] = [1.5, 40.0];
+/// How often something is put before a photograph of a place.
+const SPOT_CLUTTERED: f64 = 0.15;
+/// Strongest change of a place's size, either way.
+const SPOT_SCALE: f32 = 2.0;
+
+/// A background of `size` about a place in one of the `photographs`; where that lies then: its middle and its radius, px.
+pub fn draw_about(size: Size, photographs: &[RgbImage], spot: &Spot, random: &mut Random) -> (Canvas, [f32; 2], f32) {
+    let mut canvas = Canvas::new(size, [0.0; 3]);
+    let photograph = &photographs[spot.photograph];
+    let [least, most] = [SPOT_RADII[1], SPOT_RADII[0]].map(|radius| spot.radius / radius);
+    let scale = (random.random_range(-1.0..1.0_f32) * SPOT_SCALE.ln()).exp();
+    let whole = (photograph.width() as f32 / size.width as f32).min(photograph.height() as f32 / size.height as f32);
+    let step = scale.clamp(least, most.max(least)).min(whole * 0.999);
+    let at = [size.width, size.height].map(|side| random.random_range(0.15..0.85_f32) * side as f32);
+    let start = [0, 1].map(|axis| {
+        let (side, count) = [(photograph.width(), size.width), (photograph.height(), size.height)][axis];
+        let room = side as f32 - 1.0 - step * (count as f32 - 1.0);
+        (spot.centre[axis] - step * at[axis]).clamp(0.0, room.max(0.0))
+    });
+    let mirrored = random.random_bool(0.5);
+    lay(&mut canvas, photograph, start, step, [mirrored, false]);
+    if random.random_bool(SPOT_CLUTTERED) {
+        clutter(&mut canvas, random);
+    }
+    let [x, y] = [0, 1].map(|axis| (spot.centre[axis] - start[axis]) / step);
+    let x = if mirrored { size.width as f32 - 1.0 - x } else { x };
+    (canvas, [x, y], spot.radius / step)
+}
+
 /// A background of `size`, with clutter.
 pub fn draw(size: Size, photographs: &[RgbImage], random: &mut Random) -> Canvas {
     let mut canvas = Canvas::new(size, colour(random));
@@ -75,8 +117,16 @@ fn photograph(canvas: &mut Canvas, photograph: &RgbImage, random: &mut Random) {
         let room = side as f32 - 1.0 - step * (count as f32 - 1.0);
         random.random_range(0.0..1.0) * room.max(0.0)
     };
-    let (left, top) = (start(width, canvas.width, random), start(height, canvas.height, random));
-    let (mirrored, upside_down) = (random.random_bool(0.5), random.random_bool(0.1));
+    let start = [start(width, canvas.width, random), start(height, canvas.height, random)];
+    let turned = [random.random_bool(0.5), random.random_bool(0.1)];
+    lay(canvas, photograph, start, step, turned);
+}
+
+/// Fills `canvas` with the part of a photograph that begins at `start`, `step` of its pixels to one of the canvas, mirrored left to
+/// right or upside down.
+pub fn lay(canvas: &mut Canvas, photograph: &RgbImage, start: [f32; 2], step: f32, [mirrored, upside_down]: [bool; 2]) {
+    let (width, height) = (photograph.width() as usize, photograph.height() as usize);
+    let [left, top] = start;
     let pixels = photograph.as_raw();
     let value = |x: usize, y: usize| 3 * (y.min(height - 1) * width + x.min(width - 1));
     // Boxes of whole pixels where there are several to one, else bilinear.

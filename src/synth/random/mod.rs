@@ -13,6 +13,7 @@ mod tests;
 use image::{Rgb, RgbImage};
 use rand::RngExt;
 
+pub(crate) use self::background::Spot;
 use self::ball::{Layer, Look};
 use self::canvas::{Canvas, Colour, Ellipse, Polygon, mix};
 use self::noise::Normals;
@@ -114,6 +115,31 @@ impl RandomScenes {
         drawing
     }
 
+    /// The picture of `size` that belongs to `seed` about a place in a photograph, with `most` balls at most; where the place lies in it:
+    /// its middle and its radius, px.
+    pub(crate) fn draw_about(&self, size: Size, seed: u64, most: usize, spot: &Spot) -> (Drawing, [f32; 2], f32) {
+        let mut random = Stream::Scene.of(seed);
+        let (canvas, centre, radius) = background::draw_about(size, &self.photographs, spot, &mut random);
+        let mut drawing = self.with_balls(canvas, most, false, &mut random);
+        sensor::expose(&mut drawing.canvas, &self.normals, &mut random);
+        (drawing, centre, radius)
+    }
+
+    /// A photograph as a camera may have it that belongs to `seed`, with `most` balls at most.
+    pub fn draw_before(&self, photograph: &RgbImage, seed: u64, most: usize) -> Drawing {
+        let mut random = Stream::Scene.of(seed);
+        let mut canvas = Canvas::new(Size::new(photograph.width(), photograph.height()), [0.0; 3]);
+        background::lay(&mut canvas, photograph, [0.0; 2], 1.0, [false; 2]);
+        let mut drawing = self.with_balls(canvas, most, false, &mut random);
+        sensor::expose(&mut drawing.canvas, &self.normals, &mut random);
+        drawing
+    }
+
+    /// The photographs behind some of the balls.
+    pub(crate) fn photographs(&self) -> &[RgbImage] {
+        &self.photographs
+    }
+
     /// How much darker what is behind is in the scene of `seed`; none by day.
     pub(crate) fn night(&self, seed: u64) -> Option<f32> {
         let mut random = Stream::Night.of(seed);
@@ -126,13 +152,18 @@ impl RandomScenes {
         if let Some(share) = night {
             canvas.planes.iter_mut().flatten().for_each(|value| *value *= share);
         }
+        self.with_balls(canvas, most, night.is_some(), random)
+    }
+
+    /// What is behind, with balls before it.
+    fn with_balls(&self, mut canvas: Canvas, most: usize, night: bool, random: &mut Random) -> Drawing {
         if random.random_bool(self.empty) {
             return Drawing { canvas, balls: vec![] };
         }
         let mut balls = vec![];
         for number in 0..most {
             if number == 0 || random.random_bool(ANOTHER) {
-                balls.extend(Ball::random(&canvas, &balls, night.is_some(), random));
+                balls.extend(Ball::random(&canvas, &balls, night, random));
             }
         }
         let hidden = |x: usize, y: usize, balls: &[Ball]| {

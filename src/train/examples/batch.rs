@@ -10,10 +10,12 @@ use crate::physics::Forecaster;
 /// Pictures with their labels.
 #[derive(Debug, Clone)]
 pub struct Batch {
-    /// Normalised pictures, `[batch, height, width, 3]`, row-major.
+    /// Normalised pictures, `[batch, height, width, channels]`, row-major.
     pub pictures: Vec<f32>,
     /// Height and width of the pictures, px.
     pub size: [usize; 2],
+    /// Their channels: 3; 6 with what is around a place.
+    pub channels: usize,
     /// Their labels.
     pub labels: Labels,
     /// Windows among them, where forecasts teach.
@@ -23,7 +25,7 @@ pub struct Batch {
 impl Batch {
     /// Pictures.
     pub fn count(&self) -> usize {
-        self.pictures.len() / (3 * self.size[0] * self.size[1])
+        self.pictures.len() / (self.channels * self.size[0] * self.size[1])
     }
 }
 

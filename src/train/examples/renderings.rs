@@ -65,6 +65,7 @@ impl Renderings {
         let mut batch = Batch {
             pictures: Vec::with_capacity(3 * size.pixels() * drawn.len()),
             size: [size.height as usize, size.width as usize],
+            channels: 3,
             labels: Labels::default(),
             windows: vec![],
         };

@@ -119,6 +119,7 @@ impl Sampler {
         let mut batch = Batch {
             pictures: Vec::with_capacity(drawn.len() * 3 * (width * height) as usize),
             size: [height as usize, width as usize],
+            channels: 3,
             labels: Labels::default(),
             windows,
         };

@@ -171,7 +171,7 @@ pub async fn score_places(localiser: &Localiser, places: &Places, count: usize) 
     let mut within = [0_usize; 2];
     for index in 0..count {
         for place in places.scored(index)? {
-            let (found, _) = localiser.first_look(&Picture::from_rgb(place.rgb.clone()), None, 1, false).await?;
+            let found = localiser.places_in(&place.views).await?;
             let Some(found) = found.first() else { continue };
             let Some(ball) = place.ball() else {
                 empty.push(found.confidence);

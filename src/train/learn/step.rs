@@ -64,7 +64,7 @@ pub async fn step(
     device: &Device,
 ) -> Result<(Pen, StepReport)> {
     let [height, width] = batch.size;
-    let shape = [batch.count(), height, width, 3];
+    let shape = [batch.count(), height, width, batch.channels];
     let pictures = Tensor::from_data(TensorData::new(batch.pictures, shape), device);
     let output = pen.forward(pictures);
     let config = pen.config().clone();

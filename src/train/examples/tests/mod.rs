@@ -11,6 +11,7 @@ use super::renderings::NIGHTS;
 use super::{Example, Examples, Fits, Pictures, Places, Prepared, Sampler, Start, Target, prepare, teach};
 use crate::camera::Outline;
 use crate::clips::{Clip, Clips};
+use crate::localise::Localiser;
 use crate::model::CLOSER_RADIUS;
 use crate::random::Stream;
 use crate::synth::RandomScenes;
@@ -248,7 +249,7 @@ fn a_batch_is_drawn_from_its_step_and_every_ball_lies_in_its_view() {
     let again = places.batch(&phase, 7).unwrap();
     assert_eq!((&batch.pictures, &batch.labels.image), (&again.pictures, &again.labels.image));
     assert_ne!(batch.pictures, places.batch(&phase, 8).unwrap().pictures);
-    assert_eq!(batch.pictures.len(), 30 * 3 * 64 * 64);
+    assert_eq!(batch.pictures.len(), 30 * 6 * 64 * 64);
     assert_eq!(batch.labels.picture.iter().max(), Some(&29));
     let (mut balls, mut none) = (0, 0);
     for (image, &radius) in batch.labels.image.iter().zip(&batch.labels.depth) {
@@ -282,7 +283,8 @@ fn the_published_judge_tells_balls_from_what_is_none() {
         let middle = Outline { centre: Point2::from([31.5; 2]), radius: CLOSER_RADIUS };
         let outline = seen.ball().copied().unwrap_or(middle);
         let judge = places.first.judge().expect("`any` has a judge");
-        let sure = pollster::block_on(judge.judged(&seen.rgb, &outline)).unwrap();
+        let found = pollster::block_on(judge.places_in(&seen.views)).unwrap();
+        let sure = Localiser::sure_of(&found, &outline, outline.radius);
         right += usize::from((sure > 0.5) == seen.ball().is_some());
         all += 1;
     }

@@ -18,7 +18,7 @@ use crate::train::recipe::HeatmapLoss;
 const CROSS_ENTROPY: HeatmapLoss = HeatmapLoss::CrossEntropy { sigma: 4.0 };
 
 pub(super) fn tiny() -> PenConfig {
-    let backbone = BackboneConfig::Compact { stem: 4, stages: [4, 6, 8, 8], pyramid: 4 };
+    let backbone = BackboneConfig::Compact { stem: 4, stages: [4, 6, 8, 8], pyramid: 4, input_channels: 3 };
     PenConfig { backbone, ..PenConfig::compact(7.4) }
 }
 
@@ -27,6 +27,7 @@ pub(super) fn batch() -> Batch {
     let pictures = formula("batch", 2 * 3 * 32 * 64).into_iter().map(|value| value as f32).collect();
     Batch {
         pictures,
+        channels: 3,
         size: [32, 64],
         labels: Labels {
             picture: vec![0, 1],
