@@ -9,7 +9,7 @@ use nalgebra::Point2;
 
 use super::Localiser;
 use super::outline::refined;
-use super::size::{Field, Reading, SIGMA_OF_SCALE, peaks, softmax};
+use super::size::{Field, First, Reading, SIGMA_OF_SCALE, peaks, softmax};
 use crate::camera::{Camera, Outline};
 use crate::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
@@ -49,11 +49,11 @@ const MOST_REACH: f64 = 0.36;
 /// Largest ratio of the crop's radius to the first pass's, or the inverse.
 const SAME_SIZE: f64 = 2.0;
 
-/// Log-odds of a ball: the bias, and the weights of the log-odds of first pass, crop and verifier and of the logarithm of the picture's
-/// pixels. `cargo bench --bench photographs -- --fit FOLDER` fits them.
+/// Log-odds of a ball: the bias, and the weights of the log-odds of first pass, crop and verifier and of the logarithm of the cells
+/// that were searched. `cargo bench --bench photographs -- --fit FOLDER` fits them.
 const ODDS: [f64; 5] = [-0.26, 0.71, 0.19, 0.76, 0.0];
-/// Pixels of a picture that the last of them counts from.
-const USUAL_PIXELS: f64 = 65_536.0;
+/// Cells that the last of them counts from: those of a picture of 256×256 px.
+const USUAL_CELLS: f64 = 4096.0;
 /// Least probability that enters the regression; the largest is as far from 1.
 const LEAST: f64 = 1e-3;
 
@@ -63,19 +63,19 @@ const LEAST: f64 = 1e-3;
 pub struct Evidence {
     /// Its outline.
     pub outline: Outline,
-    /// What the weights are of: the log-odds of first pass, crop and verifier, and the logarithm of the picture's pixels.
+    /// What the weights are of: the log-odds of first pass, crop and verifier, and the logarithm of the cells that were searched.
     pub features: [f64; 4],
 }
 
 impl Evidence {
-    /// Of three confidences, 0 to 1 each, in a picture of `size`.
-    fn new(outline: Outline, said: [f64; 3], size: Size) -> Self {
+    /// Of three confidences, 0 to 1 each, among so many cells.
+    fn new(outline: Outline, said: [f64; 3], cells: usize) -> Self {
         let log_odds = |share: f64| {
             let share = share.clamp(LEAST, 1.0 - LEAST);
             (share / (1.0 - share)).ln()
         };
         let [first, crop, verifier] = said.map(log_odds);
-        Self { outline, features: [first, crop, verifier, (size.pixels() as f64 / USUAL_PIXELS).ln()] }
+        Self { outline, features: [first, crop, verifier, (cells.max(1) as f64 / USUAL_CELLS).ln()] }
     }
 
     /// The probability that it is a ball.
@@ -154,19 +154,20 @@ impl View {
 
 impl Localiser {
     /// The `readings` of the picture `rgb`, the likeliest first, after the second pass over those that may be the ball: the
-    /// likeliest `count` first. `camera` took the picture, if that is known.
+    /// likeliest `count` first, of `cells` that were searched. `camera` took the picture, if that is known.
     pub(super) async fn look_closer(
         &self,
         rgb: &RgbImage,
         camera: Option<&Camera>,
         readings: Vec<Reading>,
+        cells: usize,
         count: usize,
     ) -> Result<Vec<Reading>> {
         let worth = readings.first().map_or(0.0, |first| WORTH * first.confidence);
         let (mut seen, mut left) = (vec![], vec![]);
         for (place, reading) in readings.into_iter().enumerate() {
             match place < count || reading.confidence >= worth {
-                true => seen.push(self.closer(rgb, camera, reading).await?),
+                true => seen.push(self.closer(rgb, camera, cells, reading).await?),
                 false => left.push(reading),
             }
         }
@@ -174,7 +175,7 @@ impl Localiser {
         for reading in left {
             seen.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
             if seen.get(count.saturating_sub(1)).is_none_or(|last| last.confidence < reading.confidence) {
-                seen.push(self.closer(rgb, camera, reading).await?);
+                seen.push(self.closer(rgb, camera, cells, reading).await?);
             }
         }
         seen.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
@@ -189,27 +190,32 @@ impl Localiser {
     #[doc(hidden)]
     #[cfg(not(target_arch = "wasm32"))]
     pub async fn evidence(&self, picture: &Picture) -> Result<Vec<Evidence>> {
-        let (readings, _) = self.first_look(picture, None, LOOKED_AT, false).await?;
+        let First { readings, cells, .. } = self.first_look(picture, None, LOOKED_AT, false).await?;
         let mut found = vec![];
         for reading in readings.iter().take(LOOKED_AT) {
-            found.extend(self.weighed(picture.rgb(), reading).await?.1);
+            found.extend(self.weighed(picture.rgb(), cells, reading).await?.1);
         }
         Ok(found)
     }
 
     /// The ball in the crop of `reading`, if it shows one; what is known of it, where there is a verifier.
-    async fn weighed(&self, rgb: &RgbImage, reading: &Reading) -> Result<(Option<Reading>, Option<Evidence>)> {
+    async fn weighed(
+        &self,
+        rgb: &RgbImage,
+        cells: usize,
+        reading: &Reading,
+    ) -> Result<(Option<Reading>, Option<Evidence>)> {
         let seen = self.look_at(rgb, &reading.outline, reading.outline.radius).await?;
         let outline = seen.map_or(reading.outline, |seen| seen.outline);
         let Some(judge) = &self.closer else { return Ok((seen, None)) };
         let judged = judge.judged(rgb, &outline).await?;
         let said = [reading.confidence, seen.map_or(0.0, |seen| seen.confidence), judged];
-        Ok((seen, Some(Evidence::new(outline, said, Size::new(rgb.width(), rgb.height())))))
+        Ok((seen, Some(Evidence::new(outline, said, cells))))
     }
 
     /// `reading` after the second pass.
-    async fn closer(&self, rgb: &RgbImage, camera: Option<&Camera>, reading: Reading) -> Result<Reading> {
-        let (seen, evidence) = self.weighed(rgb, &reading).await?;
+    async fn closer(&self, rgb: &RgbImage, camera: Option<&Camera>, cells: usize, reading: Reading) -> Result<Reading> {
+        let (seen, evidence) = self.weighed(rgb, cells, &reading).await?;
         let confidence = match (&evidence, seen) {
             (Some(evidence), _) => evidence.probability(),
             (None, Some(seen)) => (reading.confidence * seen.confidence).sqrt(),

@@ -54,7 +54,7 @@ impl Localiser {
     async fn saliency_of_size(&self, picture: &Picture) -> Result<Saliency> {
         let Size { width, height } = picture.size();
         let mut values = vec![0.0; picture.size().pixels()];
-        let readings = self.first_look(picture, None, 1, false).await?.0;
+        let readings = self.first_look(picture, None, 1, false).await?.readings;
         if let Some(ball) = readings.first() {
             let part = Size::square(SIDE);
             let start = |at: f64, side: u32| {

@@ -65,6 +65,16 @@ pub(crate) struct Found {
     pub refused: Vec<(Reading, String)>,
 }
 
+/// What the first pass found.
+pub(crate) struct First {
+    /// Candidates, the likeliest first.
+    pub readings: Vec<Reading>,
+    /// The network's maps, where asked for.
+    pub maps: Option<Maps>,
+    /// Cells among which these were found.
+    pub cells: usize,
+}
+
 /// Maps of a part of a picture, row-major.
 pub(super) struct Field {
     columns: usize,
@@ -254,13 +264,14 @@ impl Localiser {
     ) -> Result<Found> {
         // Where some of them cannot be, others are offered in their place.
         let places = if possible.is_some() { MORE_PLACES } else { PLACES };
-        let (mut readings, maps) = self.first_look(picture, region, count.max(places), with_maps).await?;
+        let First { mut readings, maps, cells } =
+            self.first_look(picture, region, count.max(places), with_maps).await?;
         let mut refused = vec![];
         if let Some(possible) = possible {
             (readings, refused) = possible.part(readings);
         }
         readings.truncate(count.max(LOOKED_AT));
-        let mut readings = self.look_closer(picture.rgb(), camera, readings, count).await?;
+        let mut readings = self.look_closer(picture.rgb(), camera, readings, cells, count).await?;
         if let Some(possible) = possible {
             let (seen, impossible) = possible.part(readings);
             readings = seen;
@@ -280,13 +291,22 @@ impl Localiser {
         region: Option<Region>,
         places: usize,
         with_maps: bool,
-    ) -> Result<(Vec<Reading>, Option<Maps>)> {
+    ) -> Result<First> {
         let size = picture.size();
         let region = region.unwrap_or(Region { left: 0, top: 0, width: size.width, height: size.height });
         region.check(size)?;
         let Region { left, top, width, height } = region;
         let field = self.field(picture.rgb(), region).await?;
+        let reading = |peak: Peak| Reading {
+            outline: Outline {
+                centre: Point2::new(peak.image[0] + f64::from(left), peak.image[1] + f64::from(top)),
+                radius: peak.radius,
+            },
+            log_sigma: SIGMA_OF_SCALE * peak.log_scale,
+            confidence: peak.confidence,
+        };
         let probability = softmax(&field.logits);
+        let cells = probability.len();
         let mut found = peaks(&field, probability.clone(), places);
         let maps = with_maps.then(|| self.whole_maps(&field, &probability, region, size));
         if width.min(height) / SHRUNK >= LEAST_SHRUNK {
@@ -295,8 +315,9 @@ impl Localiser {
             let all = Region { left: 0, top: 0, width: shrunk.width, height: shrunk.height };
             let field = self.field(&small, all).await?;
             let scale = [f64::from(width) / f64::from(shrunk.width), f64::from(height) / f64::from(shrunk.height)];
+            let up = |image: [f64; 2]| std::array::from_fn::<f64, 2, _>(|axis| (image[axis] + 0.5) * scale[axis] - 0.5);
             let large = peaks(&field, softmax(&field.logits), places).into_iter().map(|peak| Peak {
-                image: std::array::from_fn(|axis| (peak.image[axis] + 0.5) * scale[axis] - 0.5),
+                image: up(peak.image),
                 radius: peak.radius * (scale[0] * scale[1]).sqrt(),
                 ..peak
             });
@@ -313,15 +334,7 @@ impl Localiser {
             found.extend(apart);
         }
         found.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-        let readings = found.into_iter().map(|peak| Reading {
-            outline: Outline {
-                centre: Point2::new(peak.image[0] + f64::from(left), peak.image[1] + f64::from(top)),
-                radius: peak.radius,
-            },
-            log_sigma: SIGMA_OF_SCALE * peak.log_scale,
-            confidence: peak.confidence,
-        });
-        Ok((readings.collect(), maps))
+        Ok(First { readings: found.into_iter().map(reading).collect(), maps, cells })
     }
 
     /// The network's maps of a part of a picture: at once, or tile by tile.

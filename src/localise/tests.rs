@@ -2,10 +2,13 @@
 
 use burn::tensor::Device;
 use image::{RgbImage, imageops};
+use nalgebra::Point2;
 
+use super::closer::{CLOSER, View};
 use super::{LocaliseOptions, Localiser, Saliency};
-use crate::camera::Camera;
+use crate::camera::{Camera, Outline};
 use crate::image::Picture;
+use crate::model::CLOSER_SIDE;
 use crate::size::Size;
 use crate::testing::{golden, root, tiny_card};
 
@@ -86,7 +89,7 @@ fn of_a_model_that_reads_sizes_it_is_how_the_share_of_the_depth_moves() {
     assert_eq!((saliency.width, saliency.height, saliency.depth), (224, 224, None));
     // What the network reads in the whole picture, before it looks closer.
     let log_depth = |rgb: &RgbImage| -> f64 {
-        let readings = pollster::block_on(localiser.first_look(&picture(rgb), None, 1, false)).unwrap().0;
+        let readings = pollster::block_on(localiser.first_look(&picture(rgb), None, 1, false)).unwrap().readings;
         -readings[0].outline.radius.ln()
     };
     let squares = (0..224).step_by(SQUARE as usize);
@@ -149,4 +152,26 @@ fn a_place_where_the_ball_cannot_be_is_not_taken_for_it() {
     let near = crate::Volume { low: (eye.add_scalar(-0.3)).into(), high: (eye.add_scalar(0.3)).into() };
     let none = localised(Some(near));
     assert!(none.confidence < 0.1 && none.notes.iter().any(|note| note.contains("no ball found")), "{none:?}");
+}
+
+#[test]
+fn the_verifier_sees_a_place_and_what_is_around_it() {
+    // Brightness says where a pixel lies.
+    let rgb = RgbImage::from_fn(250, 250, |x, y| image::Rgb([x as u8, y as u8, 0]));
+    let side = CLOSER_SIDE as i32;
+    for [x, y] in [[125.0, 125.0], [20.0, 230.0]] {
+        let outline = Outline { centre: Point2::new(x, y), radius: 12.0 };
+        let [near, wide] = View::around(&outline, outline.radius, &rgb, CLOSER).with_surroundings(&rgb);
+        let at = |view: &RgbImage, x: i32, y: i32| view.get_pixel(x as u32, y as u32).0;
+        let middle = at(&near, side / 2, side / 2);
+        for (dx, dy) in [(0, 0), (6, -6), (-9, 9)] {
+            // One pixel of the wide view is three of the crop, which is as large as the picture here.
+            let [red, green, blue] = at(&wide, side / 2 + dx, side / 2 + dy);
+            let expected = [f64::from(middle[0]) + 3.0 * f64::from(dx), f64::from(middle[1]) + 3.0 * f64::from(dy)];
+            let inside = expected.iter().all(|at| (2.0..248.0).contains(at));
+            let off = [red, green].into_iter().zip(expected).map(|(is, should)| (f64::from(is) - should).abs());
+            let off = off.fold(0.0, f64::max);
+            assert!(if inside { off < 4.0 && blue == 0 } else { blue != 0 }, "{dx} {dy}: {red} {green} {blue}");
+        }
+    }
 }

@@ -136,3 +136,28 @@ fn pictures_come_from_their_seeds_and_show_what_they_say() {
     // Log-uniform from 1.5 to a third of 96: a third of them below 4.2 px.
     assert!((3.0..6.5).contains(&radii[radii.len() / 3]), "{}", radii[radii.len() / 3]);
 }
+
+#[test]
+fn a_place_in_a_photograph_lies_where_it_is_said() {
+    let (disc, radius) = ([210.0, 60.0_f32], 6.0_f32);
+    let photograph = RgbImage::from_fn(400, 300, |x, y| {
+        let inside = (x as f32 - disc[0]).hypot(y as f32 - disc[1]) < radius;
+        Rgb([if inside { 255 } else { 40 }; 3])
+    });
+    let spot = Spot { photograph: 0, centre: disc, radius };
+    let photographs = [photograph];
+    let (mut shown, mut sizes) = (0, vec![]);
+    for seed in 0..40 {
+        let size = Size::new(128, 128);
+        let (canvas, [x, y], radius) = background::draw_about(size, &photographs, &spot, &mut Stream::Scene.of(seed));
+        assert!((0.0..127.0).contains(&x) && (0.0..127.0).contains(&y), "{x} {y}");
+        let value = |x: f32, y: f32| canvas.planes[0][y.round() as usize * canvas.width + x.round() as usize];
+        // Bright in its middle, dark beyond its edge; seldom something is before it.
+        let beyond = if x > 64.0 { x - 1.6 * radius - 1.0 } else { x + 1.6 * radius + 1.0 };
+        shown += usize::from(value(x, y) > 0.9 && value(beyond.clamp(0.0, 127.0), y) < 0.2);
+        sizes.push(radius);
+    }
+    assert!(shown >= 34, "{shown} of 40");
+    let [least, most] = [f32::min, f32::max].map(|pick| sizes.iter().copied().reduce(pick).unwrap());
+    assert!((3.0..5.0).contains(&least) && (9.0..=12.1).contains(&most), "{least} {most}");
+}

@@ -156,8 +156,8 @@ impl Places {
             None => (self.scenes.draw(Size::square(SIDE), seed, MOST_BALLS), None),
         };
         let picture = Picture::from_rgb(drawing.picture());
-        let (proposed, _) = pollster::block_on(self.first.first_look(&picture, None, PROPOSED, false))?;
-        let proposed = proposed.iter().take(PROPOSED).map(|reading| reading.outline);
+        let first = pollster::block_on(self.first.first_look(&picture, None, PROPOSED, false))?;
+        let proposed = first.readings.iter().take(PROPOSED).map(|reading| reading.outline);
         let balls: Vec<Outline> =
             (drawing.balls.iter()).map(|ball| Outline { centre: ball.centre.into(), radius: ball.radius }).collect();
         let missed = missed(&balls, &mut random);
