@@ -308,6 +308,32 @@ fn points_on_a_line_and_points_in_centimetres_are_told() {
     assert!(units(&court(100.0)) && units(&court(1000.0)), "{:?}", court(100.0));
 }
 
+/// A table seen from its side, whose corners were named as they lie in the picture.
+#[test]
+fn a_court_that_is_named_along_its_other_side_is_told() {
+    let forward = Vector3::new(-3.0, 0.4, -1.2).normalize();
+    let right = forward.cross(&Vector3::z()).normalize();
+    let rotation = Matrix3::from_rows(&[right, forward.cross(&right), forward].map(|row| row.transpose()));
+    let place = Vector3::new(3.0, -0.4, 1.96);
+    let image = |[x, y]: [f64; 2]| {
+        let seen = rotation * (Vector3::new(x, y, 0.76) - place);
+        [959.5 + 1500.0 * seen.x / seen.z, 539.5 + 1500.0 * seen.y / seen.z]
+    };
+    let names = ["near corner left", "near corner right", "far corner left", "far corner right"];
+    let doubts = |corners: [[f64; 2]; 4]| {
+        let text = serde_json::json!({"width": 1920, "height": 1080, "court": "table-tennis", "names": names,
+            "image": corners.map(image)});
+        let points = Points::from_json(&text.to_string(), "points.json").unwrap();
+        calibrate(&points, &Unknowns::default()).map_or(vec![], |found| found.doubts(&points))
+    };
+    let told = |doubts: &[String]| doubts.iter().any(|doubt| doubt.contains("from its side"));
+    let (x, y) = (0.7625, 1.37);
+    let right_names = doubts([[-x, -y], [x, -y], [-x, y], [x, y]]);
+    assert!(!told(&right_names), "{right_names:?}");
+    let as_they_lie = doubts([[x, -y], [x, y], [-x, -y], [-x, y]]);
+    assert!(told(&as_they_lie), "{as_they_lie:?}");
+}
+
 #[test]
 fn files_are_read_with_their_errors() {
     let text = r#"{"width": 960, "height": 540, "court": "tennis", "names": ["near service T", "far service T"],

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Point3, Vector2};
 
-use super::{Calibration, Points};
+use super::{Calibration, Points, Unknowns, calibrate};
 use crate::camera::Camera;
 use crate::camera::doubts::LARGEST_BALL;
 
@@ -20,6 +20,9 @@ const VAGUE: f64 = 0.2;
 const UNLIKE_CLICKS: f64 = 1.5;
 /// Clicks' standard deviation from which something else is wrong, as a share of the picture's width: 10 px of 1920.
 const ROUGH: f64 = 0.005;
+/// What a careful click is off, px; and how many times better a court must fit that is seen from its side.
+const CLICK: f64 = 2.0;
+const TURNED: f64 = 3.0;
 /// Share of the lines in the picture that may be missing.
 const MISSING: f64 = 0.15;
 
@@ -57,6 +60,7 @@ impl Calibration {
             self.width(),
             self.vague(points),
             self.rough(points),
+            self.turned(points),
             self.missing(),
             self.unlike(),
         ]
@@ -125,6 +129,26 @@ impl Calibration {
                 "the best camera leaves the clicks {:.0} px off (root mean square), which is far more than a click is: {known}Was each point \
                  clicked that its name says?",
                 self.rms_px
+            )
+        })
+    }
+
+    /// Whether the clicks fit better where near and far are taken for left and right: a table seen from its side.
+    fn turned(&self, points: &Points) -> Option<String> {
+        let most = |axis: usize| points.world.iter().map(|point| point[axis].abs()).fold(0.0, f64::max);
+        let [x, y] = [most(0), most(1)];
+        let is_corner = |point: &Point3<f64>| (point.x.abs(), point.y.abs()) == (x, y);
+        if points.names.is_empty() || x == y || self.rms_px < CLICK || !points.world.iter().all(is_corner) {
+            return None;
+        }
+        // A quarter of a turn, each corner onto the next one.
+        let world = points.world.iter().map(|point| Point3::new(-point.y * x / y, point.x * y / x, point.z)).collect();
+        let turned = calibrate(&Points { world, ..points.clone() }, &Unknowns::default()).ok()?;
+        (TURNED * turned.rms_px < self.rms_px && turned.centre().z > 0.0).then(|| {
+            format!(
+                "the clicks are {:.1} px off as they are named, and {:.1} px where the court is seen from its side: its near end is the side \
+                 of which the rules say so, not the one next to the camera (`gravisight calibrate --list` has the points)",
+                self.rms_px, turned.rms_px
             )
         })
     }

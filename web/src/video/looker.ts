@@ -130,7 +130,7 @@ export class Looker {
     const { camera, scene } = place;
     if (!localiser || !camera || !scene) throw new Error("there is no model, no camera or no ball");
     const ball = { radius: scene.ball.radius };
-    const options: LocaliseOptions = { ball, camera, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
+    const options: LocaliseOptions = { ball, camera, scene, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
     if (layer !== "saliency") return localiser.localise(frame.picture, options);
     return job.run("Looking for what the depth depends on…", ({ signal }) => localiser.localise(frame.picture, { ...options, saliency: true, signal }));
   }
