@@ -5,7 +5,7 @@
 //! not known, so one is made up for each picture (focal length: the longer side), and depths are not scored. A ball is found where the
 //! first detection is within half a radius, at least 3 px, of a labelled one.
 //!
-//! `cargo bench --bench photographs -- --fit FOLDER [CARD]` fits the weights of the confidence (`ODDS` in `src/localise/closer.rs`) to
+//! `cargo bench --bench photographs -- fit FOLDER [CARD]` fits the weights of the confidence (`ODDS` in `src/localise/closer.rs`) to
 //! the photographs without a ball in FOLDER, which the model must not have been trained with: as they are and with a drawn ball, half
 //! each.
 
@@ -117,7 +117,7 @@ fn main() {
         arguments.push(small_set().to_string_lossy().into_owned());
     }
     if let [first, folder, rest @ ..] = arguments.as_slice()
-        && first == "--fit"
+        && first == "fit"
     {
         return fit(Path::new(folder), &localiser(rest.first()));
     }

@@ -38,8 +38,8 @@ const BEYOND: Rgb<u8> = Rgb([124, 116, 104]);
 /// Strongest enlargement: beyond it there is nothing more to be seen.
 const MOST_ENLARGED: f64 = 6.0;
 /// Candidates of the second pass at most, and the fraction of the first one's confidence that a candidate needs for it.
-pub(super) const LOOKED_AT: usize = 4;
-const WORTH: f64 = 0.2;
+pub(super) const LOOKED_AT: usize = 8;
+const WORTH: f64 = 0.05;
 /// Factor on the confidence of a candidate in whose crop no ball is found.
 const NOT_SEEN: f64 = 0.5;
 /// Peaks of the crop among which the ball is searched.
@@ -50,8 +50,8 @@ const MOST_REACH: f64 = 0.36;
 const SAME_SIZE: f64 = 2.0;
 
 /// Log-odds of a ball: the bias, and the weights of the log-odds of first pass, crop and verifier and of the logarithm of the cells
-/// that were searched. `cargo bench --bench photographs -- --fit FOLDER` fits them.
-const ODDS: [f64; 5] = [-0.26, 0.71, 0.19, 0.76, 0.0];
+/// that were searched. `cargo bench --bench photographs -- fit FOLDER` fits them.
+const ODDS: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
 /// Cells that the last of them counts from: those of a picture of 256×256 px.
 const USUAL_CELLS: f64 = 4096.0;
 /// Least probability that enters the regression; the largest is as far from 1.

@@ -29,7 +29,7 @@ const LEAST_SHRUNK: u32 = 48;
 /// Largest radius that is read at a picture's own resolution where a smaller one is there to be read, px.
 const LARGE: f64 = 45.0;
 /// Candidates that are searched at least: the confidence of the first depends on the others.
-const PLACES: usize = 5;
+const PLACES: usize = 8;
 /// The same where it is known where the ball can be, which refuses some.
 const MORE_PLACES: usize = 30;
 /// Cells that the network saw in training; many more of them add up to more doubt than each was worth.

@@ -12,8 +12,10 @@ use crate::random::Random;
 const FOCAL: [f64; 2] = [150.0, 2500.0];
 /// Largest tangent of the angle between the ball's ray and the optical axis.
 const OFF_AXIS: f64 = 0.6;
-/// Longest way during the exposure, radii.
-pub const STREAK: f32 = 3.2;
+/// Longest way during the exposure, radii and px: a served tennis ball moves by 1 m in a fiftieth of a second, 30 radii; most by less
+/// than three.
+pub const STREAK: f32 = 12.0;
+pub const STREAK_PX: f32 = 64.0;
 /// Positions of a moving ball that are drawn at most.
 const POSITIONS: f32 = 64.0;
 /// What plain balls of common sports look like: tennis, orange, white, basketball, cricket, brown, teal, pink, blue.
@@ -54,7 +56,7 @@ pub fn place(centre: [f32; 2], radius: f32, random: &mut Random) -> Placed {
     let outline =
         Ellipse { centre, semi: [radius * longer.sqrt() as f32, radius], axis: [direction.cos(), direction.sin()] };
     let streak = if random.random_bool(0.4) {
-        let length = radius * STREAK * random.random_range(0.0..1.0_f32).powf(1.5);
+        let length = (radius * STREAK * random.random_range(0.0..1.0_f32).powi(3)).min(STREAK_PX);
         let direction = random.random_range(0.0..TAU);
         [length * direction.cos(), length * direction.sin()]
     } else {

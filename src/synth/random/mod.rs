@@ -238,7 +238,10 @@ impl Ball {
         let radius = random.random_range(SMALLEST.ln()..largest.ln()).exp() as f32;
         let mut anywhere = || [width, height].map(|side| random.random_range(0.0..side - 1.0) as f32);
         let apart = |[x, y]: [f32; 2], other: &Self| {
-            let reach = 1.2 * (radius + other.radius) + 0.5 * other.streak + 0.5 * ball::STREAK * radius + CLEAR;
+            let reach = 1.2 * (radius + other.radius)
+                + 0.5 * other.streak
+                + 0.5 * (ball::STREAK * radius).min(ball::STREAK_PX)
+                + CLEAR;
             (x - other.centre[0]).hypot(y - other.centre[1]) > reach
         };
         let centre = (0..TRIES).map(|_| anywhere()).find(|&centre| others.iter().all(|other| apart(centre, other)))?;
