@@ -179,7 +179,7 @@ fn bad_input_is_refused_in_words() {
         (&[broken], "broken.mp4"),
         (&["src", "--fps", "15"], "no PNG"),
         (&[frames, "--fps", "15", "--seed-label", "900,3,3"], "the last is 89"),
-        (&[frames, "--fps", "15", "--camera", camera, "--scene", "cricket"], "table-tennis"),
+        (&[frames, "--fps", "15", "--camera", camera, "--scene", "curling"], "table-tennis"),
         (&[frames, "--fps", "15", "--camera", camera, "--scene", "floor", "--ball", "33.5"], "mm"),
         (&[frames, "--fps", "15", "--camera", other, "--scene", "floor"], "448"),
     ];
@@ -198,7 +198,7 @@ fn a_sports_scene_can_be_printed_and_used() {
     assert!(listed.lines().any(|name| name == "tennis") && listed.lines().count() == Scene::names().len());
     let printed = String::from_utf8(gravisight(&["scene", "volleyball"]).stdout).unwrap();
     assert_eq!(Scene::from_json(&printed, "printed").unwrap(), Scene::named("volleyball").unwrap());
-    let unknown = gravisight(&["scene", "cricket"]);
+    let unknown = gravisight(&["scene", "curling"]);
     assert!(unknown.status.code() == Some(1) && String::from_utf8_lossy(&unknown.stderr).contains("squash"));
 }
 
