@@ -142,11 +142,12 @@ export function document(results, words = {}) {
   const printed = {};
   const parts = Object.entries(SECTIONS).map(([name, [title, body]]) => {
     const result = results[name];
-    if (!result) return `## ${title}\n\nNot run yet: ${how(name, { quick: false })}.\n`;
+    const said = words[name] ? `\n${words[name].trim()}\n` : "";
+    if (!result) return `## ${title}\n\nNot run yet: ${how(name, { quick: false })}.\n${said}`;
     const runs = Object.values(result.rows).filter((row) => row.line);
     printed[name] = `${title}\n\n${body(result)}\n`;
     const lines = runs.length ? `\n<details><summary>What was run</summary>\n\n${Object.entries(result.rows).filter(([, row]) => row.line).map(([row, { line: fields }]) => `- ${row}: \`${fields.replaceAll("`", "")}\``).join("\n")}\n\n</details>\n` : "";
-    return `## ${title}\n\n${how(name, result)}${result.quick ? " (short runs)" : ""}\n\n${body(result)}\n${words[name] ? `\n${words[name].trim()}\n` : ""}${lines}`;
+    return `## ${title}\n\n${how(name, result)}${result.quick ? " (short runs)" : ""}\n\n${body(result)}\n${said}${lines}`;
   });
   return { text: `${(words.intro ?? "").trim()}\n\n${parts.join("\n")}`, printed };
 }
