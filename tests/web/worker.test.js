@@ -124,7 +124,8 @@ test("the core is started once a Worker, and gives the memory of what is dispose
     return sizes;
   }, given);
   assert.ok(sizes.every((memories) => memories.length === 1), `${JSON.stringify(sizes)}`);
-  assert.ok(sizes.at(-1)[0] <= sizes[1][0] + 1e6, `${sizes}`);
+  // What a first few rounds leave in pieces is found again; no round after them takes more.
+  assert.ok(sizes.at(-1)[0] <= sizes[3][0] && sizes[3][0] <= sizes[0][0] + 4e6, `${sizes}`);
 });
 
 test("nothing was reported to the console", () => {

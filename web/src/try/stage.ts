@@ -25,7 +25,7 @@ export class Stage {
   /** Shows what was found, over the picture. */
   showResult(result: Localisation, truth: Pixel | undefined): void {
     this.#shown = { result, truth };
-    const entries = [make("span", { class: "key-found", text: "Found" })];
+    const entries = [make("span", { class: "key-found", text: result.ballFound ? "Found" : "Likeliest place" })];
     if (truth) entries.push(make("span", { class: "key-truth", text: "True position" }));
     this.#key.replaceChildren(...entries);
     this.setLayer(this.#layer);
@@ -40,7 +40,7 @@ export class Stage {
 
   setLayer(layer: Layer): void {
     this.#layer = layer;
-    if (this.#shown) this.#overlay.show(this.#shown.result, { layer, truth: this.#shown.truth });
+    if (this.#shown) this.#overlay.show(this.#shown.result, { layer, sure: this.#shown.result.ballFound, truth: this.#shown.truth });
   }
 
   setOpacity(opacity: number): void {
