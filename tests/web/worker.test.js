@@ -112,7 +112,7 @@ test("the core is started once a Worker, and gives the memory of what is dispose
     const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
     const worker = window.startWorker();
     const sizes = [];
-    for (let round = 0; round < 8; round++) {
+    for (let round = 0; round < 24; round++) {
       const localisers = await Promise.all(["models/sd-l.json", "models/sd-s.json"].map((model) => Localiser.create({ model, worker })));
       for (const localiser of localisers) await localiser.localise(bytes, { camera });
       for (const localiser of localisers) localiser.dispose();
@@ -124,8 +124,8 @@ test("the core is started once a Worker, and gives the memory of what is dispose
     return sizes;
   }, given);
   assert.ok(sizes.every((memories) => memories.length === 1), `${JSON.stringify(sizes)}`);
-  // What a first few rounds leave in pieces is found again; no round after them takes more.
-  assert.ok(sizes.at(-1)[0] <= sizes[3][0] && sizes[3][0] <= sizes[0][0] + 4e6, `${sizes}`);
+  // The allocator takes another page now and then; 23 rounds that kept the weights of one model would take 33 MB.
+  assert.ok(sizes.at(-1)[0] <= sizes[0][0] + 4e6, `${sizes}`);
 });
 
 test("nothing was reported to the console", () => {
