@@ -1,6 +1,7 @@
 //! A ball through time: from a video to its 2D track ([`propose_labels`] for labels,
 //! [`VideoTracker`](crate::VideoTracker) for what flies), from a 2D track to its trajectory in space ([`Fit`]).
 
+mod estimate;
 mod file;
 mod find;
 mod fit;

@@ -8,9 +8,18 @@ use nalgebra::{Matrix3, Vector3};
 use super::{Depends, Force, Linear, Partials};
 use crate::physics::scene::{Ball, Scene};
 
+/// Scale uncertainty of a drag coefficient where the scene does not give one: measured ones of one kind of ball differ by so much
+/// (Mehta and Pallis 2001, tennis; Achenbach 1972, smooth spheres).
+const DRAG_SIGMA: f64 = 0.15;
+/// The same of the lift: Sawicki, Hubbard and Stronge 2003 against Nathan 2008.
+const LIFT_SIGMA: f64 = 0.4;
+
 /// Drag `−c·|v|·v` with c = ½ρAC_d/m, 1/m.
 #[derive(Debug)]
-pub(super) struct Drag(f64);
+pub(super) struct Drag {
+    coefficient: f64,
+    sigma: f64,
+}
 
 /// Magnus force `c·ω×v` with c = ½ρARC_l/m.
 #[derive(Debug)]
@@ -25,7 +34,8 @@ pub fn air_coefficients(ball: &Ball) -> [f64; 2] {
 impl Drag {
     pub fn of(scene: &Scene) -> Option<Arc<dyn Force>> {
         let [drag, _] = air_coefficients(&scene.ball);
-        (drag != 0.0).then(|| Arc::new(Self(drag)) as _)
+        let sigma = scene.ball.drag_sigma.unwrap_or(DRAG_SIGMA);
+        (drag != 0.0).then(|| Arc::new(Self { coefficient: drag, sigma }) as _)
     }
 }
 
@@ -48,9 +58,17 @@ impl Force for Drag {
         if let Some(partials) = partials
             && speed > 0.0
         {
-            partials.velocity -= self.0 * (Matrix3::identity() * speed + v * v.transpose() / speed);
+            partials.velocity -= self.coefficient * (Matrix3::identity() * speed + v * v.transpose() / speed);
         }
-        -self.0 * speed * v
+        -self.coefficient * speed * v
+    }
+
+    fn name(&self) -> &'static str {
+        "drag"
+    }
+
+    fn scale_sigma(&self) -> f64 {
+        self.sigma
     }
 
     fn depends(&self) -> Depends {
@@ -71,6 +89,14 @@ impl Force for Lift {
             partials.spin -= self.0 * v.cross_matrix();
         }
         self.0 * w.cross(v)
+    }
+
+    fn name(&self) -> &'static str {
+        "lift"
+    }
+
+    fn scale_sigma(&self) -> f64 {
+        LIFT_SIGMA
     }
 
     fn depends(&self) -> Depends {

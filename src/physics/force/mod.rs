@@ -18,6 +18,11 @@ use super::forecast::columns::{Columns, column, part};
 use super::forecast::integrate::Flow;
 use super::scene::Scene;
 
+/// Most forces that a scene has: gravity, drag, lift, a spring, a potential of the user's own.
+pub(crate) const FORCES: usize = 5;
+/// Scale uncertainty of a force that the scene gives exactly.
+const EXACT: f64 = 1e-4;
+
 /// A force per unit mass, a(r, v, ω) in the world frame, as time runs forwards.
 pub(crate) trait Force: std::fmt::Debug + Send + Sync {
     /// Acceleration at position `r`, velocity `v` and spin `w`, m/s²; its derivatives are added to `partials`.
@@ -28,6 +33,12 @@ pub(crate) trait Force: std::fmt::Debug + Send + Sync {
         w: &Vector3<f64>,
         partials: Option<&mut Partials>,
     ) -> Vector3<f64>;
+
+    /// As in the results of a fit.
+    fn name(&self) -> &'static str;
+
+    /// Standard deviation of the logarithm of its size: how well the scene knows it.
+    fn scale_sigma(&self) -> f64;
 
     /// What the acceleration changes with.
     fn depends(&self) -> Depends;
@@ -103,6 +114,38 @@ impl Forces {
     /// The same forces for (r, −v, −ω) as time runs backwards.
     pub fn reversed(&self) -> Self {
         Self { spin_decay: -self.spin_decay, time: -self.time, ..self.clone() }
+    }
+
+    /// Names and scale uncertainties ([`Force::scale_sigma`]), in the order of [`Self::scaled`]'s scales.
+    pub fn scale_sigmas(&self) -> impl Iterator<Item = (&'static str, f64)> {
+        self.list.iter().map(|force| (force.name(), force.scale_sigma()))
+    }
+
+    /// Acceleration of a ball whose forces are `scales` times the scene's, m/s², and each force's part of it. The partials of
+    /// the sum go to `partials`, which are zero before.
+    #[inline]
+    pub fn scaled(
+        &self,
+        [r, v, w]: [&Vector3<f64>; 3],
+        scales: &[f64; FORCES],
+        partials: &mut Partials,
+    ) -> (Vector3<f64>, [Vector3<f64>; FORCES]) {
+        let mut parts = [Vector3::zeros(); FORCES];
+        for ((force, scale), part) in self.list.iter().zip(scales).zip(&mut parts) {
+            let mut own = Partials::default();
+            *part = force.acceleration(r, v, w, Some(&mut own)) * *scale;
+            let depends = force.depends();
+            if depends.position {
+                partials.position += own.position * *scale;
+            }
+            if depends.velocity {
+                partials.velocity += own.velocity * *scale;
+            }
+            if depends.spin {
+                partials.spin += own.spin * *scale;
+            }
+        }
+        (parts.iter().sum(), parts)
     }
 
     /// 1/s.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Depends, Force, Partials};
+use super::{Depends, EXACT, Force, Partials};
 
 /// Step of the default Hessian's central differences, m.
 const HESSIAN_STEP: f64 = 1e-5;
@@ -49,6 +49,14 @@ impl Force for Own {
             partials.position -= self.0.hessian(r);
         }
         -self.0.gradient(r)
+    }
+
+    fn name(&self) -> &'static str {
+        "potential"
+    }
+
+    fn scale_sigma(&self) -> f64 {
+        EXACT
     }
 
     fn depends(&self) -> Depends {

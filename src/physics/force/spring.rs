@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::{Depends, Force, Linear, Partials};
+use super::{Depends, EXACT, Force, Linear, Partials};
 use crate::physics::scene::Scene;
 
 /// `−stiffness·(r − anchor)`; the stiffness is per unit mass, 1/s².
@@ -33,6 +33,14 @@ impl Force for Tether {
             partials.position -= Matrix3::identity() * self.stiffness;
         }
         -self.stiffness * (r - self.anchor)
+    }
+
+    fn name(&self) -> &'static str {
+        "spring"
+    }
+
+    fn scale_sigma(&self) -> f64 {
+        EXACT
     }
 
     fn depends(&self) -> Depends {

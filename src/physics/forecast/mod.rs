@@ -3,6 +3,7 @@
 pub(crate) mod approach;
 pub(crate) mod arc;
 pub(crate) mod columns;
+pub(crate) mod flight;
 pub(crate) mod guard;
 pub(crate) mod integrate;
 mod outcome;

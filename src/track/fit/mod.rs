@@ -249,6 +249,10 @@ impl Forecaster {
         }
         check_seen(&usable, &refused)?;
         let mut fit = match flights::laws(self.scene()) {
+            Some(_) if std::env::var_os("NEW_ESTIMATOR").is_some() => {
+                let smooth = noise_of(&trusted(&usable));
+                crate::track::estimate::estimated(self, camera, &usable, options, smooth).ok_or_else(unexplained)?
+            }
             Some(laws) if self.fits_flights(options)? => flights::fitted(self, &laws, camera, &usable, options)?,
             _ => self.fit_known(camera, &usable, options)?,
         };

@@ -1,0 +1,572 @@
+//! What a trajectory has to explain, and what is known before anything is seen: the residuals of the least-squares problem, each
+//! with its derivatives.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
+
+use super::config::EstimatorConfig;
+use super::normal::Sums;
+use super::observation::Observation;
+use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Trajectory};
+use crate::physics::{Column, Contact, FORCES, Flight, Forecaster, Obstacle, Rigid, Scene, Sensitivity, part};
+
+/// Step of the differences of a contact's law: m, m/s, rad/s.
+const LAW_STEP: [f64; 3] = [1e-6, 1e-5, 1e-3];
+/// Standard deviation of a spin that the scene gives, rad/s.
+const KNOWN_SPIN: f64 = 1e-3;
+/// Where the scene does not say more: speed of the ball's surface by a spin of one standard deviation, m/s; of a bounce's normal and
+/// tangential speed, fractions of the closing speed.
+const SPIN_SPEED: f64 = 4.0;
+const RESTITUTION: f64 = 0.07;
+const FRICTION: f64 = 0.2;
+/// Residual, in standard deviations, from which on a barrier pulls with the same force.
+const BARRIER: f64 = 3.0;
+/// How far beyond what a scene describes its ball is found, and how far from the camera in a scene that describes nothing, m:
+/// standard deviations.
+const BEYOND: f64 = 2.0;
+const FAR: f64 = 30.0;
+/// Least closing speed of a contact, m/s: of a ball that rolls.
+const SLOWEST_CLOSING: f64 = 0.05;
+
+/// What large residuals of labels cost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Loss {
+    /// Huber's: pulls from afar.
+    Growing,
+    /// The mixture of labels' noise, rough labels and strays.
+    Mixture,
+}
+
+/// A track, its scene, and what is known of both.
+pub struct Model<'a> {
+    pub forecaster: &'a Forecaster,
+    pub rigid: Rigid,
+    pub obstacles: Vec<Obstacle>,
+    pub observations: &'a [Observation],
+    /// Of the picture, px².
+    pub area: f64,
+    /// Standard deviation of the labels where it was given, px.
+    pub noise: Option<f64>,
+    pub config: EstimatorConfig,
+    /// Where a flight begins before anything is seen: mean and standard deviations along the axes, m.
+    pub place: (Vector3<f64>, Vector3<f64>),
+    /// Mean of each component of the spin, and its standard deviation, rad/s.
+    spin: (Vector3<f64>, f64),
+    scale_sigmas: [f64; FORCES],
+    restitution_sigma: f64,
+    friction_sigma: f64,
+}
+
+/// How loosely a contact keeps its law: standard deviations of the velocity along the normal and across it, and of the spin.
+#[derive(Debug, Clone, Copy)]
+pub struct ContactNoise {
+    normal: Vector3<f64>,
+    along: f64,
+    across: f64,
+    spin: f64,
+    closing: f64,
+}
+
+/// A segment's end.
+struct Arrival<'a> {
+    segment: usize,
+    flight: Flight<'a>,
+}
+
+impl<'a> Model<'a> {
+    /// None of a scene whose contacts last.
+    pub fn new(
+        forecaster: &'a Forecaster,
+        observations: &'a [Observation],
+        area: f64,
+        noise: Option<f64>,
+    ) -> Option<Self> {
+        let scene = forecaster.scene();
+        let Contact::Bounce { restitution, friction, restitution_sigma, friction_sigma } = scene.contact else {
+            return None;
+        };
+        let ball = &scene.ball;
+        let mut scale_sigmas = [1e-4; FORCES];
+        forecaster.scale_sigmas().zip(&mut scale_sigmas).for_each(|((_, sigma), out)| *out = sigma);
+        let spin_sigma = match ball.spin == [0.0; 3] {
+            true => ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius),
+            false => KNOWN_SPIN,
+        };
+        Some(Self {
+            forecaster,
+            rigid: Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor },
+            obstacles: Obstacle::of(scene),
+            observations,
+            area,
+            noise,
+            config: EstimatorConfig::of(scene),
+            place: place_of(scene, observations),
+            spin: (ball.spin.into(), spin_sigma),
+            scale_sigmas,
+            restitution_sigma: restitution_sigma.unwrap_or(RESTITUTION),
+            friction_sigma: friction_sigma.unwrap_or(FRICTION),
+        })
+    }
+
+    /// The same of other observations.
+    pub fn with_observations<'b>(&self, observations: &'b [Observation]) -> Model<'b>
+    where
+        'a: 'b,
+    {
+        Model { observations, obstacles: self.obstacles.clone(), ..*self }
+    }
+
+    /// How far a trajectory is from what is known before anything is seen, in squared standard deviations, and of how many numbers:
+    /// of its forces, of each segment's beginning.
+    pub fn strains(&self, trajectory: &Trajectory) -> Vec<(f64, usize)> {
+        let scales = trajectory.log_scales.iter().zip(&self.scale_sigmas);
+        let forces: f64 = scales.map(|(value, sigma)| (value / sigma).powi(2)).sum();
+        let size = trajectory.log_size / self.config.size_sigma;
+        let mut all = vec![(forces + size * size, 1 + self.forecaster.scale_sigmas().count())];
+        let spin = |state: &Column| ((part(state, 2) - self.spin.0) / self.spin.1).norm_squared();
+        for (index, (segment, noise)) in
+            trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate()
+        {
+            let (Begin::Bounce(obstacle), Some(noise)) = (segment.begin, noise) else {
+                all.push((spin(&segment.state), 3));
+                continue;
+            };
+            let arrived = self.arrival(trajectory, index - 1);
+            let near = self.obstacles[obstacle].nearest(&segment.position());
+            let (v, w) = self.rigid.rebound(&near.normal, &part(&arrived, 1), &part(&arrived, 2));
+            let off = segment.velocity() - v;
+            let along = noise.normal.dot(&off);
+            let across = (off - noise.normal * along).norm() / noise.across;
+            let gap = (near.distance - self.rigid.radius) / self.config.surface;
+            let turn = (part(&segment.state, 2) - w).norm() / noise.spin;
+            all.push(((along / noise.along).powi(2) + across * across + gap * gap + turn * turn, 7));
+        }
+        all
+    }
+
+    pub fn gravity(&self) -> Vector3<f64> {
+        self.forecaster.scene().gravity.into()
+    }
+
+    pub fn spin_sigma(&self) -> f64 {
+        self.spin.1
+    }
+
+    /// Cost of a label's squared residual (in standard deviations) over that of one that is met, and its derivative.
+    pub fn label_cost(&self, square: f64, noise: f64, loss: Loss) -> (f64, f64) {
+        let config = &self.config;
+        if loss == Loss::Growing {
+            return huber(square, BARRIER);
+        }
+        let wide = config.rough_factor.powi(2);
+        let good = (1.0 - config.rough_fraction - config.stray_fraction) * (-square / 2.0).exp();
+        let rough = config.rough_fraction / wide * (-square / (2.0 * wide)).exp();
+        let stray = config.stray_fraction * std::f64::consts::TAU * noise * noise / self.area;
+        let all = good + rough + stray;
+        (-2.0 * (all / self.met(noise)).ln(), (good + rough / wide) / all)
+    }
+
+    /// Density of a label that is met, times 2πσ².
+    fn met(&self, noise: f64) -> f64 {
+        let config = &self.config;
+        1.0 - config.rough_fraction - config.stray_fraction
+            + config.rough_fraction / config.rough_factor.powi(2)
+            + config.stray_fraction * std::f64::consts::TAU * noise * noise / self.area
+    }
+
+    /// What a label that is met costs: −2 ln of its density, px⁻².
+    pub fn label_constant(&self, noise: f64) -> f64 {
+        -2.0 * (self.met(noise) / (std::f64::consts::TAU * noise * noise)).ln()
+    }
+
+    /// The noise that the squared residuals (px²) of labels with these weights tell, and what was expected.
+    pub fn noise_of(&self, squares: &[(f64, f64)]) -> f64 {
+        if let Some(noise) = self.noise {
+            return noise;
+        }
+        let (expected, weight) = (self.config.noise_px, 2.0 * self.config.noise_weight);
+        let sum: f64 = squares.iter().map(|(square, weight)| square * weight).sum();
+        let count: f64 = squares.iter().map(|(_, weight)| 2.0 * weight).sum();
+        ((weight * expected * expected + sum) / (weight + 2.0 + count)).sqrt()
+    }
+
+    /// What a noise costs by what was expected of it (an inverse gamma distribution of its square).
+    pub fn noise_cost(&self, noise: f64) -> f64 {
+        if self.noise.is_some() {
+            return 0.0;
+        }
+        let (expected, weight) = (self.config.noise_px, 2.0 * self.config.noise_weight);
+        let square = noise * noise / (expected * expected);
+        (weight + 2.0) * square.ln() + weight / square
+    }
+
+    /// Adds up all residuals of segments `from` on, and of what is shared; none where the ball is behind the camera. Contacts keep
+    /// their law as loosely as `noises` say, one a segment. `squares`: of the labels, px², and their weights.
+    pub fn add(
+        &self,
+        trajectory: &Trajectory,
+        (from, loss): (usize, Loss),
+        noises: &[Option<ContactNoise>],
+        sums: &mut Sums,
+        squares: &mut Vec<(f64, f64)>,
+    ) -> Option<()> {
+        let segments = &trajectory.segments;
+        // The segment before the first that moves ties it.
+        let begin = from.saturating_sub(1);
+        let mut arrival = None;
+        for (index, segment) in segments.iter().enumerate().skip(begin) {
+            if let Some(arrival) = &arrival {
+                self.add_link(arrival, segment, (from, noises[index]), sums);
+            }
+            let mut flight = self.forecaster.flight(&segment.state, &trajectory.log_scales);
+            let mut time = segment.time;
+            for frame in trajectory.frames(index) {
+                let next = trajectory.times[frame];
+                flight.advance(next - time);
+                time = next;
+                if index >= from {
+                    self.add_frame(trajectory, frame, &flight, index - from, loss, sums, squares)?;
+                }
+            }
+            arrival = match segments.get(index + 1) {
+                Some(next) => {
+                    flight.advance(next.time - time);
+                    Some(Arrival { segment: index, flight })
+                }
+                None => None,
+            };
+        }
+        self.add_priors(trajectory, from, sums);
+        sums.is_finite().then_some(())
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn add_frame(
+        &self,
+        trajectory: &Trajectory,
+        frame: usize,
+        flight: &Flight,
+        block: usize,
+        loss: Loss,
+        sums: &mut Sums,
+        squares: &mut Vec<(f64, f64)>,
+    ) -> Option<()> {
+        let (observation, position) = (&self.observations[frame], part(&flight.state, 0));
+        let barrier = |sums: &mut Sums, excess: f64, slope: Vector3<f64>, sigma: f64| {
+            let residual = Vector1::new(excess / sigma);
+            let (cost, weight) = huber(residual.norm_squared(), BARRIER);
+            let (own, shared) = by_numbers(flight, &slope.transpose().scale(sigma.recip()));
+            sums.add(cost, weight, &residual, &[(block, own)], &shared);
+        };
+        if let Some(ray) = &observation.ray {
+            let (residual, jacobian) = ray.residual(&position)?;
+            let noise = trajectory.noise;
+            let square = residual.norm_squared();
+            let (cost, weight) = self.label_cost(square / (noise * noise), noise, loss);
+            squares.push((square, weight));
+            let (own, shared) = by_numbers(flight, &(jacobian / noise));
+            sums.add(cost, weight, &(residual / noise), &[(block, own)], &shared);
+            // What is seen is not behind anything.
+            let hidden = |at: &Vector3<f64>| self.obstacles.iter().map(|it| it.between(&ray.origin, at)).sum::<f64>();
+            let depth = hidden(&position);
+            if depth > 0.0 {
+                let slope = Vector3::from_fn(|axis, _| {
+                    (hidden(&(position + Vector3::ith(axis, LAW_STEP[0]))) - depth) / LAW_STEP[0]
+                });
+                barrier(sums, depth, slope, self.config.hidden_sigma);
+            }
+            if let Some([log_distance, sigma]) = observation.log_distance {
+                let off = position - ray.origin;
+                let distance = off.norm();
+                let residual = Vector1::new((log_distance - trajectory.log_size - distance.ln()) / sigma);
+                let (cost, weight) = self.size_cost(residual.x * residual.x);
+                let (own, mut shared) = by_numbers(flight, &(off.transpose() * (-1.0 / (distance * distance * sigma))));
+                shared[(0, FORCES)] = -1.0 / sigma;
+                sums.add(cost, weight, &residual, &[(block, own)], &shared);
+            }
+        }
+        let nearest = |obstacle: &Obstacle| obstacle.nearest(&position);
+        let deepest = self.obstacles.iter().map(nearest).min_by(|a, b| a.distance.total_cmp(&b.distance));
+        if let Some(near) = deepest {
+            let excess = self.rigid.radius - near.distance - self.config.depth;
+            if excess > 0.0 {
+                barrier(sums, excess, -near.normal, self.config.depth_sigma);
+            }
+        }
+        Some(())
+    }
+
+    /// Cost of a size's squared residual and its derivative: a mixture as the labels', of sizes that are good or anything.
+    fn size_cost(&self, square: f64) -> (f64, f64) {
+        let stray = self.config.rough_fraction / self.config.rough_factor;
+        let good = (1.0 - self.config.rough_fraction) * (-square / 2.0).exp();
+        let all = good + stray * (-square / (2.0 * self.config.rough_factor.powi(2))).exp();
+        let met = 1.0 - self.config.rough_fraction + stray;
+        let slow = self.config.rough_factor.powi(-2);
+        (-2.0 * (all / met).ln(), (good + (all - good) * slow) / all)
+    }
+
+    /// Adds how a segment goes on from the one before.
+    fn add_link(
+        &self,
+        arrival: &Arrival,
+        next: &Segment,
+        (from, noise): (usize, Option<ContactNoise>),
+        sums: &mut Sums,
+    ) {
+        let flight = &arrival.flight;
+        let (velocity, acceleration) = flight.slope();
+        let mut blocks = Blocks::new(arrival, &velocity, &acceleration, from);
+        // Continuity.
+        let off = (next.position() - part(&flight.state, 0)) / self.config.continuity;
+        let scale = self.config.continuity.recip();
+        let position = blocks.end(0) * -scale;
+        let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+        own.fixed_view_mut::<3, 1>(0, 0).copy_from(&(velocity * -scale));
+        own.fixed_view_mut::<3, 3>(0, 1).copy_from(&(Matrix3::identity() * scale));
+        blocks.add(sums, &off, position, own, arrival.flight_shared(0) * -scale);
+        let (Begin::Bounce(index), Some(noise)) = (next.begin, noise) else {
+            let sigma = self.config.speed;
+            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+            own.fixed_view_mut::<3, 3>(0, 4).copy_from(&(Matrix3::identity() / sigma));
+            blocks.alone(sums, &(next.velocity() / sigma), own);
+            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+            own.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() / self.spin.1));
+            blocks.alone(sums, &(part(&next.state, 2) / self.spin.1), own);
+            return;
+        };
+        // The contact.
+        let obstacle = &self.obstacles[index];
+        let near = obstacle.nearest(&next.position());
+        let mut own = SMatrix::<f64, 1, OF_SEGMENT>::zeros();
+        own.fixed_view_mut::<1, 3>(0, 1).copy_from(&(near.normal.transpose() / self.config.surface));
+        blocks.alone(sums, &Vector1::new((near.distance - self.rigid.radius) / self.config.surface), own);
+        let (n, along, across) = (noise.normal, noise.along.recip(), noise.across.recip());
+        let weigh_velocity = Matrix3::identity() * across + n * n.transpose() * (along - across);
+        let weigh = [weigh_velocity, Matrix3::identity() / noise.spin];
+        // The law at the arrival's velocity and spin, and at the next one's place.
+        let arrived = [1, 2].map(|index| part(&flight.state, index));
+        let law = |place: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>| {
+            let (v, w) = self.rigid.rebound(&obstacle.nearest(place).normal, v, w);
+            [v, w]
+        };
+        let (place, [v, w]) = (next.position(), &arrived);
+        let after = law(&place, v, w);
+        let slope = |which: usize, of: usize| {
+            Matrix3::from_fn(|row, axis| {
+                let step = Vector3::ith(axis, LAW_STEP[of]);
+                let moved = match of {
+                    0 => law(&(place + step), v, w),
+                    1 => law(&place, &(v + step), w),
+                    _ => law(&place, v, &(w + step)),
+                };
+                (moved[which][row] - after[which][row]) / LAW_STEP[of]
+            })
+        };
+        for (which, weigh) in weigh.into_iter().enumerate() {
+            let off = weigh * (part(&next.state, 1 + which) - after[which]);
+            let [by_place, by_velocity, by_spin] = [0, 1, 2].map(|of| slope(which, of));
+            let end = by_velocity * blocks.end(1) + by_spin * blocks.end(2);
+            let shared = by_velocity * arrival.flight_shared(1);
+            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+            own.fixed_view_mut::<3, 1>(0, 0).copy_from(&(weigh * by_velocity * acceleration * -1.0));
+            own.fixed_view_mut::<3, 3>(0, 1).copy_from(&(weigh * by_place * -1.0));
+            own.fixed_view_mut::<3, 3>(0, 4 + 3 * which).copy_from(&weigh);
+            blocks.add(sums, &off, weigh * end * -1.0, own, weigh * shared * -1.0);
+        }
+    }
+
+    /// How loosely the contacts of a trajectory keep their law, one a segment; none of a segment that does not begin by one.
+    pub fn contact_noises(&self, trajectory: &Trajectory) -> Vec<Option<ContactNoise>> {
+        let of = |(index, segment): (usize, &Segment)| {
+            let Begin::Bounce(obstacle) = segment.begin else { return None };
+            let arrived = self.arrival(trajectory, index.checked_sub(1)?);
+            Some(self.contact_noise(&self.obstacles[obstacle], &segment.position(), &arrived))
+        };
+        trajectory.segments.iter().enumerate().map(of).collect()
+    }
+
+    fn contact_noise(&self, obstacle: &Obstacle, place: &Vector3<f64>, arriving: &Column) -> ContactNoise {
+        let normal = obstacle.nearest(place).normal;
+        let (v, w) = (part(arriving, 1), part(arriving, 2));
+        let closing = -normal.dot(&v);
+        let (_, after) = self.rigid.rebound(&normal, &v, &w);
+        let across = self.friction_sigma * closing.abs() + self.config.contact_speed;
+        let spin = 2.0 * across / self.rigid.radius + self.config.contact_spin * (after - w).norm();
+        let along = self.restitution_sigma * closing.abs() + self.config.contact_speed;
+        ContactNoise { normal, along, across, spin, closing }
+    }
+
+    fn add_priors(&self, trajectory: &Trajectory, from: usize, sums: &mut Sums) {
+        let first = &trajectory.segments[0];
+        if from == 0 {
+            let block = |at: usize, sigma: f64| {
+                let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+                own.fixed_view_mut::<3, 3>(0, at).copy_from(&(Matrix3::identity() / sigma));
+                own
+            };
+            let none = SMatrix::<f64, 3, SHARED>::zeros();
+            let spin = (part(&first.state, 2) - self.spin.0) / self.spin.1;
+            sums.add(spin.norm_squared(), 1.0, &spin, &[(0, block(7, self.spin.1))], &none);
+            let inverse = self.place.1.map(f64::recip);
+            let place = (first.position() - self.place.0).component_mul(&inverse);
+            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+            own.fixed_view_mut::<3, 3>(0, 1).copy_from(&Matrix3::from_diagonal(&inverse));
+            sums.add(place.norm_squared(), 1.0, &place, &[(0, own)], &none);
+            let velocity = first.velocity() / self.config.speed;
+            sums.add(velocity.norm_squared(), 1.0, &velocity, &[(0, block(4, self.config.speed))], &none);
+            // The first segment begins when it begins; where is told by what is seen.
+            let mut own = SMatrix::<f64, 1, OF_SEGMENT>::zeros();
+            own[0] = 1e6;
+            sums.add(0.0, 1.0, &Vector1::zeros(), &[(0, own)], &SMatrix::zeros());
+        }
+        for index in 0..SHARED {
+            let (value, sigma) = match trajectory.log_scales.get(index) {
+                Some(&value) => (value, self.scale_sigmas[index]),
+                None => (trajectory.log_size, self.config.size_sigma),
+            };
+            let mut shared = SMatrix::<f64, 1, SHARED>::zeros();
+            shared[index] = sigma.recip();
+            let residual = Vector1::new(value / sigma);
+            sums.add(residual.norm_squared(), 1.0, &residual, &[], &shared);
+        }
+    }
+
+    /// −2 ln of the densities that the priors of the contacts and hits are normalised by, and of there being these hits.
+    pub fn structure_cost(&self, trajectory: &Trajectory) -> f64 {
+        let config = &self.config;
+        let ln = |sigma: f64| 2.0 * sigma.ln();
+        let mut cost = 0.0;
+        for noise in self.contact_noises(trajectory).iter().skip(1) {
+            cost += 3.0 * ln(config.continuity);
+            cost += match noise {
+                Some(noise) => {
+                    let closing = noise.closing.max(SLOWEST_CLOSING);
+                    ln(config.surface) - ln(closing) + ln(noise.along) + 2.0 * ln(noise.across) + 3.0 * ln(noise.spin)
+                }
+                _ => {
+                    3.0 * ln(config.speed) + 3.0 * ln(self.spin.1)
+                        - ln(config.hit_rate)
+                        - std::f64::consts::TAU.ln()
+                }
+            };
+        }
+        cost
+    }
+
+    /// The state at the end of a segment, before what begins the next.
+    pub fn arrival(&self, trajectory: &Trajectory, segment: usize) -> Column {
+        let from = &trajectory.segments[segment];
+        let end = trajectory.segments.get(segment + 1).map_or(trajectory.times[trajectory.last], |next| next.time);
+        let mut flight = self.forecaster.flight(&from.state, &trajectory.log_scales);
+        flight.advance(end - from.time);
+        flight.state
+    }
+}
+
+/// Where a ball is before anything is seen: about what the scene describes, mean and standard deviations, m; about the camera where it
+/// describes nothing.
+fn place_of(scene: &Scene, observations: &[Observation]) -> (Vector3<f64>, Vector3<f64>) {
+    let mut corners: Vec<Vector3<f64>> = scene.landmarks().iter().map(|point| point.coords).collect();
+    for cuboid in &scene.boxes {
+        let (turn, half) = (cuboid.world_from_box(), Vector3::from(cuboid.half_size));
+        let centre = Vector3::from(cuboid.position);
+        for axis in 0..3 {
+            let arm = turn.column(axis) * half[axis];
+            corners.extend([centre + arm, centre - arm]);
+        }
+    }
+    if let Some(bounds) = &scene.bounds {
+        corners.extend([Vector3::from(bounds.low), Vector3::from(bounds.high)]);
+    }
+    let Some(first) = corners.first() else {
+        let eye = observations.iter().find_map(|it| it.ray.as_ref()).map_or(Vector3::zeros(), |ray| ray.origin);
+        return (eye, Vector3::repeat(FAR));
+    };
+    let low = corners.iter().fold(*first, |low, corner| low.inf(corner));
+    let high = corners.iter().fold(*first, |high, corner| high.sup(corner));
+    ((low + high) / 2.0, (high - low) / 2.0 + Vector3::repeat(BEYOND))
+}
+
+/// Huber's loss: cost of a squared residual, and its derivative.
+fn huber(square: f64, limit: f64) -> (f64, f64) {
+    if square <= limit * limit {
+        return (square, 1.0);
+    }
+    let size = square.sqrt();
+    (2.0 * limit * size - limit * limit, limit / size)
+}
+
+/// By what a segment's numbers, and the shared ones, change something that changes with the position by `slope`.
+fn by_numbers<const R: usize>(
+    flight: &Flight,
+    slope: &SMatrix<f64, R, 3>,
+) -> (SMatrix<f64, R, OF_SEGMENT>, SMatrix<f64, R, SHARED>) {
+    let by_start = slope * flight.position;
+    let mut own = SMatrix::<f64, R, OF_SEGMENT>::zeros();
+    own.fixed_view_mut::<R, 1>(0, 0).copy_from(&(slope * part(&flight.state, 1) * -1.0));
+    own.fixed_view_mut::<R, 9>(0, 1).copy_from(&by_start.fixed_view::<R, 9>(0, 0));
+    let mut shared = SMatrix::<f64, R, SHARED>::zeros();
+    shared.fixed_view_mut::<R, FORCES>(0, 0).copy_from(&by_start.fixed_view::<R, FORCES>(0, 9));
+    (own, shared)
+}
+
+impl Arrival<'_> {
+    /// Derivative of position or velocity there by the shared numbers.
+    fn flight_shared(&self, which: usize) -> SMatrix<f64, 3, SHARED> {
+        let all: &Sensitivity = [&self.flight.position, &self.flight.velocity][which];
+        let mut shared = SMatrix::<f64, 3, SHARED>::zeros();
+        shared.fixed_view_mut::<3, FORCES>(0, 0).copy_from(&all.fixed_view::<3, FORCES>(0, 9));
+        shared
+    }
+}
+
+/// Adds residuals that tie two segments, of which the first may be one that stays.
+struct Blocks {
+    /// Of the earlier one; none where it stays.
+    before: Option<usize>,
+    after: usize,
+    /// Derivatives of position, velocity and spin at the earlier one's end by its numbers.
+    ends: [SMatrix<f64, 3, OF_SEGMENT>; 3],
+}
+
+impl Blocks {
+    fn new(arrival: &Arrival, velocity: &Vector3<f64>, acceleration: &Vector3<f64>, from: usize) -> Self {
+        let flight = &arrival.flight;
+        let of = |sensitivity: &Sensitivity, slope: &Vector3<f64>| {
+            let mut end = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+            end.fixed_view_mut::<3, 1>(0, 0).copy_from(&-slope);
+            end.fixed_view_mut::<3, 9>(0, 1).copy_from(&sensitivity.fixed_view::<3, 9>(0, 0));
+            end
+        };
+        let mut spin = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+        spin.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() * flight.spin));
+        let ends = [of(&flight.position, velocity), of(&flight.velocity, acceleration), spin];
+        Self { before: arrival.segment.checked_sub(from), after: arrival.segment + 1 - from, ends }
+    }
+
+    fn end(&self, which: usize) -> SMatrix<f64, 3, OF_SEGMENT> {
+        self.ends[which]
+    }
+
+    fn add<const R: usize>(
+        &mut self,
+        sums: &mut Sums,
+        residual: &SVector<f64, R>,
+        before: SMatrix<f64, R, OF_SEGMENT>,
+        after: SMatrix<f64, R, OF_SEGMENT>,
+        shared: SMatrix<f64, R, SHARED>,
+    ) {
+        let both = [(self.before.unwrap_or(0), before), (self.after, after)];
+        let parts = if self.before.is_some() { &both[..] } else { &both[1..] };
+        sums.add(residual.norm_squared(), 1.0, residual, parts, &shared);
+    }
+
+    fn alone<const R: usize>(
+        &self,
+        sums: &mut Sums,
+        residual: &SVector<f64, R>,
+        after: SMatrix<f64, R, OF_SEGMENT>,
+    ) {
+        sums.add(residual.norm_squared(), 1.0, residual, &[(self.after, after)], &SMatrix::zeros());
+    }
+}

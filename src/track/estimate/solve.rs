@@ -1,0 +1,119 @@
+//! The trajectory near another that explains a track best, and how probable its structure is.
+
+use std::convert::Infallible;
+
+use nalgebra::SVector;
+
+use super::model::{ContactNoise, Loss, Model};
+use super::normal::{Marginals, Sums};
+use super::trajectory::{OF_SEGMENT, SHARED, Trajectory};
+use crate::least_squares::{Damping, LeastSquares, minimised};
+
+/// Longest steps: s, m, m/s, rad/s, logarithm.
+const LONGEST: [f64; 5] = [0.02, 1.0, 10.0, 400.0, 0.3];
+/// Number of a segment that is in each of these units.
+const UNITS: [usize; OF_SEGMENT] = [0, 1, 1, 1, 2, 2, 2, 3, 3, 3];
+const DAMPING: Damping =
+    Damping { first: 1e-3, relax: 0.2, least: 1e-9, stiffen: 5.0, most: 1e6, steps: 0, converged: 1e-3 };
+
+/// A trajectory on its way to the least cost.
+struct Search<'a> {
+    model: &'a Model<'a>,
+    trajectory: Trajectory,
+    /// The first segment that is searched; those before stay.
+    from: usize,
+    loss: Loss,
+    noises: Vec<Option<ContactNoise>>,
+    cost: f64,
+}
+
+/// A trajectory that explains a track, and how well.
+#[derive(Debug, Clone)]
+pub struct Hypothesis {
+    pub trajectory: Trajectory,
+    /// −2 ln of the evidence: of the probability of the labels, given that there are these contacts and hits. Comparable between
+    /// hypotheses about the same labels.
+    pub cost: f64,
+}
+
+impl Search<'_> {
+    fn sums(&self, cost_only: bool) -> Option<(Sums, Vec<(f64, f64)>)> {
+        let mut sums = Sums::new(self.trajectory.segments.len() - self.from, cost_only);
+        let mut squares = Vec::with_capacity(self.trajectory.last - self.trajectory.first + 1);
+        self.model.add(&self.trajectory, (self.from, self.loss), &self.noises, &mut sums, &mut squares)?;
+        Some((sums, squares))
+    }
+}
+
+impl LeastSquares for Search<'_> {
+    type Normal = Sums;
+    type Step = (Vec<SVector<f64, OF_SEGMENT>>, [f64; SHARED]);
+    type Error = Infallible;
+
+    fn cost(&self) -> f64 {
+        self.cost
+    }
+
+    fn linearised(&mut self) -> Result<Option<Sums>, Infallible> {
+        self.noises = self.model.contact_noises(&self.trajectory);
+        let Some((_, squares)) = self.sums(true) else { return Ok(None) };
+        // The noise goes with it, one step of expectation and maximisation at a time.
+        self.trajectory.noise = self.model.noise_of(&squares);
+        let sums = self.sums(false).map(|(sums, _)| sums);
+        self.cost = sums.as_ref().map_or(f64::INFINITY, |sums| sums.cost);
+        Ok(sums)
+    }
+
+    fn step(&self, sums: &Sums, damping: f64) -> Option<Self::Step> {
+        let (mut segments, mut shared) = sums.step(damping)?;
+        let own = segments.iter().flat_map(|step| step.iter().zip(UNITS)).map(|(by, unit)| by.abs() / LONGEST[unit]);
+        let longest = own.chain(shared.iter().map(|by| by.abs() / LONGEST[4])).fold(1.0, f64::max);
+        segments.iter_mut().for_each(|step| *step /= longest);
+        shared.iter_mut().for_each(|by| *by /= longest);
+        Some((segments, shared))
+    }
+
+    fn moved(&self, _: &Sums, (segments, shared): &Self::Step) -> Result<Option<Self>, Infallible> {
+        let trajectory = self.trajectory.moved(self.from, segments, shared);
+        if !trajectory.is_in_order() {
+            return Ok(None);
+        }
+        let mut next = Self { trajectory, noises: self.noises.clone(), ..*self };
+        let Some((sums, _)) = next.sums(true) else { return Ok(None) };
+        next.cost = sums.cost;
+        Ok(Some(next))
+    }
+}
+
+impl Model<'_> {
+    /// The trajectory, or one near it that explains the track better, segments before `from` as they are.
+    pub fn refined(&self, trajectory: &Trajectory, from: usize, loss: Loss, steps: usize) -> Option<Hypothesis> {
+        if !trajectory.is_in_order() {
+            return None;
+        }
+        let noises = self.contact_noises(trajectory);
+        let mut start = Search { model: self, trajectory: trajectory.clone(), from, loss, noises, cost: 0.0 };
+        start.cost = start.sums(true)?.0.cost;
+        let Ok(found) = minimised(start, &Damping { steps, ..DAMPING });
+        self.judged(found.trajectory)
+    }
+
+    /// A trajectory with its evidence (Laplace's approximation about it).
+    pub fn judged(&self, trajectory: Trajectory) -> Option<Hypothesis> {
+        let noises = self.contact_noises(&trajectory);
+        let search = Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0 };
+        let (sums, squares) = search.sums(false)?;
+        let trajectory = search.trajectory;
+        let labels = squares.len() as f64 * self.label_constant(trajectory.noise) + self.noise_cost(trajectory.noise);
+        let cost = sums.cost + labels + sums.log_determinant()? + self.structure_cost(&trajectory);
+        cost.is_finite().then_some(Hypothesis { trajectory, cost })
+    }
+
+    /// What the labels say of each number of a trajectory.
+    pub fn marginals(&self, trajectory: &Trajectory) -> Option<Marginals> {
+        let noises = self.contact_noises(trajectory);
+        let trajectory = trajectory.clone();
+        let search = Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0 };
+        search.sums(false)?.0.marginals()
+    }
+}
