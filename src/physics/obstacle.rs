@@ -109,6 +109,44 @@ impl Obstacle {
         (to - from).max(0.0) * way.norm()
     }
 
+    /// Centres of a ball of this `radius` on a ray from `eye` that touches a face which it comes towards; one that passes a face by no
+    /// more than `margin` touches its rim.
+    pub fn touching(
+        &self,
+        eye: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        radius: f64,
+        margin: f64,
+    ) -> Vec<Vector3<f64>> {
+        match &self.shape {
+            Shape::Plane { normal, offset } => {
+                let along = (offset + radius - normal.dot(eye)) / normal.dot(direction);
+                if along > 0.0 && along.is_finite() && normal.dot(direction) < 0.0 {
+                    vec![eye + direction * along]
+                } else {
+                    vec![]
+                }
+            }
+            Shape::Cuboid { centre, half, turn } => {
+                let (at, by) = (into_box(eye - centre, turn), into_box(*direction, turn));
+                let face = |axis: usize| {
+                    let side = -by[axis].signum();
+                    let along = (side * (half[axis] + radius) - at[axis]) / by[axis];
+                    let mut point = at + by * along;
+                    let beside = |other: usize| other == axis || point[other].abs() <= half[other] + margin;
+                    if !along.is_finite() || along <= 0.0 || !(0..3).all(beside) {
+                        return None;
+                    }
+                    for other in (0..3).filter(|&other| other != axis) {
+                        point[other] = point[other].clamp(-half[other], half[other]);
+                    }
+                    Some(centre + out_of_box(point, turn))
+                };
+                (0..3).filter_map(face).collect()
+            }
+        }
+    }
+
     /// Distance, normal and curvature at `r`.
     #[inline]
     pub fn nearest(&self, r: &Vector3<f64>) -> Nearest {

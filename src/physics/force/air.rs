@@ -12,7 +12,7 @@ use crate::physics::scene::{Ball, Scene};
 /// (Mehta and Pallis 2001, tennis; Achenbach 1972, smooth spheres).
 const DRAG_SIGMA: f64 = 0.15;
 /// The same of the lift: Sawicki, Hubbard and Stronge 2003 against Nathan 2008.
-const LIFT_SIGMA: f64 = 0.4;
+const LIFT_SIGMA: f64 = 0.2;
 
 /// Drag `−c·|v|·v` with c = ½ρAC_d/m, 1/m.
 #[derive(Debug)]

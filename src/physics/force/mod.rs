@@ -121,6 +121,13 @@ impl Forces {
         self.list.iter().map(|force| (force.name(), force.scale_sigma()))
     }
 
+    /// Acceleration of a ball whose forces are `scales` times the scene's, m/s².
+    #[inline]
+    pub fn scaled_sum(&self, [r, v, w]: [&Vector3<f64>; 3], scales: &[f64; FORCES]) -> Vector3<f64> {
+        let forces = self.list.iter().zip(scales);
+        forces.map(|(force, scale)| force.acceleration(r, v, w, None) * *scale).sum()
+    }
+
     /// Acceleration of a ball whose forces are `scales` times the scene's, m/s², and each force's part of it. The partials of
     /// the sum go to `partials`, which are zero before.
     #[inline]

@@ -17,6 +17,8 @@ pub(crate) type Sensitivity = SMatrix<f64, 3, { 9 + FORCES }>;
 #[derive(Debug, Clone)]
 pub(crate) struct Flight<'a> {
     forces: &'a Forces,
+    /// Whether the derivatives are followed; else they are those of the start.
+    derivatives: bool,
     scales: [f64; FORCES],
     /// m, m/s, rad/s.
     pub state: Column,
@@ -31,11 +33,11 @@ pub(crate) struct Flight<'a> {
 type Slope = (Vector3<f64>, Sensitivity);
 
 impl Forecaster {
-    /// A free flight from `start`, its forces `exp(log_scales)` times the scene's.
-    pub(crate) fn flight(&self, start: &Column, log_scales: &[f64; FORCES]) -> Flight<'_> {
+    /// A free flight from `start`, its forces `exp(log_scales)` times the scene's; with `derivatives` or without, which is faster.
+    pub(crate) fn flight(&self, start: &Column, log_scales: &[f64; FORCES], derivatives: bool) -> Flight<'_> {
         let unit = |first: usize| Sensitivity::from_fn(|row, column| f64::from(u8::from(column == first + row)));
         let (forces, scales) = (&self.forwards.forces, log_scales.map(f64::exp));
-        Flight { forces, scales, state: *start, position: unit(0), velocity: unit(3), spin: 1.0 }
+        Flight { forces, derivatives, scales, state: *start, position: unit(0), velocity: unit(3), spin: 1.0 }
     }
 
     /// Names and scale uncertainties of the forces: standard deviations of their sizes' logarithms.
@@ -49,7 +51,7 @@ impl Flight<'_> {
     pub fn slope(&self) -> (Vector3<f64>, Vector3<f64>) {
         let v = part(&self.state, 1);
         let state = [&part(&self.state, 0), &v, &part(&self.state, 2)];
-        (v, self.forces.scaled(state, &self.scales, &mut Partials::default()).0)
+        (v, self.forces.scaled_sum(state, &self.scales))
     }
 
     /// The smallest change of the spin that adds `more` to the acceleration, as far as a spin can, rad/s.
@@ -90,8 +92,24 @@ impl Flight<'_> {
             }
             (a, da)
         };
-        let (dr, dv) = (self.position, self.velocity);
         let half = h / 2.0;
+        if !self.derivatives {
+            let slope = |time: f64, r: Vector3<f64>, v: Vector3<f64>| {
+                self.forces.scaled_sum([&r, &v, &(w * decay(time))], &self.scales)
+            };
+            let a1 = slope(0.0, r, v);
+            let v2 = v + a1 * half;
+            let a2 = slope(half, r + v * half, v2);
+            let v3 = v + a2 * half;
+            let a3 = slope(half, r + v2 * half, v3);
+            let v4 = v + a3 * h;
+            let a4 = slope(h, r + v3 * h, v4);
+            let r = r + (v + 2.0 * (v2 + v3) + v4) * (h / 6.0);
+            let v = v + (a1 + 2.0 * (a2 + a3) + a4) * (h / 6.0);
+            self.state = column(r, v, w * decay(h));
+            return;
+        }
+        let (dr, dv) = (self.position, self.velocity);
         let (a1, da1) = slope(0.0, r, v, &dr, &dv);
         let (v2, dv2) = (v + a1 * half, dv + da1 * half);
         let (a2, da2) = slope(half, r + v * half, v2, &(dr + dv * half), &dv2);
@@ -105,5 +123,64 @@ impl Flight<'_> {
         self.velocity += (da1 + 2.0 * (da2 + da3) + da4) * (h / 6.0);
         self.state = column(r, v, w * decay(h));
         self.spin *= decay(h);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::physics::{Scene, State};
+
+    fn tennis() -> (Forecaster, Column) {
+        let forecaster = Forecaster::new(&Scene::named("tennis").unwrap()).unwrap();
+        let start =
+            column(Vector3::new(0.2, -3.0, 1.4), Vector3::new(3.0, 21.0, 2.5), Vector3::new(-180.0, 40.0, 90.0));
+        (forecaster, start)
+    }
+
+    fn flown(forecaster: &Forecaster, start: &Column, scales: &[f64; FORCES], derivatives: bool) -> Column {
+        let mut flight = forecaster.flight(start, scales, derivatives);
+        (0..10).for_each(|_| flight.advance(0.03));
+        flight.state
+    }
+
+    #[test]
+    fn a_flight_is_the_forecasters() {
+        let (forecaster, start) = tennis();
+        let [r, v, w] = [0, 1, 2].map(|index| part(&start, index));
+        let end = forecaster.forecast(&State { position: r.into(), velocity: v, spin: w }, &[0.3]).states[0];
+        for derivatives in [false, true] {
+            let flown = flown(&forecaster, &start, &[0.0; FORCES], derivatives);
+            assert!((part(&flown, 0) - end.position.coords).norm() < 1e-6);
+            assert!((part(&flown, 1) - end.velocity).norm() < 1e-5);
+            assert!((part(&flown, 2) - end.spin).norm() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn its_derivatives_are_those_of_differences() {
+        let (forecaster, start) = tennis();
+        let mut flight = forecaster.flight(&start, &[0.0; FORCES], true);
+        (0..10).for_each(|_| flight.advance(0.03));
+        let steps = [1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-5, 1e-3, 1e-3, 1e-3];
+        for number in 0..9 + FORCES {
+            let at = |sign: f64| {
+                let (mut start, mut scales) = (start, [0.0; FORCES]);
+                match number.checked_sub(9) {
+                    None => start[number] += sign * steps[number],
+                    Some(force) => scales[force] += sign * 1e-4,
+                }
+                flown(&forecaster, &start, &scales, false)
+            };
+            let step = if number < 9 { steps[number] } else { 1e-4 };
+            let (up, down) = (at(1.0), at(-1.0));
+            for (which, sensitivity) in [&flight.position, &flight.velocity].into_iter().enumerate() {
+                let slope = (part(&up, which) - part(&down, which)) / (2.0 * step);
+                let off = (slope - sensitivity.column(number)).norm();
+                assert!(off < 1e-5 * (1.0 + slope.norm()), "{number} {which}: {off}");
+            }
+        }
     }
 }

@@ -14,6 +14,9 @@ pub const FAINT: f64 = 25.0;
 /// Observations from which on a piece is a polynomial of degree 2, 3, 4.
 const DEGREES: [usize; 3] = [4, 9, 24];
 
+/// Highest degree of a piece.
+pub const MOST: usize = 1 + DEGREES.len();
+
 /// A place where a track bends.
 #[derive(Debug, Clone, Copy)]
 pub struct ChangePoint {
@@ -43,11 +46,11 @@ impl Piece {
         sum
     }
 
-    /// Through labels, of which those far off count less.
-    pub fn of(labels: &[(f64, Point2<f64>)], sigma: f64) -> Option<Self> {
+    /// Through labels, of which those far off count less; of a degree up to `most`.
+    pub fn of(labels: &[(f64, Point2<f64>)], sigma: f64, most: usize) -> Option<Self> {
         let (first, last) = (labels.first()?.0, labels.last()?.0);
         let (middle, scale) = ((first + last) / 2.0, ((last - first) / 2.0).max(1e-9));
-        let degree = 1 + DEGREES.iter().filter(|&&from| labels.len() >= from).count();
+        let degree = most.min(1 + DEGREES.iter().filter(|&&from| labels.len() >= from).count());
         let powers = |time: f64| {
             let t = (time - middle) / scale;
             (0..=degree).map(move |power| t.powi(power as i32))
@@ -83,7 +86,7 @@ pub fn change_points(labels: &[(f64, Point2<f64>)], sigma: f64, price: f64) -> V
     for end in 1..=count {
         let starts = end.saturating_sub(LONGEST)..=end.saturating_sub(SHORTEST);
         let through = |start: usize| {
-            let piece = Piece::of(&labels[start..end], sigma)?;
+            let piece = Piece::of(&labels[start..end], sigma, MOST)?;
             Some((best[start].0 + piece.cost + price, start))
         };
         let found = starts.filter_map(through).min_by(|a, b| a.0.total_cmp(&b.0));
@@ -96,7 +99,8 @@ pub fn change_points(labels: &[(f64, Point2<f64>)], sigma: f64, price: f64) -> V
         ends.push(best[end].1);
     }
     ends.reverse();
-    let pieces: Vec<Option<Piece>> = ends.windows(2).map(|pair| Piece::of(&labels[pair[0]..pair[1]], sigma)).collect();
+    let pieces: Vec<Option<Piece>> =
+        ends.windows(2).map(|pair| Piece::of(&labels[pair[0]..pair[1]], sigma, MOST)).collect();
     let mut found = Vec::new();
     for (index, pair) in pieces.windows(2).enumerate() {
         let [Some(before), Some(after)] = pair else { continue };

@@ -1,53 +1,103 @@
 //! The trajectory estimator: from rays to flights between contacts whose place the scene knows and hits that it does not.
+//!
+//! Gravity alone does not tell how far away a ball of unknown spin is: its spin is worth a third of it. A contact does: there the
+//! ball's ray meets the surface at one radius. So a [`trajectory`] is a list of segments, each with its state where it begins, tied by
+//! continuity and, at contacts, by the contact's law. All that is known is a residual of one least-squares problem ([`model`], [`normal`],
+//! [`solve`]): labels with a mixture of noise, rough labels and strays, whose scale is estimated along; apparent sizes; obstacles;
+//! priors. Which contacts, hits and lost frames there are is a hypothesis; hypotheses are found by [`search`] and compared by their
+//! evidence (Laplace's approximation; Kass and Raftery 1995, "Bayes factors").
+//!
+//! [`Forecaster::fit`] does not use it yet: rallies of many strokes are found better by [`super::fit`].
 
 mod change_points;
 mod config;
+mod drops;
+mod followed;
+mod input_checks;
 mod model;
 mod normal;
 mod observation;
+mod part;
 mod rays;
 mod result;
 mod search;
 mod solve;
 mod trajectory;
 
-use std::sync::Arc;
+use std::ops::Range;
 
-use self::model::Model;
-use self::observation::Observation;
-use self::search::Search;
-use super::fit::{Fit, FitOptions, Observation as Label};
+use self::part::Part;
+use super::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation as Label};
 use crate::camera::Camera;
+use crate::error::Result;
 use crate::physics::Forecaster;
 
-/// The flights that explain the labels best; none where nothing does.
-pub fn estimated(
-    forecaster: &Forecaster,
-    camera: &Camera,
-    labels: &[Label],
-    options: &FitOptions,
-    smooth: f64,
-) -> Option<Fit> {
-    let radius = forecaster.scene().ball.radius;
-    let of = |label: &Label| Observation::of(label, camera, radius).ok();
-    let observations: Vec<Observation> = labels.iter().map(of).collect::<Option<_>>()?;
-    let [width, height] = camera.size().xy();
-    let model = Model::new(forecaster, &observations, width * height, options.noise_px)?;
-    let times = Arc::new(labels.iter().map(|label| label.time).collect::<Vec<f64>>());
-    let start = options.noise_px.unwrap_or(smooth.clamp(0.3, 3.0)).max(0.1);
-    let search = Search::new(&model, times, start, options.hits)?;
-    let found = search.found();
-    if let Ok(t) = std::env::var("TRUTH") {
-        let v: Vec<f64> = t.split(',').map(|x| x.parse().unwrap()).collect();
-        if let Some(it) = search.debug_from(&v) {
-            println!("  TRUTH {:.1} noise {:.2} {:?} start {:.2?} v {:.1?} strains {:.1?}", it.cost, it.trajectory.noise, it.trajectory.segments.iter().map(|s| format!("{:?}@{:.3}", s.begin, s.time)).collect::<Vec<_>>(), it.trajectory.segments[0].position().as_slice(), it.trajectory.segments[0].velocity().as_slice(), model.strains(&it.trajectory));
+/// Time without a label after which a track begins anew, s: what happens then says nothing about what was before.
+const PAUSE: f64 = 0.6;
+/// Fewest labels between two pauses.
+const SHORTEST: usize = 6;
+
+/// The flights that explain the labels best.
+///
+/// # Errors
+/// [`Error::Fit`](crate::Error::Fit) for a track that nothing explains.
+pub fn estimated(forecaster: &Forecaster, camera: &Camera, labels: &[Label], options: &FitOptions) -> Result<Fit> {
+    let mut fits = vec![];
+    let mut hits = options.hits;
+    for range in parts(labels) {
+        let options = FitOptions { hits, ..options.clone() };
+        let part = Part { forecaster, camera, labels: &labels[range], options: &options, scale: 1.0 };
+        let fit = part.fit()?;
+        hits = hits.map(|most| most.saturating_sub(fit.hits.len()));
+        fits.push(fit);
+    }
+    Ok(joined(fits))
+}
+
+/// Ranges of frames between pauses.
+fn parts(labels: &[Label]) -> Vec<Range<usize>> {
+    let seen: Vec<usize> = (0..labels.len()).filter(|&frame| labels[frame].image.is_some()).collect();
+    let (mut starts, mut count) = (vec![0], 1);
+    for (index, pair) in seen.windows(2).enumerate() {
+        let pause = labels[pair[1]].time - labels[pair[0]].time > PAUSE;
+        let left = seen.len() - index - 1;
+        if pause && count >= SHORTEST && left >= SHORTEST {
+            starts.push(pair[1]);
+            count = 0;
+        }
+        count += 1;
+    }
+    let ends = starts[1..].iter().copied().chain([labels.len()]);
+    starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
+}
+
+/// One result of the parts of a track.
+fn joined(mut fits: Vec<Fit>) -> Fit {
+    let mut whole = fits.remove(0);
+    let labels = |fit: &Fit| fit.frames.iter().filter(|frame| frame.residual_px.is_some()).count() as f64;
+    for fit in fits {
+        let (flights, frames) = (whole.flights.len(), whole.frames.len());
+        let (before, own) = (labels(&whole), labels(&fit));
+        let mean = |a: f64, b: f64| ((before * a * a + own * b * b) / (before + own).max(1.0)).sqrt();
+        whole.noise_px = mean(whole.noise_px, fit.noise_px);
+        whole.rms_px = mean(whole.rms_px, fit.rms_px);
+        whole.frames.extend(fit.frames.into_iter().map(|it| FittedFrame { flight: flights + it.flight, ..it }));
+        whole.flights.extend::<Vec<Flight>>(fit.flights);
+        whole.hits.extend(fit.hits.iter().map(|hit| Hit { frame: frames + hit.frame, ..*hit }));
+        whole.impacts.extend(fit.impacts);
+        whole.explained &= fit.explained;
+        let new: Vec<String> = fit.notes.into_iter().filter(|note| !whole.notes.contains(note)).collect();
+        whole.notes.extend(new);
+        for estimate in fit.estimates {
+            match whole.estimates.iter_mut().find(|known| known.parameter == estimate.parameter) {
+                Some(known) => {
+                    let (a, b) = (known.sigma.powi(-2), estimate.sigma.powi(-2));
+                    known.value = (known.value * a + estimate.value * b) / (a + b);
+                    known.sigma = (a + b).sqrt().recip();
+                }
+                None => whole.estimates.push(estimate),
+            }
         }
     }
-    if std::env::var_os("DBG").is_some() {
-        for it in &found {
-            let strains = model.strains(&it.trajectory);
-            println!("  {:.1} noise {:.2} {:?} start {:.2?} v {:.1?} strains {:.1?}", it.cost, it.trajectory.noise, it.trajectory.segments.iter().map(|s| format!("{:?}@{:.3}", s.begin, s.time)).collect::<Vec<_>>(), it.trajectory.segments[0].position().as_slice(), it.trajectory.segments[0].velocity().as_slice(), strains.iter().map(|s| s.0).collect::<Vec<_>>());
-        }
-    }
-    model.result(&found, smooth)
+    whole
 }

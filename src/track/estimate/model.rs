@@ -24,6 +24,10 @@ const BARRIER: f64 = 3.0;
 /// standard deviations.
 const BEYOND: f64 = 2.0;
 const FAR: f64 = 30.0;
+/// Weight of a gain of energy, which no contact has: two standard deviations of any speed's are as odd as one case in a thousand.
+const GAINED: f64 = 1.5;
+/// Least variance of labels, px².
+const SMALLEST_NOISE: f64 = 1e-3;
 /// Least closing speed of a contact, m/s: of a ball that rolls.
 const SLOWEST_CLOSING: f64 = 0.05;
 
@@ -47,6 +51,10 @@ pub struct Model<'a> {
     /// Standard deviation of the labels where it was given, px.
     pub noise: Option<f64>,
     pub config: EstimatorConfig,
+    /// Standard deviation by which errors that last over frames make labels seem noisier, px.
+    pub drift: f64,
+    /// The same of the labels by their smoothness alone, or as given, px.
+    pub smooth: f64,
     /// Where a flight begins before anything is seen: mean and standard deviations along the axes, m.
     pub place: (Vector3<f64>, Vector3<f64>),
     /// Mean of each component of the spin, and its standard deviation, rad/s.
@@ -73,11 +81,12 @@ struct Arrival<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// None of a scene whose contacts last.
+    /// None of a scene whose contacts last. The picture has an `area` (px²), labels are noisy by `smooth` px by themselves, and one of
+    /// their own pixels is `scale` of the camera's.
     pub fn new(
         forecaster: &'a Forecaster,
         observations: &'a [Observation],
-        area: f64,
+        [area, smooth, scale]: [f64; 3],
         noise: Option<f64>,
     ) -> Option<Self> {
         let scene = forecaster.scene();
@@ -91,6 +100,7 @@ impl<'a> Model<'a> {
             true => ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius),
             false => KNOWN_SPIN,
         };
+        let config = EstimatorConfig::of(scene).scaled(scale);
         Some(Self {
             forecaster,
             rigid: Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor },
@@ -98,7 +108,9 @@ impl<'a> Model<'a> {
             observations,
             area,
             noise,
-            config: EstimatorConfig::of(scene),
+            config,
+            smooth,
+            drift: (config.drift / interval(observations)).sqrt(),
             place: place_of(scene, observations),
             spin: (ball.spin.into(), spin_sigma),
             scale_sigmas,
@@ -123,9 +135,7 @@ impl<'a> Model<'a> {
         let size = trajectory.log_size / self.config.size_sigma;
         let mut all = vec![(forces + size * size, 1 + self.forecaster.scale_sigmas().count())];
         let spin = |state: &Column| ((part(state, 2) - self.spin.0) / self.spin.1).norm_squared();
-        for (index, (segment, noise)) in
-            trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate()
-        {
+        for (index, (segment, noise)) in trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate() {
             let (Begin::Bounce(obstacle), Some(noise)) = (segment.begin, noise) else {
                 all.push((spin(&segment.state), 3));
                 continue;
@@ -141,6 +151,20 @@ impl<'a> Model<'a> {
             all.push(((along / noise.along).powi(2) + across * across + gap * gap + turn * turn, 7));
         }
         all
+    }
+
+    /// Of each contact the restitution that it would have, and by how many standard deviations that is not the scene's, or more than that
+    /// no energy is gained.
+    pub fn restitutions(&self, trajectory: &Trajectory) -> Vec<Option<[f64; 2]>> {
+        let of = |(index, (segment, noise)): (usize, (&Segment, Option<ContactNoise>))| {
+            let noise = noise?;
+            let arrived = part(&self.arrival(trajectory, index.checked_sub(1)?), 1);
+            let [before, after] = [-noise.normal.dot(&arrived), noise.normal.dot(&segment.velocity())];
+            let off = (after - self.rigid.restitution * before) / noise.along;
+            let gained = GAINED * (after - before) / self.config.contact_speed;
+            Some([after / before, if gained > off.abs() { gained } else { off }])
+        };
+        trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate().map(of).collect()
     }
 
     pub fn gravity(&self) -> Vector3<f64> {
@@ -181,12 +205,12 @@ impl<'a> Model<'a> {
     /// The noise that the squared residuals (px²) of labels with these weights tell, and what was expected.
     pub fn noise_of(&self, squares: &[(f64, f64)]) -> f64 {
         if let Some(noise) = self.noise {
-            return noise;
+            return noise.hypot(self.drift);
         }
         let (expected, weight) = (self.config.noise_px, 2.0 * self.config.noise_weight);
         let sum: f64 = squares.iter().map(|(square, weight)| square * weight).sum();
         let count: f64 = squares.iter().map(|(_, weight)| 2.0 * weight).sum();
-        ((weight * expected * expected + sum) / (weight + 2.0 + count)).sqrt()
+        ((weight * expected * expected + sum) / (weight + 2.0 + count)).sqrt().hypot(self.drift)
     }
 
     /// What a noise costs by what was expected of it (an inverse gamma distribution of its square).
@@ -195,7 +219,7 @@ impl<'a> Model<'a> {
             return 0.0;
         }
         let (expected, weight) = (self.config.noise_px, 2.0 * self.config.noise_weight);
-        let square = noise * noise / (expected * expected);
+        let square = (noise * noise - self.drift * self.drift).max(SMALLEST_NOISE) / (expected * expected);
         (weight + 2.0) * square.ln() + weight / square
     }
 
@@ -217,7 +241,7 @@ impl<'a> Model<'a> {
             if let Some(arrival) = &arrival {
                 self.add_link(arrival, segment, (from, noises[index]), sums);
             }
-            let mut flight = self.forecaster.flight(&segment.state, &trajectory.log_scales);
+            let mut flight = self.forecaster.flight(&segment.state, &trajectory.log_scales, !sums.cost_only());
             let mut time = segment.time;
             for frame in trajectory.frames(index) {
                 let next = trajectory.times[frame];
@@ -332,6 +356,10 @@ impl<'a> Model<'a> {
             let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
             own.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() / self.spin.1));
             blocks.alone(sums, &(part(&next.state, 2) / self.spin.1), own);
+            let inverse = self.place.1.map(f64::recip);
+            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+            own.fixed_view_mut::<3, 3>(0, 1).copy_from(&Matrix3::from_diagonal(&inverse));
+            blocks.alone(sums, &(next.position() - self.place.0).component_mul(&inverse), own);
             return;
         };
         // The contact.
@@ -443,21 +471,24 @@ impl<'a> Model<'a> {
                     let closing = noise.closing.max(SLOWEST_CLOSING);
                     ln(config.surface) - ln(closing) + ln(noise.along) + 2.0 * ln(noise.across) + 3.0 * ln(noise.spin)
                 }
-                _ => {
-                    3.0 * ln(config.speed) + 3.0 * ln(self.spin.1)
-                        - ln(config.hit_rate)
-                        - std::f64::consts::TAU.ln()
-                }
+                _ => 3.0 * ln(config.speed) + 3.0 * ln(self.spin.1) - ln(config.hit_rate) - std::f64::consts::TAU.ln(),
             };
         }
         cost
+    }
+
+    /// −2 ln of the probability that these frames are missing and no others.
+    pub fn drop_cost(&self, drops: &[(usize, i32)]) -> f64 {
+        // Each one more is half as probable.
+        let each = |&(_, frames): &(usize, i32)| self.config.drop_rate * 0.5_f64.powi(frames.abs());
+        drops.iter().map(|drop| -2.0 * each(drop).ln()).sum()
     }
 
     /// The state at the end of a segment, before what begins the next.
     pub fn arrival(&self, trajectory: &Trajectory, segment: usize) -> Column {
         let from = &trajectory.segments[segment];
         let end = trajectory.segments.get(segment + 1).map_or(trajectory.times[trajectory.last], |next| next.time);
-        let mut flight = self.forecaster.flight(&from.state, &trajectory.log_scales);
+        let mut flight = self.forecaster.flight(&from.state, &trajectory.log_scales, false);
         flight.advance(end - from.time);
         flight.state
     }
@@ -485,6 +516,14 @@ fn place_of(scene: &Scene, observations: &[Observation]) -> (Vector3<f64>, Vecto
     let low = corners.iter().fold(*first, |low, corner| low.inf(corner));
     let high = corners.iter().fold(*first, |high, corner| high.sup(corner));
     ((low + high) / 2.0, (high - low) / 2.0 + Vector3::repeat(BEYOND))
+}
+
+/// Median time between labels, s.
+fn interval(observations: &[Observation]) -> f64 {
+    let seen: Vec<f64> = observations.iter().filter(|it| it.ray.is_some()).map(|it| it.time).collect();
+    let mut gaps: Vec<f64> = seen.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// Huber's loss: cost of a squared residual, and its derivative.
@@ -561,12 +600,7 @@ impl Blocks {
         sums.add(residual.norm_squared(), 1.0, residual, parts, &shared);
     }
 
-    fn alone<const R: usize>(
-        &self,
-        sums: &mut Sums,
-        residual: &SVector<f64, R>,
-        after: SMatrix<f64, R, OF_SEGMENT>,
-    ) {
+    fn alone<const R: usize>(&self, sums: &mut Sums, residual: &SVector<f64, R>, after: SMatrix<f64, R, OF_SEGMENT>) {
         sums.add(residual.norm_squared(), 1.0, residual, &[(self.after, after)], &SMatrix::zeros());
     }
 }

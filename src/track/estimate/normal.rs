@@ -30,8 +30,6 @@ pub struct Marginals {
     pub segments: Vec<Block>,
     pub cross: Vec<Border>,
     pub shared: Corner,
-    /// ln det JᵀJ.
-    pub log_determinant: f64,
 }
 
 /// Block elimination.
@@ -56,6 +54,11 @@ impl Sums {
             gradient: vec![Step::zeros(); count],
             shared: SVector::zeros(),
         }
+    }
+
+    /// Whether the cost alone is asked for.
+    pub fn cost_only(&self) -> bool {
+        self.cost_only
     }
 
     pub fn is_finite(&self) -> bool {
@@ -164,7 +167,7 @@ impl Sums {
             *segment += solved * shared * solved.transpose();
         }
         let cross = solved.iter().map(|solved| solved * shared * -1.0).collect();
-        Some(Marginals { segments, cross, shared, log_determinant: eliminated.log_determinant() })
+        Some(Marginals { segments, cross, shared })
     }
 }
 

@@ -88,3 +88,36 @@ impl Ray {
         [(rows.row(0).into_owned(), right.x), (rows.row(1).into_owned(), right.y)]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::golden;
+
+    /// The oblique camera of tests/golden/tt_flights.json.
+    fn camera() -> Camera {
+        let all: serde_json::Value = serde_json::from_slice(&golden("tt_flights.json")).unwrap();
+        Camera::from_json(&all["cameras"]["oblique"].to_string(), "camera").unwrap()
+    }
+
+    #[test]
+    fn a_rays_residual_is_how_far_the_ball_is_seen_from_the_label() {
+        let camera = camera();
+        let [width, height] = camera.size().xy();
+        let label = Point2::new(0.3 * width, 0.6 * height);
+        let ray = Ray::through(&label, &camera).unwrap();
+        let on = ray.at(4.0);
+        assert!(ray.residual(&on).unwrap().0.norm() < 1e-9);
+        let beside = on + Vector3::new(0.01, -0.02, 0.015);
+        let (residual, jacobian) = ray.residual(&beside).unwrap();
+        let seen = camera.image_from_world(&Point3::from(beside)).unwrap() - label;
+        assert!((residual - seen).norm() < 0.01 * seen.norm(), "{residual} {seen}");
+        for axis in 0..3 {
+            let step = Vector3::ith(axis, 1e-6);
+            let slope = (ray.residual(&(beside + step)).unwrap().0 - ray.residual(&(beside - step)).unwrap().0) / 2e-6;
+            assert!((slope - jacobian.column(axis)).norm() < 1e-5 * (1.0 + slope.norm()));
+        }
+        let behind = ray.origin - ray.direction;
+        assert!(ray.residual(&behind).is_none());
+    }
+}

@@ -4,7 +4,6 @@ use nalgebra::{Matrix6, Point2, Vector3, Vector6};
 
 use super::model::Model;
 use super::observation::Observation;
-use crate::physics::Obstacle;
 
 /// Nearest and farthest that a ball is looked for, m.
 const NEAREST: f64 = 0.1;
@@ -15,8 +14,6 @@ const FASTEST: f64 = 120.0;
 const ANCHORED: f64 = 0.01;
 const ROUNDS: usize = 4;
 const LOOSE: f64 = 8.0;
-/// By how much a ray may miss what the ball met, m: labels are noisy, and edges are edges.
-const MISSED: f64 = 0.05;
 /// Cosine of the largest angle from the middle of the rays at which they still meet the plane before it.
 const STEEPEST: f64 = 0.1;
 
@@ -48,6 +45,12 @@ impl Plane {
         let along = self.axis.dot(direction);
         let [x, y] = [0, 1].map(|index| self.scale * self.across[index].dot(direction) / along);
         (along > STEEPEST).then(|| Point2::new(x, y))
+    }
+
+    /// The labels in it, px, with their frames.
+    pub fn labels(&self, observations: &[Observation]) -> Vec<(usize, Point2<f64>)> {
+        let of = |(frame, seen): (usize, &Observation)| Some((frame, self.point(&seen.ray.as_ref()?.direction)?));
+        observations.iter().enumerate().filter_map(of).collect()
     }
 
     /// The unit direction to a point of it.
@@ -108,30 +111,5 @@ impl Model<'_> {
         let (position, velocity) = (solution.fixed_rows::<3>(0).into_owned(), solution.fixed_rows::<3>(3).into_owned());
         let depth = seen[0].1.direction.dot(&(position - seen[0].1.origin));
         ((NEAREST..FARTHEST).contains(&depth) && velocity.norm() < FASTEST).then_some((position, velocity))
-    }
-
-    /// Where a ray is one radius from an obstacle; none where it never is, or where the obstacle would hide the ball.
-    pub fn contact(&self, origin: &Vector3<f64>, direction: &Vector3<f64>, obstacle: &Obstacle) -> Option<Vector3<f64>> {
-        let at = |depth: f64| origin + direction * depth;
-        let gap = |depth: f64| obstacle.distance(&at(depth)) - self.rigid.radius;
-        // The distance from something convex is convex along a ray: first its least value, then where it passes zero before.
-        let (mut low, mut high) = (NEAREST, FARTHEST);
-        for _ in 0..100 {
-            let (a, b) = (low + (high - low) / 3.0, high - (high - low) / 3.0);
-            if gap(a) < gap(b) { high = b } else { low = a }
-        }
-        let least = (low + high) / 2.0;
-        if gap(least) > MISSED || gap(NEAREST) < 0.0 {
-            return None;
-        }
-        if gap(least) > 0.0 {
-            return Some(at(least));
-        }
-        let (mut outside, mut inside) = (NEAREST, least);
-        for _ in 0..60 {
-            let middle = (outside + inside) / 2.0;
-            if gap(middle) > 0.0 { outside = middle } else { inside = middle }
-        }
-        Some(at(outside))
     }
 }

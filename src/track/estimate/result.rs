@@ -4,6 +4,8 @@ use nalgebra::{Matrix3, Point3, SMatrix, Vector2, Vector3};
 
 use super::model::{Loss, Model};
 use super::normal::Marginals;
+use super::observation::Observation;
+use super::part::Outcome;
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, OF_SEGMENT, Trajectory};
 use crate::physics::{FORCES, Impact, State, part};
@@ -26,6 +28,8 @@ const DISTANCE_UNKNOWN: f64 = 0.5;
 /// One case in a hundred, and in a thousand, in standard deviations.
 const ODD: f64 = 2.33;
 const VERY_ODD: f64 = 3.09;
+/// Degrees of freedom of the noise by the labels' smoothness, per label.
+const SMOOTH_FREEDOM: f64 = 0.6;
 /// Slowest bounce that says what the restitution is, m/s.
 const SLOWEST: f64 = 0.5;
 /// Strongest correlation of one residual with the next that is believed.
@@ -44,8 +48,9 @@ struct Weighed {
 }
 
 impl Model<'_> {
-    /// What the hypotheses `found` say, the most probable first. The labels' own noise is about `smooth` px by the track alone.
-    pub fn result(&self, found: &[Hypothesis], smooth: f64) -> Option<Fit> {
+    /// What the hypotheses `found` say, the most probable first. The camera may as well be one by which the observations are one of
+    /// `cameras`.
+    pub fn result(&self, found: &[Hypothesis], cameras: &[Vec<Observation>]) -> Option<Outcome> {
         let weighed = self.weighed(found);
         let all: f64 = weighed.iter().map(|it| it.weight).sum();
         let chosen = least_risk(&weighed)?;
@@ -57,15 +62,27 @@ impl Model<'_> {
             Some(ray.residual(&part(&states[frame], 0))?.0)
         };
         let residuals: Vec<Option<Vector2<f64>>> = (0..states.len()).map(residual).collect();
-        let inflation = correlation(&residuals, best.noise);
+        let white = (best.noise * best.noise - self.drift * self.drift).max(1e-6).sqrt();
+        let inflation = (correlation(&residuals, white) * (white / best.noise).powi(2)).max(1.0);
         let hits: Vec<usize> =
             (1..whole.segments.len()).filter(|&index| whole.segments[index].begin == Begin::Hit).collect();
+        // Where each frame is by a camera that is off.
+        let moved = |observations: &Vec<Observation>| {
+            let model = self.with_observations(observations);
+            let trajectory = model.refined(best, 0, Loss::Mixture, PROFILE_STEPS)?.trajectory;
+            Some(self.states(&self.whole(&trajectory)).iter().map(|state| part(state, 0)).collect::<Vec<_>>())
+        };
+        let moved: Vec<Vec<Vector3<f64>>> = cameras.iter().filter_map(moved).collect();
         let frame = |index: usize| {
             let position = chosen.positions[index];
             let mut covariance = Matrix3::zeros();
             for other in &weighed {
                 let off = other.positions[index] - position;
                 covariance += (other.covariances[index] * inflation + off * off.transpose()) * (other.weight / all);
+            }
+            for positions in &moved {
+                let off = positions[index] - position;
+                covariance += off * off.transpose();
             }
             FittedFrame {
                 time: whole.times[index],
@@ -88,24 +105,28 @@ impl Model<'_> {
             let first = number.checked_sub(1).map_or(0, |before| hits[before]);
             let last = hits.get(number).copied().unwrap_or(whole.segments.len());
             let own: Vec<&FittedFrame> = frames.iter().filter(|frame| frame.flight == number).collect();
-            let doubt = self.doubt(whole, first..last, &own, &groups, smooth);
+            let doubt = self.doubt(whole, first..last, &own, &groups);
             let segment = &whole.segments[first];
             let covariance = &marginals.segments[first];
             let along = segment.velocity().normalize();
             let velocity: Matrix3<f64> = covariance.fixed_view::<3, 3>(4, 4).into_owned();
             let speed = ((along.transpose() * velocity * along)[(0, 0)] * inflation).max(0.0).sqrt();
             let reason = doubt.clone().or_else(|| self.unknown(&own));
-            flights.push((doubt.is_some(), Flight {
-                start: segment.time,
-                end: whole.segments.get(last).map_or(whole.times[whole.last], |next| next.time),
-                speed: [segment.velocity().norm(), speed],
-                spin: part(&segment.state, 2).into(),
-                spin_sigma: [7, 8, 9].map(|at| (covariance[(at, at)] * inflation).max(0.0).sqrt()),
-                explained: reason.is_none(),
-                reason,
-            }));
+            flights.push((
+                doubt.is_some(),
+                Flight {
+                    start: segment.time,
+                    end: whole.segments.get(last).map_or(whole.times[whole.last], |next| next.time),
+                    speed: [segment.velocity().norm(), speed],
+                    spin: part(&segment.state, 2).into(),
+                    spin_sigma: [7, 8, 9].map(|at| (covariance[(at, at)] * inflation).max(0.0).sqrt()),
+                    explained: reason.is_none(),
+                    reason,
+                },
+            ));
         }
         frames.iter_mut().filter(|frame| flights[frame.flight].0).for_each(|frame| self.widen(frame));
+        let doubtful = flights.iter().any(|(doubtful, _)| *doubtful);
         let flights: Vec<Flight> = flights.into_iter().map(|(_, flight)| flight).collect();
         let hit = |&index: &usize| {
             let segment = &whole.segments[index];
@@ -114,6 +135,9 @@ impl Model<'_> {
         };
         let impact = |(index, segment): (usize, &super::trajectory::Segment)| {
             let Begin::Bounce(obstacle) = segment.begin else { return None };
+            if index >= best.segments.len() {
+                return None;
+            }
             let obstacle = &self.obstacles[obstacle];
             let arrived = self.arrival(whole, index - 1);
             let speed = -obstacle.nearest(&segment.position()).normal.dot(&part(&arrived, 1));
@@ -125,8 +149,8 @@ impl Model<'_> {
                 time_gradient: None,
             })
         };
-        Some(Fit {
-            noise_px: best.noise,
+        let fit = Fit {
+            noise_px: white,
             rms_px: rms(frames.iter()),
             explained: flights.iter().all(|flight| flight.explained),
             impacts: whole.segments.iter().enumerate().filter_map(impact).collect(),
@@ -137,25 +161,27 @@ impl Model<'_> {
             estimates: self.estimates(whole, &marginals, inflation),
             spin: part(&whole.segments[0].state, 2).into(),
             frames,
-        })
+        };
+        Some(Outcome { fit, cost: found[0].cost, doubtful })
     }
 
     /// The trajectory over all frames of the track, those before the first label and after the last included.
     fn whole(&self, trajectory: &Trajectory) -> Trajectory {
         let mut whole = trajectory.clone();
         let first = &mut whole.segments[0];
-        let mut flight = self.forecaster.flight(&first.state, &trajectory.log_scales);
+        let mut flight = self.forecaster.flight(&first.state, &trajectory.log_scales, false);
         flight.advance(trajectory.times[0] - first.time);
         (first.state, first.time) = (flight.state, trajectory.times[0]);
         (whole.first, whole.last) = (0, trajectory.times.len() - 1);
-        whole
+        // What is not seen any more bounces as the law has it.
+        if whole.last > trajectory.last { self.followed(&whole).unwrap_or(whole) } else { whole }
     }
 
     /// Of each frame of the track.
     fn states(&self, whole: &Trajectory) -> Vec<[f64; 9]> {
         let mut states = Vec::with_capacity(whole.times.len());
         for (index, segment) in whole.segments.iter().enumerate() {
-            let mut flight = self.forecaster.flight(&segment.state, &whole.log_scales);
+            let mut flight = self.forecaster.flight(&segment.state, &whole.log_scales, false);
             let mut time = segment.time;
             for frame in whole.frames(index) {
                 flight.advance(whole.times[frame] - time);
@@ -227,12 +253,13 @@ impl Model<'_> {
         let marginals = self.marginals(trajectory)?;
         let whole = self.whole(trajectory);
         let (mut positions, mut covariances) = (vec![], vec![]);
+        let seen = trajectory.segments.len() - 1;
         for (index, segment) in whole.segments.iter().enumerate() {
             // The first segment's numbers are of its first label, not of the track's first frame.
             let segment = if index == 0 { &trajectory.segments[0] } else { segment };
-            let mut flight = self.forecaster.flight(&segment.state, &whole.log_scales);
+            let mut flight = self.forecaster.flight(&segment.state, &whole.log_scales, true);
             let mut time = segment.time;
-            let (own, cross) = (&marginals.segments[index], &marginals.cross[index]);
+            let (own, cross) = (&marginals.segments[index.min(seen)], &marginals.cross[index.min(seen)]);
             for frame in whole.frames(index) {
                 flight.advance(whole.times[frame] - time);
                 time = whole.times[frame];
@@ -262,7 +289,6 @@ impl Model<'_> {
         segments: std::ops::Range<usize>,
         frames: &[&FittedFrame],
         strains: &[(f64, usize)],
-        smooth: f64,
     ) -> Option<String> {
         let seen: Vec<&&FittedFrame> = frames.iter().filter(|frame| frame.residual_px.is_some()).collect();
         if seen.is_empty() {
@@ -274,12 +300,24 @@ impl Model<'_> {
         }
         let largest = 0.01 * self.area.sqrt();
         if whole.noise > largest {
-            return Some(format!("its labels are off by {:.0} px from one to the next, which no ball's are", whole.noise));
+            return Some(format!(
+                "its labels are off by {:.0} px from one to the next, which no ball's are",
+                whole.noise
+            ));
         }
         let rms = rms(frames.iter().copied());
-        let _ = smooth;
-        if rms > 2.0 * whole.noise {
-            return Some(format!("its labels are off by {rms:.2} px, though they are known to {:.2} px", whole.noise));
+        let smooth = self.smooth.hypot(self.drift);
+        let spread = (2.0 / (2 * seen.len()) as f64 + 2.0 / (SMOOTH_FREEDOM * seen.len() as f64)).sqrt();
+        if rms * rms > smooth * smooth * (VERY_ODD * spread).exp() {
+            return Some(format!("its labels are off by {rms:.2} px, though they are known to {smooth:.2} px"));
+        }
+        let odd = |&&[_, off]: &&[f64; 2]| off.abs() > VERY_ODD;
+        if let Some([restitution, _]) = self.restitutions(whole)[segments.clone()].iter().flatten().find(odd) {
+            return Some(format!(
+                "a bounce of it would have a restitution of {restitution:.2}, far from the scene's {:.2}: check the camera, \
+                 the scene's heights and the frame rate",
+                self.rigid.restitution
+            ));
         }
         // The forces, what begins the first flight, and each contact by itself; then all together.
         let own = strains[..1].iter().chain(&strains[1 + segments.start..1 + segments.end]);
@@ -310,7 +348,7 @@ impl Model<'_> {
     }
 
     /// Adds to a position's covariance that nobody knows where it is: the laws do not hold, or the camera is another.
-    fn widen(&self, frame: &mut FittedFrame) {
+    pub fn widen(&self, frame: &mut FittedFrame) {
         let Some(ray) = self.observations.iter().find_map(|it| it.ray.as_ref()) else { return };
         let off = DISTANCE_UNKNOWN * (frame.state.position.coords - ray.origin).norm();
         frame.covariance += Matrix3::identity() * (off * off / 3.0);
@@ -328,6 +366,9 @@ impl Model<'_> {
         for (index, segment) in whole.segments.iter().enumerate() {
             let Begin::Bounce(obstacle) = segment.begin else { continue };
             let normal = self.obstacles[obstacle].nearest(&segment.position()).normal;
+            if index >= marginals.segments.len() {
+                break;
+            }
             let closing = -normal.dot(&part(&self.arrival(whole, index - 1), 1));
             let velocity = marginals.segments[index].fixed_view::<3, 3>(4, 4);
             let variance = (normal.transpose() * velocity * normal)[(0, 0)] * inflation / (closing * closing);

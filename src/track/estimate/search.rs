@@ -11,7 +11,7 @@ use super::model::{Loss, Model};
 use super::rays::Plane;
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, Segment, Trajectory};
-use crate::physics::{Column, FORCES, column, part};
+use crate::physics::{Column, FORCES, Obstacle, column, part};
 
 /// What is tried for a flight of which little is known: its acceleration in units of gravity's, for its spin is not known, and its
 /// velocity away from the camera in standard deviations, which is hardly seen.
@@ -34,13 +34,14 @@ const GAIN: f64 = 0.5;
 const SPLITS: [f64; 2] = [0.35, 0.7];
 /// Labels at either end between which a contact is tried that no change point shows.
 const ENDS: usize = 4;
+/// By how much a ray may miss what the ball met, m: labels are noisy, and edges are edges.
+const MISSED: f64 = 0.06;
+/// Times of contacts that are tried are at least so far apart, s.
+const TOGETHER: f64 = 0.015;
 /// Least time between two events, and of an event from the first and last frame, s.
 const APART: f64 = 1e-4;
 /// Distances that are scanned, from the middle of where the ball can be, in standard deviations of that.
 const SCAN: [f64; 7] = [-1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5];
-/// Contacts that a flight is followed through at once, and the step of looking for them, s.
-const FOLLOWED: usize = 3;
-const LOOK: f64 = 0.01;
 
 /// The search's view of a track.
 pub struct Search<'a> {
@@ -58,12 +59,8 @@ impl<'a> Search<'a> {
     /// Of the model's track with these `times`, its labels noisy by about `noise` px.
     pub fn new(model: &'a Model<'a>, times: Arc<Vec<f64>>, noise: f64, hits: Option<usize>) -> Option<Self> {
         let plane = Plane::of(model.observations)?;
-        let labels: Vec<(f64, Point2<f64>)> = (0..times.len())
-            .filter_map(|frame| {
-                let ray = model.observations[frame].ray.as_ref()?;
-                Some((times[frame], plane.point(&ray.direction)?))
-            })
-            .collect();
+        let labels: Vec<(f64, Point2<f64>)> =
+            plane.labels(model.observations).into_iter().map(|(frame, point)| (times[frame], point)).collect();
         let change_points = [CLEAR, FAINT].map(|price| change_points(&labels, noise, price));
         Some(Self { model, plane, times, noise, hits, change_points })
     }
@@ -79,22 +76,16 @@ impl<'a> Search<'a> {
         best(found, BEAM)
     }
 
-    pub fn debug_from(&self, v: &[f64]) -> Option<Hypothesis> {
-        let state = column(Vector3::new(v[0], v[1], v[2]), Vector3::new(v[3], v[4], v[5]), Vector3::zeros());
-        let seen: Vec<usize> = (0..self.times.len()).filter(|&f| self.model.observations[f].ray.is_some()).collect();
-        let t = Trajectory { segments: vec![Segment { begin: Begin::Start, time: self.times[seen[0]], state }], log_scales: [0.0; FORCES], log_size: 0.0, noise: self.noise, first: seen[0], last: *seen.last()?, times: self.times.clone() };
-        let mut t = t;
-        if v.len() > 6 {
-            t.segments.push(Segment { begin: Begin::Bounce(0), time: v[6], state: column(Vector3::new(v[7], v[8], v[9]), Vector3::new(v[10], v[11], v[12]), Vector3::zeros()) });
-        }
-        self.model.refined(&t, 0, Loss::Growing, 30).and_then(|h| self.finished(&h))
+    /// The same in a small part of the time: along the clear change points only.
+    pub fn quick(&self) -> Vec<Hypothesis> {
+        best(self.grown(&self.change_points[0]), BEAM)
     }
 
     fn is_allowed(&self, trajectory: &Trajectory) -> bool {
         self.hits.is_none_or(|most| trajectory.hits() <= most)
     }
 
-    fn finished(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
+    pub fn finished(&self, hypothesis: &Hypothesis) -> Option<Hypothesis> {
         self.model.refined(&hypothesis.trajectory, 0, Loss::Mixture, FINISH)
     }
 
@@ -107,7 +98,7 @@ impl<'a> Search<'a> {
     fn state(&self, (position, velocity): (Vector3<f64>, Vector3<f64>), pull: f64) -> Column {
         let still = column(position, velocity, Vector3::zeros());
         let more = self.model.gravity() * (pull - 1.0);
-        let spin = self.model.forecaster.flight(&still, &[0.0; FORCES]).spin_for(&more);
+        let spin = self.model.forecaster.flight(&still, &[0.0; FORCES], false).spin_for(&more);
         let longest = 2.0 * self.model.spin_sigma();
         column(position, velocity, spin * (longest / spin.norm().max(longest)))
     }
@@ -123,7 +114,7 @@ impl<'a> Search<'a> {
     }
 
     fn flown(&self, state: &Column, dt: f64) -> Column {
-        let mut flight = self.model.forecaster.flight(state, &[0.0; FORCES]);
+        let mut flight = self.model.forecaster.flight(state, &[0.0; FORCES], false);
         flight.advance(dt);
         flight.state
     }
@@ -134,10 +125,15 @@ impl<'a> Search<'a> {
         let seen = self.model.observations.iter().enumerate().filter_map(|(frame, it)| Some((frame, it.ray.as_ref()?)));
         let Some((_, ray)) = seen.min_by_key(|(frame, _)| frame.abs_diff(near)) else { return vec![] };
         let direction = self.plane.direction(image);
-        let of = |(index, obstacle)| {
-            Some((Begin::Bounce(index), self.model.contact(&ray.origin, &direction, obstacle)?))
+        let radius = self.model.rigid.radius;
+        let of = |(index, obstacle): (usize, &Obstacle)| {
+            let points = obstacle.touching(&ray.origin, &direction, radius, MISSED);
+            let seen = points
+                .into_iter()
+                .filter(|point| self.model.obstacles.iter().all(|other| other.between(&ray.origin, point) < MISSED));
+            seen.map(|point| (Begin::Bounce(index), point)).collect::<Vec<_>>()
         };
-        self.model.obstacles.iter().enumerate().filter_map(of).collect()
+        self.model.obstacles.iter().enumerate().flat_map(of).collect()
     }
 
     /// The most probable trajectories along these change points.
@@ -187,7 +183,7 @@ impl<'a> Search<'a> {
                 let mut longer = trajectory.clone();
                 longer.last = end;
                 next.extend(self.kept(&longer));
-                next.extend(self.followed(&longer).and_then(|followed| self.kept(&followed)));
+                next.extend(self.model.followed(&longer).and_then(|followed| self.kept(&followed)));
                 let there = self.at(trajectory, point.time);
                 next.extend(self.after(trajectory, Begin::Hit, part(&there, 0), point.time, begin..=end));
                 for &(kind, at) in &options {
@@ -206,7 +202,7 @@ impl<'a> Search<'a> {
     fn at(&self, trajectory: &Trajectory, time: f64) -> Column {
         let index = trajectory.segments.partition_point(|segment| segment.time <= time).saturating_sub(1);
         let segment = &trajectory.segments[index];
-        let mut flight = self.model.forecaster.flight(&segment.state, &trajectory.log_scales);
+        let mut flight = self.model.forecaster.flight(&segment.state, &trajectory.log_scales, false);
         flight.advance(time - segment.time);
         flight.state
     }
@@ -217,8 +213,7 @@ impl<'a> Search<'a> {
             let Some(best) = best(all.clone(), 1).pop() else { return };
             let tried = self.beside(&best.trajectory);
             let tried = tried.iter().filter(|it| self.is_allowed(it));
-            let found: Vec<Hypothesis> =
-                tried.filter_map(|it| self.model.refined(it, 0, Loss::Growing, TRY)).collect();
+            let found: Vec<Hypothesis> = tried.filter_map(|it| self.model.refined(it, 0, Loss::Growing, TRY)).collect();
             let mut better: Vec<Hypothesis> =
                 self::best(found, FINISHED).iter().filter_map(|found| self.finished(found)).collect();
             let scanned = self.scanned(&best.trajectory);
@@ -238,7 +233,8 @@ impl<'a> Search<'a> {
     /// explained by one that goes the other way.
     fn scanned(&self, trajectory: &Trajectory) -> Vec<Trajectory> {
         let (place, sigma) = &self.model.place;
-        let (Some(ray), Some(next)) = (&self.model.observations[trajectory.first].ray, trajectory.segments.get(1)) else {
+        let (Some(ray), Some(next)) = (&self.model.observations[trajectory.first].ray, trajectory.segments.get(1))
+        else {
             return vec![];
         };
         let (middle, reach) = (ray.direction.dot(&(place - ray.origin)), self.plane.axis().abs().dot(sigma));
@@ -289,13 +285,19 @@ impl<'a> Search<'a> {
         let gaps: Vec<f64> = seen.windows(2).map(|pair| (pair[0] + pair[1]) / 2.0).collect();
         let ends = gaps.iter().take(ENDS).chain(gaps.iter().rev().take(ENDS)).copied();
         let points = self.change_points[1].iter().map(|point| point.time);
+        let mut times: Vec<f64> = vec![];
         for time in points.chain(ends).filter(|&time| !is_near(time)) {
+            if times.iter().all(|other| (other - time).abs() > TOGETHER) {
+                times.push(time);
+            }
+        }
+        for time in times {
             if let Some((more, index)) = self.with_hit(trajectory, time) {
                 tried.extend(self.anchored(&more, index));
                 tried.push(more);
             }
         }
-        tried.extend(self.followed(trajectory));
+        tried.extend(self.model.followed(trajectory));
         tried
     }
 
@@ -304,43 +306,6 @@ impl<'a> Search<'a> {
         let mut gaps: Vec<f64> = self.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
         gaps.sort_by(f64::total_cmp);
         gaps[gaps.len() / 2]
-    }
-
-    /// The trajectory through the contacts that its last segment leads into; none where there are none.
-    fn followed(&self, trajectory: &Trajectory) -> Option<Trajectory> {
-        let mut out = trajectory.clone();
-        let end = out.times[out.last];
-        for _ in 0..FOLLOWED {
-            let last = *out.segments.last()?;
-            let state = |time: f64| {
-                let mut flight = self.model.forecaster.flight(&last.state, &out.log_scales);
-                flight.advance(time - last.time);
-                flight.state
-            };
-            let touched = |time: f64| {
-                let at = part(&state(time), 0);
-                let gap = |index: usize| self.model.obstacles[index].distance(&at) - self.model.rigid.radius;
-                (0..self.model.obstacles.len()).find(|&index| gap(index) < 0.0)
-            };
-            let steps = ((end - last.time) / LOOK).ceil() as usize;
-            let time = |step: usize| (last.time + LOOK * step as f64).min(end);
-            let step = (1..=steps).find(|&step| touched(time(step)).is_some())?;
-            let (mut outside, mut inside) = (time(step - 1), time(step));
-            let obstacle = touched(inside)?;
-            for _ in 0..20 {
-                let middle = (outside + inside) / 2.0;
-                if touched(middle) == Some(obstacle) { inside = middle } else { outside = middle }
-            }
-            let at = state(inside);
-            let [r, v, w] = [0, 1, 2].map(|index| part(&at, index));
-            let normal = self.model.obstacles[obstacle].nearest(&r).normal;
-            if normal.dot(&v) >= 0.0 || inside > end - APART || inside < last.time + APART {
-                break;
-            }
-            let (v, w) = self.model.rigid.rebound(&normal, &v, &w);
-            out.segments.push(Segment { begin: Begin::Bounce(obstacle), time: inside, state: column(r, v, w) });
-        }
-        (out.segments.len() > trajectory.segments.len()).then_some(out)
     }
 
     /// The trajectory with the hit of `index` as a bounce and a hit before or after it that bends the track too little to be seen:
@@ -392,10 +357,7 @@ impl<'a> Search<'a> {
                 };
                 let (to, when) = match trajectory.segments.get(index + 1) {
                     Some(next) => (next.position(), next.time),
-                    None => (
-                        part(&self.at(trajectory, self.times[trajectory.last]), 0),
-                        self.times[trajectory.last],
-                    ),
+                    None => (part(&self.at(trajectory, self.times[trajectory.last]), 0), self.times[trajectory.last]),
                 };
                 let arrived = self.flown(&next.segments[index - 1].state, event.time - before.time);
                 next.segments[index].state = match when > event.time + 1e-3 {
@@ -476,7 +438,8 @@ pub fn best(mut all: Vec<Hypothesis>, count: usize) -> Vec<Hypothesis> {
     let mut chosen: Vec<Hypothesis> = vec![];
     for found in all {
         let same = |other: &Hypothesis| {
-            let kinds = |it: &Hypothesis| it.trajectory.segments.iter().map(|segment| segment.begin).collect::<Vec<_>>();
+            let kinds =
+                |it: &Hypothesis| it.trajectory.segments.iter().map(|segment| segment.begin).collect::<Vec<_>>();
             let apart = other.trajectory.segments[0].position() - found.trajectory.segments[0].position();
             kinds(other) == kinds(&found) && apart.norm() < 0.02
         };

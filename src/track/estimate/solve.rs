@@ -25,6 +25,8 @@ struct Search<'a> {
     loss: Loss,
     noises: Vec<Option<ContactNoise>>,
     cost: f64,
+    /// Squared residuals of the labels, px², and their weights.
+    squares: Vec<(f64, f64)>,
 }
 
 /// A trajectory that explains a track, and how well.
@@ -56,9 +58,8 @@ impl LeastSquares for Search<'_> {
 
     fn linearised(&mut self) -> Result<Option<Sums>, Infallible> {
         self.noises = self.model.contact_noises(&self.trajectory);
-        let Some((_, squares)) = self.sums(true) else { return Ok(None) };
         // The noise goes with it, one step of expectation and maximisation at a time.
-        self.trajectory.noise = self.model.noise_of(&squares);
+        self.trajectory.noise = self.model.noise_of(&self.squares);
         let sums = self.sums(false).map(|(sums, _)| sums);
         self.cost = sums.as_ref().map_or(f64::INFINITY, |sums| sums.cost);
         Ok(sums)
@@ -78,9 +79,9 @@ impl LeastSquares for Search<'_> {
         if !trajectory.is_in_order() {
             return Ok(None);
         }
-        let mut next = Self { trajectory, noises: self.noises.clone(), ..*self };
-        let Some((sums, _)) = next.sums(true) else { return Ok(None) };
-        next.cost = sums.cost;
+        let mut next = Self { trajectory, noises: self.noises.clone(), squares: vec![], ..*self };
+        let Some((sums, squares)) = next.sums(true) else { return Ok(None) };
+        (next.cost, next.squares) = (sums.cost, squares);
         Ok(Some(next))
     }
 }
@@ -92,8 +93,10 @@ impl Model<'_> {
             return None;
         }
         let noises = self.contact_noises(trajectory);
-        let mut start = Search { model: self, trajectory: trajectory.clone(), from, loss, noises, cost: 0.0 };
-        start.cost = start.sums(true)?.0.cost;
+        let trajectory = trajectory.clone();
+        let mut start = Search { model: self, trajectory, from, loss, noises, cost: 0.0, squares: vec![] };
+        let (sums, squares) = start.sums(true)?;
+        (start.cost, start.squares) = (sums.cost, squares);
         let Ok(found) = minimised(start, &Damping { steps, ..DAMPING });
         self.judged(found.trajectory)
     }
@@ -101,7 +104,8 @@ impl Model<'_> {
     /// A trajectory with its evidence (Laplace's approximation about it).
     pub fn judged(&self, trajectory: Trajectory) -> Option<Hypothesis> {
         let noises = self.contact_noises(&trajectory);
-        let search = Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0 };
+        let search =
+            Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         let (sums, squares) = search.sums(false)?;
         let trajectory = search.trajectory;
         let labels = squares.len() as f64 * self.label_constant(trajectory.noise) + self.noise_cost(trajectory.noise);
@@ -113,7 +117,8 @@ impl Model<'_> {
     pub fn marginals(&self, trajectory: &Trajectory) -> Option<Marginals> {
         let noises = self.contact_noises(trajectory);
         let trajectory = trajectory.clone();
-        let search = Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0 };
+        let search =
+            Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         search.sums(false)?.0.marginals()
     }
 }

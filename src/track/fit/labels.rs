@@ -29,7 +29,7 @@ const TURN: f64 = 3.0;
 
 /// Observations without those that lie far off the line of their neighbours in the picture: a first look,
 /// for starts and growth. At the end all labels count, and the loss lets go of outliers.
-pub(super) fn trusted(observations: &[Observation]) -> Vec<Observation> {
+pub fn trusted(observations: &[Observation]) -> Vec<Observation> {
     let seen: Vec<usize> = (0..observations.len()).filter(|&frame| observations[frame].image.is_some()).collect();
     let at = |index: usize| observations[seen[index]].image.map_or(Vector2::zeros(), |image| image.coords);
     let line = |index: usize, i: usize, j: usize| {
@@ -163,7 +163,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 /// Noise of labels on a smooth track, px: from the third differences of labels that follow one another, divided by their
 /// times.
-pub(super) fn noise_of(observations: &[Observation]) -> f64 {
+pub fn noise_of(observations: &[Observation]) -> f64 {
     let seen: Vec<(f64, Point2<f64>)> = observations.iter().filter_map(|it| Some((it.time, it.image?))).collect();
     let sizes: Vec<f64> = seen
         .windows(4)

@@ -20,7 +20,8 @@ use nalgebra::{Matrix3, Point2, Point3, Vector2};
 
 use self::chain::Chain;
 use self::checks::{check, check_inside, check_seen, within_lens};
-use self::labels::{SMALLEST_NOISE, noise_of, trusted};
+use self::labels::SMALLEST_NOISE;
+pub use self::labels::{noise_of, trusted};
 pub use self::parameters::{Estimate, Parameter};
 use self::problem::Problem;
 use self::search::{EXPLAINED, FINAL, best_of, searched};
@@ -249,10 +250,6 @@ impl Forecaster {
         }
         check_seen(&usable, &refused)?;
         let mut fit = match flights::laws(self.scene()) {
-            Some(_) if std::env::var_os("NEW_ESTIMATOR").is_some() => {
-                let smooth = noise_of(&trusted(&usable));
-                crate::track::estimate::estimated(self, camera, &usable, options, smooth).ok_or_else(unexplained)?
-            }
             Some(laws) if self.fits_flights(options)? => flights::fitted(self, &laws, camera, &usable, options)?,
             _ => self.fit_known(camera, &usable, options)?,
         };
@@ -312,7 +309,7 @@ fn largest_noise(camera: &Camera) -> f64 {
     LARGEST_NOISE * f64::from(camera.size().width)
 }
 
-fn unexplained() -> Error {
+pub(super) fn unexplained() -> Error {
     let reason = "no trajectory in front of the camera explains the track; check camera.json, scene.json and fps";
     Error::Fit { reason: reason.into() }
 }
