@@ -9,11 +9,12 @@
 //!
 //! [`Forecaster::fit`] does not use it yet: rallies of many strokes are found better by [`super::fit`].
 
-mod change_points;
+pub(super) mod change_points;
 mod config;
 mod drops;
 mod followed;
 mod input_checks;
+mod links;
 mod model;
 mod normal;
 mod observation;

@@ -1,16 +1,17 @@
 //! What a trajectory has to explain, and what is known before anything is seen: the residuals of the least-squares problem, each
 //! with its derivatives.
 
-use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector1, Vector3};
 
 use super::config::EstimatorConfig;
+use super::links::{Arrival, ContactNoise};
 use super::normal::Sums;
 use super::observation::Observation;
-use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Trajectory};
-use crate::physics::{Column, Contact, FORCES, Flight, Forecaster, Obstacle, Rigid, Scene, Sensitivity, part};
+use super::trajectory::{OF_SEGMENT, SHARED, Trajectory};
+use crate::physics::{Column, Contact, FORCES, Flight, Forecaster, Obstacle, Rigid, Scene, part};
 
 /// Step of the differences of a contact's law: m, m/s, rad/s.
-const LAW_STEP: [f64; 3] = [1e-6, 1e-5, 1e-3];
+pub(super) const LAW_STEP: [f64; 3] = [1e-6, 1e-5, 1e-3];
 /// Standard deviation of a spin that the scene gives, rad/s.
 const KNOWN_SPIN: f64 = 1e-3;
 /// Where the scene does not say more: speed of the ball's surface by a spin of one standard deviation, m/s; of a bounce's normal and
@@ -24,8 +25,6 @@ const BARRIER: f64 = 3.0;
 /// standard deviations.
 const BEYOND: f64 = 2.0;
 const FAR: f64 = 30.0;
-/// Weight of a gain of energy, which no contact has: two standard deviations of any speed's are as odd as one case in a thousand.
-const GAINED: f64 = 1.5;
 /// Least variance of labels, px².
 const SMALLEST_NOISE: f64 = 1e-3;
 /// Least closing speed of a contact, m/s: of a ball that rolls.
@@ -58,26 +57,10 @@ pub struct Model<'a> {
     /// Where a flight begins before anything is seen: mean and standard deviations along the axes, m.
     pub place: (Vector3<f64>, Vector3<f64>),
     /// Mean of each component of the spin, and its standard deviation, rad/s.
-    spin: (Vector3<f64>, f64),
-    scale_sigmas: [f64; FORCES],
-    restitution_sigma: f64,
-    friction_sigma: f64,
-}
-
-/// How loosely a contact keeps its law: standard deviations of the velocity along the normal and across it, and of the spin.
-#[derive(Debug, Clone, Copy)]
-pub struct ContactNoise {
-    normal: Vector3<f64>,
-    along: f64,
-    across: f64,
-    spin: f64,
-    closing: f64,
-}
-
-/// A segment's end.
-struct Arrival<'a> {
-    segment: usize,
-    flight: Flight<'a>,
+    pub(super) spin: (Vector3<f64>, f64),
+    pub(super) scale_sigmas: [f64; FORCES],
+    pub(super) restitution_sigma: f64,
+    pub(super) friction_sigma: f64,
 }
 
 impl<'a> Model<'a> {
@@ -125,46 +108,6 @@ impl<'a> Model<'a> {
         'a: 'b,
     {
         Model { observations, obstacles: self.obstacles.clone(), ..*self }
-    }
-
-    /// How far a trajectory is from what is known before anything is seen, in squared standard deviations, and of how many numbers:
-    /// of its forces, of each segment's beginning.
-    pub fn strains(&self, trajectory: &Trajectory) -> Vec<(f64, usize)> {
-        let scales = trajectory.log_scales.iter().zip(&self.scale_sigmas);
-        let forces: f64 = scales.map(|(value, sigma)| (value / sigma).powi(2)).sum();
-        let size = trajectory.log_size / self.config.size_sigma;
-        let mut all = vec![(forces + size * size, 1 + self.forecaster.scale_sigmas().count())];
-        let spin = |state: &Column| ((part(state, 2) - self.spin.0) / self.spin.1).norm_squared();
-        for (index, (segment, noise)) in trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate() {
-            let (Begin::Bounce(obstacle), Some(noise)) = (segment.begin, noise) else {
-                all.push((spin(&segment.state), 3));
-                continue;
-            };
-            let arrived = self.arrival(trajectory, index - 1);
-            let near = self.obstacles[obstacle].nearest(&segment.position());
-            let (v, w) = self.rigid.rebound(&near.normal, &part(&arrived, 1), &part(&arrived, 2));
-            let off = segment.velocity() - v;
-            let along = noise.normal.dot(&off);
-            let across = (off - noise.normal * along).norm() / noise.across;
-            let gap = (near.distance - self.rigid.radius) / self.config.surface;
-            let turn = (part(&segment.state, 2) - w).norm() / noise.spin;
-            all.push(((along / noise.along).powi(2) + across * across + gap * gap + turn * turn, 7));
-        }
-        all
-    }
-
-    /// Of each contact the restitution that it would have, and by how many standard deviations that is not the scene's, or more than that
-    /// no energy is gained.
-    pub fn restitutions(&self, trajectory: &Trajectory) -> Vec<Option<[f64; 2]>> {
-        let of = |(index, (segment, noise)): (usize, (&Segment, Option<ContactNoise>))| {
-            let noise = noise?;
-            let arrived = part(&self.arrival(trajectory, index.checked_sub(1)?), 1);
-            let [before, after] = [-noise.normal.dot(&arrived), noise.normal.dot(&segment.velocity())];
-            let off = (after - self.rigid.restitution * before) / noise.along;
-            let gained = GAINED * (after - before) / self.config.contact_speed;
-            Some([after / before, if gained > off.abs() { gained } else { off }])
-        };
-        trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate().map(of).collect()
     }
 
     pub fn gravity(&self) -> Vector3<f64> {
@@ -329,101 +272,6 @@ impl<'a> Model<'a> {
         (-2.0 * (all / met).ln(), (good + (all - good) * slow) / all)
     }
 
-    /// Adds how a segment goes on from the one before.
-    fn add_link(
-        &self,
-        arrival: &Arrival,
-        next: &Segment,
-        (from, noise): (usize, Option<ContactNoise>),
-        sums: &mut Sums,
-    ) {
-        let flight = &arrival.flight;
-        let (velocity, acceleration) = flight.slope();
-        let mut blocks = Blocks::new(arrival, &velocity, &acceleration, from);
-        // Continuity.
-        let off = (next.position() - part(&flight.state, 0)) / self.config.continuity;
-        let scale = self.config.continuity.recip();
-        let position = blocks.end(0) * -scale;
-        let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-        own.fixed_view_mut::<3, 1>(0, 0).copy_from(&(velocity * -scale));
-        own.fixed_view_mut::<3, 3>(0, 1).copy_from(&(Matrix3::identity() * scale));
-        blocks.add(sums, &off, position, own, arrival.flight_shared(0) * -scale);
-        let (Begin::Bounce(index), Some(noise)) = (next.begin, noise) else {
-            let sigma = self.config.speed;
-            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-            own.fixed_view_mut::<3, 3>(0, 4).copy_from(&(Matrix3::identity() / sigma));
-            blocks.alone(sums, &(next.velocity() / sigma), own);
-            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-            own.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() / self.spin.1));
-            blocks.alone(sums, &(part(&next.state, 2) / self.spin.1), own);
-            let inverse = self.place.1.map(f64::recip);
-            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-            own.fixed_view_mut::<3, 3>(0, 1).copy_from(&Matrix3::from_diagonal(&inverse));
-            blocks.alone(sums, &(next.position() - self.place.0).component_mul(&inverse), own);
-            return;
-        };
-        // The contact.
-        let obstacle = &self.obstacles[index];
-        let near = obstacle.nearest(&next.position());
-        let mut own = SMatrix::<f64, 1, OF_SEGMENT>::zeros();
-        own.fixed_view_mut::<1, 3>(0, 1).copy_from(&(near.normal.transpose() / self.config.surface));
-        blocks.alone(sums, &Vector1::new((near.distance - self.rigid.radius) / self.config.surface), own);
-        let (n, along, across) = (noise.normal, noise.along.recip(), noise.across.recip());
-        let weigh_velocity = Matrix3::identity() * across + n * n.transpose() * (along - across);
-        let weigh = [weigh_velocity, Matrix3::identity() / noise.spin];
-        // The law at the arrival's velocity and spin, and at the next one's place.
-        let arrived = [1, 2].map(|index| part(&flight.state, index));
-        let law = |place: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>| {
-            let (v, w) = self.rigid.rebound(&obstacle.nearest(place).normal, v, w);
-            [v, w]
-        };
-        let (place, [v, w]) = (next.position(), &arrived);
-        let after = law(&place, v, w);
-        let slope = |which: usize, of: usize| {
-            Matrix3::from_fn(|row, axis| {
-                let step = Vector3::ith(axis, LAW_STEP[of]);
-                let moved = match of {
-                    0 => law(&(place + step), v, w),
-                    1 => law(&place, &(v + step), w),
-                    _ => law(&place, v, &(w + step)),
-                };
-                (moved[which][row] - after[which][row]) / LAW_STEP[of]
-            })
-        };
-        for (which, weigh) in weigh.into_iter().enumerate() {
-            let off = weigh * (part(&next.state, 1 + which) - after[which]);
-            let [by_place, by_velocity, by_spin] = [0, 1, 2].map(|of| slope(which, of));
-            let end = by_velocity * blocks.end(1) + by_spin * blocks.end(2);
-            let shared = by_velocity * arrival.flight_shared(1);
-            let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-            own.fixed_view_mut::<3, 1>(0, 0).copy_from(&(weigh * by_velocity * acceleration * -1.0));
-            own.fixed_view_mut::<3, 3>(0, 1).copy_from(&(weigh * by_place * -1.0));
-            own.fixed_view_mut::<3, 3>(0, 4 + 3 * which).copy_from(&weigh);
-            blocks.add(sums, &off, weigh * end * -1.0, own, weigh * shared * -1.0);
-        }
-    }
-
-    /// How loosely the contacts of a trajectory keep their law, one a segment; none of a segment that does not begin by one.
-    pub fn contact_noises(&self, trajectory: &Trajectory) -> Vec<Option<ContactNoise>> {
-        let of = |(index, segment): (usize, &Segment)| {
-            let Begin::Bounce(obstacle) = segment.begin else { return None };
-            let arrived = self.arrival(trajectory, index.checked_sub(1)?);
-            Some(self.contact_noise(&self.obstacles[obstacle], &segment.position(), &arrived))
-        };
-        trajectory.segments.iter().enumerate().map(of).collect()
-    }
-
-    fn contact_noise(&self, obstacle: &Obstacle, place: &Vector3<f64>, arriving: &Column) -> ContactNoise {
-        let normal = obstacle.nearest(place).normal;
-        let (v, w) = (part(arriving, 1), part(arriving, 2));
-        let closing = -normal.dot(&v);
-        let (_, after) = self.rigid.rebound(&normal, &v, &w);
-        let across = self.friction_sigma * closing.abs() + self.config.contact_speed;
-        let spin = 2.0 * across / self.rigid.radius + self.config.contact_spin * (after - w).norm();
-        let along = self.restitution_sigma * closing.abs() + self.config.contact_speed;
-        ContactNoise { normal, along, across, spin, closing }
-    }
-
     fn add_priors(&self, trajectory: &Trajectory, from: usize, sums: &mut Sums) {
         let first = &trajectory.segments[0];
         if from == 0 {
@@ -547,60 +395,4 @@ fn by_numbers<const R: usize>(
     let mut shared = SMatrix::<f64, R, SHARED>::zeros();
     shared.fixed_view_mut::<R, FORCES>(0, 0).copy_from(&by_start.fixed_view::<R, FORCES>(0, 9));
     (own, shared)
-}
-
-impl Arrival<'_> {
-    /// Derivative of position or velocity there by the shared numbers.
-    fn flight_shared(&self, which: usize) -> SMatrix<f64, 3, SHARED> {
-        let all: &Sensitivity = [&self.flight.position, &self.flight.velocity][which];
-        let mut shared = SMatrix::<f64, 3, SHARED>::zeros();
-        shared.fixed_view_mut::<3, FORCES>(0, 0).copy_from(&all.fixed_view::<3, FORCES>(0, 9));
-        shared
-    }
-}
-
-/// Adds residuals that tie two segments, of which the first may be one that stays.
-struct Blocks {
-    /// Of the earlier one; none where it stays.
-    before: Option<usize>,
-    after: usize,
-    /// Derivatives of position, velocity and spin at the earlier one's end by its numbers.
-    ends: [SMatrix<f64, 3, OF_SEGMENT>; 3],
-}
-
-impl Blocks {
-    fn new(arrival: &Arrival, velocity: &Vector3<f64>, acceleration: &Vector3<f64>, from: usize) -> Self {
-        let flight = &arrival.flight;
-        let of = |sensitivity: &Sensitivity, slope: &Vector3<f64>| {
-            let mut end = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-            end.fixed_view_mut::<3, 1>(0, 0).copy_from(&-slope);
-            end.fixed_view_mut::<3, 9>(0, 1).copy_from(&sensitivity.fixed_view::<3, 9>(0, 0));
-            end
-        };
-        let mut spin = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-        spin.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() * flight.spin));
-        let ends = [of(&flight.position, velocity), of(&flight.velocity, acceleration), spin];
-        Self { before: arrival.segment.checked_sub(from), after: arrival.segment + 1 - from, ends }
-    }
-
-    fn end(&self, which: usize) -> SMatrix<f64, 3, OF_SEGMENT> {
-        self.ends[which]
-    }
-
-    fn add<const R: usize>(
-        &mut self,
-        sums: &mut Sums,
-        residual: &SVector<f64, R>,
-        before: SMatrix<f64, R, OF_SEGMENT>,
-        after: SMatrix<f64, R, OF_SEGMENT>,
-        shared: SMatrix<f64, R, SHARED>,
-    ) {
-        let both = [(self.before.unwrap_or(0), before), (self.after, after)];
-        let parts = if self.before.is_some() { &both[..] } else { &both[1..] };
-        sums.add(residual.norm_squared(), 1.0, residual, parts, &shared);
-    }
-
-    fn alone<const R: usize>(&self, sums: &mut Sums, residual: &SVector<f64, R>, after: SMatrix<f64, R, OF_SEGMENT>) {
-        sums.add(residual.norm_squared(), 1.0, residual, &[(self.after, after)], &SMatrix::zeros());
-    }
 }

@@ -4,7 +4,8 @@ use std::convert::Infallible;
 
 use nalgebra::SVector;
 
-use super::model::{ContactNoise, Loss, Model};
+use super::links::ContactNoise;
+use super::model::{Loss, Model};
 use super::normal::{Marginals, Sums};
 use super::trajectory::{OF_SEGMENT, SHARED, Trajectory};
 use crate::least_squares::{Damping, LeastSquares, minimised};

@@ -1,12 +1,11 @@
 //! Flights of a ball whose spin nobody knows, between contacts whose place the scene knows and hits that it does not.
 //!
 //! Gravity alone does not tell how far away such a ball is: its spin is worth a third of it. A contact does: there the ball's
-//! ray meets the surface at one radius. So the track's kinks ([`kinks`]) are tried as contacts with whatever they can be, and
+//! ray meets the surface at one radius. So the track's change points ([`change_points`]) are tried as contacts with whatever they can be, and
 //! as hits ([`search`]); a [`course`] of a few numbers a flight is refined against all that is known ([`task`]).
 
 mod clock;
 mod course;
-mod kinks;
 mod motion;
 mod parts;
 mod rays;
@@ -28,6 +27,7 @@ use super::{Fit, FitOptions, Observation, unexplained};
 use crate::camera::{Camera, Outline};
 use crate::error::{Error, Result};
 use crate::physics::{Contact, Forecaster, Obstacle, Scene};
+use crate::track::estimate::change_points::{CLEAR, FAINT, change_points};
 
 /// Error of labels that differs little from frame to frame, px.
 const SLOW_NOISE: f64 = 0.5;
@@ -166,12 +166,7 @@ fn solve(
     };
     let slipped = search::slipped(&task);
     let labels: Vec<(f64, Point2<f64>)> = seen.iter().map(|&(frame, at)| (slipped[frame], at)).collect();
-    let found = searched(
-        &task,
-        [kinks::CLEAR, kinks::FAINT].map(|price| kinks::kinks(&labels, sigma, price)),
-        options.hits,
-        limit,
-    );
+    let found = searched(&task, [CLEAR, FAINT].map(|price| change_points(&labels, sigma, price)), options.hits, limit);
     // In the end all labels count, and the loss lets go of outliers.
     result::fit_of(&Task { observations, ..task }, &found, noise, &options.cameras)
 }

@@ -3,10 +3,10 @@
 use nalgebra::{Point3, Vector3};
 
 use super::course::{Course, Event, Kind};
-use super::kinks::Kink;
 use super::motion::Moving;
 use super::rays::Rays;
 use super::task::Task;
+use crate::track::estimate::change_points::ChangePoint;
 use crate::track::fit::loss::Loss;
 
 /// Accelerations tried for a flight whose spin is unknown, in units of gravity's.
@@ -59,7 +59,7 @@ fn spin_for(task: &Task, acceleration: Vector3<f64>, velocity: &Vector3<f64>) ->
 
 /// Courses of at most so many `hits` that may explain the track, the best first; none where it is clear that they cost more
 /// than `limit`. Courses grow along the clear ones of the `kinks`, and along all, the faint ones too. Only frames from the first label to the last.
-pub fn searched(task: &Task, kinks: [Vec<Kink>; 2], hits: Option<usize>, limit: f64) -> Vec<Found> {
+pub fn searched(task: &Task, kinks: [Vec<ChangePoint>; 2], hits: Option<usize>, limit: f64) -> Vec<Found> {
     let rays = Rays::of(task);
     let [clear, all] = &kinks;
     let mut found = grown(task, &rays, all, hits, limit);
@@ -71,14 +71,14 @@ pub fn searched(task: &Task, kinks: [Vec<Kink>; 2], hits: Option<usize>, limit: 
 }
 
 /// The best courses along these kinks.
-fn grown(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, limit: f64) -> Vec<Found> {
+fn grown(task: &Task, rays: &Rays, kinks: &[ChangePoint], hits: Option<usize>, limit: f64) -> Vec<Found> {
     let times = slipped(task);
     let seen: Vec<usize> = (0..task.times.len()).filter(|&frame| rays.ideal[frame].is_some()).collect();
     let (Some(&first), Some(&last)) = (seen.first(), seen.last()) else { return vec![] };
     if last < first + 2 {
         return vec![];
     }
-    let end_before = |kink: Option<&Kink>| match kink {
+    let end_before = |kink: Option<&ChangePoint>| match kink {
         Some(kink) => times.partition_point(|&time| time < kink.time).max(first + 2).min(last),
         None => last,
     };
@@ -145,7 +145,7 @@ fn grown(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, limit: f
 
 /// Looks for better courses beside the best one, as long as there are any: with an event left out, of another kind, or where
 /// a kink has none. What went wrong at one kink is often told only by later ones.
-fn improve(task: &Task, rays: &Rays, kinks: &[Kink], hits: Option<usize>, all: &mut Vec<Found>) {
+fn improve(task: &Task, rays: &Rays, kinks: &[ChangePoint], hits: Option<usize>, all: &mut Vec<Found>) {
     for _ in 0..ROUNDS {
         let Some(best) = best(all.clone(), 1).pop() else { return };
         let mut tried = vec![];
@@ -220,7 +220,7 @@ fn with_hit(task: &Task, course: &Course, time: f64) -> Option<Course> {
 }
 
 /// The course with another event at a kink.
-fn inserted(task: &Task, rays: &Rays, course: &Course, kink: &Kink) -> Vec<Course> {
+fn inserted(task: &Task, rays: &Rays, course: &Course, kink: &ChangePoint) -> Vec<Course> {
     let Some(more) = with_hit(task, course, kink.time) else { return vec![] };
     let index = more.events.partition_point(|event| event.time < kink.time);
     let mut all = anchored(task, rays, &more, index);
