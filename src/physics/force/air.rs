@@ -8,10 +8,9 @@ use nalgebra::{Matrix3, Vector3};
 use super::{Depends, Force, Linear, Partials};
 use crate::physics::scene::{Ball, Scene};
 
-/// Scale uncertainty of a drag coefficient where the scene does not give one: measured ones of one kind of ball differ by so much
-/// (Mehta and Pallis 2001, tennis; Achenbach 1972, smooth spheres).
+/// Scale uncertainty of a drag coefficient where the scene does not give one: chosen, as the fit's.
 const DRAG_SIGMA: f64 = 0.15;
-/// The same of the lift: Sawicki, Hubbard and Stronge 2003 against Nathan 2008.
+/// The same of the lift: chosen; from 0.1 to 0.4 flights of table tennis come out alike, for the spin makes up for it.
 const LIFT_SIGMA: f64 = 0.2;
 
 /// Drag `−c·|v|·v` with c = ½ρAC_d/m, 1/m.

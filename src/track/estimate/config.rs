@@ -63,8 +63,8 @@ impl Default for EstimatorConfig {
 }
 
 impl EstimatorConfig {
-    /// For a scene: a ball is played about as fast as it falls steadily through the air, for it is slowed by several times its weight
-    /// beyond that.
+    /// For a scene. Speeds go with the speed at which the ball falls steadily through the air, beyond which it is slowed by more than its
+    /// weight; by which factor was chosen on table tennis.
     pub fn of(scene: &Scene) -> Self {
         let terminal = scene.terminal_speed();
         let default = Self::default();
