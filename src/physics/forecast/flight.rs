@@ -65,6 +65,14 @@ impl Flight<'_> {
         inverse.map_or(Vector3::zeros(), |inverse| by_spin.transpose() * inverse * more)
     }
 
+    /// Largest acceleration that a spin of 1 rad/s adds, m/s².
+    pub fn by_spin(&self) -> f64 {
+        let [r, v, w] = [0, 1, 2].map(|index| part(&self.state, index));
+        let mut partials = Partials::default();
+        self.forces.scaled([&r, &v, &w], &self.scales, &mut partials);
+        partials.spin.norm() / std::f64::consts::SQRT_2
+    }
+
     /// Flies on for `dt` s; negative: back.
     pub fn advance(&mut self, dt: f64) {
         let steps = (dt.abs() / LONGEST_STEP).ceil().max(1.0);

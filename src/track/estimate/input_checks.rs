@@ -4,7 +4,7 @@ use nalgebra::Point2;
 
 use super::part::{Outcome, Part};
 use crate::camera::Camera;
-use crate::track::fit::{Fit, Observation as Label};
+use crate::track::fit::Observation as Label;
 
 /// −2 ln of how probable it is that an input is wrong in one of these ways: one in a hundred.
 const PRIOR: f64 = 9.2;
@@ -131,10 +131,8 @@ fn is_inside(label: &Label, camera: &Camera) -> bool {
 
 /// What is wrong with a part of a track where that is more probable than that nothing is, in words. `given`: what the part is as it is.
 pub fn suspected(part: &Part, given: Option<&Outcome>) -> Option<String> {
-    let is_odd = |fit: &Fit| !fit.hits.is_empty() && fit.hits.len() >= fit.impacts.len();
-    let doubtful = given.is_none_or(|given| given.doubtful || is_odd(&given.fit));
-    // Two flights that are explained, and what is between them, would not be so at another rate.
-    let single = given.is_none_or(|given| given.fit.hits.is_empty());
+    let doubtful = given.is_none_or(Outcome::is_odd);
+    let single = given.is_none_or(Outcome::is_alone);
     let limit = given.map_or(f64::INFINITY, |given| given.cost);
     let hits = given.map_or(Some(0), |given| Some(given.fit.hits.len()));
     let tried = |check: Check| {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
 
 use super::model::{LAW_STEP, Model};
 use super::normal::Sums;
-use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Trajectory};
+use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Span, Trajectory};
 use crate::physics::{Column, FORCES, Flight, Obstacle, Sensitivity, part};
 
 /// Weight of a gain of energy, which no contact has: two standard deviations of any speed's are as odd as one case in a thousand.
@@ -35,7 +35,7 @@ impl Model<'_> {
         let size = trajectory.log_size / self.config.size_sigma;
         let mut all = vec![(forces + size * size, 1 + self.forecaster.scale_sigmas().count())];
         let spin = |state: &Column| ((part(state, 2) - self.spin.0) / self.spin.1).norm_squared();
-        for (index, (segment, noise)) in trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate() {
+        for (index, (segment, noise)) in trajectory.segments.iter().zip(self.contact_noises(trajectory, &trajectory.all())).enumerate() {
             let (Begin::Bounce(obstacle), Some(noise)) = (segment.begin, noise) else {
                 all.push((spin(&segment.state), 3));
                 continue;
@@ -64,7 +64,7 @@ impl Model<'_> {
             let gained = GAINED * (after - before) / self.config.contact_speed;
             Some([after / before, if gained > off.abs() { gained } else { off }])
         };
-        trajectory.segments.iter().zip(self.contact_noises(trajectory)).enumerate().map(of).collect()
+        trajectory.segments.iter().zip(self.contact_noises(trajectory, &trajectory.all())).enumerate().map(of).collect()
     }
 
     /// Adds how a segment goes on from the one before.
@@ -72,12 +72,12 @@ impl Model<'_> {
         &self,
         arrival: &Arrival,
         next: &Segment,
-        (from, noise): (usize, Option<ContactNoise>),
+        (span, noise): (&Span, Option<ContactNoise>),
         sums: &mut Sums,
     ) {
         let flight = &arrival.flight;
         let (velocity, acceleration) = flight.slope();
-        let mut blocks = Blocks::new(arrival, &velocity, &acceleration, from);
+        let mut blocks = Blocks::new(arrival, &velocity, &acceleration, span);
         // Continuity.
         let off = (next.position() - part(&flight.state, 0)) / self.config.continuity;
         let scale = self.config.continuity.recip();
@@ -141,17 +141,19 @@ impl Model<'_> {
         }
     }
 
-    /// How loosely the contacts of a trajectory keep their law, one a segment; none of a segment that does not begin by one.
-    pub fn contact_noises(&self, trajectory: &Trajectory) -> Vec<Option<ContactNoise>> {
+    /// How loosely the contacts of a span of a trajectory, and the one after it, keep their law, one a segment; none of a segment that
+    /// does not begin by one.
+    pub fn contact_noises(&self, trajectory: &Trajectory, span: &Span) -> Vec<Option<ContactNoise>> {
         let of = |(index, segment): (usize, &Segment)| {
             let Begin::Bounce(obstacle) = segment.begin else { return None };
-            let arrived = self.arrival(trajectory, index.checked_sub(1)?);
+            let before = index.checked_sub(1).filter(|_| (span.start..=span.end).contains(&index))?;
+            let arrived = self.arrival(trajectory, before);
             Some(self.contact_noise(&self.obstacles[obstacle], &segment.position(), &arrived))
         };
         trajectory.segments.iter().enumerate().map(of).collect()
     }
 
-    fn contact_noise(&self, obstacle: &Obstacle, place: &Vector3<f64>, arriving: &Column) -> ContactNoise {
+    pub fn contact_noise(&self, obstacle: &Obstacle, place: &Vector3<f64>, arriving: &Column) -> ContactNoise {
         let normal = obstacle.nearest(place).normal;
         let (v, w) = (part(arriving, 1), part(arriving, 2));
         let closing = -normal.dot(&v);
@@ -173,17 +175,17 @@ impl Arrival<'_> {
     }
 }
 
-/// Adds residuals that tie two segments, of which the first may be one that stays.
+/// Adds residuals that tie two segments, of which one may be one that stays.
 struct Blocks {
-    /// Of the earlier one; none where it stays.
+    /// Of the earlier one, and of the later one; none where it stays.
     before: Option<usize>,
-    after: usize,
+    after: Option<usize>,
     /// Derivatives of position, velocity and spin at the earlier one's end by its numbers.
     ends: [SMatrix<f64, 3, OF_SEGMENT>; 3],
 }
 
 impl Blocks {
-    fn new(arrival: &Arrival, velocity: &Vector3<f64>, acceleration: &Vector3<f64>, from: usize) -> Self {
+    fn new(arrival: &Arrival, velocity: &Vector3<f64>, acceleration: &Vector3<f64>, span: &Span) -> Self {
         let flight = &arrival.flight;
         let of = |sensitivity: &Sensitivity, slope: &Vector3<f64>| {
             let mut end = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
@@ -194,7 +196,8 @@ impl Blocks {
         let mut spin = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
         spin.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() * flight.spin));
         let ends = [of(&flight.position, velocity), of(&flight.velocity, acceleration), spin];
-        Self { before: arrival.segment.checked_sub(from), after: arrival.segment + 1 - from, ends }
+        let block = |segment: usize| span.contains(&segment).then(|| segment - span.start);
+        Self { before: block(arrival.segment), after: block(arrival.segment + 1), ends }
     }
 
     fn end(&self, which: usize) -> SMatrix<f64, 3, OF_SEGMENT> {
@@ -209,12 +212,19 @@ impl Blocks {
         after: SMatrix<f64, R, OF_SEGMENT>,
         shared: SMatrix<f64, R, SHARED>,
     ) {
-        let both = [(self.before.unwrap_or(0), before), (self.after, after)];
-        let parts = if self.before.is_some() { &both[..] } else { &both[1..] };
+        let both = [(self.before.unwrap_or(0), before), (self.after.unwrap_or(0), after)];
+        let parts = match (self.before, self.after) {
+            (Some(_), Some(_)) => &both[..],
+            (Some(_), None) => &both[..1],
+            (None, Some(_)) => &both[1..],
+            (None, None) => &[],
+        };
         sums.add(residual.norm_squared(), 1.0, residual, parts, &shared);
     }
 
     fn alone<const R: usize>(&self, sums: &mut Sums, residual: &SVector<f64, R>, after: SMatrix<f64, R, OF_SEGMENT>) {
-        sums.add(residual.norm_squared(), 1.0, residual, &[(self.after, after)], &SMatrix::zeros());
+        if let Some(block) = self.after {
+            sums.add(residual.norm_squared(), 1.0, residual, &[(block, after)], &SMatrix::zeros());
+        }
     }
 }

@@ -10,6 +10,7 @@
 //! [`Forecaster::fit`] does not use it yet: rallies of many strokes are found better by [`super::fit`].
 
 pub(super) mod change_points;
+mod changes;
 mod config;
 mod drops;
 mod followed;

@@ -7,7 +7,7 @@ use super::config::EstimatorConfig;
 use super::links::{Arrival, ContactNoise};
 use super::normal::Sums;
 use super::observation::Observation;
-use super::trajectory::{OF_SEGMENT, SHARED, Trajectory};
+use super::trajectory::{Begin, OF_SEGMENT, SHARED, Span, Trajectory};
 use crate::physics::{Column, Contact, FORCES, Flight, Forecaster, Obstacle, Rigid, Scene, part};
 
 /// Step of the differences of a contact's law: m, m/s, rad/s.
@@ -166,32 +166,35 @@ impl<'a> Model<'a> {
         (weight + 2.0) * square.ln() + weight / square
     }
 
-    /// Adds up all residuals of segments `from` on, and of what is shared; none where the ball is behind the camera. Contacts keep
-    /// their law as loosely as `noises` say, one a segment. `squares`: of the labels, px², and their weights.
+    /// Adds up all residuals of the segments of `span`, of how they are tied to those before and after, which stay, and of what is
+    /// shared; none where the ball is behind the camera. Contacts keep their law as loosely as `noises` say, one a segment. `squares`:
+    /// of the labels, px², and their weights.
     pub fn add(
         &self,
         trajectory: &Trajectory,
-        (from, loss): (usize, Loss),
+        (span, loss): (&Span, Loss),
         noises: &[Option<ContactNoise>],
         sums: &mut Sums,
         squares: &mut Vec<(f64, f64)>,
     ) -> Option<()> {
         let segments = &trajectory.segments;
-        // The segment before the first that moves ties it.
-        let begin = from.saturating_sub(1);
         let mut arrival = None;
-        for (index, segment) in segments.iter().enumerate().skip(begin) {
+        for index in span.start.saturating_sub(1)..(span.end + 1).min(segments.len()) {
+            let segment = &segments[index];
             if let Some(arrival) = &arrival {
-                self.add_link(arrival, segment, (from, noises[index]), sums);
+                self.add_link(arrival, segment, (span, noises[index]), sums);
+            }
+            if index == span.end {
+                break;
             }
             let mut flight = self.forecaster.flight(&segment.state, &trajectory.log_scales, !sums.cost_only());
             let mut time = segment.time;
-            for frame in trajectory.frames(index) {
-                let next = trajectory.times[frame];
-                flight.advance(next - time);
-                time = next;
-                if index >= from {
-                    self.add_frame(trajectory, frame, &flight, index - from, loss, sums, squares)?;
+            if span.contains(&index) {
+                for frame in trajectory.frames(index) {
+                    let next = trajectory.times[frame];
+                    flight.advance(next - time);
+                    time = next;
+                    self.add_frame(trajectory, frame, &flight, index - span.start, loss, sums, squares)?;
                 }
             }
             arrival = match segments.get(index + 1) {
@@ -202,7 +205,7 @@ impl<'a> Model<'a> {
                 None => None,
             };
         }
-        self.add_priors(trajectory, from, sums);
+        self.add_priors(trajectory, span.start, sums);
         sums.is_finite().then_some(())
     }
 
@@ -307,15 +310,15 @@ impl<'a> Model<'a> {
         }
     }
 
-    /// −2 ln of the densities that the priors of the contacts and hits are normalised by, and of there being these hits.
-    pub fn structure_cost(&self, trajectory: &Trajectory) -> f64 {
+    /// −2 ln of the densities that the priors of the contacts and hits of a span are normalised by, and of there being these hits.
+    pub fn structure_cost(&self, trajectory: &Trajectory, span: &Span, noises: &[Option<ContactNoise>]) -> f64 {
         let config = &self.config;
         let ln = |sigma: f64| 2.0 * sigma.ln();
         let mut cost = 0.0;
-        for noise in self.contact_noises(trajectory).iter().skip(1) {
+        for index in span.start.max(1)..(span.end + 1).min(trajectory.segments.len()) {
             cost += 3.0 * ln(config.continuity);
-            cost += match noise {
-                Some(noise) => {
+            cost += match (trajectory.segments[index].begin, noises[index]) {
+                (Begin::Bounce(_), Some(noise)) => {
                     let closing = noise.closing.max(SLOWEST_CLOSING);
                     ln(config.surface) - ln(closing) + ln(noise.along) + 2.0 * ln(noise.across) + 3.0 * ln(noise.spin)
                 }

@@ -15,6 +15,8 @@ pub struct Sums {
     pub cost: f64,
     /// Whether the cost alone is asked for.
     cost_only: bool,
+    /// Whether the shared numbers stay as they are.
+    shared_held: bool,
     diagonal: Vec<Block>,
     /// Block (k, k + 1).
     upper: Vec<Block>,
@@ -47,6 +49,7 @@ impl Sums {
         Self {
             cost: 0.0,
             cost_only,
+            shared_held: false,
             diagonal: vec![Block::zeros(); count],
             upper: vec![Block::zeros(); count.saturating_sub(1)],
             border: vec![Border::zeros(); count],
@@ -54,6 +57,11 @@ impl Sums {
             gradient: vec![Step::zeros(); count],
             shared: SVector::zeros(),
         }
+    }
+
+    /// Leaves the shared numbers as they are.
+    pub fn hold_shared(&mut self) {
+        self.shared_held = true;
     }
 
     /// Whether the cost alone is asked for.
@@ -82,10 +90,15 @@ impl Sums {
             let weighted = jacobian.transpose() * weight;
             self.diagonal[*index] += weighted * jacobian;
             self.gradient[*index] += weighted * residual;
-            self.border[*index] += weighted * shared;
+            if !self.shared_held {
+                self.border[*index] += weighted * shared;
+            }
         }
         if let [(first, before), (_, after)] = parts {
             self.upper[*first] += before.transpose() * after * weight;
+        }
+        if self.shared_held {
+            return;
         }
         let weighted = shared.transpose() * weight;
         self.corner += weighted * shared;
@@ -103,6 +116,9 @@ impl Sums {
                 pivot = (pivot + pivot.transpose()) * 0.5;
             }
             pivots.push(pivot.cholesky()?);
+        }
+        if self.shared_held {
+            return Some(Eliminated { pivots, solved: self.border.clone(), schur: Corner::identity().cholesky()? });
         }
         let solved = self.substituted(&pivots, self.border.clone());
         let mut schur = self.corner;

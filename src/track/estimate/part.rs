@@ -30,6 +30,8 @@ const WORTH: f64 = 25.0;
 const LONGEST_HELD: usize = 8;
 const FEWEST_FLYING: usize = 5;
 const HELD: f64 = 6.0;
+/// Clear change points up to which a track is tried with what may be wrong about it.
+const BEGINNING: usize = 4;
 /// Least size that is told of what the apparent size says otherwise, and fewest sizes for it.
 const SIZE_OFF: f64 = 0.02;
 const FEWEST_SIZES: usize = 8;
@@ -52,6 +54,18 @@ pub struct Outcome {
     pub cost: f64,
     /// Whether labels or laws do not fit; not merely that the distance is unknown.
     pub doubtful: bool,
+}
+
+impl Outcome {
+    /// Whether it calls for a look at what may be wrong: it is doubtful, or has hits where the scene should explain more.
+    pub fn is_odd(&self) -> bool {
+        self.doubtful || (!self.fit.hits.is_empty() && self.fit.hits.len() >= self.fit.impacts.len())
+    }
+
+    /// Whether it is a single flight: two that are explained, and what is between them, would not be so at another rate.
+    pub fn is_alone(&self) -> bool {
+        self.fit.hits.is_empty()
+    }
 }
 
 /// Hypotheses, and the frames that are missing (or repeated) before a frame in all of them: frame, number.
@@ -99,10 +113,20 @@ impl Part<'_> {
         let cameras = self.options.cameras.iter().filter_map(|camera| self.observations(camera)).collect::<Vec<_>>();
         let found = self.found(&model);
         let outcome = found.as_ref().and_then(|(hypotheses, _)| model.result(hypotheses, &cameras));
-        if let Some(held) = self.held(outcome.as_ref()) {
-            return Ok(held);
+        let mut reason = None;
+        if outcome.as_ref().is_none_or(|outcome| outcome.is_odd() || outcome.is_alone()) {
+            // What is wrong is wrong from the beginning on: of a long track that is enough to see it.
+            let beginning = Part { labels: &self.labels[..self.beginning(&model)], ..*self };
+            let own = (beginning.labels.len() < self.labels.len())
+                .then(|| beginning.outcome_of(beginning.labels, self.options.hits, f64::INFINITY));
+            let given = own.as_ref().unwrap_or(&outcome).as_ref();
+            if let Some(held) = beginning.held(given)
+                && let Some(fit) = self.with_held(held)
+            {
+                return Ok(fit);
+            }
+            reason = input_checks::suspected(&beginning, given);
         }
-        let reason = input_checks::suspected(self, outcome.as_ref());
         let (Some(Outcome { mut fit, .. }), Some((hypotheses, drops))) = (outcome, found) else {
             return Err(reason.map_or_else(unexplained, |reason| Error::Fit { reason }));
         };
@@ -124,8 +148,16 @@ impl Part<'_> {
         Ok(fit)
     }
 
-    /// The result with the first labels of a ball that is held, or lies, where that is more probable than `outcome`.
-    fn held(&self, outcome: Option<&Outcome>) -> Option<Fit> {
+    /// Frames of its first flights; all of a short part.
+    fn beginning(&self, model: &Model) -> usize {
+        let times: Vec<f64> = self.labels.iter().map(|label| label.time).collect();
+        let search = Search::new(model, Arc::new(times.clone()), self.noise(), None);
+        let end = search.and_then(|search| search.change_point(BEGINNING));
+        end.map_or(times.len(), |end| times.partition_point(|&time| time < end))
+    }
+
+    /// How many frames at the beginning show a ball that is held, or lies, where that is more probable than `outcome`.
+    fn held(&self, outcome: Option<&Outcome>) -> Option<usize> {
         let begins_odd = |outcome: &Outcome| {
             let early = outcome.fit.hits.first().is_some_and(|hit| self.seen_before(hit.frame) <= LONGEST_HELD);
             outcome.doubtful || early
@@ -135,16 +167,21 @@ impl Part<'_> {
         }
         let limit = outcome.map_or(f64::INFINITY, |outcome| outcome.cost);
         let seen: Vec<usize> = (0..self.labels.len()).filter(|&frame| self.labels[frame].image.is_some()).collect();
-        let mut best: Option<(f64, usize, Outcome)> = None;
+        let mut best: Option<(f64, usize)> = None;
         for count in 1..=LONGEST_HELD.min(seen.len().saturating_sub(FEWEST_FLYING)) {
             let (first, cost) = (seen[count], self.held_cost(&seen[..count])?);
             let Some(rest) = self.outcome_of(&self.labels[first..], self.options.hits, limit - cost) else { continue };
             let total = rest.cost + cost;
-            if total < limit && best.as_ref().is_none_or(|best| total < best.0) {
-                best = Some((total, first, rest));
+            if total < limit && best.is_none_or(|best| total < best.0) {
+                best = Some((total, first));
             }
         }
-        let (_, first, Outcome { mut fit, .. }) = best?;
+        Some(best?.1)
+    }
+
+    /// The result of a part whose first frames, so many, show a ball that does not fly yet.
+    fn with_held(&self, first: usize) -> Option<Fit> {
+        let Outcome { mut fit, .. } = self.outcome_of(&self.labels[first..], self.options.hits, f64::INFINITY)?;
         let start = fit.frames[0].clone();
         let held = |label: &Label| FittedFrame {
             time: label.time,
@@ -240,7 +277,7 @@ impl Part<'_> {
             let mut same = best.trajectory.clone();
             same.segments.iter_mut().for_each(|segment| segment.time = moved(segment.time));
             same.times = Arc::new(times.clone());
-            Some(model.refined(&same, 0, Loss::Mixture, SAME_STEPS)?.cost)
+            Some(model.refined(&same, &same.all(), Loss::Mixture, SAME_STEPS)?.cost)
         };
         if let Some(with) = &with
             && as_they_are(&with[0]).is_none_or(|cost| cost > with[0].cost + CERTAIN)

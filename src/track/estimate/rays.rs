@@ -1,19 +1,27 @@
 //! What rays alone tell, for the search to start from: ballistic flights through them, contacts on them, and the labels in a plane.
 
-use nalgebra::{Matrix6, Point2, Vector3, Vector6};
+use nalgebra::{Cholesky, Point2, RowVector3, SMatrix, SVector, Vector3};
 
 use super::model::Model;
-use super::observation::Observation;
+use super::observation::{Observation, Ray};
+use crate::physics::{FORCES, column};
+
 
 /// Nearest and farthest that a ball is looked for, m.
 const NEAREST: f64 = 0.1;
 const FARTHEST: f64 = 500.0;
 /// Fastest ball, m/s.
 const FASTEST: f64 = 120.0;
-/// How firmly a ball is at its anchor, m; rounds; residual from which on a label counts less, in standard deviations.
-const ANCHORED: f64 = 0.01;
-const ROUNDS: usize = 4;
+/// Rounds of either kind; residual from which on a label counts less, in standard deviations; a gain that ends them; parts of a step
+/// that are tried; fewest labels, a known place counting for two.
+const LINEAR: usize = 2;
+const ROUNDS: usize = 3;
 const LOOSE: f64 = 8.0;
+const LITTLE: f64 = 0.5;
+const FRACTIONS: [f64; 3] = [1.0, 0.3, 0.1];
+const FEWEST: usize = 3;
+/// Fraction of its acceleration that a flight may change by on its way.
+const CHANGING: f64 = 0.2;
 /// Cosine of the largest angle from the middle of the rays at which they still meet the plane before it.
 const STEEPEST: f64 = 0.1;
 
@@ -59,57 +67,193 @@ impl Plane {
     }
 }
 
+/// A flight that is looked for, beside by its labels.
+pub struct Sought<'a> {
+    pub frames: std::ops::RangeInclusive<usize>,
+    /// When its position and velocity are asked for, s.
+    pub time: f64,
+    /// Where it is known to be: s, m, and that one's standard deviation, m.
+    pub places: &'a [(f64, Vector3<f64>, f64)],
+    /// What its velocity is where nothing else is known, m/s.
+    pub velocity: Vector3<f64>,
+}
+
+/// A flight of constant acceleration.
+#[derive(Debug, Clone, Copy)]
+pub struct Throw {
+    pub position: Vector3<f64>,
+    pub velocity: Vector3<f64>,
+    pub acceleration: Vector3<f64>,
+    /// Sum of squares, in standard deviations.
+    pub cost: f64,
+}
+
 impl Model<'_> {
-    /// Position and velocity at `time` of a ball that accelerates by `acceleration` and is seen in the `frames`, taken at
-    /// `times`, with `noise` px; it is at `anchor` then, where that is given, and
-    /// has about the velocity `drift` where nothing else is known. The most probable one, by Gauss and Newton's steps.
-    pub fn ballistic(
-        &self,
-        times: &[f64],
-        frames: std::ops::RangeInclusive<usize>,
-        (time, anchor): (f64, Option<Vector3<f64>>),
-        (acceleration, drift): (Vector3<f64>, Vector3<f64>),
-        noise: f64,
-    ) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let seen: Vec<_> =
-            frames.filter_map(|frame| Some((times[frame] - time, self.observations[frame].ray.as_ref()?))).collect();
-        if seen.len() < if anchor.is_some() { 1 } else { 4 } {
+    /// The most probable flight of constant acceleration through rays of frames taken at `times` with `noise` px: what accelerates it is
+    /// gravity, the air's drag, and what a spin can add. First of the acceleration that the forces have without spin, which is linear;
+    /// then by Gauss and Newton's steps.
+    pub fn thrown(&self, times: &[f64], sought: &Sought, noise: f64) -> Option<Throw> {
+        let frames = sought.frames.clone();
+        let seen: Vec<(f64, &Ray)> =
+            frames.filter_map(|frame| Some((times[frame] - sought.time, self.observations[frame].ray.as_ref()?))).collect();
+        let (_, ray) = seen.first()?;
+        if seen.len() + 2 * sought.places.len() < FEWEST {
             return None;
         }
-        let (place, place_sigma) = match anchor {
-            Some(anchor) => (anchor, Vector3::repeat(ANCHORED)),
-            None => self.place,
-        };
-        let mean = Vector6::from_iterator(place.iter().copied().chain(drift.iter().copied()));
-        let precision = Vector6::from_iterator(place_sigma.iter().copied().chain([self.config.speed; 3]))
-            .map(|sigma| sigma.powi(-2));
-        let far = |at: &Vector3<f64>, ray: &super::observation::Ray| ray.direction.dot(&(at - ray.origin)).max(NEAREST);
-        let mut weights: Vec<f64> = seen.iter().map(|(_, ray)| (far(&place, ray) * noise).powi(-2)).collect();
-        let mut solution = mean;
+        let sought = Thrown { sought, seen: &seen, noise, place: self.place, speed: self.config.speed };
+        let middle = sought.sought.places.first().map_or(self.place.0, |known| known.1);
+        let mut throw = Throw { position: middle, velocity: sought.sought.velocity, acceleration: self.gravity(), cost: 0.0 };
+        let mut free = 0.0;
+        for _ in 0..LINEAR {
+            throw = sought.linear(&throw)?;
+            let still = column(throw.position, throw.velocity, Vector3::zeros());
+            let flight = self.forecaster.flight(&still, &[0.0; FORCES], false);
+            throw.acceleration = flight.slope().1;
+            free = flight.by_spin() * self.spin.1 + CHANGING * throw.acceleration.norm();
+        }
+        let mean = throw.acceleration;
+        throw.cost = sought.cost(&throw, (&mean, free))?;
         for _ in 0..ROUNDS {
-            let mut normal = Matrix6::from_diagonal(&precision);
-            let mut right = precision.component_mul(&mean);
-            for ((t, ray), weight) in seen.iter().zip(&weights) {
-                for (row, offset) in ray.equations() {
-                    let row = row.transpose();
-                    let mut a = Vector6::zeros();
-                    a.fixed_rows_mut::<3>(0).copy_from(&row);
-                    a.fixed_rows_mut::<3>(3).copy_from(&(row * *t));
-                    let b = offset - row.dot(&acceleration) * t * t / 2.0;
-                    normal += a * a.transpose() * *weight;
-                    right += a * b * *weight;
-                }
-            }
-            solution = normal.cholesky()?.solve(&right);
-            for ((t, ray), weight) in seen.iter().zip(&mut weights) {
-                let at = solution.fixed_rows::<3>(0) + solution.fixed_rows::<3>(3) * *t + acceleration * (t * t / 2.0);
-                let off = ray.residual(&at).map_or(f64::INFINITY, |(off, _)| off.norm() / noise);
-                // Labels far off count less.
-                *weight = (far(&at, ray) * noise).powi(-2) / (1.0 + (off / LOOSE).powi(2));
+            let Some(next) = sought.stepped(&throw, (&mean, free)) else { break };
+            let gain = throw.cost - next.cost;
+            throw = next;
+            if gain < LITTLE {
+                break;
             }
         }
-        let (position, velocity) = (solution.fixed_rows::<3>(0).into_owned(), solution.fixed_rows::<3>(3).into_owned());
-        let depth = seen[0].1.direction.dot(&(position - seen[0].1.origin));
-        ((NEAREST..FARTHEST).contains(&depth) && velocity.norm() < FASTEST).then_some((position, velocity))
+        let depth = ray.direction.dot(&(throw.position - ray.origin));
+        ((NEAREST..FARTHEST).contains(&depth) && throw.velocity.norm() < FASTEST).then_some(throw)
+    }
+}
+
+/// A flight that is looked for, with what is known of it.
+struct Thrown<'a> {
+    sought: &'a Sought<'a>,
+    /// Rays, and when they were seen, s from the time that is asked for.
+    seen: &'a [(f64, &'a Ray)],
+    /// px.
+    noise: f64,
+    /// Where it is, m, and how fast, m/s: means and standard deviations.
+    place: (Vector3<f64>, Vector3<f64>),
+    speed: f64,
+}
+
+impl Thrown<'_> {
+    /// The flight with this one's acceleration; its labels as many pixels off as they would be at this one's distances.
+    fn linear(&self, throw: &Throw) -> Option<Throw> {
+        let mut sums = NormalEquations::<6>::default();
+        for (t, ray) in self.seen {
+            let at = throw.at(*t);
+            let far = ray.direction.dot(&(at - ray.origin)).max(NEAREST);
+            let off = ray.residual(&at).map_or(f64::INFINITY, |(off, _)| off.norm() / self.noise);
+            // Labels far off count less; the first time nothing is known of that.
+            let robust = if throw.cost > 0.0 { 1.0 / (1.0 + (off / LOOSE).powi(2)) } else { 1.0 };
+            for (row, offset) in ray.equations() {
+                let right = offset - (row * throw.acceleration)[0] * t * t / 2.0;
+                sums.add(&row, *t, right, (far * self.noise).powi(-2) * robust);
+            }
+        }
+        for (time, place, sigma) in self.sought.places {
+            let t = time - self.sought.time;
+            let right = place - throw.acceleration * (t * t / 2.0);
+            (0..3).for_each(|axis| sums.add(&Vector3::ith(axis, 1.0).transpose(), t, right[axis], sigma.powi(-2)));
+        }
+        for axis in 0..3 {
+            sums.known(axis, self.place.0[axis], self.place.1[axis]);
+            sums.known(3 + axis, self.sought.velocity[axis], self.speed);
+        }
+        let solution = sums.solved()?;
+        let [position, velocity] = [0, 3].map(|at| solution.fixed_rows::<3>(at).into_owned());
+        Some(Throw { position, velocity, cost: 1.0, ..*throw })
+    }
+
+    /// The flight after a step downhill, its acceleration within `free` (m/s²) of a mean; none where there is none.
+    fn stepped(&self, throw: &Throw, (mean, free): (&Vector3<f64>, f64)) -> Option<Throw> {
+        let mut sums = NormalEquations::<9>::default();
+        for (t, ray) in self.seen {
+            let (off, jacobian) = ray.residual(&throw.at(*t))?;
+            let robust = 1.0 / (1.0 + off.norm_squared() / (self.noise * LOOSE).powi(2));
+            for row in 0..2 {
+                sums.add(&jacobian.row(row).into_owned(), *t, -off[row], robust * self.noise.powi(-2));
+            }
+        }
+        for (time, place, sigma) in self.sought.places {
+            let t = time - self.sought.time;
+            let off = place - throw.at(t);
+            (0..3).for_each(|axis| sums.add(&Vector3::ith(axis, 1.0).transpose(), t, off[axis], sigma.powi(-2)));
+        }
+        for axis in 0..3 {
+            sums.known(axis, self.place.0[axis] - throw.position[axis], self.place.1[axis]);
+            sums.known(3 + axis, self.sought.velocity[axis] - throw.velocity[axis], self.speed);
+            sums.known(6 + axis, mean[axis] - throw.acceleration[axis], free);
+        }
+        let step = sums.solved()?;
+        let by = |fraction: f64| {
+            let [position, velocity, acceleration] = [0, 3, 6].map(|at| step.fixed_rows::<3>(at) * fraction);
+            let mut next = Throw {
+                position: throw.position + position,
+                velocity: throw.velocity + velocity,
+                acceleration: throw.acceleration + acceleration,
+                cost: 0.0,
+            };
+            next.cost = self.cost(&next, (mean, free))?;
+            (next.cost < throw.cost).then_some(next)
+        };
+        FRACTIONS.into_iter().find_map(by)
+    }
+
+    /// Sum of squares, in standard deviations; none of a flight behind the camera.
+    fn cost(&self, throw: &Throw, (mean, free): (&Vector3<f64>, f64)) -> Option<f64> {
+        let mut cost = ((throw.acceleration - mean) / free).norm_squared();
+        cost += (throw.position - self.place.0).component_div(&self.place.1).norm_squared();
+        cost += ((throw.velocity - self.sought.velocity) / self.speed).norm_squared();
+        for (t, ray) in self.seen {
+            let off = ray.residual(&throw.at(*t))?.0.norm_squared() / (self.noise * self.noise);
+            cost += LOOSE * LOOSE * (off / (LOOSE * LOOSE)).ln_1p();
+        }
+        let places = self.sought.places.iter();
+        let known = |(time, place, sigma): &(f64, Vector3<f64>, f64)| {
+            ((throw.at(time - self.sought.time) - place) / *sigma).norm_squared()
+        };
+        Some(cost + places.map(known).sum::<f64>())
+    }
+}
+
+/// Of position, velocity and, of nine numbers, acceleration.
+struct NormalEquations<const N: usize> {
+    normal: SMatrix<f64, N, N>,
+    right: SVector<f64, N>,
+}
+
+impl<const N: usize> Default for NormalEquations<N> {
+    fn default() -> Self {
+        Self { normal: SMatrix::zeros(), right: SVector::zeros() }
+    }
+}
+
+impl<const N: usize> NormalEquations<N> {
+    /// Adds that `row` times the position at `t` is `value`.
+    fn add(&mut self, row: &RowVector3<f64>, t: f64, value: f64, weight: f64) {
+        let powers = [1.0, t, t * t / 2.0];
+        let a = SVector::<f64, N>::from_fn(|index, _| row[index % 3] * powers[index / 3]);
+        self.normal += a * (a.transpose() * weight);
+        self.right += a * (value * weight);
+    }
+
+    /// Adds what one of the numbers is, and its standard deviation.
+    fn known(&mut self, index: usize, value: f64, sigma: f64) {
+        self.normal[(index, index)] += sigma.powi(-2);
+        self.right[index] += value * sigma.powi(-2);
+    }
+
+    fn solved(self) -> Option<SVector<f64, N>> {
+        Some(Cholesky::new(self.normal)?.solve(&self.right))
+    }
+}
+
+impl Throw {
+    /// Where it is at a time from the one that it was asked for, m.
+    pub fn at(&self, t: f64) -> Vector3<f64> {
+        self.position + self.velocity * t + self.acceleration * (t * t / 2.0)
     }
 }

@@ -69,7 +69,7 @@ impl Model<'_> {
         // Where each frame is by a camera that is off.
         let moved = |observations: &Vec<Observation>| {
             let model = self.with_observations(observations);
-            let trajectory = model.refined(best, 0, Loss::Mixture, PROFILE_STEPS)?.trajectory;
+            let trajectory = model.refined(best, &best.all(), Loss::Mixture, PROFILE_STEPS)?.trajectory;
             Some(self.states(&self.whole(&trajectory)).iter().map(|state| part(state, 0)).collect::<Vec<_>>())
         };
         let moved: Vec<Vec<Vector3<f64>>> = cameras.iter().filter_map(moved).collect();
@@ -227,8 +227,8 @@ impl Model<'_> {
             let mut observations = self.observations.to_vec();
             observations[frame].log_distance = Some([distance.ln() + step * sigma, PINNED * sigma]);
             let model = self.with_observations(&observations);
-            let trajectory = model.refined(from, 0, Loss::Mixture, PROFILE_STEPS)?.trajectory;
-            let cost = self.judged(trajectory.clone())?.cost;
+            let trajectory = model.refined(from, &from.all(), Loss::Mixture, PROFILE_STEPS)?.trajectory;
+            let cost = self.judged(trajectory.clone(), &trajectory.all())?.cost;
             let weight = (-0.5 * (cost - hypothesis.cost)).exp();
             Some((weight, model.weigh(&trajectory, 1.0)?))
         };

@@ -7,7 +7,7 @@ use nalgebra::SVector;
 use super::links::ContactNoise;
 use super::model::{Loss, Model};
 use super::normal::{Marginals, Sums};
-use super::trajectory::{OF_SEGMENT, SHARED, Trajectory};
+use super::trajectory::{OF_SEGMENT, SHARED, Span, Trajectory};
 use crate::least_squares::{Damping, LeastSquares, minimised};
 
 /// Longest steps: s, m, m/s, rad/s, logarithm.
@@ -21,8 +21,8 @@ const DAMPING: Damping =
 struct Search<'a> {
     model: &'a Model<'a>,
     trajectory: Trajectory,
-    /// The first segment that is searched; those before stay.
-    from: usize,
+    /// The segments that are searched; the others stay.
+    span: Span,
     loss: Loss,
     noises: Vec<Option<ContactNoise>>,
     cost: f64,
@@ -41,9 +41,13 @@ pub struct Hypothesis {
 
 impl Search<'_> {
     fn sums(&self, cost_only: bool) -> Option<(Sums, Vec<(f64, f64)>)> {
-        let mut sums = Sums::new(self.trajectory.segments.len() - self.from, cost_only);
+        let mut sums = Sums::new(self.span.len(), cost_only);
+        // What is shared is searched with all segments only.
+        if self.span != self.trajectory.all() {
+            sums.hold_shared();
+        }
         let mut squares = Vec::with_capacity(self.trajectory.last - self.trajectory.first + 1);
-        self.model.add(&self.trajectory, (self.from, self.loss), &self.noises, &mut sums, &mut squares)?;
+        self.model.add(&self.trajectory, (&self.span, self.loss), &self.noises, &mut sums, &mut squares)?;
         Some((sums, squares))
     }
 }
@@ -58,7 +62,7 @@ impl LeastSquares for Search<'_> {
     }
 
     fn linearised(&mut self) -> Result<Option<Sums>, Infallible> {
-        self.noises = self.model.contact_noises(&self.trajectory);
+        self.noises = self.model.contact_noises(&self.trajectory, &self.span);
         // The noise goes with it, one step of expectation and maximisation at a time.
         self.trajectory.noise = self.model.noise_of(&self.squares);
         let sums = self.sums(false).map(|(sums, _)| sums);
@@ -76,11 +80,12 @@ impl LeastSquares for Search<'_> {
     }
 
     fn moved(&self, _: &Sums, (segments, shared): &Self::Step) -> Result<Option<Self>, Infallible> {
-        let trajectory = self.trajectory.moved(self.from, segments, shared);
+        let trajectory = self.trajectory.moved(&self.span, segments, shared);
         if !trajectory.is_in_order() {
             return Ok(None);
         }
-        let mut next = Self { trajectory, noises: self.noises.clone(), squares: vec![], ..*self };
+        let mut next =
+            Self { trajectory, noises: self.noises.clone(), squares: vec![], span: self.span.clone(), ..*self };
         let Some((sums, squares)) = next.sums(true) else { return Ok(None) };
         (next.cost, next.squares) = (sums.cost, squares);
         Ok(Some(next))
@@ -88,38 +93,41 @@ impl LeastSquares for Search<'_> {
 }
 
 impl Model<'_> {
-    /// The trajectory, or one near it that explains the track better, segments before `from` as they are.
-    pub fn refined(&self, trajectory: &Trajectory, from: usize, loss: Loss, steps: usize) -> Option<Hypothesis> {
+    /// The trajectory, or one near it that explains the track better, segments outside of `span` as they are. Its cost is the span's.
+    pub fn refined(&self, trajectory: &Trajectory, span: &Span, loss: Loss, steps: usize) -> Option<Hypothesis> {
         if !trajectory.is_in_order() {
             return None;
         }
-        let noises = self.contact_noises(trajectory);
+        let noises = self.contact_noises(trajectory, span);
         let trajectory = trajectory.clone();
-        let mut start = Search { model: self, trajectory, from, loss, noises, cost: 0.0, squares: vec![] };
+        let span = span.clone();
+        let mut start = Search { model: self, trajectory, span, loss, noises, cost: 0.0, squares: vec![] };
         let (sums, squares) = start.sums(true)?;
         (start.cost, start.squares) = (sums.cost, squares);
         let Ok(found) = minimised(start, &Damping { steps, ..DAMPING });
-        self.judged(found.trajectory)
+        self.judged(found.trajectory, &found.span)
     }
 
-    /// A trajectory with its evidence (Laplace's approximation about it).
-    pub fn judged(&self, trajectory: Trajectory) -> Option<Hypothesis> {
-        let noises = self.contact_noises(&trajectory);
+    /// A trajectory with the evidence of a span of it, given the others (Laplace's approximation about it).
+    pub fn judged(&self, trajectory: Trajectory, span: &Span) -> Option<Hypothesis> {
+        let noises = self.contact_noises(&trajectory, span);
+        let span = span.clone();
         let search =
-            Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
+            Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         let (sums, squares) = search.sums(false)?;
-        let trajectory = search.trajectory;
+        let Search { trajectory, span, noises, .. } = search;
         let labels = squares.len() as f64 * self.label_constant(trajectory.noise) + self.noise_cost(trajectory.noise);
-        let cost = sums.cost + labels + sums.log_determinant()? + self.structure_cost(&trajectory);
+        let cost = sums.cost + labels + sums.log_determinant()? + self.structure_cost(&trajectory, &span, &noises);
         cost.is_finite().then_some(Hypothesis { trajectory, cost })
     }
 
     /// What the labels say of each number of a trajectory.
     pub fn marginals(&self, trajectory: &Trajectory) -> Option<Marginals> {
-        let noises = self.contact_noises(trajectory);
+        let span = trajectory.all();
+        let noises = self.contact_noises(trajectory, &span);
         let trajectory = trajectory.clone();
         let search =
-            Search { model: self, trajectory, from: 0, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
+            Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         search.sums(false)?.0.marginals()
     }
 }

@@ -32,6 +32,9 @@ pub const OF_SEGMENT: usize = 10;
 /// Numbers that all segments share: logarithms of the forces' scales and of the apparent size's.
 pub const SHARED: usize = FORCES + 1;
 
+/// Segments that are searched while the others stay.
+pub type Span = std::ops::Range<usize>;
+
 /// A trajectory over some frames of a track.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trajectory {
@@ -80,14 +83,19 @@ impl Trajectory {
         self.first + from..self.first + to.max(from)
     }
 
+    /// All segments.
+    pub fn all(&self) -> Span {
+        0..self.segments.len()
+    }
+
     pub fn hits(&self) -> usize {
         self.segments.iter().filter(|segment| segment.begin == Begin::Hit).count()
     }
 
-    /// The same, moved by a step of the numbers of segments `from` on, and of the shared ones.
-    pub fn moved(&self, from: usize, segments: &[nalgebra::SVector<f64, OF_SEGMENT>], shared: &[f64; SHARED]) -> Self {
+    /// The same, moved by a step of the numbers of a span of segments, and of the shared ones.
+    pub fn moved(&self, span: &Span, segments: &[nalgebra::SVector<f64, OF_SEGMENT>], shared: &[f64; SHARED]) -> Self {
         let mut out = self.clone();
-        for (segment, step) in out.segments[from..].iter_mut().zip(segments) {
+        for (segment, step) in out.segments[span.clone()].iter_mut().zip(segments) {
             segment.time += step[0];
             segment.state.iter_mut().zip(step.iter().skip(1)).for_each(|(value, by)| *value += by);
         }
