@@ -72,7 +72,7 @@ impl Search<'_> {
     }
 
     /// Median time from frame to frame, s.
-    fn interval(&self) -> f64 {
+    pub(super) fn interval(&self) -> f64 {
         let mut gaps: Vec<f64> = self.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
         gaps.sort_by(f64::total_cmp);
         gaps[gaps.len() / 2]

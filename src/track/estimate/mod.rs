@@ -14,6 +14,7 @@ mod changes;
 mod config;
 mod drops;
 mod followed;
+mod grow;
 mod input_checks;
 mod links;
 mod model;

@@ -25,6 +25,8 @@ const BARRIER: f64 = 3.0;
 /// standard deviations.
 const BEYOND: f64 = 2.0;
 const FAR: f64 = 30.0;
+/// How firmly the first segment begins when it begins, 1/s.
+const START_HELD: f64 = 1e6;
 /// Least variance of labels, px².
 const SMALLEST_NOISE: f64 = 1e-3;
 /// Least closing speed of a contact, m/s: of a ball that rolls.
@@ -295,7 +297,7 @@ impl<'a> Model<'a> {
             sums.add(velocity.norm_squared(), 1.0, &velocity, &[(0, block(4, self.config.speed))], &none);
             // The first segment begins when it begins; where is told by what is seen.
             let mut own = SMatrix::<f64, 1, OF_SEGMENT>::zeros();
-            own[0] = 1e6;
+            own[0] = START_HELD;
             sums.add(0.0, 1.0, &Vector1::zeros(), &[(0, own)], &SMatrix::zeros());
         }
         for index in 0..SHARED {
@@ -326,6 +328,11 @@ impl<'a> Model<'a> {
             };
         }
         cost
+    }
+
+    /// What the time of a start, which is no unknown, adds to a logarithm of a determinant.
+    pub fn start_constant(&self) -> f64 {
+        2.0 * START_HELD.ln()
     }
 
     /// −2 ln of the probability that these frames are missing and no others.

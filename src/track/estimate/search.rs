@@ -15,7 +15,7 @@ use crate::physics::{Column, FORCES, Obstacle, column, part};
 
 /// Velocities away from the camera that a first flight is tried with, in standard deviations: they are hardly seen.
 pub(super) const DRIFTS: [f64; 3] = [0.0, 1.0, -1.0];
-/// Hypotheses that are followed from change point to change point, and how many are kept in the end.
+/// Hypotheses that are kept in the end.
 const BEAM: usize = 8;
 /// Segments at the growing end that are refined.
 const OPEN: usize = 3;
@@ -34,12 +34,10 @@ const BESIDE: usize = 1;
 const MISSED: f64 = 0.06;
 /// How firmly a ball is where it is seen to touch something, where a contact is known to be, and where a hit is thought to be, m.
 const FIRM: f64 = 0.01;
-const KNOWN: f64 = 0.03;
+pub(super) const KNOWN: f64 = 0.03;
 const LOOSE: f64 = 0.5;
 /// By how much a bounce's velocity may seem to be off its law where the spin is not known, m/s.
 const UNLAWFUL: f64 = 1.0;
-/// How near the ends of two trajectories are that count as the same, m.
-const SAME: f64 = 0.05;
 /// Least time between two events, and of an event from the first and last frame, s.
 pub(super) const APART: f64 = 1e-4;
 
@@ -51,7 +49,7 @@ pub struct Search<'a> {
     /// Times and places in the plane of the labels, s, px.
     pub(super) labels: Vec<(f64, Point2<f64>)>,
     /// Standard deviation of the labels to start with, px.
-    noise: f64,
+    pub(super) noise: f64,
     /// Most hits.
     hits: Option<usize>,
     pub(super) change_points: [Vec<ChangePoint>; 2],
@@ -74,6 +72,7 @@ impl<'a> Search<'a> {
         if !clear.iter().map(|point| point.time).eq(all.iter().map(|point| point.time)) {
             found.extend(self.grown(clear));
         }
+        found.extend(self.chained(all));
         self.improve(&mut found);
         best(found, BEAM)
     }
@@ -88,17 +87,23 @@ impl<'a> Search<'a> {
         self.change_points[0].get(number).map(|point| point.time)
     }
 
-    fn is_allowed(&self, trajectory: &Trajectory) -> bool {
+    pub(super) fn is_allowed(&self, trajectory: &Trajectory) -> bool {
         self.hits.is_none_or(|most| trajectory.hits() <= most)
     }
 
-    fn finished(&self, trajectory: &Trajectory) -> Option<Hypothesis> {
+    /// The trajectory, whose parts may be apart where they should meet, refined.
+    pub(super) fn joined(&self, trajectory: &Trajectory) -> Option<Hypothesis> {
+        let near = self.model.refined(trajectory, &trajectory.all(), Loss::Growing, FINISH)?;
+        self.finished(&near.trajectory)
+    }
+
+    pub(super) fn finished(&self, trajectory: &Trajectory) -> Option<Hypothesis> {
         self.model.refined(trajectory, &trajectory.all(), Loss::Mixture, FINISH)
     }
 
     /// The trajectory that goes on from `parent`, its last segments refined, if they can be. What is before those costs what it cost the
     /// parent.
-    fn kept(&self, trajectory: &Trajectory, parent: Option<&Hypothesis>) -> Option<Hypothesis> {
+    pub(super) fn kept(&self, trajectory: &Trajectory, parent: Option<&Hypothesis>) -> Option<Hypothesis> {
         let count = trajectory.segments.len();
         let span = count.saturating_sub(OPEN)..count;
         let settled = match parent.filter(|_| span.start > 0) {
@@ -204,82 +209,6 @@ impl<'a> Search<'a> {
             found.push(with(column(at, after.velocity, w)));
         }
         Some((cost, found))
-    }
-
-    /// The most probable trajectories along these change points.
-    fn grown(&self, points: &[ChangePoint]) -> Vec<Hypothesis> {
-        let times = &self.times;
-        let seen: Vec<usize> = (0..times.len()).filter(|&frame| self.model.observations[frame].ray.is_some()).collect();
-        let (Some(&first), Some(&last)) = (seen.first(), seen.last()) else { return vec![] };
-        if last < first + 2 {
-            return vec![];
-        }
-        let end_before = |point: Option<&ChangePoint>| match point {
-            Some(point) => times.partition_point(|&time| time < point.time).max(first + 2).min(last),
-            None => last,
-        };
-        let fresh = |state: Column, last: usize| Trajectory {
-            segments: vec![Segment { begin: Begin::Start, time: times[first], state }],
-            log_scales: [0.0; FORCES],
-            log_size: 0.0,
-            noise: self.noise,
-            first,
-            last,
-            times: times.clone(),
-        };
-        let mut beam: Vec<Hypothesis> = vec![];
-        let end = end_before(points.first());
-        for drift in DRIFTS {
-            let found = self.thrown(first..=end - 1, times[first], &[], drift);
-            beam.extend(found.and_then(|found| self.kept(&fresh(self.state(&found), end), None)));
-        }
-        for (index, point) in points.iter().enumerate() {
-            let (begin, end) = (end_before(Some(point)), end_before(points.get(index + 1)));
-            let mut next: Vec<Hypothesis> = vec![];
-            let options = self.contacts(&point.image, point.time);
-            let time = point.time.clamp(times[first] + APART, times[end] - APART);
-            // A flight from the very start is found anew from each contact.
-            if index == 0 || beam.iter().any(|found| found.trajectory.segments.len() == 1) {
-                let mut start = fresh([0.0; 9], end);
-                start.segments.push(Segment { begin: Begin::Hit, time, state: [0.0; 9] });
-                for &option in &options {
-                    for drift in DRIFTS {
-                        let found = self.with_contact(&start, (1, false), option, drift);
-                        next.extend(self.better(found, None));
-                    }
-                }
-            }
-            for parent in &beam {
-                let mut longer = parent.trajectory.clone();
-                longer.last = end;
-                next.extend(self.kept(&longer, Some(parent)));
-                next.extend(self.model.followed(&longer).and_then(|followed| self.kept(&followed, Some(parent))));
-                if longer.segments.last().is_some_and(|last| last.time >= time) {
-                    continue;
-                }
-                let there = self.at(&longer, time);
-                let index = longer.segments.len();
-                longer.segments.push(Segment { begin: Begin::Hit, time, state: there });
-                let is_bounce = matches!(longer.segments[index - 1].begin, Begin::Bounce(_));
-                for &option in options.iter().filter(|_| index > 1) {
-                    let found = self.with_contact(&longer, (index, is_bounce), option, 0.0);
-                    next.extend(self.better(found, Some(parent)));
-                }
-                if let Some(throw) = self.thrown(begin..=end, time, &[(time, part(&there, 0), KNOWN)], 0.0) {
-                    longer.segments[index].state = self.state(&throw);
-                    next.extend(self.kept(&longer, Some(parent)));
-                }
-            }
-            next.retain(|found| self.is_allowed(&found.trajectory));
-            beam = best_ends(next, BEAM);
-        }
-        beam.iter().filter_map(|found| self.finished(&found.trajectory)).collect()
-    }
-
-    /// The better of trajectories that go on from `parent`.
-    fn better(&self, found: Option<(f64, Vec<Trajectory>)>, parent: Option<&Hypothesis>) -> Option<Hypothesis> {
-        let kept = found?.1.iter().filter_map(|it| self.kept(it, parent)).collect();
-        best(kept, 1).pop()
     }
 
     /// The state of a trajectory at a time.
@@ -391,28 +320,6 @@ fn together(trajectory: &Trajectory, changes: &[Change]) -> Option<Trajectory> {
         out.segments.splice(change.old.clone(), change.trajectory.segments[change.new.clone()].iter().copied());
     }
     (chosen.len() > 1 && out.is_in_order()).then_some(out)
-}
-
-/// The most probable `count` whose ends differ: what was before a hit says nothing of what comes.
-fn best_ends(mut all: Vec<Hypothesis>, count: usize) -> Vec<Hypothesis> {
-    all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
-    let mut chosen: Vec<Hypothesis> = vec![];
-    for found in all {
-        let same = |other: &Hypothesis| {
-            let kinds = |it: &Hypothesis| -> Vec<Begin> {
-                let kinds: Vec<Begin> = it.trajectory.segments.iter().map(|segment| segment.begin).collect();
-                let from = kinds.iter().rposition(|kind| *kind == Begin::Hit).unwrap_or(0);
-                kinds[from..].to_vec()
-            };
-            let ends = [other, &found].map(|it| it.trajectory.segments.last().map(|last| last.state));
-            let [Some(a), Some(b)] = ends else { return false };
-            kinds(other) == kinds(&found) && (part(&a, 0) - part(&b, 0)).norm() < SAME
-        };
-        if chosen.len() < count && !chosen.iter().any(same) {
-            chosen.push(found);
-        }
-    }
-    chosen
 }
 
 /// The most probable `count` that differ.

@@ -15,7 +15,7 @@ const LONGEST: [f64; 5] = [0.02, 1.0, 10.0, 400.0, 0.3];
 /// Number of a segment that is in each of these units.
 const UNITS: [usize; OF_SEGMENT] = [0, 1, 1, 1, 2, 2, 2, 3, 3, 3];
 const DAMPING: Damping =
-    Damping { first: 1e-3, relax: 0.2, least: 1e-9, stiffen: 5.0, most: 1e6, steps: 0, converged: 1e-3 };
+    Damping { first: 1e-3, relax: 0.2, least: 1e-9, stiffen: 5.0, most: 1e6, steps: 0, converged: 1e-4 };
 
 /// A trajectory on its way to the least cost.
 struct Search<'a> {

@@ -250,7 +250,7 @@ impl Forecaster {
         }
         check_seen(&usable, &refused)?;
         let mut fit = match flights::laws(self.scene()) {
-            Some(laws) if self.fits_flights(options)? => flights::fitted(self, &laws, camera, &usable, options)?,
+            Some(_) if self.fits_flights(options)? => super::estimate::estimated(self, camera, &usable, options)?,
             _ => self.fit_known(camera, &usable, options)?,
         };
         for (frame, refused) in fit.frames.iter_mut().zip(refused) {
