@@ -24,6 +24,8 @@ pub struct ChangePoint {
     pub time: f64,
     /// px.
     pub image: Point2<f64>,
+    /// Whether the track bends there.
+    pub bends: bool,
 }
 
 /// A polynomial in time for each coordinate.
@@ -111,7 +113,7 @@ pub fn change_points(labels: &[(f64, Point2<f64>)], sigma: f64, price: f64) -> V
         let at = |step: i32| from + reach * (f64::from(step) / 20.0 - 1.0);
         let apart = |time: f64| (before.at(time) - after.at(time)).norm();
         let time = (0..=60).map(at).min_by(|a, b| apart(*a).total_cmp(&apart(*b))).unwrap_or(to);
-        found.push(ChangePoint { time, image: ((before.at(time) + after.at(time)) / 2.0).into() });
+        found.push(ChangePoint { time, image: ((before.at(time) + after.at(time)) / 2.0).into(), bends: true });
     }
     found
 }

@@ -157,7 +157,9 @@ impl Search<'_> {
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut chosen: Vec<(f64, f64, Begin, Vec<Trajectory>)> = vec![];
         for it in found {
-            let near = |other: &(f64, f64, Begin, Vec<Trajectory>)| other.2 == it.2 && (other.1 - it.1).abs() < 2.0 * self.interval();
+            let near = |other: &(f64, f64, Begin, Vec<Trajectory>)| {
+                other.2 == it.2 && (other.1 - it.1).abs() < 2.0 * self.interval()
+            };
             if chosen.len() < BEST && !chosen.iter().any(near) {
                 chosen.push(it);
             }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::change_points::ChangePoint;
-use super::search::{APART, DRIFTS, KNOWN, Search, best};
+use super::search::{APART, DRIFTS, KNOWN, LOOSE, Search, best};
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, Segment, Trajectory};
 use crate::physics::{Column, FORCES, part};
@@ -11,6 +11,9 @@ use crate::physics::{Column, FORCES, part};
 /// Hypotheses that are followed from change point to change point: of whole tracks, and of flights by themselves.
 const BEAM: usize = 8;
 const BEAM_OF_FLIGHTS: usize = 4;
+/// Labels between two times at which an unseen hit is looked for, at least, and into how many parts that cuts a flight, at most.
+const FEW: usize = 4;
+const MOST_PARTS: usize = 4;
 /// How near the ends of two trajectories are that count as the same, m.
 const SAME: f64 = 0.05;
 /// How surely a flight that is another's start must be worse than two (−2 ln) to be given up.
@@ -38,16 +41,24 @@ impl Search<'_> {
 
     /// The most probable trajectory of flights from hit to hit, each found by itself: what happens in one says little of the next, and
     /// its bounces say where it is.
-    pub(super) fn chained(&self, points: &[ChangePoint]) -> Option<Hypothesis> {
+    pub(super) fn chained(&self, points: &[ChangePoint], tied: bool) -> Option<Hypothesis> {
         // To the first label, to each change point, and to the last label.
         let mut ways: Vec<Option<Way>> = vec![None; points.len() + 2];
         for from in 0..=points.len() {
+            let mut model = self.model.with_observations(self.model.observations);
             let before = match (from, &ways[from]) {
                 (0, _) => 0.0,
-                (_, Some(way)) => way.cost + self.start_cost(),
+                (_, Some(way)) => {
+                    // It begins about where the one before ends.
+                    let end = part(&self.at(&way.flight, points[from - 1].time), 0);
+                    if tied {
+                        model.place = (end, Vector3::repeat(LOOSE));
+                    }
+                    way.cost + self.start_cost(tied)
+                }
                 _ => continue,
             };
-            self.grow(from, points, false, |to, beam| {
+            self.with_model(&model).grow(from, points, false, |to, beam| {
                 let Some(found) = beam.first() else { return true };
                 let cost = before + found.cost;
                 let known = ways[to].as_ref().map_or(f64::INFINITY, |way| way.cost);
@@ -78,18 +89,41 @@ impl Search<'_> {
         self.is_allowed(&whole).then(|| self.joined(&whole)).flatten()
     }
 
-    /// What a flight after a hit costs because it is not tied to the one before, −2 ln: its velocity and spin may be any, and how far
-    /// away it begins.
-    fn start_cost(&self) -> f64 {
-        let (config, [_, spin]) = (&self.model.config, [0.0, self.model.spin_sigma()]);
-        let depth = self.plane.axis().abs().dot(&self.model.place.1);
+    /// Change points, and between those that are far apart times at which a hit may be that does not bend the track.
+    pub(super) fn with_unseen(&self, points: &[ChangePoint]) -> Vec<ChangePoint> {
+        let ends = [self.labels[0].0, self.labels[self.labels.len() - 1].0];
+        let times = || std::iter::once(ends[0]).chain(points.iter().map(|point| point.time)).chain([ends[1]]);
+        let mut all = points.to_vec();
+        for (from, to) in times().zip(times().skip(1)) {
+            let own: Vec<_> = self.labels.iter().filter(|it| (from..to).contains(&it.0)).collect();
+            let parts = (own.len() / FEW).min(MOST_PARTS);
+            for part in 1..parts {
+                let &&(time, image) = &own[part * own.len() / parts];
+                all.push(ChangePoint { time: time - APART, image, bends: false });
+            }
+        }
+        all.sort_by(|a, b| a.time.total_cmp(&b.time));
+        all
+    }
+
+    /// What a flight after a hit costs because it is hardly tied to the one before, −2 ln: its velocity and spin may be any, and it
+    /// begins nearer or farther.
+    fn start_cost(&self, tied: bool) -> f64 {
+        let (config, spin) = (&self.model.config, self.model.spin_sigma());
+        let depth = if tied { LOOSE } else { self.plane.axis().abs().dot(&self.model.place.1) };
         let free = depth.ln() + 2.0 * KNOWN.ln() + 3.0 * config.speed.ln() + 3.0 * spin.ln();
         2.0 * (free - (config.hit_rate * self.interval()).ln()) - self.model.start_constant()
     }
 
     /// Grows trajectories from a change point (0: the first label) on and shows the most probable ones at every later one, until `visit`
     /// says that it is enough; with hits or without.
-    fn grow(&self, from: usize, points: &[ChangePoint], hits: bool, mut visit: impl FnMut(usize, &[Hypothesis]) -> bool) {
+    fn grow(
+        &self,
+        from: usize,
+        points: &[ChangePoint],
+        hits: bool,
+        mut visit: impl FnMut(usize, &[Hypothesis]) -> bool,
+    ) {
         let times = &self.times;
         let begin = if from == 0 { f64::NEG_INFINITY } else { points[from - 1].time };
         let seen: Vec<usize> = (0..times.len())
@@ -127,10 +161,10 @@ impl Search<'_> {
             let (begin, end) = (end_before(Some(point)), end_before(points.get(index + 1)));
             let last = until(end);
             let mut next: Vec<Hypothesis> = vec![];
-            let options = self.contacts(&point.image, point.time);
+            let options = if point.bends { self.contacts(&point.image, point.time) } else { vec![] };
             let time = point.time.clamp(times[first] + APART, (times[last] - APART).max(times[first] + APART));
             // A flight from the very start is found anew from each contact.
-            if index == from || beam.iter().any(|found| found.trajectory.segments.len() == 1) {
+            if point.bends && (index == from || beam.iter().any(|found| found.trajectory.segments.len() == 1)) {
                 let mut start = fresh([0.0; 9], last);
                 start.segments.push(Segment { begin: Begin::Hit, time, state: [0.0; 9] });
                 for &option in &options {

@@ -35,7 +35,9 @@ impl Model<'_> {
         let size = trajectory.log_size / self.config.size_sigma;
         let mut all = vec![(forces + size * size, 1 + self.forecaster.scale_sigmas().count())];
         let spin = |state: &Column| ((part(state, 2) - self.spin.0) / self.spin.1).norm_squared();
-        for (index, (segment, noise)) in trajectory.segments.iter().zip(self.contact_noises(trajectory, &trajectory.all())).enumerate() {
+        for (index, (segment, noise)) in
+            trajectory.segments.iter().zip(self.contact_noises(trajectory, &trajectory.all())).enumerate()
+        {
             let (Begin::Bounce(obstacle), Some(noise)) = (segment.begin, noise) else {
                 all.push((spin(&segment.state), 3));
                 continue;

@@ -6,7 +6,6 @@ use super::model::Model;
 use super::observation::{Observation, Ray};
 use crate::physics::{FORCES, column};
 
-
 /// Nearest and farthest that a ball is looked for, m.
 const NEAREST: f64 = 0.1;
 const FARTHEST: f64 = 500.0;
@@ -26,6 +25,7 @@ const CHANGING: f64 = 0.2;
 const STEEPEST: f64 = 0.1;
 
 /// A plane before the camera in which the rays' directions are drawn.
+#[derive(Debug, Clone, Copy)]
 pub struct Plane {
     axis: Vector3<f64>,
     across: [Vector3<f64>; 2],
@@ -94,15 +94,17 @@ impl Model<'_> {
     /// then by Gauss and Newton's steps.
     pub fn thrown(&self, times: &[f64], sought: &Sought, noise: f64) -> Option<Throw> {
         let frames = sought.frames.clone();
-        let seen: Vec<(f64, &Ray)> =
-            frames.filter_map(|frame| Some((times[frame] - sought.time, self.observations[frame].ray.as_ref()?))).collect();
+        let seen: Vec<(f64, &Ray)> = frames
+            .filter_map(|frame| Some((times[frame] - sought.time, self.observations[frame].ray.as_ref()?)))
+            .collect();
         let (_, ray) = seen.first()?;
         if seen.len() + 2 * sought.places.len() < FEWEST {
             return None;
         }
         let sought = Thrown { sought, seen: &seen, noise, place: self.place, speed: self.config.speed };
         let middle = sought.sought.places.first().map_or(self.place.0, |known| known.1);
-        let mut throw = Throw { position: middle, velocity: sought.sought.velocity, acceleration: self.gravity(), cost: 0.0 };
+        let mut throw =
+            Throw { position: middle, velocity: sought.sought.velocity, acceleration: self.gravity(), cost: 0.0 };
         let mut free = 0.0;
         for _ in 0..LINEAR {
             throw = sought.linear(&throw)?;

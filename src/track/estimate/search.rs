@@ -35,7 +35,7 @@ const MISSED: f64 = 0.06;
 /// How firmly a ball is where it is seen to touch something, where a contact is known to be, and where a hit is thought to be, m.
 const FIRM: f64 = 0.01;
 pub(super) const KNOWN: f64 = 0.03;
-const LOOSE: f64 = 0.5;
+pub(super) const LOOSE: f64 = 0.5;
 /// By how much a bounce's velocity may seem to be off its law where the spin is not known, m/s.
 const UNLAWFUL: f64 = 1.0;
 /// Least time between two events, and of an event from the first and last frame, s.
@@ -65,6 +65,13 @@ impl<'a> Search<'a> {
         Some(Self { model, plane, times, labels, noise, hits, change_points })
     }
 
+    /// The same with another model of the same track.
+    pub(super) fn with_model<'b>(&self, model: &'b Model<'b>) -> Search<'b> {
+        let Self { plane, times, labels, noise, hits, change_points, .. } = self;
+        let (times, labels) = (times.clone(), labels.clone());
+        Search { model, plane: *plane, times, labels, noise: *noise, hits: *hits, change_points: change_points.clone() }
+    }
+
     /// Hypotheses that may explain the track, the most probable first; frames from the first label to the last.
     pub fn found(&self) -> Vec<Hypothesis> {
         let [clear, all] = &self.change_points;
@@ -72,8 +79,18 @@ impl<'a> Search<'a> {
         if !clear.iter().map(|point| point.time).eq(all.iter().map(|point| point.time)) {
             found.extend(self.grown(clear));
         }
-        found.extend(self.chained(all));
+        let unseen = self.with_unseen(all);
+        let mut chained: Vec<Hypothesis> =
+            [true, false].into_iter().filter_map(|tied| self.chained(&unseen, tied)).collect();
+        // Where both ways lead to the same, one is improved; else each, for neither is always better.
+        let leads = [&found, &chained].map(|all| best(all.clone(), 1).pop());
+        if let [Some(first), Some(second)] = &leads
+            && !first.is_like(second)
+        {
+            self.improve(&mut chained);
+        }
         self.improve(&mut found);
+        found.extend(chained);
         best(found, BEAM)
     }
 
@@ -295,7 +312,8 @@ impl Change {
     /// Whether `before` was as `now` is, where this change is.
     fn is_in(&self, before: &Trajectory, now: &Trajectory) -> bool {
         let own = &now.segments[self.old.clone()];
-        let (from, to) = (own[0].time - APART, now.segments.get(self.old.end).map_or(f64::INFINITY, |it| it.time + APART));
+        let (from, to) =
+            (own[0].time - APART, now.segments.get(self.old.end).map_or(f64::INFINITY, |it| it.time + APART));
         let of = |it: &Segment| (from - 0.01..to + 0.01).contains(&it.time);
         let [a, b] = [before, now].map(|it| it.segments.iter().filter(|it| of(it)).copied().collect::<Vec<_>>());
         let same = |(a, b): (&Segment, &Segment)| {
@@ -327,15 +345,19 @@ pub fn best(mut all: Vec<Hypothesis>, count: usize) -> Vec<Hypothesis> {
     all.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let mut chosen: Vec<Hypothesis> = vec![];
     for found in all {
-        let same = |other: &Hypothesis| {
-            let kinds =
-                |it: &Hypothesis| it.trajectory.segments.iter().map(|segment| segment.begin).collect::<Vec<_>>();
-            let apart = other.trajectory.segments[0].position() - found.trajectory.segments[0].position();
-            kinds(other) == kinds(&found) && apart.norm() < 0.02
-        };
+        let same = |other: &Hypothesis| other.is_like(&found);
         if chosen.len() < count && !chosen.iter().any(same) {
             chosen.push(found);
         }
     }
     chosen
+}
+
+impl Hypothesis {
+    /// Whether it is another's: the same contacts and hits from the same start.
+    fn is_like(&self, other: &Hypothesis) -> bool {
+        let kinds = |it: &Hypothesis| it.trajectory.segments.iter().map(|segment| segment.begin).collect::<Vec<_>>();
+        let apart = other.trajectory.segments[0].position() - self.trajectory.segments[0].position();
+        kinds(other) == kinds(self) && apart.norm() < 0.02
+    }
 }

@@ -112,8 +112,7 @@ impl Model<'_> {
     pub fn judged(&self, trajectory: Trajectory, span: &Span) -> Option<Hypothesis> {
         let noises = self.contact_noises(&trajectory, span);
         let span = span.clone();
-        let search =
-            Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
+        let search = Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         let (sums, squares) = search.sums(false)?;
         let Search { trajectory, span, noises, .. } = search;
         let labels = squares.len() as f64 * self.label_constant(trajectory.noise) + self.noise_cost(trajectory.noise);
@@ -126,8 +125,7 @@ impl Model<'_> {
         let span = trajectory.all();
         let noises = self.contact_noises(trajectory, &span);
         let trajectory = trajectory.clone();
-        let search =
-            Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
+        let search = Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         search.sums(false)?.0.marginals()
     }
 }
