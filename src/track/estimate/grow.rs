@@ -8,9 +8,9 @@ use super::solve::Hypothesis;
 use super::trajectory::{Begin, Segment, Trajectory};
 use crate::physics::{Column, FORCES, part};
 
-/// Hypotheses that are followed from change point to change point: of whole tracks, and of flights by themselves.
-const BEAM: usize = 8;
-const BEAM_OF_FLIGHTS: usize = 4;
+/// Hypotheses that are followed from change point to change point: of whole tracks; of flights by themselves, and for a first look.
+pub(super) const BEAM: usize = 8;
+pub(super) const NARROW: usize = 4;
 /// Labels between two times at which an unseen hit is looked for, at least, and into how many parts that cuts a flight, at most.
 const FEW: usize = 4;
 const MOST_PARTS: usize = 4;
@@ -30,9 +30,9 @@ struct Way {
 
 impl Search<'_> {
     /// The most probable trajectories along these change points.
-    pub(super) fn grown(&self, points: &[ChangePoint]) -> Vec<Hypothesis> {
+    pub(super) fn grown(&self, points: &[ChangePoint], size: usize) -> Vec<Hypothesis> {
         let mut last = vec![];
-        self.grow(0, points, true, |_, beam| {
+        self.grow((0, points), (true, size), |_, beam| {
             last = beam.to_vec();
             true
         });
@@ -58,7 +58,7 @@ impl Search<'_> {
                 }
                 _ => continue,
             };
-            self.with_model(&model).grow(from, points, false, |to, beam| {
+            self.with_model(&model).grow((from, points), (false, NARROW), |to, beam| {
                 let Some(found) = beam.first() else { return true };
                 let cost = before + found.cost;
                 let known = ways[to].as_ref().map_or(f64::INFINITY, |way| way.cost);
@@ -116,12 +116,11 @@ impl Search<'_> {
     }
 
     /// Grows trajectories from a change point (0: the first label) on and shows the most probable ones at every later one, until `visit`
-    /// says that it is enough; with hits or without.
+    /// says that it is enough; with hits or without, following so many (`size`).
     fn grow(
         &self,
-        from: usize,
-        points: &[ChangePoint],
-        hits: bool,
+        (from, points): (usize, &[ChangePoint]),
+        (hits, size): (bool, usize),
         mut visit: impl FnMut(usize, &[Hypothesis]) -> bool,
     ) {
         let times = &self.times;
@@ -145,7 +144,6 @@ impl Search<'_> {
             last,
             times: times.clone(),
         };
-        let size = if hits { BEAM } else { BEAM_OF_FLIGHTS };
         let mut beam: Vec<Hypothesis> = vec![];
         let end = end_before(points.get(from));
         for drift in DRIFTS {

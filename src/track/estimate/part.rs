@@ -31,7 +31,7 @@ const LONGEST_HELD: usize = 8;
 const FEWEST_FLYING: usize = 5;
 const HELD: f64 = 6.0;
 /// Clear change points up to which a track is tried with what may be wrong about it.
-const BEGINNING: usize = 4;
+const BEGINNING: usize = 3;
 /// Least size that is told of what the apparent size says otherwise, and fewest sizes for it.
 const SIZE_OFF: f64 = 0.02;
 const FEWEST_SIZES: usize = 8;

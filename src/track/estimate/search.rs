@@ -7,6 +7,7 @@ use std::sync::Arc;
 use nalgebra::{Point2, Vector3};
 
 use super::change_points::{CLEAR, ChangePoint, FAINT, change_points};
+use super::grow::{BEAM, NARROW};
 use super::model::{Loss, Model};
 use super::rays::{Plane, Sought, Throw};
 use super::solve::Hypothesis;
@@ -15,8 +16,6 @@ use crate::physics::{Column, FORCES, Obstacle, column, part};
 
 /// Velocities away from the camera that a first flight is tried with, in standard deviations: they are hardly seen.
 pub(super) const DRIFTS: [f64; 3] = [0.0, 1.0, -1.0];
-/// Hypotheses that are kept in the end.
-const BEAM: usize = 8;
 /// Segments at the growing end that are refined.
 const OPEN: usize = 3;
 /// Steps of a growing trajectory, of one that is tried, and to the end.
@@ -75,9 +74,9 @@ impl<'a> Search<'a> {
     /// Hypotheses that may explain the track, the most probable first; frames from the first label to the last.
     pub fn found(&self) -> Vec<Hypothesis> {
         let [clear, all] = &self.change_points;
-        let mut found = self.grown(all);
+        let mut found = self.grown(all, BEAM);
         if !clear.iter().map(|point| point.time).eq(all.iter().map(|point| point.time)) {
-            found.extend(self.grown(clear));
+            found.extend(self.grown(clear, BEAM));
         }
         let unseen = self.with_unseen(all);
         let mut chained: Vec<Hypothesis> =
@@ -96,7 +95,7 @@ impl<'a> Search<'a> {
 
     /// The same in a small part of the time: along the clear change points only.
     pub fn quick(&self) -> Vec<Hypothesis> {
-        best(self.grown(&self.change_points[0]), BEAM)
+        best(self.grown(&self.change_points[0], NARROW), BEAM)
     }
 
     /// When the clear change point of this number is, s, counted from 0.
