@@ -21,8 +21,8 @@ mod tests;
 #[doc(hidden)]
 pub use self::cases::Case;
 pub(crate) use self::contact::Rigid;
+pub(crate) use self::force::FORCES;
 pub use self::force::Potential;
-pub(crate) use self::force::{FORCES, air_coefficients};
 pub(crate) use self::forecast::Transition;
 pub(crate) use self::forecast::columns::{Column, column, part};
 pub(crate) use self::forecast::flight::{Flight, Sensitivity};

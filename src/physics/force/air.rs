@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::{Depends, Force, Linear, Partials};
 use crate::physics::scene::{Ball, Scene};
 
-/// Scale uncertainty of a drag coefficient where the scene does not give one: chosen, as the fit's.
+/// Scale uncertainty of a drag coefficient where the scene does not give one: chosen.
 const DRAG_SIGMA: f64 = 0.15;
 /// The same of the lift: chosen; from 0.1 to 0.4 flights of table tennis come out alike, for the spin makes up for it.
 const LIFT_SIGMA: f64 = 0.2;
@@ -25,7 +25,7 @@ pub(super) struct Drag {
 pub(super) struct Lift(f64);
 
 /// c of the drag `−c·|v|·v`, 1/m, and of the Magnus force `c·ω×v`.
-pub fn air_coefficients(ball: &Ball) -> [f64; 2] {
+fn air_coefficients(ball: &Ball) -> [f64; 2] {
     let pressure = 0.5 * ball.air_density * PI * ball.radius.powi(2) / ball.mass;
     [pressure * ball.drag_coefficient, pressure * ball.radius * ball.lift_coefficient]
 }

@@ -9,7 +9,6 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-pub use self::air::air_coefficients;
 use self::air::{Drag, Lift};
 use self::gravity::Gravity;
 pub use self::potential::Potential;

@@ -142,11 +142,6 @@ impl Forecaster {
         &self.options
     }
 
-    /// Whether it has a potential of the user's own.
-    pub(crate) fn has_potential(&self) -> bool {
-        self.potential.is_some()
-    }
-
     /// Kinetic and potential energy per unit mass, J/kg, without the spin's.
     pub fn energy(&self, state: &State) -> f64 {
         let (r, laws) = (&state.position.coords, &self.forwards);

@@ -1,6 +1,6 @@
 //! Trajectories that differ from another in one event, for the search to try.
 
-use nalgebra::{Point2, Vector3};
+use nalgebra::Point2;
 
 use super::rays::Throw;
 use super::search::{APART, DRIFTS, Search};

@@ -13,9 +13,8 @@ pub struct EstimatorConfig {
     pub noise_weight: f64,
     /// Spectral density of the labels' errors that last over frames (the lens, the light side of the ball, the tracker's habit), px²·s.
     pub drift: f64,
-    /// Fraction of labels that are this many times as noisy, and of those that are anywhere in the picture.
-    pub rough_fraction: f64,
-    pub rough_factor: f64,
+    /// Fractions of labels that are this many times as noisy, and the fraction of those that are anywhere in the picture.
+    pub rough: [[f64; 2]; 2],
     pub stray_fraction: f64,
     /// How exactly a trajectory is continuous, m, and how exactly the scene puts its surfaces, m.
     pub continuity: f64,
@@ -44,8 +43,7 @@ impl Default for EstimatorConfig {
             noise_px: 1.5,
             noise_weight: 2.0,
             drift: 0.004,
-            rough_fraction: 0.03,
-            rough_factor: 5.0,
+            rough: [[0.03, 5.0], [0.02, 25.0]],
             stray_fraction: 0.01,
             continuity: 1e-3,
             surface: 3e-3,

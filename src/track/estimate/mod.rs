@@ -6,10 +6,8 @@
 //! [`solve`]): labels with a mixture of noise, rough labels and strays, whose scale is estimated along; apparent sizes; obstacles;
 //! priors. Which contacts, hits and lost frames there are is a hypothesis; hypotheses are found by [`search`] and compared by their
 //! evidence (Laplace's approximation; Kass and Raftery 1995, "Bayes factors").
-//!
-//! [`Forecaster::fit`] does not use it yet: rallies of many strokes are found better by [`super::fit`].
 
-pub(super) mod change_points;
+mod change_points;
 mod changes;
 mod config;
 mod drops;

@@ -126,20 +126,28 @@ impl<'a> Model<'a> {
         if loss == Loss::Growing {
             return huber(square, BARRIER);
         }
-        let wide = config.rough_factor.powi(2);
-        let good = (1.0 - config.rough_fraction - config.stray_fraction) * (-square / 2.0).exp();
-        let rough = config.rough_fraction / wide * (-square / (2.0 * wide)).exp();
+        let good = self.good_fraction() * (-square / 2.0).exp();
         let stray = config.stray_fraction * std::f64::consts::TAU * noise * noise / self.area;
-        let all = good + rough + stray;
-        (-2.0 * (all / self.met(noise)).ln(), (good + rough / wide) / all)
+        let (mut all, mut slope) = (good + stray, good);
+        for [fraction, factor] in config.rough {
+            let wide = factor * factor;
+            let rough = fraction / wide * (-square / (2.0 * wide)).exp();
+            all += rough;
+            slope += rough / wide;
+        }
+        (-2.0 * (all / self.met(noise)).ln(), slope / all)
+    }
+
+    /// Fraction of the labels that are neither rough nor strays.
+    fn good_fraction(&self) -> f64 {
+        1.0 - self.config.stray_fraction - self.config.rough.iter().map(|[fraction, _]| fraction).sum::<f64>()
     }
 
     /// Density of a label that is met, times 2πσ².
     fn met(&self, noise: f64) -> f64 {
         let config = &self.config;
-        1.0 - config.rough_fraction - config.stray_fraction
-            + config.rough_fraction / config.rough_factor.powi(2)
-            + config.stray_fraction * std::f64::consts::TAU * noise * noise / self.area
+        let rough = config.rough.iter().map(|[fraction, factor]| fraction / (factor * factor)).sum::<f64>();
+        self.good_fraction() + rough + config.stray_fraction * std::f64::consts::TAU * noise * noise / self.area
     }
 
     /// What a label that is met costs: −2 ln of its density, px⁻².
@@ -269,11 +277,12 @@ impl<'a> Model<'a> {
 
     /// Cost of a size's squared residual and its derivative: a mixture as the labels', of sizes that are good or anything.
     fn size_cost(&self, square: f64) -> (f64, f64) {
-        let stray = self.config.rough_fraction / self.config.rough_factor;
-        let good = (1.0 - self.config.rough_fraction) * (-square / 2.0).exp();
-        let all = good + stray * (-square / (2.0 * self.config.rough_factor.powi(2))).exp();
-        let met = 1.0 - self.config.rough_fraction + stray;
-        let slow = self.config.rough_factor.powi(-2);
+        let [fraction, factor] = self.config.rough[0];
+        let stray = fraction / factor;
+        let good = (1.0 - fraction) * (-square / 2.0).exp();
+        let all = good + stray * (-square / (2.0 * factor * factor)).exp();
+        let met = 1.0 - fraction + stray;
+        let slow = factor.powi(-2);
         (-2.0 * (all / met).ln(), (good + (all - good) * slow) / all)
     }
 

@@ -5,15 +5,22 @@ use nalgebra::Point2;
 use super::{FEWEST, FitOptions, Observation, Parameter, parameters};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::{ForecastOptions, Forecaster};
+use crate::physics::{Contact, ForecastOptions, Forecaster};
 
 /// How far outside the picture a label may be that a tracker has made up there, a share of the side.
 const OUTSIDE: f64 = 0.05;
 
 impl Forecaster {
-    /// Whether a ball whose spin is unknown is fitted flight by flight; not where its spin is to be found together with
-    /// what those flights do not know.
-    pub(super) fn fits_flights(&self, options: &FitOptions) -> Result<bool> {
+    /// Whether the ball's spin turns into forces, or friction does, and nobody knows it.
+    pub(super) fn is_spin_unknown(&self) -> bool {
+        let scene = self.scene();
+        let Contact::Bounce { friction, .. } = scene.contact else { return false };
+        scene.ball.spin == [0.0; 3] && (scene.ball.lift_coefficient != 0.0 || friction > 0.0)
+    }
+
+    /// Whether the spin of a ball that nobody knows is estimated with each flight; not where it is to be found, by name, together with
+    /// what that does not know.
+    pub(super) fn estimates_spin(&self, options: &FitOptions) -> Result<bool> {
         let numbers = parameters::numbers(options);
         let names: Vec<&str> = numbers.iter().map(|number| number.name()).collect();
         let reason = if !numbers.is_empty() {
@@ -23,10 +30,8 @@ impl Forecaster {
                  allow",
                 names.join(" and ")
             )
-        } else if self.has_potential() {
-            "a potential of one's own is not known to the flights of a ball whose spin is unknown".into()
         } else if *self.options() != ForecastOptions::default() {
-            "the flights of a ball whose spin is unknown have an integrator of their own and know no other forecast options"
+            "where the ball's spin is unknown the fit has an integrator of its own and knows no other forecast options"
                 .into()
         } else {
             return Ok(true);

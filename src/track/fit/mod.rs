@@ -6,7 +6,6 @@
 
 mod chain;
 mod checks;
-mod flights;
 mod json;
 mod labels;
 mod loss;
@@ -28,6 +27,7 @@ use self::search::{EXPLAINED, FINAL, best_of, searched};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::physics::{Contact, Forecaster, Impact, State, part};
+use crate::track::estimate::estimated;
 
 /// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
 const FEWEST: usize = 4;
@@ -249,9 +249,9 @@ impl Forecaster {
             refused[stray] = Some("lies on another way than most labels: is it another ball's?".into());
         }
         check_seen(&usable, &refused)?;
-        let mut fit = match flights::laws(self.scene()) {
-            Some(_) if self.fits_flights(options)? => super::estimate::estimated(self, camera, &usable, options)?,
-            _ => self.fit_known(camera, &usable, options)?,
+        let mut fit = match self.is_spin_unknown() && self.estimates_spin(options)? {
+            true => estimated(self, camera, &usable, options)?,
+            false => self.fit_known(camera, &usable, options)?,
         };
         for (frame, refused) in fit.frames.iter_mut().zip(refused) {
             frame.outlier |= refused.is_some();
