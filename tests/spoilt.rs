@@ -98,8 +98,9 @@ fn what_people_get_wrong_is_not_explained_and_named() {
     {
         assert!(explained <= 1 && named >= 9, "{what}: {explained} explained, {named} named");
     }
-    // That a table is too high explains all but the apparent sizes, so most call themselves explained, and all have the note.
-    assert!(high[0] <= 10 && high[1] >= 11, "the table's height: {} explained, {} named", high[0], high[1]);
+    // That a table is 10 cm too high explains all but the apparent sizes, and those by little more than a ball's size is known: all have
+    // the note.
+    assert!(high[1] >= 11, "the table's height: {} explained, {} named", high[0], high[1]);
 }
 
 #[test]

@@ -8,8 +8,6 @@ mod fit;
 mod follow;
 mod tracked;
 
-#[doc(hidden)]
-pub use self::estimate::estimated;
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub(crate) use self::fit::SOLVER_VERSION;

@@ -326,9 +326,10 @@ impl<'a> Model<'a> {
         let config = &self.config;
         let ln = |sigma: f64| 2.0 * sigma.ln();
         let mut cost = 0.0;
-        for index in span.start.max(1)..(span.end + 1).min(trajectory.segments.len()) {
+        let begins = trajectory.segments.iter().map(|segment| segment.begin).zip(noises).enumerate();
+        for (_, (begin, noise)) in begins.filter(|(index, _)| (span.start.max(1)..=span.end).contains(index)) {
             cost += 3.0 * ln(config.continuity);
-            cost += match (trajectory.segments[index].begin, noises[index]) {
+            cost += match (begin, noise) {
                 (Begin::Bounce(_), Some(noise)) => {
                     let closing = noise.closing.max(SLOWEST_CLOSING);
                     ln(config.surface) - ln(closing) + ln(noise.along) + 2.0 * ln(noise.across) + 3.0 * ln(noise.spin)
