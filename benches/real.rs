@@ -1,5 +1,6 @@
-//! `fit` on recordings with 3D truth: `cargo bench --bench real -- FOLDER FPS [even|odd]`. The folder holds `camera.json`,
-//! `scene.json`, and of each shot `NNN.csv` (Frame,Visibility,X,Y) and `NNN.truth.csv` (Frame,x,y,z).
+//! `fit` on recordings with 3D truth: `cargo bench --bench real -- FOLDER FPS [even|odd|spoilt]`. The folder holds `camera.json`,
+//! `scene.json`, and of each shot `NNN.csv` (Frame,Visibility,X,Y) and `NNN.truth.csv` (Frame,x,y,z). `spoilt`: every sixth shot from the
+//! second on, with what people get wrong.
 
 mod common;
 
@@ -7,8 +8,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use gravisight::{Camera, Fit, FitOptions, Forecaster, Scene, Track};
-use nalgebra::{Point3, distance};
+use gravisight::{Camera, Fit, FitOptions, Forecaster, Observation, Scene, Track};
+use nalgebra::{Point2, Point3, distance};
 use rayon::prelude::*;
 
 /// Error from which a position with a smaller 2σ is confident and wrong, m.
@@ -61,7 +62,7 @@ fn main() {
         arguments = vec![folder.to_string_lossy().into(), fps.to_string()];
     }
     let [folder, fps, rest @ ..] = arguments.as_slice() else {
-        return println!("usage: cargo bench --bench real -- FOLDER FPS [even|odd]");
+        return println!("usage: cargo bench --bench real -- FOLDER FPS [even|odd|spoilt]");
     };
     let (folder, fps): (&Path, f64) = (Path::new(folder), fps.parse().unwrap());
     let wanted = |index: usize| match rest.first().map(String::as_str) {
@@ -70,10 +71,15 @@ fn main() {
         _ => true,
     };
     let camera = Camera::from_file(&folder.join("camera.json")).unwrap();
-    let forecaster = Forecaster::new(&Scene::from_file(&folder.join("scene.json")).unwrap()).unwrap();
+    let scene = Scene::from_file(&folder.join("scene.json")).unwrap();
+    let forecaster = Forecaster::new(&scene).unwrap();
     let files = std::fs::read_dir(folder).unwrap().filter_map(|entry| entry.unwrap().file_name().into_string().ok());
     let mut names: Vec<String> = files.filter_map(|file| file.strip_suffix(".truth.csv").map(String::from)).collect();
     names.sort();
+    if rest.first().is_some_and(|it| it == "spoilt") {
+        let names: Vec<String> = names.into_iter().skip(1).step_by(6).collect();
+        return spoilt(folder, fps, &names, &camera, &scene);
+    }
     let names: Vec<String> =
         names.into_iter().enumerate().filter(|(index, _)| wanted(*index)).map(|(_, name)| name).collect();
     let shot = |name: &String| {
@@ -161,6 +167,82 @@ fn main() {
     }
     if common::is_check() {
         std::fs::remove_dir_all(folder).unwrap();
+    }
+}
+
+/// What is done to a track: its frames, and which of the track's each of them shows.
+type Spoil = fn(Vec<(usize, Observation)>, [f64; 2]) -> Vec<(usize, Observation)>;
+
+/// Says of how many shots with each of the usual mistakes `fit` believes that it explains them.
+fn spoilt(folder: &Path, fps: f64, names: &[String], camera: &Camera, scene: &Scene) {
+    fn moved(
+        track: Vec<(usize, Observation)>,
+        to: impl Fn(f64, Point2<f64>) -> Point2<f64>,
+    ) -> Vec<(usize, Observation)> {
+        track
+            .into_iter()
+            .map(|(of, it)| (of, Observation { image: it.image.map(|at| to(it.time, at)), ..it }))
+            .collect()
+    }
+    fn retimed(track: Vec<(usize, Observation)>, factor: f64) -> Vec<(usize, Observation)> {
+        track.into_iter().map(|(of, it)| (of, Observation { time: it.time * factor, ..it })).collect()
+    }
+    /// Frames as a clock shows them that has a new time for each.
+    fn shown(track: &[(usize, Observation)], which: impl Iterator<Item = usize>) -> Vec<(usize, Observation)> {
+        let at =
+            |(index, from): (usize, usize)| (track[from].0, Observation { time: track[index].1.time, ..track[from].1 });
+        which.enumerate().take_while(|(index, _)| *index < track.len()).map(at).collect()
+    }
+    let kinds: [(&str, Spoil); 9] = [
+        ("as it is", |track, _| track),
+        ("mirrored", |track, [width, _]| moved(track, |_, at| Point2::new(width - 1.0 - at.x, at.y))),
+        ("turned upside down", |track, [width, height]| {
+            moved(track, |_, at| Point2::new(width - 1.0 - at.x, height - 1.0 - at.y))
+        }),
+        ("gravity upwards", |track, _| track),
+        ("150 frames a second instead of 168", |track, _| retimed(track, 168.067 / 150.0)),
+        ("120 instead of 168", |track, _| retimed(track, 168.067 / 120.0)),
+        ("every third label another ball's", |track, [width, height]| {
+            let other = |(index, (of, it)): (usize, (usize, Observation))| {
+                let at = Point2::new((0.1 + 0.5 * it.time) * width, (0.8 - 0.3 * it.time) * height);
+                let image = if index % 3 == 2 { it.image.map(|_| at) } else { it.image };
+                (of, Observation { image, ..it })
+            };
+            track.into_iter().enumerate().map(other).collect()
+        }),
+        ("every fifth frame shown twice", |track, _| shown(&track, (0..).map(|index| 5 * index / 6))),
+        ("four frames missing", |track, _| {
+            let (count, middle) = (track.len(), track.len() / 2);
+            shown(&track, (0..middle).chain(middle + 4..count))
+        }),
+    ];
+    for (kind, spoil) in kinds {
+        let mut scene = scene.clone();
+        if kind == "gravity upwards" {
+            scene.gravity = scene.gravity.map(|g| -g);
+        }
+        let forecaster = Forecaster::new(&scene).unwrap();
+        let shot = |name: &String| -> Option<(bool, f64)> {
+            let track = Track::from_file(&folder.join(format!("{name}.csv"))).unwrap();
+            let truth = truth_of(&folder.join(format!("{name}.truth.csv")));
+            let (frames, observations) = track.observations(Some(fps)).unwrap();
+            let size = [camera.size().width, camera.size().height].map(f64::from);
+            let (of, observations): (Vec<usize>, Vec<Observation>) =
+                spoil(observations.into_iter().enumerate().collect(), size).into_iter().unzip();
+            let fit = forecaster.fit(camera, &observations, &FitOptions::default()).ok()?;
+            let seen = fit.frames.iter().zip(of).filter(|(frame, _)| frame.refused.is_none() && !frame.outlier);
+            let errors = seen.filter_map(|(frame, of)| Some(distance(&frame.state.position, truth.get(&frames[of])?)));
+            Some((fit.explained, quantile(errors, 0.5)))
+        };
+        let all: Vec<Option<(bool, f64)>> = names.par_iter().map(shot).collect();
+        let explained = || all.iter().flatten().filter(|(explained, _)| *explained);
+        println!(
+            "{kind}: {} shots, refused {}, explained {}, of those off by more than 30 cm in the median {}",
+            all.len(),
+            all.iter().filter(|it| it.is_none()).count(),
+            explained().count(),
+            explained().filter(|(_, median)| *median > BAD).count()
+        );
     }
 }
 

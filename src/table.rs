@@ -40,10 +40,28 @@ impl Table {
     /// [`Error::Io`]; [`Error::Format`] for a file that is no text, else as [`Self::from_text`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
-        let what = path.display().to_string();
+        Self::from_text(&Self::text_of(path)?, &path.display().to_string())
+    }
+
+    /// The text of a file.
+    ///
+    /// # Errors
+    /// [`Error::Io`]; [`Error::Format`] for a file that is no text.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn text_of(path: &std::path::Path) -> Result<String> {
         let bytes = crate::files::read(path)?;
         let text = String::from_utf8(bytes).map_err(|error| format!("is not a text file ({})", error.utf8_error()));
-        Self::from_text(&text.map_err(Error::format(&what))?, &what)
+        text.map_err(Error::format(&path.display().to_string()))
+    }
+
+    /// Reads a text that has no line of names, if its first line holds numbers alone, as many as there are names.
+    pub fn without_names(text: &str, what: &str, names: &[&str]) -> Option<Self> {
+        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+        let rows = records(text, what, 1).ok()?;
+        let first = rows.first()?;
+        let numbers = first.cells.iter().all(|cell| cell.parse::<f64>().is_ok());
+        let columns = names.iter().map(|name| plain(name)).collect();
+        (numbers && first.cells.len() == names.len()).then(|| Self { what: what.into(), columns, rows })
     }
 
     /// Reads the text of a file; `what` names it in errors. The first line may be separated otherwise than the others.
@@ -80,6 +98,11 @@ impl Table {
     /// The column of that name, if it is there.
     pub fn column_if_any<'a>(&self, name: &'a str) -> Option<Column<'a>> {
         self.column(name).ok()
+    }
+
+    /// The column that has one of these names, if it is there.
+    pub fn column_of<'a>(&self, names: &[&'a str]) -> Option<Column<'a>> {
+        names.iter().find_map(|name| self.column_if_any(name))
     }
 
     /// The columns of those names.

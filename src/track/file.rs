@@ -1,5 +1,5 @@
 //! 2D tracks: CSV with the columns `Frame,Visibility,X,Y`, the common format of 2D ball trackers, and optionally
-//! `Time`, `Radius`, `RadiusSigma`, `Sigma`.
+//! `Time`, `Radius`, `RadiusSigma`, `Sigma`. Others' names of these are read as well.
 
 use nalgebra::Point2;
 use serde::Serialize;
@@ -11,9 +11,19 @@ use crate::table::{Column, Row, Table};
 /// What a track's file is, for who gave another.
 const EXPECTED: &str = "a 2D track is a CSV table whose first line is Frame,Visibility,X,Y (and Time in seconds, if you like); `gravisight \
                         track VIDEO --out track.csv` writes one, as other trackers do";
-/// The columns that a file must have, and those that it may have.
+/// The columns of a file, and those that it may have.
 const COLUMNS: [&str; 4] = ["Frame", "Visibility", "X", "Y"];
 const TIME: &str = "Time";
+/// As other trackers call them (case, spaces and underscores are all the same).
+const FRAMES: [&str; 6] = [COLUMNS[0], "frame index", "frame number", "frame num", "frame id", "frame no"];
+const VISIBLE: [&str; 3] = [COLUMNS[1], "visible", "vis"];
+const ACROSS: [&str; 8] = [COLUMNS[2], "x centroid", "x center", "x centre", "xc", "cx", "ball x", "x px"];
+const DOWN: [&str; 8] = [COLUMNS[3], "y centroid", "y center", "y centre", "yc", "cy", "ball y", "y px"];
+const TIMES: [&str; 7] = [TIME, "timestamp", "timestamp sec", "timestamp s", "time sec", "time s", "seconds"];
+/// What a table of numbers alone holds.
+const NAMELESS: [&str; 3] = [COLUMNS[0], COLUMNS[2], COLUMNS[3]];
+/// Where trackers put a ball that they do not see, px.
+const NOWHERE: [[f64; 2]; 2] = [[0.0, 0.0], [-1.0, -1.0]];
 const SIZES: [&str; 3] = ["Radius", "RadiusSigma", "Sigma"];
 /// Longest run of frames that a file may leave out: they are filled in as frames without the ball.
 const LONGEST_GAP: u64 = 1000;
@@ -138,23 +148,25 @@ impl Track {
     /// [`Error::Io`]; [`Error::Format`] for a file that is no text, else as [`Self::from_csv`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
-        Self::from_table(&Table::from_file(path).map_err(|error| error.expecting(EXPECTED))?)
+        let text = Table::text_of(path).map_err(|error| error.expecting(EXPECTED))?;
+        Self::from_csv(&text, &path.display().to_string())
     }
 
-    /// Reads the text of a file; `what` names it in errors.
+    /// Reads the text of a file; `what` names it in errors. `Visibility` may be left out: a ball that is nowhere, or at (0, 0) or
+    /// (−1, −1), is not seen. Of `Frame` and `Time` one is enough. Three numbers a line without names are frame, x, y.
     ///
     /// # Errors
     /// [`Error::Format`] where a column is missing, [`Error::Value`] for a number that cannot be (line and column are
     /// named), and for frames or times that do not ascend.
     pub fn from_csv(text: &str, what: &str) -> Result<Self> {
-        Self::from_table(&Table::from_text(text, what).map_err(|error| error.expecting(EXPECTED))?)
-    }
-
-    fn from_table(table: &Table) -> Result<Self> {
-        let columns = Columns::of(table)?;
+        let table = match Table::without_names(text, what, &NAMELESS) {
+            Some(table) => table,
+            None => Table::from_text(text, what).map_err(|error| error.expecting(EXPECTED))?,
+        };
+        let columns = Columns::of(&table)?;
         let mut points: Vec<TrackPoint> = Vec::with_capacity(table.rows.len());
-        for row in &table.rows {
-            let point = columns.point(row)?;
+        for (index, row) in table.rows.iter().enumerate() {
+            let point = columns.point(row, index as u64)?;
             if let Some(before) = points.last() {
                 point.follows(before).map_err(|(column, reason)| Error::value(&row.what, column, reason))?;
             }
@@ -222,8 +234,9 @@ impl Track {
 
 /// Where a table has what.
 struct Columns<'a> {
-    frame: Column<'a>,
-    visibility: Column<'a>,
+    /// None where times stand for it.
+    frame: Option<Column<'a>>,
+    visibility: Option<Column<'a>>,
     place: [Column<'a>; 2],
     time: Option<Column<'a>>,
     sizes: [Option<Column<'a>>; 3],
@@ -231,21 +244,46 @@ struct Columns<'a> {
 
 impl Columns<'_> {
     fn of(table: &Table) -> Result<Self> {
-        let [frame, visibility, x, y] = table.columns(COLUMNS).map_err(|error| error.expecting(EXPECTED))?;
-        let (time, sizes) = (table.column_if_any(TIME), SIZES.map(|name| table.column_if_any(name)));
-        Ok(Self { frame, visibility, place: [x, y], time, sizes })
+        let wanted = |names: &[&'static str]| match table.column_of(names) {
+            Some(column) => Ok(column),
+            None => table.column(names[0]).map_err(|error| error.expecting(EXPECTED)),
+        };
+        let (time, sizes) = (table.column_of(&TIMES), SIZES.map(|name| table.column_if_any(name)));
+        let frame = match time {
+            Some(_) => table.column_of(&FRAMES),
+            None => Some(wanted(&FRAMES)?),
+        };
+        Ok(Self {
+            frame,
+            visibility: table.column_of(&VISIBLE),
+            place: [wanted(&ACROSS)?, wanted(&DOWN)?],
+            time,
+            sizes,
+        })
     }
 
-    fn point(&self, row: &Row) -> Result<TrackPoint> {
-        let visibility = match row.flag(self.visibility)? {
-            true => row.count(self.visibility).map_or(1, |level| level.min(255) as u8),
-            false => 0,
+    /// The point of a row, which is the track's `index`th.
+    fn point(&self, row: &Row, index: u64) -> Result<TrackPoint> {
+        let level = match self.visibility {
+            Some(column) if !row.flag(column)? => 0,
+            Some(column) => row.count(column).map_or(1, |level| level.min(255) as u8),
+            None => 1,
         };
-        let [x, y] = match visibility {
+        let place = match (level, self.visibility) {
             // They mean nothing then, whatever stands there.
-            0 => self.place.map(|column| row.number_if_any(column).unwrap_or_default()),
-            _ => row.numbers(self.place)?.map(Some),
+            (0, _) => self.place.map(|column| row.number_if_any(column).unwrap_or_default()),
+            (_, Some(_)) => row.numbers(self.place)?.map(Some),
+            (_, None) => {
+                let [x, y] = self.place.map(|column| row.number_if_any(column));
+                [x?, y?]
+            }
         };
+        let is_somewhere = |x: f64, y: f64| !NOWHERE.contains(&[x, y]);
+        let visibility = match place {
+            [Some(x), Some(y)] if is_somewhere(x, y) => level,
+            _ => 0,
+        };
+        let [x, y] = place;
         let size = |column: Option<Column<'_>>| match column.map(|column| row.number_if_any(column)).transpose()? {
             Some(Some(size)) if size < 0.0 => {
                 let reason = format!("must not be negative, as {size} is");
@@ -255,7 +293,7 @@ impl Columns<'_> {
         };
         let [radius, radius_sigma, sigma] = self.sizes;
         Ok(TrackPoint {
-            frame: row.count(self.frame)?,
+            frame: self.frame.map_or(Ok(index), |column| row.count(column))?,
             visibility,
             x,
             y,

@@ -7,7 +7,8 @@ use super::Forecaster;
 use super::columns::{Column, column, part};
 use crate::physics::force::{FORCES, Forces, Partials};
 
-/// Longest step of the integration (Runge and Kutta's, fourth order), s.
+/// Longest step of the integration (Runge and Kutta's, fourth order), s; shorter ones than half of it are read off a curve of third
+/// order through the ends of one of that length.
 const LONGEST_STEP: f64 = 0.05;
 
 /// Derivatives of a vector by the start (position, velocity, spin) and by the logarithms of the forces' scales.
@@ -27,6 +28,27 @@ pub(crate) struct Flight<'a> {
     pub velocity: Sensitivity,
     /// By what the spin has decayed since the start: its derivative by the spin there.
     pub spin: f64,
+    /// The long step that short ones are on.
+    stretch: Option<Box<Stretch>>,
+}
+
+/// A moment of a flight.
+#[derive(Debug, Clone, Copy)]
+struct Moment {
+    state: Column,
+    position: Sensitivity,
+    velocity: Sensitivity,
+    spin: f64,
+}
+
+/// A step of a flight, and where on it the flight is.
+#[derive(Debug, Clone)]
+struct Stretch {
+    from: Moment,
+    to: Moment,
+    /// How long it lasts, and for how long of that the flight has been, s.
+    lasting: f64,
+    elapsed: f64,
 }
 
 impl Forecaster {
@@ -34,7 +56,16 @@ impl Forecaster {
     pub(crate) fn flight(&self, start: &Column, log_scales: &[f64; FORCES], derivatives: bool) -> Flight<'_> {
         let unit = |first: usize| Sensitivity::from_fn(|row, column| f64::from(u8::from(column == first + row)));
         let (forces, scales) = (&self.forwards.forces, log_scales.map(f64::exp));
-        Flight { forces, derivatives, scales, state: *start, position: unit(0), velocity: unit(3), spin: 1.0 }
+        Flight {
+            forces,
+            derivatives,
+            scales,
+            state: *start,
+            position: unit(0),
+            velocity: unit(3),
+            spin: 1.0,
+            stretch: None,
+        }
     }
 
     /// Names and scale uncertainties of the forces: standard deviations of their sizes' logarithms.
@@ -72,10 +103,40 @@ impl Flight<'_> {
 
     /// Flies on for `dt` s; negative: back.
     pub fn advance(&mut self, dt: f64) {
+        if dt.abs() < LONGEST_STEP / 2.0 {
+            return self.advance_shortly(dt);
+        }
+        self.stretch = None;
         let steps = (dt.abs() / LONGEST_STEP).ceil().max(1.0);
         for _ in 0..steps as usize {
             self.step(dt / steps);
         }
+    }
+
+    fn moment(&self) -> Moment {
+        Moment { state: self.state, position: self.position, velocity: self.velocity, spin: self.spin }
+    }
+
+    fn set(&mut self, moment: &Moment) {
+        (self.state, self.position, self.velocity, self.spin) =
+            (moment.state, moment.position, moment.velocity, moment.spin);
+    }
+
+    /// A short step along a long one.
+    fn advance_shortly(&mut self, dt: f64) {
+        let is_on = |stretch: &Stretch| (0.0..=1.0).contains(&((stretch.elapsed + dt) / stretch.lasting));
+        let stretch = self.stretch.take().filter(|stretch| is_on(stretch));
+        let mut stretch = stretch.unwrap_or_else(|| {
+            let (from, lasting) = (self.moment(), LONGEST_STEP.copysign(dt));
+            self.step(lasting);
+            let to = self.moment();
+            self.set(&from);
+            Box::new(Stretch { from, to, lasting, elapsed: 0.0 })
+        });
+        stretch.elapsed += dt;
+        let decay = (-self.forces.spin_decay() * stretch.elapsed).exp();
+        self.set(&stretch.at(decay, self.derivatives));
+        self.stretch = Some(stretch);
     }
 
     /// One step: the state by Runge and Kutta's method, the derivatives by those of the forces in the middle of it.
@@ -128,6 +189,30 @@ impl Flight<'_> {
     }
 }
 
+impl Stretch {
+    /// The moment by Hermite's curve through its ends; the spin has `decayed`.
+    fn at(&self, decayed: f64, derivatives: bool) -> Moment {
+        let (h, t) = (self.lasting, self.elapsed / self.lasting);
+        let (t2, t3) = (t * t, t * t * t);
+        // Of the positions at the ends and of the velocities there: the position's weights, and the velocity's.
+        let place = [2.0 * t3 - 3.0 * t2 + 1.0, 3.0 * t2 - 2.0 * t3, h * (t3 - 2.0 * t2 + t), h * (t3 - t2)];
+        let slope = [6.0 * (t2 - t) / h, 6.0 * (t - t2) / h, 3.0 * t2 - 4.0 * t + 1.0, 3.0 * t2 - 2.0 * t];
+        let (from, to) = (&self.from, &self.to);
+        let [r0, v0, w0] = [0, 1, 2].map(|index| part(&from.state, index));
+        let [r1, v1] = [0, 1].map(|index| part(&to.state, index));
+        let vector = |by: [f64; 4]| r0 * by[0] + r1 * by[1] + v0 * by[2] + v1 * by[3];
+        let mut moment = Moment { spin: from.spin * decayed, ..*from };
+        moment.state = column(vector(place), vector(slope), w0 * decayed);
+        if derivatives {
+            let of = |by: [f64; 4]| {
+                from.position * by[0] + to.position * by[1] + from.velocity * by[2] + to.velocity * by[3]
+            };
+            (moment.position, moment.velocity) = (of(place), of(slope));
+        }
+        moment
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::Vector3;
@@ -159,6 +244,23 @@ mod tests {
             assert!((part(&flown, 1) - end.velocity).norm() < 1e-5);
             assert!((part(&flown, 2) - end.spin).norm() < 1e-6);
         }
+    }
+
+    #[test]
+    fn many_short_steps_are_as_few_long_ones() {
+        let (forecaster, start) = tennis();
+        let mut few = forecaster.flight(&start, &[0.0; FORCES], true);
+        (0..10).for_each(|_| few.advance(0.03));
+        let mut many = forecaster.flight(&start, &[0.0; FORCES], true);
+        (0..150).for_each(|_| many.advance(0.002));
+        assert!((part(&few.state, 0) - part(&many.state, 0)).norm() < 1e-4);
+        assert!((part(&few.state, 1) - part(&many.state, 1)).norm() < 1e-3);
+        assert!((part(&few.state, 2) - part(&many.state, 2)).norm() < 1e-6);
+        assert!((few.position - many.position).norm() < 1e-3 * few.position.norm());
+        assert!((few.velocity - many.velocity).norm() < 1e-3 * few.velocity.norm());
+        // And back.
+        (0..150).for_each(|_| many.advance(-0.002));
+        assert!((part(&many.state, 0) - part(&start, 0)).norm() < 1e-3);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Change points of a 2D track, where it bends sharply: smooth pieces by dynamic programming.
 
-use nalgebra::{DMatrix, DVector, Point2, Vector2};
+use nalgebra::{Cholesky, Point2, SMatrix, SVector, Vector2};
 
 /// Observations that a piece holds at most.
 const LONGEST: usize = 100;
@@ -14,8 +14,11 @@ pub const FAINT: f64 = 25.0;
 /// Observations from which on a piece is a polynomial of degree 2, 3, 4.
 const DEGREES: [usize; 3] = [4, 9, 24];
 
-/// Highest degree of a piece.
+/// Highest degree of a piece, and its coefficients.
 pub const MOST: usize = 1 + DEGREES.len();
+const POWERS: usize = MOST + 1;
+/// Rounds in which labels far off come to count less.
+const ROUNDS: usize = 4;
 
 /// A place where a track bends.
 #[derive(Debug, Clone, Copy)]
@@ -32,8 +35,8 @@ pub struct ChangePoint {
 pub struct Piece {
     middle: f64,
     scale: f64,
-    /// Rows: powers of time; columns: x, y.
-    coefficients: DMatrix<f64>,
+    /// Rows: powers of time; columns: x, y. Zero beyond its degree.
+    coefficients: SMatrix<f64, POWERS, 2>,
     /// Of its labels, in squared standard deviations.
     pub cost: f64,
 }
@@ -41,11 +44,7 @@ pub struct Piece {
 impl Piece {
     fn at(&self, time: f64) -> Vector2<f64> {
         let t = (time - self.middle) / self.scale;
-        let mut sum = Vector2::zeros();
-        for power in (0..self.coefficients.nrows()).rev() {
-            sum = sum * t + Vector2::new(self.coefficients[(power, 0)], self.coefficients[(power, 1)]);
-        }
-        sum
+        (0..POWERS).rev().fold(Vector2::zeros(), |sum, power| sum * t + self.coefficients.row(power).transpose())
     }
 
     /// Through labels, of which those far off count less; of a degree up to `most`.
@@ -54,53 +53,84 @@ impl Piece {
         let (middle, scale) = ((first + last) / 2.0, ((last - first) / 2.0).max(1e-9));
         let degree = most.min(1 + DEGREES.iter().filter(|&&from| labels.len() >= from).count());
         let powers = |time: f64| {
-            let t = (time - middle) / scale;
-            (0..=degree).map(move |power| t.powi(power as i32))
+            let (t, mut power) = ((time - middle) / scale, 1.0);
+            SVector::<f64, POWERS>::from_fn(|index, _| {
+                let own = if index <= degree { power } else { 0.0 };
+                power *= t;
+                own
+            })
         };
-        let mut weights = vec![1.0; labels.len()];
-        let mut piece = Self { middle, scale, coefficients: DMatrix::zeros(0, 2), cost: 0.0 };
-        for _ in 0..3 {
-            let mut normal = DMatrix::identity(degree + 1, degree + 1) * 1e-9;
-            let mut right = DMatrix::zeros(degree + 1, 2);
-            for ((time, at), weight) in labels.iter().zip(&weights) {
-                let row = DVector::from_iterator(degree + 1, powers(*time));
-                normal.ger(*weight, &row, &row, 1.0);
-                right.column_mut(0).axpy(weight * at.x, &row, 1.0);
-                right.column_mut(1).axpy(weight * at.y, &row, 1.0);
+        let mut piece = Self { middle, scale, coefficients: SMatrix::zeros(), cost: 0.0 };
+        for round in 0..ROUNDS {
+            let mut normal = SMatrix::<f64, POWERS, POWERS>::identity() * 1e-9;
+            // Powers beyond its degree stay zero.
+            (degree + 1..POWERS).for_each(|index| normal[(index, index)] = 1.0);
+            let mut right = SMatrix::<f64, POWERS, 2>::zeros();
+            let mut cost = 0.0;
+            for (time, at) in labels {
+                let row = powers(*time);
+                let weight = if round == 0 {
+                    1.0
+                } else {
+                    let off = (piece.coefficients.tr_mul(&row) - at.coords).norm_squared() / (sigma * sigma);
+                    cost += off.min(CAP * CAP);
+                    1.0 / (1.0 + off / 4.0)
+                };
+                let weighted = row * weight;
+                normal += weighted * row.transpose();
+                right += weighted * at.coords.transpose();
             }
-            piece.coefficients = normal.cholesky()?.solve(&right);
-            piece.cost = 0.0;
-            for ((time, at), weight) in labels.iter().zip(&mut weights) {
-                let off = (piece.at(*time) - at.coords).norm_squared() / (sigma * sigma);
-                piece.cost += off.min(CAP * CAP);
-                *weight = 1.0 / (1.0 + off / 4.0);
+            // The last round is for the cost alone.
+            piece.cost = cost;
+            if round + 1 < ROUNDS {
+                piece.coefficients = Cholesky::new(normal)?.solve(&right);
             }
         }
         Some(piece)
     }
 }
 
-/// The change points of a track of `labels` (s, px) whose smooth part is known to `sigma` px and of which another piece costs `price`.
-pub fn change_points(labels: &[(f64, Point2<f64>)], sigma: f64, price: f64) -> Vec<ChangePoint> {
+/// The change points of a track of `labels` (s, px) whose smooth part is known to `sigma` px, by what another piece costs.
+pub fn change_points<const N: usize>(
+    labels: &[(f64, Point2<f64>)],
+    sigma: f64,
+    prices: [f64; N],
+) -> [Vec<ChangePoint>; N] {
     let count = labels.len();
-    // Least cost of the first `n` labels, and where its last piece begins.
-    let mut best: Vec<(f64, usize)> = vec![(0.0, 0)];
+    // Least cost of the first `n` labels at each price, and where its last piece begins.
+    let mut best: Vec<[(f64, usize); N]> = vec![[(0.0, 0); N]];
     for end in 1..=count {
-        let starts = end.saturating_sub(LONGEST)..=end.saturating_sub(SHORTEST);
-        let through = |start: usize| {
-            let piece = Piece::of(&labels[start..end], sigma, MOST)?;
-            Some((best[start].0 + piece.cost + price, start))
-        };
-        let found = starts.filter_map(through).min_by(|a, b| a.0.total_cmp(&b.0));
-        best.push(found.unwrap_or((f64::INFINITY, end.saturating_sub(1))));
+        let mut found = [(f64::INFINITY, end.saturating_sub(1)); N];
+        // A piece that costs more by itself than all so far is too long, and so are longer ones.
+        for start in (end.saturating_sub(LONGEST)..=end.saturating_sub(SHORTEST)).rev() {
+            let Some(piece) = Piece::of(&labels[start..end], sigma, MOST) else { continue };
+            for ((found, before), price) in found.iter_mut().zip(best[start]).zip(prices) {
+                let cost = before.0 + piece.cost + price;
+                if cost < found.0 {
+                    *found = (cost, start);
+                }
+            }
+            if found.iter().all(|found| piece.cost > found.0) {
+                break;
+            }
+        }
+        best.push(found);
     }
-    let mut ends = vec![count];
-    while let Some(&end) = ends.last()
-        && end > 0
-    {
-        ends.push(best[end].1);
-    }
-    ends.reverse();
+    std::array::from_fn(|price| {
+        let mut ends = vec![count];
+        while let Some(&end) = ends.last()
+            && end > 0
+        {
+            ends.push(best[end][price].1);
+        }
+        ends.reverse();
+        between(labels, sigma, &ends)
+    })
+}
+
+/// Where the pieces meet that end at these labels.
+fn between(labels: &[(f64, Point2<f64>)], sigma: f64, ends: &[usize]) -> Vec<ChangePoint> {
+    let count = labels.len();
     let pieces: Vec<Option<Piece>> =
         ends.windows(2).map(|pair| Piece::of(&labels[pair[0]..pair[1]], sigma, MOST)).collect();
     let mut found = Vec::new();

@@ -152,6 +152,7 @@ pub fn suspected(part: &Part, given: Option<&Outcome>) -> Option<String> {
                 Part { forecaster: &turned, ..*part }.outcome_of(&labels, hits, limit)?
             }
             Check::Resolution(factor) => Part { scale: factor, ..*part }.outcome_of(&labels, hits, limit)?,
+            Check::Rate(factor) => Part { clock: factor, ..*part }.outcome_of(&labels, hits, limit)?,
             _ => part.outcome_of(&labels, hits, limit)?,
         };
         // By how much more probable it is; of a part that nothing explains, by itself.

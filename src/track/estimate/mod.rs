@@ -47,7 +47,7 @@ pub fn estimated(forecaster: &Forecaster, camera: &Camera, labels: &[Label], opt
     let mut hits = options.hits;
     for range in parts(labels) {
         let options = FitOptions { hits, ..options.clone() };
-        let part = Part { forecaster, camera, labels: &labels[range], options: &options, scale: 1.0 };
+        let part = Part { forecaster, camera, labels: &labels[range], options: &options, scale: 1.0, clock: 1.0 };
         let fit = part.fit()?;
         hits = hits.map(|most| most.saturating_sub(fit.hits.len()));
         fits.push(fit);

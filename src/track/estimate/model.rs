@@ -66,12 +66,12 @@ pub struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// None of a scene whose contacts last. The picture has an `area` (px²), labels are noisy by `smooth` px by themselves, and one of
-    /// their own pixels is `scale` of the camera's.
+    /// None of a scene whose contacts last. The picture has an `area` (px²), labels are noisy by `smooth` px by themselves, one of
+    /// their own pixels is `scale` of the camera's, and one of their clock's seconds `clock` of the observations'.
     pub fn new(
         forecaster: &'a Forecaster,
         observations: &'a [Observation],
-        [area, smooth, scale]: [f64; 3],
+        [area, smooth, scale, clock]: [f64; 4],
         noise: Option<f64>,
     ) -> Option<Self> {
         let scene = forecaster.scene();
@@ -95,7 +95,7 @@ impl<'a> Model<'a> {
             noise,
             config,
             smooth,
-            drift: (config.drift / interval(observations)).sqrt(),
+            drift: (config.drift / (clock * interval(observations))).sqrt(),
             place: place_of(scene, observations),
             spin: (ball.spin.into(), spin_sigma),
             scale_sigmas,

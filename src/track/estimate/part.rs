@@ -45,6 +45,8 @@ pub struct Part<'a> {
     pub options: &'a FitOptions,
     /// Pixels of the camera's picture to one of the labels' own.
     pub scale: f64,
+    /// Seconds of the labels' own clock to one of theirs.
+    pub clock: f64,
 }
 
 /// A result.
@@ -79,7 +81,7 @@ impl Part<'_> {
     }
 
     fn model<'b>(&'b self, observations: &'b [Observation], noise: Option<f64>) -> Option<Model<'b>> {
-        Model::new(self.forecaster, observations, [self.area(), self.smooth(), self.scale], noise)
+        Model::new(self.forecaster, observations, [self.area(), self.smooth(), self.scale, self.clock], noise)
     }
 
     /// Px².

@@ -51,7 +51,7 @@ impl Model<'_> {
     /// What the hypotheses `found` say, the most probable first. The camera may as well be one by which the observations are one of
     /// `cameras`.
     pub fn result(&self, found: &[Hypothesis], cameras: &[Vec<Observation>]) -> Option<Outcome> {
-        let weighed = self.weighed(found);
+        let (weighed, cost) = self.weighed(found);
         let all: f64 = weighed.iter().map(|it| it.weight).sum();
         let chosen = least_risk(&weighed)?;
         let whole = &chosen.trajectory;
@@ -162,7 +162,7 @@ impl Model<'_> {
             spin: part(&whole.segments[0].state, 2).into(),
             frames,
         };
-        Some(Outcome { fit, cost: found[0].cost, doubtful })
+        Some(Outcome { fit, cost, doubtful })
     }
 
     /// The trajectory over all frames of the track, those before the first label and after the last included.
@@ -193,9 +193,11 @@ impl Model<'_> {
     }
 
     /// What may be true, with weights, the likeliest trajectory first: each hypothesis, and of those that count the trajectories with the
-    /// ball nearer or farther where least is known of that. That error is no linear one, so its distribution is added up in steps.
-    fn weighed(&self, found: &[Hypothesis]) -> Vec<Weighed> {
+    /// ball nearer or farther where least is known of that. That error is no linear one, so its distribution is added up in steps. And
+    /// the cost of the likeliest hypothesis by what that adds up to.
+    fn weighed(&self, found: &[Hypothesis]) -> (Vec<Weighed>, f64) {
         let least = found.first().map_or(0.0, |best| best.cost);
+        let mut cost = least;
         let mut all = vec![];
         for hypothesis in found {
             let weight = (-0.5 * (hypothesis.cost - least)).exp();
@@ -204,16 +206,20 @@ impl Model<'_> {
             }
             let own = self.weigh(&hypothesis.trajectory, weight);
             let Some(own) = own else { continue };
-            match weight > WORTH {
-                true => all.extend(self.profile(hypothesis, own)),
-                false => all.push(own),
+            if weight < WORTH {
+                all.push(own);
+                continue;
             }
+            let (profile, volume) = self.profile(hypothesis, own);
+            cost = cost.min(hypothesis.cost - 2.0 * volume.ln());
+            all.extend(profile);
         }
-        all
+        (all, cost)
     }
 
-    /// The trajectories of a hypothesis by the distance in the frame where it is known least, their weights adding up to its own.
-    fn profile(&self, hypothesis: &Hypothesis, own: Weighed) -> Vec<Weighed> {
+    /// The trajectories of a hypothesis by the distance in the frame where it is known least, their weights adding up to its own; and
+    /// what these add up to over what they would if the error were linear.
+    fn profile(&self, hypothesis: &Hypothesis, own: Weighed) -> (Vec<Weighed>, f64) {
         let axis = |frame: usize| {
             let ray = self.observations[frame].ray.as_ref()?;
             let off = own.positions[frame] - ray.origin;
@@ -222,7 +228,7 @@ impl Model<'_> {
             Some((frame, off.norm(), sigma / off.norm()))
         };
         let worst = (0..own.positions.len()).filter_map(axis).max_by(|a, b| a.2.total_cmp(&b.2));
-        let Some((frame, distance, sigma)) = worst.filter(|it| it.2 > 0.0) else { return vec![own] };
+        let Some((frame, distance, sigma)) = worst.filter(|it| it.2 > 0.0) else { return (vec![own], 1.0) };
         let at = |step: f64, from: &Trajectory| {
             let mut observations = self.observations.to_vec();
             observations[frame].log_distance = Some([distance.ln() + step * sigma, PINNED * sigma]);
@@ -232,7 +238,7 @@ impl Model<'_> {
             let weight = (-0.5 * (cost - hypothesis.cost)).exp();
             Some((weight, model.weigh(&trajectory, 1.0)?))
         };
-        let Some((_, centre)) = at(0.0, &hypothesis.trajectory) else { return vec![own] };
+        let Some((_, centre)) = at(0.0, &hypothesis.trajectory) else { return (vec![own], 1.0) };
         let mut points = vec![(1.0, centre)];
         for side in [-1.0, 1.0] {
             let mut from = hypothesis.trajectory.clone();
@@ -246,7 +252,8 @@ impl Model<'_> {
             }
         }
         let all: f64 = points.iter().map(|point| point.0).sum();
-        points.into_iter().map(|(weight, point)| Weighed { weight: own.weight * weight / all, ..point }).collect()
+        let weigh = |(weight, point): (f64, Weighed)| Weighed { weight: own.weight * weight / all, ..point };
+        (points.into_iter().map(weigh).collect(), all / std::f64::consts::TAU.sqrt())
     }
 
     fn weigh(&self, trajectory: &Trajectory, weight: f64) -> Option<Weighed> {

@@ -60,7 +60,7 @@ impl<'a> Search<'a> {
         let plane = Plane::of(model.observations)?;
         let labels: Vec<(f64, Point2<f64>)> =
             plane.labels(model.observations).into_iter().map(|(frame, point)| (times[frame], point)).collect();
-        let change_points = [CLEAR, FAINT].map(|price| change_points(&labels, noise, price));
+        let change_points = change_points(&labels, noise, [CLEAR, FAINT]);
         Some(Self { model, plane, times, labels, noise, hits, change_points })
     }
 
