@@ -42,7 +42,7 @@ const UNKNOWN_SPIN: f64 = 200.0;
 
 /// Raised with every change of what the same track is fitted to: fits that are kept (by a training run) are then made again.
 /// `train::examples::tests::solver` compares with the fits of this version.
-pub const SOLVER_VERSION: u32 = 1;
+pub const SOLVER_VERSION: u32 = 2;
 
 /// One frame of a track.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
