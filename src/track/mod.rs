@@ -8,6 +8,7 @@ mod fit;
 mod follow;
 mod tracked;
 
+pub use self::estimate::EstimatorConfig;
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub(crate) use self::fit::SOLVER_VERSION;

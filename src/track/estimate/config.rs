@@ -4,23 +4,28 @@ use serde::Serialize;
 
 use crate::physics::Scene;
 
-/// How the estimator judges a trajectory. Those without a physical source were chosen on simulated flights of table tennis (seed 1 of
-/// another simulator's) and every sixth of a real launcher's shots, whose others are what is reported.
+/// How a trajectory of unknown spin is judged. Those without a physical source were chosen on simulated flights of table tennis (seed 1 of
+/// another simulator's), on simulated rallies that no test uses, and on every sixth of a real launcher's shots, whose others are what is
+/// reported.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct EstimatorConfig {
-    /// Standard deviation of a label that is to be expected, px, and how many labels' worth that expectation is.
+    /// Standard deviation of a label that is to be expected, px.
     pub noise_px: f64,
+    /// How many labels' worth that expectation is.
     pub noise_weight: f64,
     /// Spectral density of the labels' errors that last over frames (the lens, the light side of the ball, the tracker's habit), px²·s.
     pub drift: f64,
-    /// Fractions of labels that are this many times as noisy, and the fraction of those that are anywhere in the picture.
+    /// Fractions of labels that are this many times as noisy.
     pub rough: [[f64; 2]; 2],
+    /// Fraction of labels that are anywhere in the picture.
     pub stray_fraction: f64,
-    /// How exactly a trajectory is continuous, m, and how exactly the scene puts its surfaces, m.
+    /// How exactly a trajectory is continuous, m.
     pub continuity: f64,
+    /// How exactly the scene puts its surfaces, m.
     pub surface: f64,
-    /// How exactly a contact keeps its law at any speed, m/s; of the spin's change, a fraction.
+    /// How exactly a contact keeps its law at any speed, m/s.
     pub contact_speed: f64,
+    /// How exactly it keeps the law of the spin's change, a fraction of that.
     pub contact_spin: f64,
     /// Frames that are missing or repeated, of all.
     pub drop_rate: f64,
@@ -28,10 +33,11 @@ pub struct EstimatorConfig {
     pub hit_rate: f64,
     /// Standard deviation of each component of the velocity at the start and after a hit, m/s.
     pub speed: f64,
-    /// How deep a ball may seem to be in an obstacle and how surely it is not deeper, m; how much of the line of sight to a ball
-    /// that is seen may pass through obstacles, m.
+    /// How deep a ball may seem to be in an obstacle, or below a net's edge, m.
     pub depth: f64,
+    /// How surely it is not deeper, m.
     pub depth_sigma: f64,
+    /// How much of the line of sight to a ball that is seen may pass through obstacles, m.
     pub hidden_sigma: f64,
     /// Common relative error of the apparent sizes: blur, a threshold, the ball's own size.
     pub size_sigma: f64,

@@ -16,6 +16,7 @@ mod grow;
 mod input_checks;
 mod links;
 mod model;
+mod net;
 mod normal;
 mod observation;
 mod part;
@@ -27,6 +28,7 @@ mod trajectory;
 
 use std::ops::Range;
 
+pub use self::config::EstimatorConfig;
 use self::part::Part;
 use super::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation as Label};
 use crate::camera::Camera;

@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, SMatrix, Vector1, Vector3};
 
 use super::config::EstimatorConfig;
 use super::links::{Arrival, ContactNoise};
+use super::net::Net;
 use super::normal::Sums;
 use super::observation::Observation;
 use super::trajectory::{Begin, OF_SEGMENT, SHARED, Span, Trajectory};
@@ -46,6 +47,7 @@ pub struct Model<'a> {
     pub forecaster: &'a Forecaster,
     pub rigid: Rigid,
     pub obstacles: Vec<Obstacle>,
+    pub nets: Vec<Net>,
     pub observations: &'a [Observation],
     /// Of the picture, px².
     pub area: f64,
@@ -90,6 +92,7 @@ impl<'a> Model<'a> {
             forecaster,
             rigid: Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor },
             obstacles: Obstacle::of(scene),
+            nets: Net::of(scene),
             observations,
             area,
             noise,
@@ -109,7 +112,7 @@ impl<'a> Model<'a> {
     where
         'a: 'b,
     {
-        Model { observations, obstacles: self.obstacles.clone(), ..*self }
+        Model { observations, obstacles: self.obstacles.clone(), nets: self.nets.clone(), ..*self }
     }
 
     pub fn gravity(&self) -> Vector3<f64> {
@@ -200,11 +203,14 @@ impl<'a> Model<'a> {
             let mut flight = self.forecaster.flight(&segment.state, &trajectory.log_scales, !sums.cost_only());
             let mut time = segment.time;
             if span.contains(&index) {
+                let mut before = segment.position();
                 for frame in trajectory.frames(index) {
                     let next = trajectory.times[frame];
                     flight.advance(next - time);
                     time = next;
                     self.add_frame(trajectory, frame, &flight, index - span.start, loss, sums, squares)?;
+                    self.add_nets(&before, &flight, index - span.start, sums);
+                    before = part(&flight.state, 0);
                 }
             }
             arrival = match segments.get(index + 1) {
@@ -217,6 +223,20 @@ impl<'a> Model<'a> {
         }
         self.add_priors(trajectory, span.start, sums);
         sums.is_finite().then_some(())
+    }
+
+    /// Adds that a ball does not go through a net on its way from `before`.
+    fn add_nets(&self, before: &Vector3<f64>, flight: &Flight, block: usize, sums: &mut Sums) {
+        for through in self.nets.iter().filter_map(|net| net.through(before, &part(&flight.state, 0))) {
+            let excess = through.below - self.config.depth;
+            if excess > 0.0 {
+                let residual = Vector1::new(excess / self.config.depth_sigma);
+                let (cost, weight) = huber(residual.norm_squared(), BARRIER);
+                let slope = through.slope.transpose().scale(self.config.depth_sigma.recip());
+                let (own, shared) = by_numbers(flight, &slope);
+                sums.add(cost, weight, &residual, &[(block, own)], &shared);
+            }
+        }
     }
 
     #[allow(clippy::too_many_arguments)]

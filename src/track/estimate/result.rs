@@ -160,6 +160,7 @@ impl Model<'_> {
             flights,
             estimates: self.estimates(whole, &marginals, inflation),
             spin: part(&whole.segments[0].state, 2).into(),
+            config: Some(self.config),
             frames,
         };
         Some(Outcome { fit, cost, doubtful })

@@ -120,6 +120,6 @@ impl Fit {
         json!({"frames": self.frames.iter().map(frame).collect::<Vec<_>>(), "noise_px": self.noise_px,
             "rms_px": self.rms_px, "explained": self.explained, "impacts": impacts.collect::<Vec<_>>(),
             "flights": flights.collect::<Vec<_>>(), "hits": hits.collect::<Vec<_>>(), "notes": self.notes, "verdict": self.verdict(),
-            "estimates": Value::Object(estimates.collect()), "spin": self.spin})
+            "estimates": Value::Object(estimates.collect()), "spin": self.spin, "config": self.config})
     }
 }

@@ -27,7 +27,7 @@ use self::search::{EXPLAINED, FINAL, best_of, searched};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::physics::{Contact, Forecaster, Impact, State, part};
-use crate::track::estimate::estimated;
+use crate::track::estimate::{EstimatorConfig, estimated};
 
 /// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
 const FEWEST: usize = 4;
@@ -195,6 +195,8 @@ pub struct Fit {
     pub estimates: Vec<Estimate>,
     /// Spin at the first frame, rad/s: the scene's, or the one found.
     pub spin: [f64; 3],
+    /// The numbers that it was judged by, of a ball whose spin is unknown.
+    pub config: Option<EstimatorConfig>,
 }
 
 impl Forecaster {
@@ -396,5 +398,6 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
         notes,
         estimates,
         spin,
+        config: None,
     })
 }
