@@ -385,28 +385,3 @@ fn a_track_of_which_the_lens_would_reach_one_label_if_it_were_larger_is_answered
         }
     }
 }
-
-#[test]
-fn other_trackers_tables_are_read() {
-    let seen = |text: &str| -> Vec<(u64, Option<[f64; 2]>)> {
-        let track = gravisight::Track::from_csv(text, "track").unwrap();
-        track.points.iter().map(|point| (point.frame, point.image().map(|at| [at.x, at.y]))).collect()
-    };
-    assert_eq!(seen("frame,x,y\n0,100,200\n1,,\n"), [(0, Some([100.0, 200.0])), (1, None)]);
-    assert_eq!(
-        seen("frame_index,x_centroid,y_centroid,visibility\n0,8,2,1\n4,-1,-1,0\n"),
-        [(0, Some([8.0, 2.0])), (4, None)]
-    );
-    // Marks of a ball that is not seen, whatever `Visibility` says.
-    assert_eq!(
-        seen("Frame,Visibility,X,Y\n0,1,-1,-1\n1,1,0,0\n2,1,0,7\n"),
-        [(0, None), (1, None), (2, Some([0.0, 7.0]))]
-    );
-    assert_eq!(seen("731,298,141\n732,299,140\n"), [(731, Some([298.0, 141.0])), (732, Some([299.0, 140.0]))]);
-    // Times stand for frames.
-    let text = "timestamp_sec,x_center,y_center,confidence\n1.00,842,236,.9\n1.04,852,214,.9\n";
-    let (frames, observations) = gravisight::Track::from_csv(text, "track").unwrap().observations(None).unwrap();
-    assert_eq!((frames, observations[1].time, observations[1].image.unwrap().x), (vec![0, 1], 1.04, 852.0));
-    let error = gravisight::Track::from_csv("x,y\n1,2\n", "track").unwrap_err().to_string();
-    assert!(error.contains("no column `Frame`"), "{error}");
-}
