@@ -200,10 +200,10 @@ impl Score {
 #[ignore = "long: half a minute"]
 fn rallies_are_found_from_each_side() {
     let reached = [
-        Reached { median: 0.064, found: [19, 19], invented: 3, within: [0.52, 0.86] },
-        Reached { median: 0.057, found: [19, 19], invented: 1, within: [0.59, 0.87] },
+        Reached { median: 0.056, found: [19, 19], invented: 2, within: [0.51, 0.86] },
+        Reached { median: 0.056, found: [19, 19], invented: 1, within: [0.59, 0.87] },
         // A ball that is hit hardly bends its way in the picture.
-        Reached { median: 0.109, found: [17, 19], invented: 8, within: [0.48, 0.78] },
+        Reached { median: 0.126, found: [17, 19], invented: 9, within: [0.44, 0.72] },
     ];
     for ((name, view), reached) in VIEWS.into_iter().zip(reached) {
         scored(view, FEW, false).check(name, &reached);
@@ -214,7 +214,7 @@ fn rallies_are_found_from_each_side() {
 #[ignore = "long: half a minute"]
 fn an_apparent_size_makes_rallies_surer() {
     let reached = [
-        Reached { median: 0.046, found: [19, 19], invented: 1, within: [0.53, 0.87] },
+        Reached { median: 0.046, found: [19, 19], invented: 2, within: [0.53, 0.87] },
         Reached { median: 0.041, found: [19, 19], invented: 1, within: [0.53, 0.85] },
         Reached { median: 0.040, found: [19, 19], invented: 1, within: [0.66, 0.95] },
     ];
@@ -229,9 +229,9 @@ fn an_apparent_size_makes_rallies_surer() {
 #[test]
 #[ignore = "long: two minutes"]
 fn the_figures_of_the_documents() {
-    let alone = [(0.045, [42, 42], 3), (0.043, [42, 42], 2), (0.076, [38, 42], 13)];
-    let with_size = [(0.037, [42, 42], 1), (0.033, [42, 42], 2), (0.031, [42, 42], 1)];
-    for (sizes, all, within) in [(false, alone, [0.55, 0.87]), (true, with_size, [0.57, 0.89])] {
+    let alone = [(0.045, [42, 42], 2), (0.045, [42, 42], 3), (0.075, [38, 42], 12)];
+    let with_size = [(0.036, [42, 42], 2), (0.033, [42, 42], 2), (0.032, [42, 42], 1)];
+    for (sizes, all, within) in [(false, alone, [0.55, 0.84]), (true, with_size, [0.57, 0.89])] {
         for ((name, view), (median, found, invented)) in VIEWS.into_iter().zip(all) {
             scored(view, MANY, sizes).check(name, &Reached { median, found, invented, within });
         }

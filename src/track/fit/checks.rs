@@ -60,7 +60,7 @@ pub(super) fn check(observations: &[Observation]) -> Result<()> {
     }
 }
 
-/// Refuses tracks most of which lies outside the picture.
+/// Refuses tracks of which a good part lies outside the picture: no tracker has seen a ball there.
 pub(super) fn check_inside(camera: &Camera, observations: &[Observation]) -> Result<()> {
     let [width, height] = camera.size().xy();
     let inside = |image: &Point2<f64>| {
@@ -69,7 +69,7 @@ pub(super) fn check_inside(camera: &Camera, observations: &[Observation]) -> Res
     };
     let labels: Vec<Point2<f64>> = observations.iter().filter_map(|seen| seen.image).collect();
     let outside = labels.iter().filter(|label| !inside(label)).count();
-    if 2 * outside <= labels.len() {
+    if 4 * outside <= labels.len() {
         return Ok(());
     }
     let reason = format!(
