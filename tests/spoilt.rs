@@ -75,7 +75,7 @@ fn spoilt(scene: &str, sizes: bool, what: &[&str], spoil: impl Fn(&mut Vec<Obser
 }
 
 #[test]
-#[ignore = "long: a quarter of a minute; scripts/test runs it"]
+#[ignore = "long: two minutes; scripts/test runs it"]
 fn what_people_get_wrong_is_not_explained_and_named() {
     let moved = |to: fn(Point2<f64>) -> Point2<f64>| {
         move |all: &mut Vec<Observation>| all.iter_mut().for_each(|seen| seen.image = seen.image.map(to))
