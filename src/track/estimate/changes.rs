@@ -2,6 +2,7 @@
 
 use nalgebra::Point2;
 
+use super::observation::interval;
 use super::rays::Throw;
 use super::search::{APART, DRIFTS, Search};
 use super::trajectory::{Begin, Segment, Span, Trajectory};
@@ -73,9 +74,7 @@ impl Search<'_> {
 
     /// Median time from frame to frame, s.
     pub(super) fn interval(&self) -> f64 {
-        let mut gaps: Vec<f64> = self.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-        gaps.sort_by(f64::total_cmp);
-        gaps[gaps.len() / 2]
+        interval(self.times.iter().copied())
     }
 
     /// The trajectory with a hit that changes nothing at a time, and which segment that begins.

@@ -40,7 +40,7 @@ impl Search<'_> {
     }
 
     /// The most probable trajectory of flights from hit to hit, each found by itself: what happens in one says little of the next, and
-    /// its bounces say where it is.
+    /// its bounces say where it is. `tied`: it begins about where the one before ends.
     pub(super) fn chained(&self, points: &[ChangePoint], tied: bool) -> Option<Hypothesis> {
         // To the first label, to each change point, and to the last label.
         let mut ways: Vec<Option<Way>> = vec![None; points.len() + 2];

@@ -7,7 +7,7 @@ use super::config::EstimatorConfig;
 use super::links::{Arrival, ContactNoise};
 use super::net::Net;
 use super::normal::Sums;
-use super::observation::Observation;
+use super::observation::{Observation, interval};
 use super::trajectory::{Begin, OF_SEGMENT, SHARED, Span, Trajectory};
 use crate::physics::{Column, Contact, FORCES, Flight, Forecaster, Obstacle, Rigid, Scene, part};
 
@@ -88,6 +88,7 @@ impl<'a> Model<'a> {
             false => KNOWN_SPIN,
         };
         let config = EstimatorConfig::of(scene).scaled(scale);
+        let labelled = observations.iter().filter(|it| it.ray.is_some()).map(|it| it.time);
         Some(Self {
             forecaster,
             rigid: Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor },
@@ -98,7 +99,7 @@ impl<'a> Model<'a> {
             noise,
             config,
             smooth,
-            drift: (config.drift / (clock * interval(observations))).sqrt(),
+            drift: (config.drift / (clock * interval(labelled))).sqrt(),
             place: place_of(scene, observations),
             spin: (ball.spin.into(), spin_sigma),
             scale_sigmas,
@@ -404,14 +405,6 @@ fn place_of(scene: &Scene, observations: &[Observation]) -> (Vector3<f64>, Vecto
     let low = corners.iter().fold(*first, |low, corner| low.inf(corner));
     let high = corners.iter().fold(*first, |high, corner| high.sup(corner));
     ((low + high) / 2.0, (high - low) / 2.0 + Vector3::repeat(BEYOND))
-}
-
-/// Median time between labels, s.
-fn interval(observations: &[Observation]) -> f64 {
-    let seen: Vec<f64> = observations.iter().filter(|it| it.ray.is_some()).map(|it| it.time).collect();
-    let mut gaps: Vec<f64> = seen.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    gaps.sort_by(f64::total_cmp);
-    gaps.get(gaps.len() / 2).copied().unwrap_or(1.0)
 }
 
 /// Huber's loss: cost of a squared residual, and its derivative.

@@ -89,6 +89,14 @@ impl Ray {
     }
 }
 
+/// Median time from one of these to the next, s; 1 where there are fewer than two.
+pub fn interval(times: impl IntoIterator<Item = f64>) -> f64 {
+    let times: Vec<f64> = times.into_iter().collect();
+    let mut gaps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    gaps.get(gaps.len() / 2).copied().unwrap_or(1.0)
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::{Matrix3, Rotation3};

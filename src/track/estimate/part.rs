@@ -8,7 +8,7 @@ use super::change_points::Piece;
 use super::drops;
 use super::input_checks;
 use super::model::{Loss, Model};
-use super::observation::Observation;
+use super::observation::{Observation, interval};
 use super::rays::Plane;
 use super::search::Search;
 use super::solve::Hypothesis;
@@ -261,7 +261,7 @@ impl Part<'_> {
         let timed: Vec<_> = labels.iter().map(|&(frame, point)| (times[frame], point)).collect();
         let drops: Vec<(usize, i32)> = match self.options.times_known {
             true => vec![],
-            false => drops::drops(&timed, interval(&times), noise.hypot(model.drift))
+            false => drops::drops(&timed, interval(times.iter().copied()), noise.hypot(model.drift))
                 .iter()
                 .map(|drop| (labels[drop.label].0, drop.frames))
                 .collect(),
@@ -294,16 +294,9 @@ impl Part<'_> {
     }
 }
 
-/// Median time from frame to frame, s.
-fn interval(times: &[f64]) -> f64 {
-    let mut gaps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    gaps.sort_by(f64::total_cmp);
-    gaps.get(gaps.len() / 2).copied().unwrap_or(1.0)
-}
-
 /// The times, later ones moved by the frames that are missing before them.
 fn dropped(times: &[f64], drops: &[(usize, i32)]) -> Vec<f64> {
-    let (interval, mut out) = (interval(times), times.to_vec());
+    let (interval, mut out) = (interval(times.iter().copied()), times.to_vec());
     for &(frame, frames) in drops {
         out[frame..].iter_mut().for_each(|time| *time += f64::from(frames) * interval);
     }

@@ -60,6 +60,9 @@ impl<'a> Search<'a> {
         let plane = Plane::of(model.observations)?;
         let labels: Vec<(f64, Point2<f64>)> =
             plane.labels(model.observations).into_iter().map(|(frame, point)| (times[frame], point)).collect();
+        if labels.is_empty() {
+            return None;
+        }
         let change_points = change_points(&labels, noise, [CLEAR, FAINT]);
         Some(Self { model, plane, times, labels, noise, hits, change_points })
     }
