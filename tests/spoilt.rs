@@ -163,3 +163,42 @@ fn a_cameras_uncertainty_enters_sigma() {
     let [untold, told] = worse;
     assert!(10 * told < 420 && untold > 2 * told, "of 420 frames beyond two sigma: {untold} untold, {told} told");
 }
+
+#[test]
+fn whatever_a_track_holds_it_is_answered_with_numbers() {
+    let court = |name: &str| Scene::named(name).unwrap();
+    let scenes = [
+        Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap(),
+        court("tennis"),
+        court("basketball"),
+        court("squash"),
+    ];
+    let mut random = ChaCha12Rng::seed_from_u64(5);
+    for (number, scene) in scenes.iter().cycle().take(20).enumerate() {
+        let eye = [random.random_range(-8.0..8.0), random.random_range(-8.0..8.0), random.random_range(0.3..5.0)];
+        let (mut time, mut at) = (0.0, [random.random_range(0.0..SIZE[0]), random.random_range(0.0..SIZE[1])]);
+        let mut step = || [random.random_range(-30.0..30.0), random.random_range(-30.0..30.0)];
+        let turns = [step(), step(), step()];
+        let count = random.random_range(4..30);
+        let observations: Vec<Observation> = (0..count)
+            .map(|frame| {
+                // Pauses, places outside of the picture, frames without the ball, sizes of any kind.
+                time += if random.random_bool(0.05) { random.random_range(0.02..2.0) } else { 0.033 };
+                let by = turns[frame / 10];
+                at = [at[0] + by[0], at[1] + by[1] + frame as f64];
+                let inside = (0.0..SIZE[0]).contains(&at[0]) && (0.0..SIZE[1]).contains(&at[1]);
+                let image = (inside && random.random_bool(0.9)).then(|| Point2::from(at));
+                let radius = image.filter(|_| number % 3 == 0).map(|_| [random.random_range(0.5..40.0), 1.0]);
+                Observation { time, image, radius }
+            })
+            .collect();
+        let hits = (number % 5 == 0).then_some(1);
+        let options = FitOptions { hits, ..FitOptions::default() };
+        let Ok(fit) = Forecaster::new(scene).unwrap().fit(&camera(eye), &observations, &options) else { continue };
+        assert_eq!(fit.frames.len(), observations.len());
+        assert!(hits.is_none_or(|most| fit.hits.len() <= most));
+        let finite =
+            fit.frames.iter().all(|it| it.sigma().is_finite() && it.state.position.iter().all(|x| x.is_finite()));
+        assert!(finite, "{number}");
+    }
+}
