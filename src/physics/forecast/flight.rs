@@ -28,8 +28,8 @@ pub(crate) struct Flight<'a> {
     pub velocity: Sensitivity,
     /// By what the spin has decayed since the start: its derivative by the spin there.
     pub spin: f64,
-    /// The long step that short ones are on.
-    stretch: Option<Box<Stretch>>,
+    /// The step that shorter ones are interpolated on (dense output).
+    dense: Option<Box<DenseStep>>,
 }
 
 /// A moment of a flight.
@@ -43,7 +43,7 @@ struct Moment {
 
 /// A step of a flight, and where on it the flight is.
 #[derive(Debug, Clone)]
-struct Stretch {
+struct DenseStep {
     from: Moment,
     to: Moment,
     /// How long it lasts, and for how long of that the flight has been, s.
@@ -64,7 +64,7 @@ impl Forecaster {
             position: unit(0),
             velocity: unit(3),
             spin: 1.0,
-            stretch: None,
+            dense: None,
         }
     }
 
@@ -106,7 +106,7 @@ impl Flight<'_> {
         if dt.abs() < LONGEST_STEP / 2.0 {
             return self.advance_shortly(dt);
         }
-        self.stretch = None;
+        self.dense = None;
         let steps = (dt.abs() / LONGEST_STEP).ceil().max(1.0);
         for _ in 0..steps as usize {
             self.step(dt / steps);
@@ -124,19 +124,19 @@ impl Flight<'_> {
 
     /// A short step along a long one.
     fn advance_shortly(&mut self, dt: f64) {
-        let is_on = |stretch: &Stretch| (0.0..=1.0).contains(&((stretch.elapsed + dt) / stretch.lasting));
-        let stretch = self.stretch.take().filter(|stretch| is_on(stretch));
-        let mut stretch = stretch.unwrap_or_else(|| {
+        let is_on = |dense: &DenseStep| (0.0..=1.0).contains(&((dense.elapsed + dt) / dense.lasting));
+        let dense = self.dense.take().filter(|dense| is_on(dense));
+        let mut dense = dense.unwrap_or_else(|| {
             let (from, lasting) = (self.moment(), LONGEST_STEP.copysign(dt));
             self.step(lasting);
             let to = self.moment();
             self.set(&from);
-            Box::new(Stretch { from, to, lasting, elapsed: 0.0 })
+            Box::new(DenseStep { from, to, lasting, elapsed: 0.0 })
         });
-        stretch.elapsed += dt;
-        let decay = (-self.forces.spin_decay() * stretch.elapsed).exp();
-        self.set(&stretch.at(decay, self.derivatives));
-        self.stretch = Some(stretch);
+        dense.elapsed += dt;
+        let decay = (-self.forces.spin_decay() * dense.elapsed).exp();
+        self.set(&dense.at(decay, self.derivatives));
+        self.dense = Some(dense);
     }
 
     /// One step: the state by Runge and Kutta's method, the derivatives by those of the forces in the middle of it.
@@ -189,7 +189,7 @@ impl Flight<'_> {
     }
 }
 
-impl Stretch {
+impl DenseStep {
     /// The moment by Hermite's curve through its ends; the spin has `decayed`.
     fn at(&self, decayed: f64, derivatives: bool) -> Moment {
         let (h, t) = (self.lasting, self.elapsed / self.lasting);

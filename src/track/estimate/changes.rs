@@ -3,8 +3,8 @@
 use nalgebra::Point2;
 
 use super::observation::interval;
-use super::rays::Throw;
-use super::search::{APART, DRIFTS, Search};
+use super::rays::BallisticFlight;
+use super::search::{APART, DEPARTURES, Search};
 use super::trajectory::{Begin, Segment, Span, Trajectory};
 use crate::physics::{column, part};
 
@@ -95,7 +95,7 @@ impl Search<'_> {
     fn touching(&self, trajectory: &Trajectory, index: usize) -> Vec<Trajectory> {
         let event = trajectory.segments[index];
         let Some(image) = self.image(&event) else { return vec![] };
-        let drifts = if index == 1 { &DRIFTS[..] } else { &DRIFTS[..1] };
+        let drifts = if index == 1 { &DEPARTURES[..] } else { &DEPARTURES[..1] };
         let options = self.contacts(&image, event.time);
         let found = options.iter().flat_map(|&option| {
             drifts.iter().filter_map(move |&drift| self.with_contact(trajectory, (index, false), option, drift))
@@ -138,7 +138,7 @@ impl Search<'_> {
         let own = |pair: &&[(f64, Point2<f64>)]| pair[1].0 > from && pair[0].0 < to;
         let pairs: Vec<_> = self.labels.windows(2).filter(own).collect();
         let step = pairs.len().div_ceil(GAPS).max(1);
-        let drifts = if index == 0 { &DRIFTS[..] } else { &DRIFTS[..1] };
+        let drifts = if index == 0 { &DEPARTURES[..] } else { &DEPARTURES[..1] };
         let mut found: Vec<(f64, f64, Begin, Vec<Trajectory>)> = vec![];
         for pair in pairs.iter().step_by(step) {
             let (start, end) = (pair[0].0.max(from), pair[1].0.min(to));
@@ -182,9 +182,10 @@ impl Search<'_> {
                 return None;
             }
             let places = [(begin, ray.at(distance), SCANNED), (next.time, next.position(), SCANNED)];
-            let throw: Throw = self.thrown(frames.start..=frames.end.checked_sub(1)?, begin, &places, 0.0)?;
+            let flight: BallisticFlight =
+                self.ballistic(frames.start..=frames.end.checked_sub(1)?, begin, &places, 0.0)?;
             let mut scanned = trajectory.clone();
-            scanned.segments[0].state = self.state(&throw);
+            scanned.segments[0].state = self.state(&flight);
             if let Begin::Bounce(obstacle) = next.begin {
                 let arrived = self.flown(&scanned.segments[0].state, next.time - begin);
                 let normal = self.model.obstacles[obstacle].nearest(&next.position()).normal;

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::change_points::ChangePoint;
-use super::search::{APART, DRIFTS, KNOWN, LOOSE, Search, best};
+use super::search::{APART, DEPARTURES, KNOWN, LOOSE, Search, best};
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, Segment, Trajectory};
 use crate::physics::{Column, FORCES, part};
@@ -21,7 +21,7 @@ const HOPELESS: f64 = 30.0;
 
 /// The best way to a change point from hit to hit.
 #[derive(Clone)]
-struct Way {
+struct PartialPath {
     cost: f64,
     /// The change point at which its last flight begins, and that flight.
     from: usize,
@@ -43,10 +43,10 @@ impl Search<'_> {
     /// its bounces say where it is. `tied`: it begins about where the one before ends.
     pub(super) fn chained(&self, points: &[ChangePoint], tied: bool) -> Option<Hypothesis> {
         // To the first label, to each change point, and to the last label.
-        let mut ways: Vec<Option<Way>> = vec![None; points.len() + 2];
+        let mut paths: Vec<Option<PartialPath>> = vec![None; points.len() + 2];
         for from in 0..=points.len() {
             let mut model = self.model.with_observations(self.model.observations);
-            let before = match (from, &ways[from]) {
+            let before = match (from, &paths[from]) {
                 (0, _) => 0.0,
                 (_, Some(way)) => {
                     // It begins about where the one before ends.
@@ -61,9 +61,9 @@ impl Search<'_> {
             self.with_model(&model).grow((from, points), (false, NARROW), |to, beam| {
                 let Some(found) = beam.first() else { return true };
                 let cost = before + found.cost;
-                let known = ways[to].as_ref().map_or(f64::INFINITY, |way| way.cost);
+                let known = paths[to].as_ref().map_or(f64::INFINITY, |way| way.cost);
                 if cost < known {
-                    ways[to] = Some(Way { cost, from, flight: found.trajectory.clone() });
+                    paths[to] = Some(PartialPath { cost, from, flight: found.trajectory.clone() });
                 }
                 cost < known + HOPELESS
             });
@@ -71,7 +71,7 @@ impl Search<'_> {
         let mut flights = vec![];
         let mut at = points.len() + 1;
         while at > 0 {
-            let way = ways[at].as_ref()?;
+            let way = paths[at].as_ref()?;
             flights.push((way.from, &way.flight));
             at = way.from;
         }
@@ -146,8 +146,8 @@ impl Search<'_> {
         };
         let mut beam: Vec<Hypothesis> = vec![];
         let end = end_before(points.get(from));
-        for drift in DRIFTS {
-            let found = self.thrown(first..=end - 1, times[first], &[], drift);
+        for drift in DEPARTURES {
+            let found = self.ballistic(first..=end - 1, times[first], &[], drift);
             beam.extend(found.and_then(|found| self.kept(&fresh(self.state(&found), until(end)), None)));
         }
         beam = best_ends(beam, size);
@@ -166,7 +166,7 @@ impl Search<'_> {
                 let mut start = fresh([0.0; 9], last);
                 start.segments.push(Segment { begin: Begin::Hit, time, state: [0.0; 9] });
                 for &option in &options {
-                    for drift in DRIFTS {
+                    for drift in DEPARTURES {
                         let found = self.with_contact(&start, (1, false), option, drift);
                         next.extend(self.better(found, None));
                     }
@@ -192,8 +192,8 @@ impl Search<'_> {
                     continue;
                 }
                 let place: (f64, Vector3<f64>, f64) = (time, part(&there, 0), KNOWN);
-                if let Some(throw) = self.thrown(begin..=last, time, &[place], 0.0) {
-                    longer.segments[index].state = self.state(&throw);
+                if let Some(flight) = self.ballistic(begin..=last, time, &[place], 0.0) {
+                    longer.segments[index].state = self.state(&flight);
                     next.extend(self.kept(&longer, Some(parent)));
                 }
             }

@@ -29,7 +29,7 @@ pub(super) struct Arrival<'a> {
 impl Model<'_> {
     /// How far a trajectory is from what is known before anything is seen, in squared standard deviations, and of how many numbers:
     /// of its forces, of each segment's beginning.
-    pub fn strains(&self, trajectory: &Trajectory) -> Vec<(f64, usize)> {
+    pub fn prior_chi2(&self, trajectory: &Trajectory) -> Vec<(f64, usize)> {
         let scales = trajectory.log_scales.iter().zip(&self.scale_sigmas);
         let forces: f64 = scales.map(|(value, sigma)| (value / sigma).powi(2)).sum();
         let size = trajectory.log_size / self.config.size_sigma;

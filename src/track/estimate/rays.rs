@@ -68,7 +68,7 @@ impl Plane {
 }
 
 /// A flight that is looked for, beside by its labels.
-pub struct Sought<'a> {
+pub struct BallisticQuery<'a> {
     pub frames: std::ops::RangeInclusive<usize>,
     /// When its position and velocity are asked for, s.
     pub time: f64,
@@ -80,7 +80,7 @@ pub struct Sought<'a> {
 
 /// A flight of constant acceleration.
 #[derive(Debug, Clone, Copy)]
-pub struct Throw {
+pub struct BallisticFlight {
     pub position: Vector3<f64>,
     pub velocity: Vector3<f64>,
     pub acceleration: Vector3<f64>,
@@ -92,7 +92,7 @@ impl Model<'_> {
     /// The most probable flight of constant acceleration through rays of frames taken at `times` with `noise` px: what accelerates it is
     /// gravity, the air's drag, and what a spin can add. First of the acceleration that the forces have without spin, which is linear;
     /// then by Gauss and Newton's steps.
-    pub fn thrown(&self, times: &[f64], sought: &Sought, noise: f64) -> Option<Throw> {
+    pub fn ballistic(&self, times: &[f64], sought: &BallisticQuery, noise: f64) -> Option<BallisticFlight> {
         let frames = sought.frames.clone();
         let seen: Vec<(f64, &Ray)> = frames
             .filter_map(|frame| Some((times[frame] - sought.time, self.observations[frame].ray.as_ref()?)))
@@ -101,36 +101,40 @@ impl Model<'_> {
         if seen.len() + 2 * sought.places.len() < FEWEST {
             return None;
         }
-        let sought = Thrown { sought, seen: &seen, noise, place: self.place, speed: self.config.speed };
+        let sought = BallisticProblem { sought, seen: &seen, noise, place: self.place, speed: self.config.speed };
         let middle = sought.sought.places.first().map_or(self.place.0, |known| known.1);
-        let mut throw =
-            Throw { position: middle, velocity: sought.sought.velocity, acceleration: self.gravity(), cost: 0.0 };
+        let mut flight = BallisticFlight {
+            position: middle,
+            velocity: sought.sought.velocity,
+            acceleration: self.gravity(),
+            cost: 0.0,
+        };
         let mut free = 0.0;
         for _ in 0..LINEAR {
-            throw = sought.linear(&throw)?;
-            let still = column(throw.position, throw.velocity, Vector3::zeros());
-            let flight = self.forecaster.flight(&still, &[0.0; FORCES], false);
-            throw.acceleration = flight.slope().1;
-            free = flight.by_spin() * self.spin.1 + CHANGING * throw.acceleration.norm();
+            flight = sought.linear(&flight)?;
+            let still = column(flight.position, flight.velocity, Vector3::zeros());
+            let forced = self.forecaster.flight(&still, &[0.0; FORCES], false);
+            flight.acceleration = forced.slope().1;
+            free = forced.by_spin() * self.spin.1 + CHANGING * flight.acceleration.norm();
         }
-        let mean = throw.acceleration;
-        throw.cost = sought.cost(&throw, (&mean, free))?;
+        let mean = flight.acceleration;
+        flight.cost = sought.cost(&flight, (&mean, free))?;
         for _ in 0..ROUNDS {
-            let Some(next) = sought.stepped(&throw, (&mean, free)) else { break };
-            let gain = throw.cost - next.cost;
-            throw = next;
+            let Some(next) = sought.stepped(&flight, (&mean, free)) else { break };
+            let gain = flight.cost - next.cost;
+            flight = next;
             if gain < LITTLE {
                 break;
             }
         }
-        let depth = ray.direction.dot(&(throw.position - ray.origin));
-        ((NEAREST..FARTHEST).contains(&depth) && throw.velocity.norm() < FASTEST).then_some(throw)
+        let depth = ray.direction.dot(&(flight.position - ray.origin));
+        ((NEAREST..FARTHEST).contains(&depth) && flight.velocity.norm() < FASTEST).then_some(flight)
     }
 }
 
 /// A flight that is looked for, with what is known of it.
-struct Thrown<'a> {
-    sought: &'a Sought<'a>,
+struct BallisticProblem<'a> {
+    sought: &'a BallisticQuery<'a>,
     /// Rays, and when they were seen, s from the time that is asked for.
     seen: &'a [(f64, &'a Ray)],
     /// px.
@@ -140,24 +144,24 @@ struct Thrown<'a> {
     speed: f64,
 }
 
-impl Thrown<'_> {
+impl BallisticProblem<'_> {
     /// The flight with this one's acceleration; its labels as many pixels off as they would be at this one's distances.
-    fn linear(&self, throw: &Throw) -> Option<Throw> {
+    fn linear(&self, flight: &BallisticFlight) -> Option<BallisticFlight> {
         let mut sums = NormalEquations::<6>::default();
         for (t, ray) in self.seen {
-            let at = throw.at(*t);
+            let at = flight.at(*t);
             let far = ray.direction.dot(&(at - ray.origin)).max(NEAREST);
             let off = ray.residual(&at).map_or(f64::INFINITY, |(off, _)| off.norm() / self.noise);
             // Labels far off count less; the first time nothing is known of that.
-            let robust = if throw.cost > 0.0 { 1.0 / (1.0 + (off / LOOSE).powi(2)) } else { 1.0 };
+            let robust = if flight.cost > 0.0 { 1.0 / (1.0 + (off / LOOSE).powi(2)) } else { 1.0 };
             for (row, offset) in ray.equations() {
-                let right = offset - (row * throw.acceleration)[0] * t * t / 2.0;
+                let right = offset - (row * flight.acceleration)[0] * t * t / 2.0;
                 sums.add(&row, *t, right, (far * self.noise).powi(-2) * robust);
             }
         }
         for (time, place, sigma) in self.sought.places {
             let t = time - self.sought.time;
-            let right = place - throw.acceleration * (t * t / 2.0);
+            let right = place - flight.acceleration * (t * t / 2.0);
             (0..3).for_each(|axis| sums.add(&Vector3::ith(axis, 1.0).transpose(), t, right[axis], sigma.powi(-2)));
         }
         for axis in 0..3 {
@@ -166,14 +170,14 @@ impl Thrown<'_> {
         }
         let solution = sums.solved()?;
         let [position, velocity] = [0, 3].map(|at| solution.fixed_rows::<3>(at).into_owned());
-        Some(Throw { position, velocity, cost: 1.0, ..*throw })
+        Some(BallisticFlight { position, velocity, cost: 1.0, ..*flight })
     }
 
     /// The flight after a step downhill, its acceleration within `free` (m/s²) of a mean; none where there is none.
-    fn stepped(&self, throw: &Throw, (mean, free): (&Vector3<f64>, f64)) -> Option<Throw> {
+    fn stepped(&self, flight: &BallisticFlight, (mean, free): (&Vector3<f64>, f64)) -> Option<BallisticFlight> {
         let mut sums = NormalEquations::<9>::default();
         for (t, ray) in self.seen {
-            let (off, jacobian) = ray.residual(&throw.at(*t))?;
+            let (off, jacobian) = ray.residual(&flight.at(*t))?;
             let robust = 1.0 / (1.0 + off.norm_squared() / (self.noise * LOOSE).powi(2));
             for row in 0..2 {
                 sums.add(&jacobian.row(row).into_owned(), *t, -off[row], robust * self.noise.powi(-2));
@@ -181,41 +185,41 @@ impl Thrown<'_> {
         }
         for (time, place, sigma) in self.sought.places {
             let t = time - self.sought.time;
-            let off = place - throw.at(t);
+            let off = place - flight.at(t);
             (0..3).for_each(|axis| sums.add(&Vector3::ith(axis, 1.0).transpose(), t, off[axis], sigma.powi(-2)));
         }
         for axis in 0..3 {
-            sums.known(axis, self.place.0[axis] - throw.position[axis], self.place.1[axis]);
-            sums.known(3 + axis, self.sought.velocity[axis] - throw.velocity[axis], self.speed);
-            sums.known(6 + axis, mean[axis] - throw.acceleration[axis], free);
+            sums.known(axis, self.place.0[axis] - flight.position[axis], self.place.1[axis]);
+            sums.known(3 + axis, self.sought.velocity[axis] - flight.velocity[axis], self.speed);
+            sums.known(6 + axis, mean[axis] - flight.acceleration[axis], free);
         }
         let step = sums.solved()?;
         let by = |fraction: f64| {
             let [position, velocity, acceleration] = [0, 3, 6].map(|at| step.fixed_rows::<3>(at) * fraction);
-            let mut next = Throw {
-                position: throw.position + position,
-                velocity: throw.velocity + velocity,
-                acceleration: throw.acceleration + acceleration,
+            let mut next = BallisticFlight {
+                position: flight.position + position,
+                velocity: flight.velocity + velocity,
+                acceleration: flight.acceleration + acceleration,
                 cost: 0.0,
             };
             next.cost = self.cost(&next, (mean, free))?;
-            (next.cost < throw.cost).then_some(next)
+            (next.cost < flight.cost).then_some(next)
         };
         FRACTIONS.into_iter().find_map(by)
     }
 
     /// Sum of squares, in standard deviations; none of a flight behind the camera.
-    fn cost(&self, throw: &Throw, (mean, free): (&Vector3<f64>, f64)) -> Option<f64> {
-        let mut cost = ((throw.acceleration - mean) / free).norm_squared();
-        cost += (throw.position - self.place.0).component_div(&self.place.1).norm_squared();
-        cost += ((throw.velocity - self.sought.velocity) / self.speed).norm_squared();
+    fn cost(&self, flight: &BallisticFlight, (mean, free): (&Vector3<f64>, f64)) -> Option<f64> {
+        let mut cost = ((flight.acceleration - mean) / free).norm_squared();
+        cost += (flight.position - self.place.0).component_div(&self.place.1).norm_squared();
+        cost += ((flight.velocity - self.sought.velocity) / self.speed).norm_squared();
         for (t, ray) in self.seen {
-            let off = ray.residual(&throw.at(*t))?.0.norm_squared() / (self.noise * self.noise);
+            let off = ray.residual(&flight.at(*t))?.0.norm_squared() / (self.noise * self.noise);
             cost += LOOSE * LOOSE * (off / (LOOSE * LOOSE)).ln_1p();
         }
         let places = self.sought.places.iter();
         let known = |(time, place, sigma): &(f64, Vector3<f64>, f64)| {
-            ((throw.at(time - self.sought.time) - place) / *sigma).norm_squared()
+            ((flight.at(time - self.sought.time) - place) / *sigma).norm_squared()
         };
         Some(cost + places.map(known).sum::<f64>())
     }
@@ -253,7 +257,7 @@ impl<const N: usize> NormalEquations<N> {
     }
 }
 
-impl Throw {
+impl BallisticFlight {
     /// Where it is at a time from the one that it was asked for, m.
     pub fn at(&self, t: f64) -> Vector3<f64> {
         self.position + self.velocity * t + self.acceleration * (t * t / 2.0)

@@ -99,7 +99,7 @@ impl Model<'_> {
             }
         };
         let mut frames: Vec<FittedFrame> = (0..states.len()).map(frame).collect();
-        let groups = self.strains(whole);
+        let groups = self.prior_chi2(whole);
         let mut flights = vec![];
         for number in 0..=hits.len() {
             let first = number.checked_sub(1).map_or(0, |before| hits[before]);
@@ -296,7 +296,7 @@ impl Model<'_> {
         whole: &Trajectory,
         segments: std::ops::Range<usize>,
         frames: &[&FittedFrame],
-        strains: &[(f64, usize)],
+        prior_chi2: &[(f64, usize)],
     ) -> Option<String> {
         let seen: Vec<&&FittedFrame> = frames.iter().filter(|frame| frame.residual_px.is_some()).collect();
         if seen.is_empty() {
@@ -328,13 +328,13 @@ impl Model<'_> {
             ));
         }
         // The forces, what begins the first flight, and each contact by itself; then all together.
-        let own = strains[..1].iter().chain(&strains[1 + segments.start..1 + segments.end]);
-        if let Some((strain, numbers)) = own.clone().find(|(strain, numbers)| *strain > quantile(*numbers, VERY_ODD)) {
-            return Some(format!("it takes spins and bounces that this ball has not (χ² {strain:.0} of {numbers})"));
+        let own = prior_chi2[..1].iter().chain(&prior_chi2[1 + segments.start..1 + segments.end]);
+        if let Some((chi2, numbers)) = own.clone().find(|(chi2, numbers)| *chi2 > quantile(*numbers, VERY_ODD)) {
+            return Some(format!("it takes spins and bounces that this ball has not (χ² {chi2:.0} of {numbers})"));
         }
-        let (strain, numbers) = own.fold((0.0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
-        if strain > quantile(numbers, ODD) {
-            return Some(format!("it takes spins and bounces that this ball has not (χ² {strain:.0} of {numbers})"));
+        let (chi2, numbers) = own.fold((0.0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+        if chi2 > quantile(numbers, ODD) {
+            return Some(format!("it takes spins and bounces that this ball has not (χ² {chi2:.0} of {numbers})"));
         }
         None
     }

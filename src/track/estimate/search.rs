@@ -9,13 +9,13 @@ use nalgebra::{Point2, Vector3};
 use super::change_points::{CLEAR, ChangePoint, FAINT, change_points};
 use super::grow::{BEAM, NARROW};
 use super::model::{Loss, Model};
-use super::rays::{Plane, Sought, Throw};
+use super::rays::{BallisticFlight, BallisticQuery, Plane};
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, Segment, Span, Trajectory};
 use crate::physics::{Column, FORCES, Obstacle, column, part};
 
 /// Velocities away from the camera that a first flight is tried with, in standard deviations: they are hardly seen.
-pub(super) const DRIFTS: [f64; 3] = [0.0, 1.0, -1.0];
+pub(super) const DEPARTURES: [f64; 3] = [0.0, 1.0, -1.0];
 /// Segments at the growing end that are refined.
 const OPEN: usize = 3;
 /// Steps of a growing trajectory, of one that is tried, and to the end.
@@ -136,24 +136,24 @@ impl<'a> Search<'a> {
         Some(Hypothesis { cost: settled + found.cost, ..found })
     }
 
-    /// The state of a throw, its spin what the acceleration asks for beside gravity and drag.
-    pub(super) fn state(&self, throw: &Throw) -> Column {
-        let still = column(throw.position, throw.velocity, Vector3::zeros());
-        let flight = self.model.forecaster.flight(&still, &[0.0; FORCES], false);
-        let spin = flight.spin_for(&(throw.acceleration - flight.slope().1));
+    /// The state of a flight, its spin what the acceleration asks for beside gravity and drag.
+    pub(super) fn state(&self, flight: &BallisticFlight) -> Column {
+        let still = column(flight.position, flight.velocity, Vector3::zeros());
+        let forced = self.model.forecaster.flight(&still, &[0.0; FORCES], false);
+        let spin = forced.spin_for(&(flight.acceleration - forced.slope().1));
         let longest = 2.0 * self.model.spin_sigma();
-        column(throw.position, throw.velocity, spin * (longest / spin.norm().max(longest)))
+        column(flight.position, flight.velocity, spin * (longest / spin.norm().max(longest)))
     }
 
-    pub(super) fn thrown(
+    pub(super) fn ballistic(
         &self,
         frames: RangeInclusive<usize>,
         time: f64,
         places: &[(f64, Vector3<f64>, f64)],
         drift: f64,
-    ) -> Option<Throw> {
+    ) -> Option<BallisticFlight> {
         let velocity = self.plane.axis() * (drift * self.model.config.speed);
-        self.model.thrown(&self.times, &Sought { frames, time, places, velocity }, self.noise)
+        self.model.ballistic(&self.times, &BallisticQuery { frames, time, places, velocity }, self.noise)
     }
 
     pub(super) fn flown(&self, state: &Column, dt: f64) -> Column {
@@ -179,7 +179,7 @@ impl<'a> Search<'a> {
         self.model.obstacles.iter().enumerate().flat_map(of).collect()
     }
 
-    /// The trajectory with its event of `index` as a contact at a place, the flights before (unless `kept`) and after it thrown anew: as the
+    /// The trajectory with its event of `index` as a contact at a place, the flights before (unless `kept`) and after it found anew: as the
     /// law has it, and as the labels after it have it. And how far the flights are from their labels and the law, in squared standard
     /// deviations.
     pub(super) fn with_contact(
@@ -198,8 +198,8 @@ impl<'a> Search<'a> {
         if !kept {
             places.extend((index > 1).then(|| known(before)));
             let frames = trajectory.frames(index - 1);
-            let throw = self.thrown(frames.start..=frames.end.checked_sub(1)?, before.time, &places, drift)?;
-            (cost, state) = (throw.cost, self.state(&throw));
+            let flight = self.ballistic(frames.start..=frames.end.checked_sub(1)?, before.time, &places, drift)?;
+            (cost, state) = (flight.cost, self.state(&flight));
         }
         let obstacle = &self.model.obstacles[obstacle];
         let arrived = self.flown(&state, time - before.time);
@@ -211,7 +211,7 @@ impl<'a> Search<'a> {
         places.truncate(1);
         places.extend(segments.get(index + 1).map(known));
         let frames = trajectory.frames(index);
-        let after = frames.end.checked_sub(1).and_then(|end| self.thrown(frames.start..=end, time, &places, 0.0));
+        let after = frames.end.checked_sub(1).and_then(|end| self.ballistic(frames.start..=end, time, &places, 0.0));
         let with = |state_after: Column| {
             let mut next = trajectory.clone();
             next.segments[index - 1].state = state;
