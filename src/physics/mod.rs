@@ -23,7 +23,6 @@ pub use self::cases::Case;
 pub(crate) use self::contact::Rigid;
 pub(crate) use self::force::FORCES;
 pub use self::force::Potential;
-pub(crate) use self::forecast::Transition;
 pub(crate) use self::forecast::columns::{Column, column, part};
 pub(crate) use self::forecast::flight::{Flight, Sensitivity};
 pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Moved, Status};

@@ -50,8 +50,8 @@ pub struct Arguments {
     /// Standard deviation of the labels, px [default: found from the track].
     #[arg(long, value_name = "S")]
     noise_px: Option<f64>,
-    /// Estimate these, too; the scene's values are where the search starts. Where the spin is unknown, drag and restitution are
-    /// found anyway.
+    /// These the scene does not know. Drag and restitution are estimated anyway, near the scene's values; named here they may be almost
+    /// any.
     #[arg(long, value_enum, value_delimiter = ',')]
     estimate: Vec<Unknown>,
     /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).

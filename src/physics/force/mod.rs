@@ -164,18 +164,6 @@ impl Forces {
         self.list.iter().try_fold(Linear::ZERO, |sum, force| Some(sum.plus(force.linear(spin)?)))
     }
 
-    /// The sum of the forces that have a closed form for a ball of this spin.
-    pub fn linear_part(&self, spin: &Vector3<f64>) -> Linear {
-        self.list.iter().filter_map(|force| force.linear(spin)).fold(Linear::ZERO, Linear::plus)
-    }
-
-    /// The sum of the forces that have none, m/s².
-    pub fn nonlinear_acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
-        let (v, w) = (self.time * v, self.time * w);
-        let rest = self.list.iter().filter(|force| force.linear(&w).is_none());
-        rest.map(|force| force.acceleration(r, &v, &w, None)).sum()
-    }
-
     /// Acceleration, m/s².
     #[inline]
     pub fn acceleration(&self, r: &Vector3<f64>, v: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {

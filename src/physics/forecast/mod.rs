@@ -11,7 +11,7 @@ pub(crate) mod run;
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix6, SMatrix, Vector3};
+use nalgebra::{SMatrix, Vector3};
 
 use self::columns::{Column, Columns, WITH_JACOBIAN, WITH_SPIN_JACOBIAN, part};
 pub use self::guard::Moved;
@@ -36,15 +36,6 @@ pub(crate) struct Transition<const D: usize> {
     pub jacobian: SMatrix<f64, D, D>,
     /// Whether anything is touched on the way.
     pub contact: bool,
-}
-
-/// Motion by the accelerations that are linear in the position: of a ball that starts at rest in the origin, and its
-/// Jacobian by the start's position and velocity, with which it is that of any start.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct LinearMotion {
-    pub position: Vector3<f64>,
-    pub velocity: Vector3<f64>,
-    pub jacobian: Matrix6<f64>,
 }
 
 /// The laws of motion in a scene: the paper's physics-aware forecaster.
@@ -210,20 +201,6 @@ impl Forecaster {
     fn touches(&self, position: &Vector3<f64>) -> bool {
         let reach = self.forwards.contacts.reach();
         self.obstacles.iter().any(|obstacle| obstacle.distance(position) < reach)
-    }
-
-    /// The motion of `time` s by the accelerations that have a closed form for a ball of this spin; contacts and all else
-    /// left out.
-    pub(crate) fn linear_motion(&self, spin: &Vector3<f64>, time: f64) -> LinearMotion {
-        let arc = arc::Arc { linear: self.forwards.forces.linear_part(spin), spin_decay: 0.0, press: None };
-        let still = Columns::<WITH_JACOBIAN>::start(Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
-        let moved = arc.at(&still, time);
-        LinearMotion { position: moved.position(), velocity: moved.velocity(), jacobian: moved.jacobian() }
-    }
-
-    /// The accelerations that [`Self::linear_motion`] leaves out, contacts excepted, m/s².
-    pub(crate) fn nonlinear_acceleration(&self, state: &State) -> Vector3<f64> {
-        self.forwards.forces.nonlinear_acceleration(&state.position.coords, &state.velocity, &state.spin)
     }
 
     /// Runs forwards and backwards as `times` ask, and puts the states into their order.

@@ -2,9 +2,12 @@
 
 use serde::Serialize;
 
-use crate::physics::Scene;
+use crate::physics::{Contact, Scene};
 
-/// How a trajectory of unknown spin is judged. Those without a physical source were chosen on simulated flights of table tennis (seed 1 of
+/// Standard deviation of a restitution below which the whole contact is known better than usual.
+const EXACT: f64 = 0.01;
+
+/// How a trajectory is judged. Those without a physical source were chosen on simulated flights of table tennis (seed 1 of
 /// another simulator's), on simulated rallies that no test uses, and on every sixth of a real launcher's shots, whose others are what is
 /// reported. That labels far off need a component of their own (`rough`) was seen on three of the rallies that the tests report.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -27,6 +30,10 @@ pub struct EstimatorConfig {
     pub contact_speed: f64,
     /// How exactly it keeps the law of the spin's change, a fraction of that.
     pub contact_spin: f64,
+    /// How exactly the forecaster leads through a contact that lasts: m, m/s, rad/s.
+    pub lasting: [f64; 3],
+    /// The same as fractions of the changes of velocity and spin.
+    pub lasting_fractions: [f64; 2],
     /// Frames that are missing or repeated, of all.
     pub drop_rate: f64,
     /// Hits a second.
@@ -55,6 +62,8 @@ impl Default for EstimatorConfig {
             surface: 3e-3,
             contact_speed: 0.1,
             contact_spin: 0.4,
+            lasting: [2e-3, 2e-3, 1e-2],
+            lasting_fractions: [2e-3, 0.05],
             drop_rate: 0.01,
             hit_rate: 0.2,
             speed: 12.0,
@@ -73,7 +82,13 @@ impl EstimatorConfig {
         let terminal = scene.terminal_speed();
         let default = Self::default();
         let speed = if terminal.is_finite() { (0.8 * terminal).clamp(4.0, 25.0) } else { default.speed };
-        Self { speed, ..default }
+        // A scene that knows its restitution to better than a hundredth knows its contacts altogether as well.
+        let contact = match scene.contact {
+            Contact::Bounce { restitution_sigma: Some(sigma), .. } => (sigma / EXACT).min(1.0),
+            _ => 1.0,
+        };
+        let [contact_speed, contact_spin] = [default.contact_speed, default.contact_spin].map(|own| contact * own);
+        Self { speed, contact_speed, contact_spin, ..default }
     }
 
     /// The same where one of the labels' own pixels is `scale` of the camera's.

@@ -2,13 +2,15 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
 
-use super::model::{LAW_STEP, Model};
+use super::model::{LAW_STEP, Loss, Model, START_HELD, huber};
 use super::normal::Sums;
 use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Span, Trajectory};
 use crate::physics::{Column, FORCES, Flight, Obstacle, Sensitivity, part};
 
 /// Weight of a gain of energy, which no contact has: two standard deviations of any speed's are as odd as one case in a thousand.
 const GAINED: f64 = 1.5;
+/// Residual of a contact that lasts, in standard deviations, from which on it counts less.
+const LASTING_LIMIT: f64 = 4.0;
 
 /// How loosely a contact keeps its law: standard deviations of the velocity along the normal and across it, and of the spin.
 #[derive(Debug, Clone, Copy)]
@@ -24,6 +26,18 @@ pub struct ContactNoise {
 pub(super) struct Arrival<'a> {
     pub segment: usize,
     pub flight: Flight<'a>,
+    /// When its free flight ends, s.
+    pub end: f64,
+}
+
+/// Cost of a squared residual of a contact that lasts (in standard deviations), and its derivative: most are the model's, some (at an edge)
+/// far from it.
+fn lasting_cost(square: f64, loss: Loss) -> (f64, f64) {
+    let limit = LASTING_LIMIT * LASTING_LIMIT;
+    match loss {
+        Loss::Growing => huber(square, LASTING_LIMIT),
+        Loss::Mixture => (limit * (square / limit).ln_1p(), 1.0 / (1.0 + square / limit)),
+    }
 }
 
 impl Model<'_> {
@@ -34,12 +48,26 @@ impl Model<'_> {
         let forces: f64 = scales.map(|(value, sigma)| (value / sigma).powi(2)).sum();
         let size = trajectory.log_size / self.config.size_sigma;
         let mut all = vec![(forces + size * size, 1 + self.forecaster.scale_sigmas().count())];
-        let spin = |state: &Column| ((part(state, 2) - self.spin.0) / self.spin.1).norm_squared();
+        let spin = |segment: &Segment| match segment.begin {
+            Begin::Start => ((part(&segment.state, 2) - self.spin.0) / self.spin.1).norm_squared(),
+            _ => (part(&segment.state, 2) / self.hit_spin).norm_squared(),
+        };
+        let lasting = |index: usize, noise: &ContactNoise| {
+            let (_, passed) = self.through_lasting(trajectory, index - 1)?;
+            let off = |which: usize| part(&trajectory.segments[index].state, which) - part(&passed, which);
+            let sigmas = [self.config.lasting[0], noise.along, noise.spin];
+            let square = (0..3).map(|which| (off(which) / sigmas[which]).norm_squared()).sum();
+            Some(lasting_cost(square, Loss::Mixture).0)
+        };
         for (index, (segment, noise)) in
             trajectory.segments.iter().zip(self.contact_noises(trajectory, &trajectory.all())).enumerate()
         {
+            if let (Begin::LastingContact, Some(noise)) = (segment.begin, &noise) {
+                all.push((lasting(index, noise).unwrap_or(f64::INFINITY), 9));
+                continue;
+            }
             let (Begin::Bounce(obstacle), Some(noise)) = (segment.begin, noise) else {
-                all.push((spin(&segment.state), 3));
+                all.push((spin(segment), 3));
                 continue;
             };
             let arrived = self.arrival(trajectory, index - 1);
@@ -59,7 +87,7 @@ impl Model<'_> {
     /// no energy is gained.
     pub fn restitutions(&self, trajectory: &Trajectory) -> Vec<Option<[f64; 2]>> {
         let of = |(index, (segment, noise)): (usize, (&Segment, Option<ContactNoise>))| {
-            let noise = noise?;
+            let noise = noise.filter(|_| segment.begin != Begin::LastingContact)?;
             let arrived = part(&self.arrival(trajectory, index.checked_sub(1)?), 1);
             let [before, after] = [-noise.normal.dot(&arrived), noise.normal.dot(&segment.velocity())];
             let off = (after - self.rigid.restitution * before) / noise.along;
@@ -74,12 +102,15 @@ impl Model<'_> {
         &self,
         arrival: &Arrival,
         next: &Segment,
-        (span, noise): (&Span, Option<ContactNoise>),
+        (span, noise, loss): (&Span, Option<ContactNoise>, Loss),
         sums: &mut Sums,
-    ) {
+    ) -> Option<()> {
+        if next.begin == Begin::LastingContact {
+            return self.add_lasting_contact(arrival, next, (span, noise?, loss), sums);
+        }
         let flight = &arrival.flight;
         let (velocity, acceleration) = flight.slope();
-        let mut blocks = Blocks::new(arrival, &velocity, &acceleration, span);
+        let blocks = Blocks::new(arrival, &velocity, &acceleration, span);
         // Continuity.
         let off = (next.position() - part(&flight.state, 0)) / self.config.continuity;
         let scale = self.config.continuity.recip();
@@ -94,13 +125,13 @@ impl Model<'_> {
             own.fixed_view_mut::<3, 3>(0, 4).copy_from(&(Matrix3::identity() / sigma));
             blocks.alone(sums, &(next.velocity() / sigma), own);
             let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
-            own.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() / self.spin.1));
-            blocks.alone(sums, &(part(&next.state, 2) / self.spin.1), own);
+            own.fixed_view_mut::<3, 3>(0, 7).copy_from(&(Matrix3::identity() / self.hit_spin));
+            blocks.alone(sums, &(part(&next.state, 2) / self.hit_spin), own);
             let inverse = self.place.1.map(f64::recip);
             let mut own = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
             own.fixed_view_mut::<3, 3>(0, 1).copy_from(&Matrix3::from_diagonal(&inverse));
             blocks.alone(sums, &(next.position() - self.place.0).component_mul(&inverse), own);
-            return;
+            return Some(());
         };
         // The contact.
         let obstacle = &self.obstacles[index];
@@ -141,18 +172,74 @@ impl Model<'_> {
             own.fixed_view_mut::<3, 3>(0, 4 + 3 * which).copy_from(&weigh);
             blocks.add(sums, &off, weigh * end * -1.0, own, weigh * shared * -1.0);
         }
+        Some(())
+    }
+
+    /// Adds that a segment begins where the forecaster leads the one before, through a contact that lasts; none where it leads nowhere.
+    fn add_lasting_contact(
+        &self,
+        arrival: &Arrival,
+        next: &Segment,
+        (span, noise, loss): (&Span, ContactNoise, Loss),
+        sums: &mut Sums,
+    ) -> Option<()> {
+        let flight = &arrival.flight;
+        let (velocity, acceleration) = flight.slope();
+        let blocks = Blocks::new(arrival, &velocity, &acceleration, span);
+        let passed = self.forecaster.transition::<9>(&flight.state, next.time - arrival.end)?;
+        let sigmas = [self.config.lasting[0], noise.along, noise.spin];
+        let weigh = SVector::<f64, 9>::from_fn(|row, _| sigmas[row / 3].recip());
+        let off = SVector::<f64, 9>::from_fn(|row, _| weigh[row] * (next.state[row] - passed.end[row]));
+        let (cost, weight) = lasting_cost(off.norm_squared(), loss);
+        let slope = SMatrix::<f64, 9, 9>::from_diagonal(&-weigh) * passed.jacobian;
+        let mut before = SMatrix::<f64, 9, OF_SEGMENT>::zeros();
+        let mut shared = SMatrix::<f64, 9, SHARED>::zeros();
+        for which in 0..3 {
+            let part = slope.fixed_view::<9, 3>(0, 3 * which);
+            before += part * blocks.end(which);
+            if which < 2 {
+                shared += part * arrival.flight_shared(which);
+            }
+        }
+        let mut own = SMatrix::<f64, 9, OF_SEGMENT>::zeros();
+        (0..9).for_each(|row| own[(row, 1 + row)] = weigh[row]);
+        blocks.add_weighed((cost, weight), sums, &off, (before, own, shared));
+        // It begins with a frame.
+        let mut own = SMatrix::<f64, 1, OF_SEGMENT>::zeros();
+        own[0] = START_HELD;
+        blocks.alone(sums, &Vector1::zeros(), own);
+        Some(())
+    }
+
+    /// The state to which the forecaster leads the segment before one that begins by a contact that lasts.
+    fn through_lasting(&self, trajectory: &Trajectory, before: usize) -> Option<(Column, Column)> {
+        let arrived = self.arrival(trajectory, before);
+        let dt = trajectory.segments[before + 1].time - trajectory.end_of_flight(before);
+        Some((arrived, self.forecaster.transition::<6>(&arrived, dt)?.end))
     }
 
     /// How loosely the contacts of a span of a trajectory, and the one after it, keep their law, one a segment; none of a segment that
     /// does not begin by one.
     pub fn contact_noises(&self, trajectory: &Trajectory, span: &Span) -> Vec<Option<ContactNoise>> {
         let of = |(index, segment): (usize, &Segment)| {
-            let Begin::Bounce(obstacle) = segment.begin else { return None };
             let before = index.checked_sub(1).filter(|_| (span.start..=span.end).contains(&index))?;
+            if segment.begin == Begin::LastingContact {
+                let (arrived, left) = self.through_lasting(trajectory, before)?;
+                return Some(self.lasting_noise(&arrived, &left));
+            }
+            let Begin::Bounce(obstacle) = segment.begin else { return None };
             let arrived = self.arrival(trajectory, before);
             Some(self.contact_noise(&self.obstacles[obstacle], &segment.position(), &arrived))
         };
         trajectory.segments.iter().enumerate().map(of).collect()
+    }
+
+    /// How loosely a contact that lasts changes a state.
+    fn lasting_noise(&self, arriving: &Column, leaving: &Column) -> ContactNoise {
+        let change = |which: usize| (part(leaving, which) - part(arriving, which)).norm();
+        let ([_, speed, spin], by) = (self.config.lasting, self.config.lasting_fractions);
+        let (along, spin) = (speed + by[0] * change(1), spin + by[1] * change(2));
+        ContactNoise { normal: Vector3::zeros(), along, across: along, spin, closing: 0.0 }
     }
 
     pub fn contact_noise(&self, obstacle: &Obstacle, place: &Vector3<f64>, arriving: &Column) -> ContactNoise {
@@ -207,12 +294,23 @@ impl Blocks {
     }
 
     fn add<const R: usize>(
-        &mut self,
+        &self,
         sums: &mut Sums,
         residual: &SVector<f64, R>,
         before: SMatrix<f64, R, OF_SEGMENT>,
         after: SMatrix<f64, R, OF_SEGMENT>,
         shared: SMatrix<f64, R, SHARED>,
+    ) {
+        self.add_weighed((residual.norm_squared(), 1.0), sums, residual, (before, after, shared));
+    }
+
+    /// The same with a cost that is not the square's, and its derivative by that.
+    fn add_weighed<const R: usize>(
+        &self,
+        (cost, weight): (f64, f64),
+        sums: &mut Sums,
+        residual: &SVector<f64, R>,
+        (before, after, shared): (SMatrix<f64, R, OF_SEGMENT>, SMatrix<f64, R, OF_SEGMENT>, SMatrix<f64, R, SHARED>),
     ) {
         let both = [(self.before.unwrap_or(0), before), (self.after.unwrap_or(0), after)];
         let parts = match (self.before, self.after) {
@@ -221,7 +319,7 @@ impl Blocks {
             (None, Some(_)) => &both[1..],
             (None, None) => &[],
         };
-        sums.add(residual.norm_squared(), 1.0, residual, parts, &shared);
+        sums.add(cost, weight, residual, parts, &shared);
     }
 
     fn alone<const R: usize>(&self, sums: &mut Sums, residual: &SVector<f64, R>, after: SMatrix<f64, R, OF_SEGMENT>) {

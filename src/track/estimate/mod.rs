@@ -14,6 +14,7 @@ mod drops;
 mod followed;
 mod grow;
 mod input_checks;
+mod lasting;
 mod links;
 mod model;
 mod net;

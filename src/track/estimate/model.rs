@@ -27,7 +27,7 @@ const BARRIER: f64 = 3.0;
 const BEYOND: f64 = 2.0;
 const FAR: f64 = 30.0;
 /// How firmly the first segment begins when it begins, 1/s.
-const START_HELD: f64 = 1e6;
+pub(super) const START_HELD: f64 = 1e6;
 /// Least variance of labels, px².
 const SMALLEST_NOISE: f64 = 1e-3;
 /// Least closing speed of a contact, m/s: of a ball that rolls.
@@ -48,6 +48,8 @@ pub struct Model<'a> {
     pub rigid: Rigid,
     pub obstacles: Vec<Obstacle>,
     pub nets: Vec<Net>,
+    /// Whether contacts take time, and the forecaster leads through them.
+    pub lasting: bool,
     pub observations: &'a [Observation],
     /// Of the picture, px².
     pub area: f64,
@@ -62,38 +64,43 @@ pub struct Model<'a> {
     pub place: (Vector3<f64>, Vector3<f64>),
     /// Mean of each component of the spin, and its standard deviation, rad/s.
     pub(super) spin: (Vector3<f64>, f64),
+    /// Standard deviation of each component of the spin after a hit, rad/s.
+    pub(super) hit_spin: f64,
     pub(super) scale_sigmas: [f64; FORCES],
     pub(super) restitution_sigma: f64,
     pub(super) friction_sigma: f64,
 }
 
 impl<'a> Model<'a> {
-    /// None of a scene whose contacts last. The picture has an `area` (px²), labels are noisy by `smooth` px by themselves, one of
+    /// The picture has an `area` (px²), labels are noisy by `smooth` px by themselves, one of
     /// their own pixels is `scale` of the camera's, and one of their clock's seconds `clock` of the observations'.
     pub fn new(
         forecaster: &'a Forecaster,
         observations: &'a [Observation],
         [area, smooth, scale, clock]: [f64; 4],
         noise: Option<f64>,
-    ) -> Option<Self> {
+    ) -> Self {
         let scene = forecaster.scene();
-        let Contact::Bounce { restitution, friction, restitution_sigma, friction_sigma } = scene.contact else {
-            return None;
+        let (lasting, [restitution, friction], [restitution_sigma, friction_sigma]) = match scene.contact {
+            Contact::Bounce { restitution, friction, restitution_sigma, friction_sigma } => {
+                (false, [restitution, friction], [restitution_sigma, friction_sigma])
+            }
+            _ => (true, [1.0, 0.0], [None; 2]),
         };
         let ball = &scene.ball;
         let mut scale_sigmas = [1e-4; FORCES];
         forecaster.scale_sigmas().zip(&mut scale_sigmas).for_each(|((_, sigma), out)| *out = sigma);
-        let spin_sigma = match ball.spin == [0.0; 3] {
-            true => ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius),
-            false => KNOWN_SPIN,
-        };
+        let hit_spin = ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius);
+        let spin_sigma = if ball.spin == [0.0; 3] { hit_spin } else { KNOWN_SPIN };
         let config = EstimatorConfig::of(scene).scaled(scale);
         let labelled = observations.iter().filter(|it| it.ray.is_some()).map(|it| it.time);
-        Some(Self {
+        Self {
             forecaster,
             rigid: Rigid { radius: ball.radius, restitution, friction, inertia_factor: ball.inertia_factor },
-            obstacles: Obstacle::of(scene),
+            // What presses on a ball for a while lets it in: the forecaster says how far.
+            obstacles: if lasting { vec![] } else { Obstacle::of(scene) },
             nets: Net::of(scene),
+            lasting,
             observations,
             area,
             noise,
@@ -102,10 +109,11 @@ impl<'a> Model<'a> {
             drift: (config.drift / (clock * interval(labelled))).sqrt(),
             place: place_of(scene, observations),
             spin: (ball.spin.into(), spin_sigma),
+            hit_spin,
             scale_sigmas,
             restitution_sigma: restitution_sigma.unwrap_or(RESTITUTION),
             friction_sigma: friction_sigma.unwrap_or(FRICTION),
-        })
+        }
     }
 
     /// The same of other observations.
@@ -196,7 +204,7 @@ impl<'a> Model<'a> {
         for index in span.start.saturating_sub(1)..(span.end + 1).min(segments.len()) {
             let segment = &segments[index];
             if let Some(arrival) = &arrival {
-                self.add_link(arrival, segment, (span, noises[index]), sums);
+                self.add_link(arrival, segment, (span, noises[index], loss), sums)?;
             }
             if index == span.end {
                 break;
@@ -215,9 +223,9 @@ impl<'a> Model<'a> {
                 }
             }
             arrival = match segments.get(index + 1) {
-                Some(next) => {
-                    flight.advance(next.time - time);
-                    Some(Arrival { segment: index, flight })
+                Some(_) => {
+                    flight.advance(trajectory.end_of_flight(index) - time);
+                    Some(Arrival { segment: index, flight, end: trajectory.end_of_flight(index) })
                 }
                 None => None,
             };
@@ -355,7 +363,13 @@ impl<'a> Model<'a> {
                     let closing = noise.closing.max(SLOWEST_CLOSING);
                     ln(config.surface) - ln(closing) + ln(noise.along) + 2.0 * ln(noise.across) + 3.0 * ln(noise.spin)
                 }
-                _ => 3.0 * ln(config.speed) + 3.0 * ln(self.spin.1) - ln(config.hit_rate) - std::f64::consts::TAU.ln(),
+                (Begin::LastingContact, Some(noise)) => {
+                    3.0 * (ln(noise.along) + ln(noise.spin)) - 3.0 * ln(config.continuity) + 3.0 * ln(config.lasting[0])
+                        - self.start_constant()
+                }
+                _ => {
+                    3.0 * ln(config.speed) + 3.0 * ln(self.hit_spin) - ln(config.hit_rate) - std::f64::consts::TAU.ln()
+                }
             };
         }
         cost
@@ -373,12 +387,11 @@ impl<'a> Model<'a> {
         drops.iter().map(|drop| -2.0 * each(drop).ln()).sum()
     }
 
-    /// The state at the end of a segment, before what begins the next.
+    /// The state at the end of a segment's free flight, before what begins the next.
     pub fn arrival(&self, trajectory: &Trajectory, segment: usize) -> Column {
         let from = &trajectory.segments[segment];
-        let end = trajectory.segments.get(segment + 1).map_or(trajectory.times[trajectory.last], |next| next.time);
         let mut flight = self.forecaster.flight(&from.state, &trajectory.log_scales, false);
-        flight.advance(end - from.time);
+        flight.advance(trajectory.end_of_flight(segment) - from.time);
         flight.state
     }
 }
@@ -408,7 +421,7 @@ fn place_of(scene: &Scene, observations: &[Observation]) -> (Vector3<f64>, Vecto
 }
 
 /// Huber's loss: cost of a squared residual, and its derivative.
-fn huber(square: f64, limit: f64) -> (f64, f64) {
+pub(super) fn huber(square: f64, limit: f64) -> (f64, f64) {
     if square <= limit * limit {
         return (square, 1.0);
     }

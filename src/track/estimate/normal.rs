@@ -150,6 +150,17 @@ impl Sums {
         x
     }
 
+    /// How all segments' numbers change where those of one are pulled by each column of `right`; the shared ones stay.
+    pub fn response<const C: usize>(
+        &self,
+        segment: usize,
+        right: &SMatrix<f64, OF_SEGMENT, C>,
+    ) -> Option<Vec<SMatrix<f64, OF_SEGMENT, C>>> {
+        let mut all = vec![SMatrix::<f64, OF_SEGMENT, C>::zeros(); self.diagonal.len()];
+        all[segment] = *right;
+        Some(self.substituted(&self.eliminated(0.0)?.pivots, all))
+    }
+
     /// The damped step of the segments' numbers and of the shared ones.
     pub fn step(&self, damping: f64) -> Option<(Vec<Step>, [f64; SHARED])> {
         let eliminated = self.eliminated(damping)?;

@@ -80,7 +80,7 @@ impl Part<'_> {
         self.labels.iter().map(|label| Observation::of(label, camera, radius).ok()).collect()
     }
 
-    fn model<'b>(&'b self, observations: &'b [Observation], noise: Option<f64>) -> Option<Model<'b>> {
+    fn model<'b>(&'b self, observations: &'b [Observation], noise: Option<f64>) -> Model<'b> {
         Model::new(self.forecaster, observations, [self.area(), self.smooth(), self.scale, self.clock], noise)
     }
 
@@ -111,12 +111,11 @@ impl Part<'_> {
         let observations = self.observations(self.camera).ok_or_else(unexplained)?;
         let given = self.options.noise_px.map(|noise| noise.max(LEAST_NOISE));
         let model = self.model(&observations, given);
-        let model = model.ok_or_else(unexplained)?;
         let cameras = self.options.cameras.iter().filter_map(|camera| self.observations(camera)).collect::<Vec<_>>();
         let found = self.found(&model);
         let outcome = found.as_ref().and_then(|(hypotheses, _)| model.result(hypotheses, &cameras));
         let mut reason = None;
-        if outcome.as_ref().is_none_or(|outcome| outcome.is_odd() || outcome.is_alone()) {
+        if outcome.as_ref().is_none_or(|outcome| outcome.is_odd() || outcome.is_alone()) && !model.lasting {
             // What is wrong is wrong from the beginning on: of a long track that is enough to see it.
             let beginning = Part { labels: &self.labels[..self.beginning(&model)], ..*self };
             let own = (beginning.labels.len() < self.labels.len())
@@ -237,7 +236,7 @@ impl Part<'_> {
         let options = FitOptions { hits, cameras: vec![], ..self.options.clone() };
         let part = Part { labels, options: &options, ..*self };
         let observations = part.observations(self.camera)?;
-        let model = part.model(&observations, options.noise_px)?;
+        let model = part.model(&observations, options.noise_px);
         let times: Vec<f64> = labels.iter().map(|label| label.time).collect();
         let quick = Search::new(&model, Arc::new(times), part.noise(), hits)?.quick();
         if quick.first()?.cost > limit + WORTH {
@@ -259,7 +258,7 @@ impl Part<'_> {
         };
         let labels = Plane::of(model.observations)?.labels(model.observations);
         let timed: Vec<_> = labels.iter().map(|&(frame, point)| (times[frame], point)).collect();
-        let drops: Vec<(usize, i32)> = match self.options.times_known {
+        let drops: Vec<(usize, i32)> = match self.options.times_known || model.lasting {
             true => vec![],
             false => drops::drops(&timed, interval(times.iter().copied()), noise.hypot(model.drift))
                 .iter()

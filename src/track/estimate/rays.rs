@@ -112,7 +112,7 @@ impl Model<'_> {
         let mut free = 0.0;
         for _ in 0..LINEAR {
             flight = sought.linear(&flight)?;
-            let still = column(flight.position, flight.velocity, Vector3::zeros());
+            let still = column(flight.position, flight.velocity, self.spin.0);
             let forced = self.forecaster.flight(&still, &[0.0; FORCES], false);
             flight.acceleration = forced.slope().1;
             free = forced.by_spin() * self.spin.1 + CHANGING * flight.acceleration.norm();

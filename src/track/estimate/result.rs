@@ -149,11 +149,13 @@ impl Model<'_> {
                 time_gradient: None,
             })
         };
+        let mut impacts: Vec<Impact> = whole.segments.iter().enumerate().filter_map(impact).collect();
+        impacts.extend(self.lasting_impacts(whole));
         let fit = Fit {
             noise_px: white,
             rms_px: rms(frames.iter()),
             explained: flights.iter().all(|flight| flight.explained),
-            impacts: whole.segments.iter().enumerate().filter_map(impact).collect(),
+            impacts,
             within_lines: vec![],
             hits: hits.iter().map(hit).collect(),
             notes: vec![],
@@ -164,6 +166,19 @@ impl Model<'_> {
             frames,
         };
         Some(Outcome { fit, cost, doubtful })
+    }
+
+    /// What is touched in contacts that last.
+    fn lasting_impacts(&self, whole: &Trajectory) -> Vec<Impact> {
+        let lasting = whole.segments.iter().enumerate().filter(|(_, segment)| segment.begin == Begin::LastingContact);
+        let touched = lasting.flat_map(|(index, segment)| {
+            let (arrived, from) = (self.arrival(whole, index - 1), whole.end_of_flight(index - 1));
+            let [position, velocity, spin] = [0, 1, 2].map(|which| part(&arrived, which));
+            let start = State { position: position.into(), velocity, spin };
+            let impacts = self.forecaster.forecast(&start, &[segment.time - from]).impacts;
+            impacts.into_iter().map(move |impact| Impact { time: from + impact.time, ..impact })
+        });
+        touched.collect()
     }
 
     /// The trajectory over all frames of the track, those before the first label and after the last included.
@@ -179,7 +194,7 @@ impl Model<'_> {
     }
 
     /// Of each frame of the track.
-    fn states(&self, whole: &Trajectory) -> Vec<[f64; 9]> {
+    pub(super) fn states(&self, whole: &Trajectory) -> Vec<[f64; 9]> {
         let mut states = Vec::with_capacity(whole.times.len());
         for (index, segment) in whole.segments.iter().enumerate() {
             let mut flight = self.forecaster.flight(&segment.state, &whole.log_scales, false);

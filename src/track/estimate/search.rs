@@ -76,6 +76,9 @@ impl<'a> Search<'a> {
 
     /// Hypotheses that may explain the track, the most probable first; frames from the first label to the last.
     pub fn found(&self) -> Vec<Hypothesis> {
+        if self.model.lasting {
+            return self.through_contacts();
+        }
         let [clear, all] = &self.change_points;
         let mut found = self.grown(all, BEAM);
         if !clear.iter().map(|point| point.time).eq(all.iter().map(|point| point.time)) {
@@ -98,6 +101,9 @@ impl<'a> Search<'a> {
 
     /// The same in a small part of the time: along the clear change points only.
     pub fn quick(&self) -> Vec<Hypothesis> {
+        if self.model.lasting {
+            return self.through_contacts();
+        }
         best(self.grown(&self.change_points[0], NARROW), BEAM)
     }
 
@@ -138,11 +144,12 @@ impl<'a> Search<'a> {
 
     /// The state of a flight, its spin what the acceleration asks for beside gravity and drag.
     pub(super) fn state(&self, flight: &BallisticFlight) -> Column {
-        let still = column(flight.position, flight.velocity, Vector3::zeros());
+        let mean = self.model.spin.0;
+        let still = column(flight.position, flight.velocity, mean);
         let forced = self.model.forecaster.flight(&still, &[0.0; FORCES], false);
         let spin = forced.spin_for(&(flight.acceleration - forced.slope().1));
         let longest = 2.0 * self.model.spin_sigma();
-        column(flight.position, flight.velocity, spin * (longest / spin.norm().max(longest)))
+        column(flight.position, flight.velocity, mean + spin * (longest / spin.norm().max(longest)))
     }
 
     pub(super) fn ballistic(

@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 
-use nalgebra::SVector;
+use nalgebra::{SMatrix, SVector};
 
 use super::links::ContactNoise;
 use super::model::{Loss, Model};
@@ -118,6 +118,33 @@ impl Model<'_> {
         let labels = squares.len() as f64 * self.label_constant(trajectory.noise) + self.noise_cost(trajectory.noise);
         let cost = sums.cost + labels + sums.log_determinant()? + self.structure_cost(&trajectory, &span, &noises);
         cost.is_finite().then_some(Hypothesis { trajectory, cost })
+    }
+
+    /// The trajectory with its position in a frame moved by so many standard deviations along the direction in which it is known least;
+    /// its other numbers follow, through contacts that hold by `hold` (1: as they do).
+    pub fn displaced(&self, trajectory: &Trajectory, frame: usize, by: f64, hold: f64) -> Option<Trajectory> {
+        let span = trajectory.all();
+        let mut noises = self.contact_noises(trajectory, &span);
+        for noise in noises.iter_mut().flatten() {
+            (noise.along, noise.across, noise.spin) = (noise.along / hold, noise.across / hold, noise.spin / hold);
+        }
+        let segment = span.clone().find(|&index| trajectory.frames(index).contains(&frame))?;
+        let own = &trajectory.segments[segment];
+        let mut flight = self.forecaster.flight(&own.state, &trajectory.log_scales, true);
+        flight.advance(trajectory.times[frame] - own.time);
+        let mut slope = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
+        slope.fixed_view_mut::<3, 9>(0, 1).copy_from(&flight.position.fixed_view::<3, 9>(0, 0));
+        let trajectory = trajectory.clone();
+        let search = Search { model: self, trajectory, span, loss: Loss::Growing, noises, cost: 0.0, squares: vec![] };
+        let (mut sums, _) = search.sums(false)?;
+        sums.hold_shared();
+        let response = sums.response(segment, &slope.transpose())?;
+        let covariance = slope * response[segment];
+        let eigen = covariance.symmetric_eigen();
+        let (axis, variance) = eigen.eigenvalues.argmax();
+        let along = eigen.eigenvectors.column(axis) * (by / variance.max(f64::MIN_POSITIVE).sqrt());
+        let steps: Vec<SVector<f64, OF_SEGMENT>> = response.iter().map(|it| it * along).collect();
+        Some(search.trajectory.moved(&search.span, &steps, &[0.0; SHARED]))
     }
 
     /// What the labels say of each number of a trajectory.

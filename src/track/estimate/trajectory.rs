@@ -13,6 +13,9 @@ pub enum Begin {
     Start,
     /// By a contact with the obstacle of this index.
     Bounce(usize),
+    /// At the frame after an interval in which it touches something for a while, in the state to which the forecaster leads it from the
+    /// frame before.
+    LastingContact,
     /// By something that the scene does not hold: a racket, a foot, the net's cord.
     Hit,
 }
@@ -66,7 +69,8 @@ impl Trajectory {
     /// Whether its segments begin one after the other, each between its first frame and its last.
     pub fn is_in_order(&self) -> bool {
         let rising = self.segments.windows(2).all(|pair| pair[1].time > pair[0].time);
-        rising && self.segments.last().is_some_and(|last| last.time < self.times[self.last] || self.segments.len() == 1)
+        let is_within = |last: &Segment| last.time < self.times[self.last] || last.begin == Begin::LastingContact;
+        rising && (self.segments.len() == 1 || self.segments.last().is_some_and(is_within))
     }
 
     /// The frames of a segment, and where they end.
@@ -83,6 +87,15 @@ impl Trajectory {
         self.first + from..self.first + to.max(from)
     }
 
+    /// Until when a segment flies freely, s: to the next one's beginning, or to the last frame before a contact that lasts.
+    pub fn end_of_flight(&self, segment: usize) -> f64 {
+        match self.segments.get(segment + 1) {
+            Some(next) if next.begin == Begin::LastingContact => self.times[self.frames(segment + 1).start - 1],
+            Some(next) => next.time,
+            None => self.times[self.last],
+        }
+    }
+
     /// All segments.
     pub fn all(&self) -> Span {
         0..self.segments.len()
@@ -96,7 +109,8 @@ impl Trajectory {
     pub fn moved(&self, span: &Span, segments: &[nalgebra::SVector<f64, OF_SEGMENT>], shared: &[f64; SHARED]) -> Self {
         let mut out = self.clone();
         for (segment, step) in out.segments[span.clone()].iter_mut().zip(segments) {
-            segment.time += step[0];
+            // Frames are taken when they are.
+            segment.time += if segment.begin == Begin::LastingContact { 0.0 } else { step[0] };
             segment.state.iter_mut().zip(step.iter().skip(1)).for_each(|(value, by)| *value += by);
         }
         out.log_scales.iter_mut().zip(shared).for_each(|(value, by)| *value += by);

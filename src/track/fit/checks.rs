@@ -2,49 +2,12 @@
 
 use nalgebra::Point2;
 
-use super::{FEWEST, FitOptions, Observation, Parameter, parameters};
+use super::{FEWEST, Observation};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::{Contact, ForecastOptions, Forecaster};
 
 /// How far outside the picture a label may be that a tracker has made up there, a share of the side.
 const OUTSIDE: f64 = 0.05;
-
-impl Forecaster {
-    /// Whether the ball's spin turns into forces, or friction does, and nobody knows it.
-    pub(super) fn is_spin_unknown(&self) -> bool {
-        let scene = self.scene();
-        let Contact::Bounce { friction, .. } = scene.contact else { return false };
-        scene.ball.spin == [0.0; 3] && (scene.ball.lift_coefficient != 0.0 || friction > 0.0)
-    }
-
-    /// Whether the spin of a ball that nobody knows is estimated with each flight; not where it is to be found, by name, together with
-    /// what that does not know.
-    pub(super) fn estimates_spin(&self, options: &FitOptions) -> Result<bool> {
-        let numbers = parameters::numbers(options);
-        let names: Vec<&str> = numbers.iter().map(|number| number.name()).collect();
-        let reason = if !numbers.is_empty() {
-            format!(
-                "{} cannot be estimated by itself where the ball's spin is unknown: leave that out, for drag and restitution are \
-                 found together with the spin (`estimates`), as far from the scene's as its drag_sigma and restitution_sigma \
-                 allow",
-                names.join(" and ")
-            )
-        } else if *self.options() != ForecastOptions::default() {
-            "where the ball's spin is unknown the fit has an integrator of its own and knows no other forecast options"
-                .into()
-        } else {
-            return Ok(true);
-        };
-        if options.estimate.contains(&Parameter::Spin) {
-            return Ok(false);
-        }
-        let reason = format!(
-            "{reason}; or name `spin`, too, of a track without hits, or say what it is in the scene's `ball.spin`"
-        );
-        Err(Error::Fit { reason })
-    }
-}
 
 /// Refuses times that do not ascend, and what is no number.
 pub(super) fn check(observations: &[Observation]) -> Result<()> {

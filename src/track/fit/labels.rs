@@ -3,9 +3,6 @@
 use nalgebra::{Point2, Vector2};
 
 use super::Observation;
-use super::chain::Chain;
-use super::problem::Problem;
-use super::search::FINAL;
 
 /// Smallest standard deviation of labels that is believed, px.
 pub(super) const SMALLEST_NOISE: f64 = 0.03;
@@ -16,9 +13,9 @@ const SUSPECT: f64 = 10.0;
 const STILL: f64 = 0.03;
 const MOVES: f64 = 0.4;
 const FEWEST_REPEATS: usize = 3;
-/// Noise, as a share of the picture's width, from which on labels may be of two balls, and the least, px.
+/// Noise, as a share of the picture's width, from which on labels may be of two balls, and the least, px: above that of usual labels.
 const ROUGH: f64 = 2e-3;
-const LEAST_ROUGH: f64 = 1.0;
+const LEAST_ROUGH: f64 = 3.0;
 /// Labels between two of the same ball, at most.
 const REACH: usize = 8;
 /// How far a label may be from where the two before it point: a share of the width, and of the way from the last.
@@ -181,11 +178,4 @@ pub fn noise_of(observations: &[Observation]) -> f64 {
     sizes.sort_by(f64::total_cmp);
     // A third of |N(0, σ)| is below 0.43 σ; kinks make the larger ones larger still.
     sizes.get(sizes.len() / 3).map_or(1.0, |size| size / 0.4307)
-}
-
-/// Noise of the labels around a trajectory, from the residuals' median, px; not smaller than is believed.
-pub(super) fn residual_noise<const D: usize>(problem: &Problem, chain: &Chain<D>) -> f64 {
-    let residuals = (0..problem.len()).filter_map(|frame| Some(chain.observed(problem, frame, FINAL)?.2));
-    let sizes: Vec<f64> = residuals.flat_map(|residual| [residual.x.abs(), residual.y.abs()]).collect();
-    if sizes.is_empty() { 1.0 } else { (median(sizes) / 0.6745).max(SMALLEST_NOISE) }
 }
