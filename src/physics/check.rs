@@ -38,8 +38,10 @@ impl Scene {
         not_negative("ball.air_density".into(), ball.air_density)?;
         finite("ball.spin".into(), &ball.spin)?;
         not_negative("ball.spin_decay".into(), ball.spin_decay)?;
-        for (field, sigma) in [("spin_sigma", ball.spin_sigma), ("drag_sigma", ball.drag_sigma)] {
-            sigma.map_or(Ok(()), |sigma| positive(format!("ball.{field}"), sigma))?;
+        let optional =
+            [("spin_sigma", ball.spin_sigma), ("drag_sigma", ball.drag_sigma), ("speed_max", ball.speed_max)];
+        for (field, value) in optional {
+            value.map_or(Ok(()), |value| positive(format!("ball.{field}"), value))?;
         }
         within("ball.inertia_factor".into(), ball.inertia_factor, 1e-3, 1.0, "between 0.001 and 1")?;
         match self.contact {

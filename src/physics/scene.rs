@@ -94,6 +94,9 @@ pub struct Ball {
     /// Standard deviation of the drag coefficient, as a share of it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub drag_sigma: Option<f64>,
+    /// Speed above which its sport has never had it, m/s: a fit goes no faster.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed_max: Option<f64>,
     /// Moment of inertia / (mass·radius²): 2/5 for a solid ball, 2/3 for a hollow one.
     #[serde(default = "solid_ball")]
     pub inertia_factor: f64,
@@ -246,6 +249,7 @@ impl Ball {
             spin_decay: 0.0,
             spin_sigma: None,
             drag_sigma: None,
+            speed_max: None,
             inertia_factor: solid_ball(),
         }
     }

@@ -8,7 +8,7 @@ use super::links::{Arrival, ContactNoise};
 use super::net::Net;
 use super::normal::Sums;
 use super::observation::{Observation, interval};
-use super::trajectory::{Begin, OF_SEGMENT, SHARED, Span, Trajectory};
+use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Span, Trajectory};
 use crate::physics::{Column, Contact, FORCES, Flight, Forecaster, Obstacle, Rigid, Scene, part};
 
 /// Step of the differences of a contact's law: m, m/s, rad/s.
@@ -28,6 +28,8 @@ const BEYOND: f64 = 2.0;
 const FAR: f64 = 30.0;
 /// How firmly the first segment begins when it begins, 1/s.
 pub(super) const START_HELD: f64 = 1e6;
+/// How exactly a sport's fastest ball is known, a fraction of its speed.
+const SPEED_LIMIT: f64 = 0.03;
 /// Least variance of labels, px².
 const SMALLEST_NOISE: f64 = 1e-3;
 /// Least closing speed of a contact, m/s: of a ball that rolls.
@@ -64,6 +66,8 @@ pub struct Model<'a> {
     pub place: (Vector3<f64>, Vector3<f64>),
     /// Mean of each component of the spin, and its standard deviation, rad/s.
     pub(super) spin: (Vector3<f64>, f64),
+    /// Speed that no ball of its sport exceeds, m/s.
+    pub(super) speed_max: f64,
     /// Standard deviation of each component of the spin after a hit, rad/s.
     pub(super) hit_spin: f64,
     pub(super) scale_sigmas: [f64; FORCES],
@@ -109,6 +113,7 @@ impl<'a> Model<'a> {
             drift: (config.drift / (clock * interval(labelled))).sqrt(),
             place: place_of(scene, observations),
             spin: (ball.spin.into(), spin_sigma),
+            speed_max: ball.speed_max.unwrap_or(f64::INFINITY),
             hit_spin,
             scale_sigmas,
             restitution_sigma: restitution_sigma.unwrap_or(RESTITUTION),
@@ -212,6 +217,7 @@ impl<'a> Model<'a> {
             let mut flight = self.forecaster.flight(&segment.state, &trajectory.log_scales, !sums.cost_only());
             let mut time = segment.time;
             if span.contains(&index) {
+                self.add_speed_limit(segment, index - span.start, sums);
                 let mut before = segment.position();
                 for frame in trajectory.frames(index) {
                     let next = trajectory.times[frame];
@@ -232,6 +238,19 @@ impl<'a> Model<'a> {
         }
         self.add_priors(trajectory, span.start, sums);
         sums.is_finite().then_some(())
+    }
+
+    /// Adds that a ball is no faster than its sport's.
+    fn add_speed_limit(&self, segment: &Segment, block: usize, sums: &mut Sums) {
+        let velocity = segment.velocity();
+        let speed = velocity.norm();
+        if speed > self.speed_max {
+            let sigma = SPEED_LIMIT * self.speed_max;
+            let residual = Vector1::new((speed - self.speed_max) / sigma);
+            let mut own = SMatrix::<f64, 1, OF_SEGMENT>::zeros();
+            own.fixed_view_mut::<1, 3>(0, 4).copy_from(&(velocity.transpose() / (speed * sigma)));
+            sums.add(residual.norm_squared(), 1.0, &residual, &[(block, own)], &SMatrix::zeros());
+        }
     }
 
     /// Adds that a ball does not go through a net on its way from `before`.
