@@ -82,6 +82,11 @@ pub fn vector(view: &TensorView<'_>) -> Vec<f32> {
     view.data().chunks_exact(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect()
 }
 
+/// The median of some values, the upper of two.
+pub fn median(values: &[f64]) -> f64 {
+    gravisight::internal::median(values.iter().copied()).unwrap()
+}
+
 /// Held by each test that makes networks: Burn has one random generator for all threads.
 pub fn alone() -> MutexGuard<'static, ()> {
     static ONE: Mutex<()> = Mutex::new(());

@@ -8,6 +8,7 @@ mod common;
 
 use std::time::Instant;
 
+use common::median;
 use gravisight::Camera;
 use gravisight::{Fit, FitOptions, Forecaster, Observation, Parameter, Scene};
 use nalgebra::{Point2, Point3, Vector3};
@@ -104,12 +105,6 @@ fn errors(fit: &Fit, world: &[[f64; 3]]) -> Vec<f64> {
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[sorted.len() / 2]
 }
 
 /// More than a figure, by which the limit to it is.

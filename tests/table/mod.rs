@@ -38,9 +38,3 @@ pub fn camera(eye: [f64; 3]) -> Camera {
 /// Where cameras stand, m.
 pub const VIEWS: [(&str, [f64; 3]); 3] =
     [("side", [5.5, 0.0, 1.2]), ("oblique", [4.5, -4.5, 2.0]), ("behind", [0.4, -6.5, 1.8])];
-
-pub fn median(values: &[f64]) -> f64 {
-    let mut values = values.to_vec();
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
