@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use gravisight::internal::{Engine as _, Place, Shot, Split, Studio};
+use gravisight::internal::{Engine as _, Place, Random, Shot, Split, Studio};
 use gravisight::{Card, Clip, Clips};
 use nalgebra::Point3;
 use safetensors::tensor::TensorView;
@@ -80,6 +80,11 @@ pub fn safetensors_of(tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Vec<u8> {
 /// The numbers of an f32 tensor in a file.
 pub fn vector(view: &TensorView<'_>) -> Vec<f32> {
     view.data().chunks_exact(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect()
+}
+
+/// A standard normal number.
+pub fn normal(random: &mut Random) -> f64 {
+    gravisight::internal::normal_pair(random)[0]
 }
 
 /// The median of some values, the upper of two.

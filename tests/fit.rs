@@ -33,7 +33,7 @@ fn tracks() -> Vec<Track> {
     }
 }
 
-/// Numbers of a standard normal distribution, by name (Box and Muller).
+/// Numbers of a standard normal distribution, by name (Box and Muller). Not `common::normal`: README.md's figures are of these.
 fn normal(name: &str, count: usize) -> Vec<f64> {
     let uniform = common::formula(name, 2 * count);
     let pair =

@@ -7,11 +7,11 @@ mod common;
 mod table;
 
 use chacha20::ChaCha12Rng;
-use common::median;
+use common::{median, normal};
 use gravisight::{Camera, FitOptions, Forecaster, Observation, Scene, State};
 use nalgebra::{Point2, Point3, Vector3};
 use rand::{RngExt, SeedableRng};
-use table::{FOCAL, SCENE, SIZE, VIEWS, camera, normal};
+use table::{FOCAL, SCENE, SIZE, VIEWS, camera};
 
 /// The oblique camera, rolled by 0.2 radians: one that is level sees in its mirror what could be true as well.
 fn rolled() -> Camera {

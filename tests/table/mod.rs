@@ -1,9 +1,7 @@
 //! A table, cameras about it, and noise: what simulated table tennis in several tests has in common.
 
-use chacha20::ChaCha12Rng;
 use gravisight::Camera;
 use nalgebra::{Matrix3, Matrix4, Vector3};
-use rand::RngExt;
 
 /// A table and its ball, of spin that nobody knows.
 pub const SCENE: &str = r#"{"gravity": [0, 0, -9.81], "ball": {"radius": 0.02}, "floor": {"height": -0.76},
@@ -11,11 +9,6 @@ pub const SCENE: &str = r#"{"gravity": [0, 0, -9.81], "ball": {"radius": 0.02}, 
 /// Pictures' size, px, and focal length.
 pub const SIZE: [f64; 2] = [1920.0, 1080.0];
 pub const FOCAL: f64 = 1500.0;
-/// Standard normal (Box and Muller).
-pub fn normal(random: &mut ChaCha12Rng) -> f64 {
-    let (a, b) = (random.random_range(1e-12..1.0_f64), random.random_range(0.0..std::f64::consts::TAU));
-    (-2.0 * a.ln()).sqrt() * b.cos()
-}
 
 /// A camera at `eye` that looks at the table's middle.
 pub fn camera(eye: [f64; 3]) -> Camera {
