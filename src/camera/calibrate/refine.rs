@@ -31,7 +31,15 @@ pub struct Unknowns {
 }
 
 impl Unknowns {
-    /// Those of `names`: `focal`, `principal-point`, `distortion` (k1 and k2), `full-distortion` (all five).
+    /// What can be estimated, by its name, and what that is.
+    pub const NAMES: [(&str, &str); 4] = [
+        ("focal", "The focal length"),
+        ("principal-point", "Where the optical axis meets the picture"),
+        ("distortion", "k1 and k2"),
+        ("full-distortion", "k1, k2, p1, p2 and k3"),
+    ];
+
+    /// Those of `names`, which are of [`Self::NAMES`].
     ///
     /// # Errors
     /// [`Error::Value`] for a name that there is not.
@@ -44,8 +52,8 @@ impl Unknowns {
                 "distortion" => unknowns.distortion = unknowns.distortion.max(2),
                 "full-distortion" => unknowns.distortion = 5,
                 _ => {
-                    let reason =
-                        format!("cannot be `{name}`; there are focal, principal-point, distortion and full-distortion");
+                    let names = Self::NAMES.map(|(name, _)| name).join(", ");
+                    let reason = format!("cannot be `{name}`; there are {names}");
                     return Err(Error::value("calibration", "estimate", reason));
                 }
             }
