@@ -122,6 +122,7 @@ pub mod internal {
     pub use crate::physics::Case;
     pub use crate::random::{Random, normal_pair};
     pub use crate::statistics::median;
+    pub use crate::synth::looking;
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
     pub use crate::synth::{Disturbance, Engine, Place, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};

@@ -2,12 +2,10 @@
 
 #![cfg(not(target_arch = "wasm32"))]
 
-mod clicking;
 mod common;
 
 use chacha20::ChaCha12Rng;
-use clicking::looking;
-use common::normal;
+use common::{looking, normal};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};

@@ -3,12 +3,10 @@
 
 #![cfg(not(target_arch = "wasm32"))]
 
-mod clicking;
 mod common;
 
 use chacha20::ChaCha12Rng;
-use clicking::looking;
-use common::{median, normal};
+use common::{looking, median, normal};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, CourtLine, Picture, Points, Size, Unknowns, calibrate, calibrate_by_lines};
 use image::{Rgb, RgbImage};

@@ -7,6 +7,7 @@
 
 #[cfg(not(target_arch = "wasm32"))]
 mod broadcast;
+mod looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 mod mujoco;
 mod random;
@@ -24,6 +25,7 @@ use rand::RngExt;
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::broadcast::{Film, Filmed, Kind};
+pub use self::looking::looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
 #[cfg(not(target_arch = "wasm32"))]
