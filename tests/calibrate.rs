@@ -2,26 +2,26 @@
 
 #![cfg(not(target_arch = "wasm32"))]
 
+mod clicking;
 mod common;
 
-use chacha20::ChaCha12Rng;
-use common::{looking, normal};
+use clicking::Noise;
+use common::looking;
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
-use rand::SeedableRng;
 use serde_json::Value;
 
 const ONLY_POSE: Unknowns = Unknowns { focal: false, principal_point: false, distortion: 0 };
 
 /// Clicks on `world` as `camera` sees it, with noise, px.
 fn clicked(camera: &Camera, world: &[[f64; 3]], known: bool, noise: f64, seed: u64) -> Points {
-    let mut random = ChaCha12Rng::seed_from_u64(seed);
+    let mut random = Noise(seed);
     let world: Vec<Point3<f64>> = world.iter().map(|&point| Point3::from(point)).collect();
     let mut click = |point| {
         let image = camera.image_from_world(point).unwrap();
-        Point2::new(image.x + noise * normal(&mut random), image.y + noise * normal(&mut random))
+        Point2::new(image.x + noise * random.normal(), image.y + noise * random.normal())
     };
     Points {
         size: camera.size(),

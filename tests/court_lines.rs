@@ -3,15 +3,15 @@
 
 #![cfg(not(target_arch = "wasm32"))]
 
+mod clicking;
 mod common;
 
-use chacha20::ChaCha12Rng;
-use common::{looking, median, normal};
+use clicking::Noise;
+use common::{looking, median};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, CourtLine, Picture, Points, Size, Unknowns, calibrate, calibrate_by_lines};
 use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Point3, Vector3};
-use rand::{RngExt, SeedableRng};
 
 const SIZE: Size = Size { width: 1280, height: 720 };
 /// Rays a pixel, along each side.
@@ -19,12 +19,12 @@ const RAYS: u32 = 3;
 const NEAR_AND_FAR: [&str; 4] =
     ["near doubles corner left", "near doubles corner right", "far doubles corner left", "far doubles corner right"];
 
-fn between(random: &mut ChaCha12Rng, least: f64, most: f64) -> f64 {
-    least + (most - least) * random.random_range(0.0..1.0)
+fn between(random: &mut Noise, least: f64, most: f64) -> f64 {
+    least + (most - least) * random.uniform()
 }
 
 /// A camera behind a tennis court, at the height of broadcast or of a fence.
-fn behind(random: &mut ChaCha12Rng, distortion: Distortion) -> Camera {
+fn behind(random: &mut Noise, distortion: Distortion) -> Camera {
     let at = [between(random, -4.0, 4.0), between(random, -26.0, -20.0), between(random, 4.0, 10.0)];
     let to = [between(random, -1.0, 1.0), between(random, -3.0, 0.0), 0.0];
     looking(at, to, between(random, 1200.0, 1500.0), SIZE, distortion)
@@ -40,7 +40,7 @@ struct Look {
 }
 
 impl Look {
-    fn of(court: &str, random: &mut ChaCha12Rng) -> Self {
+    fn of(court: &str, random: &mut Noise) -> Self {
         let mut lines = Court::named(court).unwrap().lines.clone();
         // Base lines are 5 to 10 cm wide, and no paint is quite where it should be.
         let widest = lines.iter().map(|line| line.width).fold(0.0, f64::max);
@@ -48,14 +48,14 @@ impl Look {
             if line.width == widest {
                 line.width *= between(random, 0.5, 1.0);
             }
-            let off = 0.08 * line.width.min(0.05) * normal(random);
+            let off = 0.08 * line.width.min(0.05) * random.normal();
             let aside = line.paint.map_or_else(|| Vector3::new(1.0, 0.0, 0.0), Vector3::from) * off;
             for end in [&mut line.from, &mut line.to] {
                 *end = (Vector3::from(*end) + aside).into();
             }
         }
         let ground = [between(random, 30.0, 130.0), between(random, 40.0, 120.0), between(random, 40.0, 150.0)];
-        let person = |random: &mut ChaCha12Rng| {
+        let person = |random: &mut Noise| {
             let [x, y] = [between(random, 0.0, 1200.0), between(random, 100.0, 600.0)];
             [x, y, x + between(random, 20.0, 60.0), y + between(random, 60.0, 150.0)]
         };
@@ -75,7 +75,7 @@ impl Look {
         })
     }
 
-    fn seen_by(&self, camera: &Camera, height: f64, random: &mut ChaCha12Rng) -> Picture {
+    fn seen_by(&self, camera: &Camera, height: f64, random: &mut Noise) -> Picture {
         let eye = camera.world_from_camera(&Point3::origin());
         let mut picture = RgbImage::new(SIZE.width, SIZE.height);
         for (column, row, pixel) in picture.enumerate_pixels_mut() {
@@ -96,7 +96,7 @@ impl Look {
                 self.people.iter().any(|&[left, top, right, bottom]| x > left && x < right && y > top && y < bottom);
             *pixel = Rgb(self.ground.map(|ground| {
                 let value = if is_person { 200.0 - ground } else { ground + texture + share * (self.paint - ground) };
-                (value + self.noise * normal(random)).clamp(0.0, 255.0) as u8
+                (value + self.noise * random.normal()).clamp(0.0, 255.0) as u8
             }));
         }
         // A lens's and a compressor's blur.
@@ -104,12 +104,12 @@ impl Look {
     }
 }
 
-fn clicks(camera: &Camera, court: &str, names: &[&str], noise: f64, random: &mut ChaCha12Rng) -> Points {
+fn clicks(camera: &Camera, court: &str, names: &[&str], noise: f64, random: &mut Noise) -> Points {
     let court = Court::named(court).unwrap();
     let world: Vec<Point3<f64>> = names.iter().map(|&name| Point3::from(court.points[name])).collect();
     let mut click = |point| {
         let image = camera.image_from_world(point).unwrap();
-        Point2::new(image.x + noise * normal(random), image.y + noise * normal(random))
+        Point2::new(image.x + noise * random.normal(), image.y + noise * random.normal())
     };
     Points {
         size: SIZE,
@@ -136,7 +136,7 @@ fn off(found: &Camera, truth: &Camera, [half_width, half_length, height]: [f64; 
 
 #[test]
 fn lines_pull_four_clicks_to_a_fraction_of_a_pixel() {
-    let mut random = ChaCha12Rng::seed_from_u64(5);
+    let mut random = Noise(5);
     let (mut before, mut after, mut sure) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..12 {
         let truth = behind(&mut random, Distortion::default());
@@ -169,7 +169,7 @@ fn lines_pull_four_clicks_to_a_fraction_of_a_pixel() {
 
 #[test]
 fn a_table_and_its_lens() {
-    let mut random = ChaCha12Rng::seed_from_u64(7);
+    let mut random = Noise(7);
     let lens = Distortion { k1: -0.12, k2: 0.03, ..Distortion::default() };
     let truth = looking([2.6, -2.9, 2.1], [0.1, 0.1, 0.76], 1150.0, SIZE, lens);
     let names = [
@@ -193,7 +193,7 @@ fn a_table_and_its_lens() {
 
 #[test]
 fn what_shows_no_such_lines_is_refused() {
-    let mut random = ChaCha12Rng::seed_from_u64(9);
+    let mut random = Noise(9);
     let truth = behind(&mut random, Distortion::default());
     let look = Look::of("tennis", &mut random);
     let points = clicks(&truth, "tennis", &NEAR_AND_FAR, 1.0, &mut random);
