@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use burn::tensor::{Device, Tensor, TensorData};
 use gravisight::internal::{
     AdamW, BackboneConfig, Batch, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig, PenOutput,
-    StepOptions, save, sha256_hex, step,
+    StepOptions, median, save, sha256_hex, step,
 };
 use gravisight::{Card, Size};
 use serde_json::{Value, json};
@@ -157,11 +157,6 @@ impl Drop for Peers {
         self.child.kill().ok();
         self.child.wait().ok();
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
 }
 
 fn seconds(run: &mut dyn FnMut()) -> f64 {
@@ -331,7 +326,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
         }
     }
     let rounds = times[0].len();
-    let medians: Vec<f64> = times.into_iter().map(median).collect();
+    let medians: Vec<f64> = times.into_iter().filter_map(median).collect();
     let work = flops(&job.config, job.side) * job.batch as f64 * if job.training { 3.0 } else { 1.0 };
     let rate = work / medians[0] / 1e9;
     print!("{:18} {:9.2} ms {:7.0} GFLOP/s {:4.0} % ", job.name, 1e3 * medians[0], rate, 100.0 * rate / peak);

@@ -11,6 +11,7 @@ use std::io::Write as _;
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+use gravisight::internal::median;
 use gravisight::{Contact, ForecastOptions, Forecaster, Integrator, Scene, State};
 use nalgebra::{Point3, Vector3};
 use serde_json::{Value, json};
@@ -41,11 +42,6 @@ fn starts() -> (Scene, Vec<State>) {
     (Scene::from_json(&first.to_string(), "scene").unwrap(), states.take(STARTS).collect())
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 /// Median seconds of one forecast, Jacobian included if `jacobian`.
 fn seconds(forecaster: &Forecaster, starts: &[State], times: &[f64], jacobian: bool) -> f64 {
     let round = || {
@@ -58,7 +54,7 @@ fn seconds(forecaster: &Forecaster, starts: &[State], times: &[f64], jacobian: b
         }
         begin.elapsed().as_secs_f64() / starts.len() as f64
     };
-    median((0..rounds()).map(|_| round()).collect())
+    median((0..rounds()).map(|_| round())).unwrap()
 }
 
 fn main() {
@@ -110,7 +106,7 @@ fn against_peers(python: &OsStr, forecaster: &Forecaster, starts: &[State], time
     };
     let ours = match threads {
         1 => seconds(forecaster, starts, times, true) * starts.len() as f64,
-        _ => median((0..rounds()).map(|_| batch()).collect()),
+        _ => median((0..rounds()).map(|_| batch())).unwrap(),
     };
     let cores = if threads == 1 { "one thread" } else { "all cores" };
     println!("\npenalty, {STARTS} starts, {cores}; ours: states and all Jacobians in {:.3} ms", 1e3 * ours);
@@ -127,7 +123,7 @@ fn against_peers(python: &OsStr, forecaster: &Forecaster, starts: &[State], time
             let r = forecaster.forecast(&starts[index], times).states[FRAMES as usize - 1].position;
             (0..3).map(|axis| (r[axis] - peer["end"][index][axis].as_f64().unwrap()).powi(2)).sum::<f64>().sqrt()
         };
-        let off = 1e3 * median((0..starts.len()).map(end).collect());
+        let off = 1e3 * median((0..starts.len()).map(end)).unwrap();
         println!("{name:12} {:>18} {:>22} {:>22} {off:14.5}", time("forward"), time("gradient"), time("jacobian"));
     }
 }

@@ -6,7 +6,7 @@ mod common;
 use std::path::Path;
 
 use burn::tensor::Device;
-use gravisight::internal::{Apparent, RandomScenes, read_photographs};
+use gravisight::internal::{Apparent, RandomScenes, median, read_photographs};
 use gravisight::{Camera, Card, LocaliseOptions, Localiser, Picture, Size};
 use image::{Rgb, RgbImage};
 use pollster::block_on;
@@ -54,11 +54,6 @@ impl Scored {
     fn plain(&self) -> bool {
         self.ball.visible > 0.98
     }
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 fn circle(picture: &mut RgbImage, [x, y]: [f64; 2], radius: f64, colour: Rgb<u8>) {
@@ -129,9 +124,9 @@ fn main() {
                 "{from:>4}-{to:<4} {name:<12} {:>5} {:>8.1}% {:>9.2} {:>9.2} {:>8.2} {:>6.0}% {:>6.0}%",
                 of.len(),
                 share(&|it| !it.found()),
-                100.0 * median(of.iter().map(|it| it.error()).collect()),
-                100.0 * median(of.iter().filter(|it| it.found()).map(|it| it.error()).collect()),
-                median(of.iter().map(|it| it.offset()).collect()),
+                100.0 * median(of.iter().map(|it| it.error())).unwrap_or(f64::NAN),
+                100.0 * median(of.iter().filter(|it| it.found()).map(|it| it.error())).unwrap_or(f64::NAN),
+                median(of.iter().map(|it| it.offset())).unwrap_or(f64::NAN),
                 share(&|it| it.sigmas <= 1.0),
                 share(&|it| it.sigmas <= 2.0),
             );
@@ -149,7 +144,7 @@ fn main() {
         println!(
             "wholly seen, from 4 px on, {name}: {} balls, {:.2} % off (median)",
             errors.len(),
-            100.0 * median(errors)
+            100.0 * median(errors).unwrap_or(f64::NAN)
         );
     }
     let mut sure: Vec<f64> =

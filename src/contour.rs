@@ -10,6 +10,7 @@ use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
 
 use crate::camera::Camera;
 use crate::image::{Levels, levels_between};
+use crate::statistics::median;
 
 /// Directions in which an edge is looked for.
 const DIRECTIONS: usize = 64;
@@ -262,9 +263,8 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
     let narrow = OUTLIER_PX + OUTLIER_SHARE * radius;
     let (mut centre, mut radius) = (Vector2::zeros(), radius);
     let mut scale = {
-        let mut distances: Vec<f64> = points.iter().map(|point| (point.norm() - radius).abs()).collect();
-        let middle = distances.len() / 2;
-        (3.0 * *distances.select_nth_unstable_by(middle, f64::total_cmp).1).max(narrow)
+        let distance = median(points.iter().map(|point| (point.norm() - radius).abs()))?;
+        (3.0 * distance).max(narrow)
     };
     let mut normal = Matrix3::zeros();
     for _ in 0..REWEIGHTS {
@@ -310,13 +310,11 @@ fn blur_of(softness: f64) -> f64 {
     low + (high - low) * ((softness - from) / (to - from)).clamp(0.0, 1.0)
 }
 
-fn summary(circle: Circle, Edges { asked, mut softness, fading, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
+fn summary(circle: Circle, Edges { asked, softness, fading, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
     let centre = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
     let coverage = (fitted.inliers as f64 / asked.max(1) as f64).min(1.0);
-    let middle = softness.len() / 2;
-    let softness = if softness.is_empty() { 0.0 } else { *softness.select_nth_unstable_by(middle, f64::total_cmp).1 };
-    let blur = blur_of(softness);
+    let blur = blur_of(median(softness).unwrap_or(0.0));
     let fading = fading.iter().map(|it| it.clamp(-1.0, 1.0)).sum::<f64>() / fading.len().max(1) as f64;
     let inside = INSIDE * (fading - LEAST_FADING).max(0.0);
     // Blur moves a round edge inwards, by half its variance times the curvature.

@@ -64,6 +64,7 @@ pub mod model;
 pub mod physics;
 mod random;
 mod size;
+mod statistics;
 mod synth;
 mod table;
 pub mod track;
@@ -119,6 +120,9 @@ pub mod internal {
     pub use crate::image::Normalisation;
     pub use crate::model::{ANY, BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex};
     pub use crate::physics::Case;
+    pub use crate::random::{Random, normal_pair};
+    pub use crate::statistics::median;
+    pub use crate::synth::looking;
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
     pub use crate::synth::{Disturbance, Engine, Place, Set, Shot, Split, Studio};
     pub use crate::table::{Row, Table};

@@ -5,6 +5,8 @@
 //! (It is what `StdRng` was when the published sets were drawn: their clips stay what they are.)
 
 pub use chacha20::ChaCha12Rng as Random;
+use nalgebra::RealField;
+use rand::distr::uniform::SampleUniform;
 use rand::{RngExt, SeedableRng};
 use sha2::{Digest, Sha256};
 
@@ -49,11 +51,13 @@ impl Stream {
     }
 }
 
-/// Two independent standard normal deviates (Box and Muller).
-pub fn normal_pair(random: &mut Random) -> [f64; 2] {
-    let radius = (-2.0 * random.random_range(f64::MIN_POSITIVE..1.0).ln()).sqrt();
-    let angle = random.random_range(0.0..std::f64::consts::TAU);
-    [radius * angle.cos(), radius * angle.sin()]
+/// Two independent standard normal deviates (Box and Muller). Not `rand_distr`'s: that takes other, and more or fewer, numbers
+/// of the stream, and every set, film and training run of a seed would be another one.
+pub fn normal_pair<T: RealField + SampleUniform + Copy>(random: &mut Random) -> [T; 2] {
+    let least = nalgebra::convert(f64::from(f32::MIN_POSITIVE));
+    let radius = (nalgebra::convert::<_, T>(-2.0) * random.random_range(least..T::one()).ln()).sqrt();
+    let (sin, cos) = random.random_range(T::zero()..T::two_pi()).sin_cos();
+    [radius * cos, radius * sin]
 }
 
 /// One seed of a run's seed, a step and a number in it, by SplitMix64's finaliser: neighbouring steps share nothing.

@@ -4,9 +4,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use gravisight::internal::{Engine as _, Place, Shot, Split, Studio};
-use gravisight::{Card, Clip, Clips};
-use nalgebra::Point3;
+use gravisight::internal::{Engine as _, Place, Random, Shot, Split, Studio};
+use gravisight::parts::Distortion;
+use gravisight::{Camera, Card, Clip, Clips, Size};
+use nalgebra::{Point3, Vector3};
 use safetensors::tensor::TensorView;
 
 /// The bytes of tests/golden/`name`.
@@ -80,6 +81,22 @@ pub fn safetensors_of(tensors: Vec<(String, Vec<usize>, Vec<f32>)>) -> Vec<u8> {
 /// The numbers of an f32 tensor in a file.
 pub fn vector(view: &TensorView<'_>) -> Vec<f32> {
     view.data().chunks_exact(4).map(|bytes| f32::from_le_bytes(bytes.try_into().unwrap())).collect()
+}
+
+/// A camera that stands at `at` and looks at `to`, m; its focal length is in px.
+pub fn looking(at: [f64; 3], to: [f64; 3], focal: f64, size: Size, distortion: Distortion) -> Camera {
+    let (at, to) = (Vector3::from(at), Vector3::from(to));
+    gravisight::internal::looking(at, (to - at).normalize(), focal, size, distortion).unwrap()
+}
+
+/// A standard normal number.
+pub fn normal(random: &mut Random) -> f64 {
+    gravisight::internal::normal_pair(random)[0]
+}
+
+/// The median of some values, the upper of two.
+pub fn median(values: &[f64]) -> f64 {
+    gravisight::internal::median(values.iter().copied()).unwrap()
 }
 
 /// Held by each test that makes networks: Burn has one random generator for all threads.

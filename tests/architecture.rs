@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error`, `size` and the tests' `testing` are open to all.
-const ARROWS: [(&str, &[&str]); 20] = [
+const ARROWS: [(&str, &[&str]); 21] = [
     ("size", &[]),
     ("volume", &[]),
     ("random", &[]),
+    ("statistics", &[]),
     ("error", &["size"]),
     ("files", &[]),
     ("table", &["files"]),
@@ -21,15 +22,28 @@ const ARROWS: [(&str, &[&str]); 20] = [
     ("kernels", &[]),
     ("model", &["image", "files", "kernels"]),
     ("physics", &["files", "volume"]),
-    ("contour", &["camera", "image"]),
-    ("track", &["camera", "contour", "image", "kernels", "least_squares", "physics", "table"]),
+    ("contour", &["camera", "image", "statistics"]),
+    ("track", &["camera", "contour", "image", "kernels", "least_squares", "physics", "statistics", "table"]),
     ("clips", &["camera", "files", "image", "physics"]),
     ("localise", &["camera", "contour", "image", "model", "volume"]),
     ("evaluate", &["camera", "clips", "image", "localise"]),
     ("synth", &["camera", "clips", "physics", "random"]),
     (
         "train",
-        &["camera", "clips", "evaluate", "files", "image", "localise", "model", "physics", "random", "synth", "track"],
+        &[
+            "camera",
+            "clips",
+            "evaluate",
+            "files",
+            "image",
+            "localise",
+            "model",
+            "physics",
+            "random",
+            "statistics",
+            "synth",
+            "track",
+        ],
     ),
     ("video_tracker", &["camera", "image", "localise", "physics", "track"]),
 ];
@@ -51,8 +65,9 @@ const WASM: (&str, &[&str]) = (
     ],
 );
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 15] = [
+const WITHOUT_BURN: [&str; 16] = [
     "random",
+    "statistics",
     "volume",
     "size",
     "error",

@@ -3,8 +3,10 @@
 #![cfg(not(target_arch = "wasm32"))]
 
 mod clicking;
+mod common;
 
-use clicking::{Noise, looking};
+use clicking::Noise;
+use common::looking;
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};

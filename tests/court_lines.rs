@@ -4,8 +4,10 @@
 #![cfg(not(target_arch = "wasm32"))]
 
 mod clicking;
+mod common;
 
-use clicking::{Noise, looking};
+use clicking::Noise;
+use common::{looking, median};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Court, CourtLine, Picture, Points, Size, Unknowns, calibrate, calibrate_by_lines};
 use image::{Rgb, RgbImage};
@@ -132,11 +134,6 @@ fn off(found: &Camera, truth: &Camera, [half_width, half_length, height]: [f64; 
     (places.map(square).sum::<f64>() / 9.0).sqrt()
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
-
 #[test]
 fn lines_pull_four_clicks_to_a_fraction_of_a_pixel() {
     let mut random = Noise(5);
@@ -165,8 +162,8 @@ fn lines_pull_four_clicks_to_a_fraction_of_a_pixel() {
     }
     let within = |sigmas: f64| sure.iter().filter(|off| **off < sigmas).count() as f64 / sure.len() as f64;
     println!("within 1 / 2 sigma {:.2} {:.2}", within(1.0), within(2.0));
-    println!("median {:.1} -> {:.1} cm", median(before.clone()), median(after.clone()));
-    assert!(median(after) < 0.25 * median(before));
+    println!("median {:.1} -> {:.1} cm", median(&before), median(&after));
+    assert!(median(&after) < 0.25 * median(&before));
     assert!((0.5..=0.95).contains(&within(1.0)) && within(2.0) > 0.85);
 }
 

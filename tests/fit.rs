@@ -5,13 +5,11 @@
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;
-// Other tests take more of it.
-#[allow(dead_code)]
-mod table;
 
 use std::time::Instant;
 
 use chacha20::ChaCha12Rng;
+use common::median;
 use gravisight::Camera;
 use gravisight::{Fit, FitOptions, Forecaster, Observation, Parameter, Scene};
 use nalgebra::{Point2, Point3, Vector3};
@@ -41,7 +39,7 @@ fn tracks() -> Vec<Track> {
 fn normal(name: &str, count: usize) -> Vec<f64> {
     let seed = name.bytes().fold(0_u64, |seed, byte| seed.wrapping_mul(31).wrapping_add(byte.into()));
     let mut random = ChaCha12Rng::seed_from_u64(seed);
-    (0..count).map(|_| table::normal(&mut random)).collect()
+    (0..count).map(|_| common::normal(&mut random)).collect()
 }
 
 /// The track's labels with noise of `sigma` px, every tenth frame or so missing if `gaps`.
@@ -108,12 +106,6 @@ fn errors(fit: &Fit, world: &[[f64; 3]]) -> Vec<f64> {
 
 fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn median(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    sorted[sorted.len() / 2]
 }
 
 /// More than a figure, by which the limit to it is.

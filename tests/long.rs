@@ -1,15 +1,17 @@
 //! Tracks of hundreds of labels, of a ball that nobody hits: what `fit` makes of them must not depend on how it goes through
 //! them.
 
+mod common;
 // Other tests take more of it.
 #[allow(dead_code)]
 mod table;
 
 use chacha20::ChaCha12Rng;
+use common::normal;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Observation, Parameter, Scene, State};
 use nalgebra::{Point2, Point3, Vector3};
 use rand::SeedableRng;
-use table::{camera, normal};
+use table::camera;
 
 const FPS: f64 = 60.0;
 const RESTITUTION: f64 = 0.95;

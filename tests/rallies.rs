@@ -13,10 +13,11 @@ mod table;
 use std::collections::BTreeMap;
 
 use chacha20::ChaCha12Rng;
+use common::{median, normal};
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Observation, Scene, State};
 use nalgebra::{Point2, Point3, Vector3};
 use rand::{RngExt, SeedableRng};
-use table::{FOCAL, SCENE, SIZE, VIEWS, camera, median, normal};
+use table::{FOCAL, SCENE, SIZE, VIEWS, camera};
 
 const FPS: f64 = 25.0;
 /// Where the players stand, m from the net.

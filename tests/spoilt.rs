@@ -3,13 +3,15 @@
 
 #![cfg(not(target_arch = "wasm32"))]
 
+mod common;
 mod table;
 
 use chacha20::ChaCha12Rng;
+use common::{median, normal};
 use gravisight::{Camera, FitOptions, Forecaster, Observation, Scene, State};
 use nalgebra::{Point2, Point3, Vector3};
 use rand::{RngExt, SeedableRng};
-use table::{FOCAL, SCENE, SIZE, VIEWS, camera, median, normal};
+use table::{FOCAL, SCENE, SIZE, VIEWS, camera};
 
 /// The oblique camera, rolled by 0.2 radians: one that is level sees in its mirror what could be true as well.
 fn rolled() -> Camera {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
 
+use gravisight::internal::median;
 use serde_json::Value;
 
 /// Least distance within which a ball is found, px; of larger balls their radius.
@@ -148,14 +149,13 @@ fn main() {
         "{:<13} {:>7} {:>10} {:>10} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7}",
         "", "found", "right", "3D median", "flights", "hits", "bounces", "invented", "1 sigma", "2 sigma", "s"
     );
-    for (kind, mut score) in scores {
+    for (kind, score) in scores {
         let share = |[found, all]: [usize; 2]| 100.0 * found as f64 / all.max(1) as f64;
         let within = |times: f64| {
             100.0 * score.sigmas.iter().filter(|&&it| it < times).count() as f64 / score.sigmas.len().max(1) as f64
         };
         let within = [within(1.0), within(2.0)];
-        score.shares.sort_by(f64::total_cmp);
-        let median = score.shares.get(score.shares.len() / 2).copied().unwrap_or(f64::NAN);
+        let median = median(score.shares).unwrap_or(f64::NAN);
         let of = |[found, all]: [usize; 2]| format!("{found}/{all}");
         println!(
             "{kind:<13} {:>6.1}% {:>9.1}% {:>9.2}% {:>9} {:>9} {:>9} {:>9} {:>7.0}% {:>7.0}% {:>7.1}",

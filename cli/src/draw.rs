@@ -6,6 +6,8 @@ use gravisight::parts::{Maps, Saliency};
 use gravisight::{Error, Result};
 use image::imageops::{self, FilterType};
 use image::{ImageBuffer, ImageFormat, Luma, Rgb, RgbImage};
+use plotters::style::RGBColor;
+use plotters::style::colors::colormaps::ViridisRGB;
 
 /// Colour of the heatmap and of the position.
 const HEAT: [f32; 3] = [255.0, 96.0, 0.0];
@@ -15,9 +17,6 @@ const HEAT_OPACITY: f32 = 0.7;
 const DEPTH_OPACITY: f32 = 0.75;
 /// Inner and outer end of the four strokes around the position, px.
 const STROKE: std::ops::Range<i64> = 6..14;
-/// Viridis, which is perceptually uniform and safe for the colour-blind: ten equal steps of matplotlib's table.
-const VIRIDIS: [u32; 11] =
-    [0x440154, 0x482475, 0x414487, 0x355f8d, 0x2a788e, 0x21918c, 0x22a884, 0x44bf70, 0x7ad151, 0xbddf26, 0xfde725];
 /// Share of a saliency map's pixels that are below its full colour: a few strong pixels do not dim all others.
 const SALIENCY_PERCENTILE: f64 = 0.999;
 
@@ -102,13 +101,8 @@ fn painted(
     out
 }
 
-/// Colour of a level between 0 (dark) and 1 (bright).
+/// Colour of a level between 0 (dark) and 1 (bright): perceptually uniform and safe for the colour-blind.
 fn viridis(level: f32) -> [f32; 3] {
-    let position = level.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f32;
-    let below = (position as usize).min(VIRIDIS.len() - 2);
-    let fraction = position - below as f32;
-    std::array::from_fn(|channel| {
-        let of = |stop: u32| ((stop >> (16 - 8 * channel)) & 0xff) as f32;
-        of(VIRIDIS[below]) * (1.0 - fraction) + of(VIRIDIS[below + 1]) * fraction
-    })
+    let RGBColor(red, green, blue) = ViridisRGB::get_color(level.clamp(0.0, 1.0));
+    [red, green, blue].map(f32::from)
 }

@@ -61,6 +61,18 @@ impl Distortion {
         (distorted, jacobian)
     }
 
+    /// Derivatives of the distorted point of an ideal one by k1, k2, p1, p2 and k3, of any distortion.
+    pub(super) fn by_coefficients(ideal: &Vector2<f64>) -> [Vector2<f64>; 5] {
+        let (x, y, r2) = (ideal.x, ideal.y, ideal.norm_squared());
+        [
+            ideal * r2,
+            ideal * r2 * r2,
+            Vector2::new(2.0 * x * y, r2 + 2.0 * y * y),
+            Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y),
+            ideal * r2 * r2 * r2,
+        ]
+    }
+
     /// Ideal normalised point whose distortion is `distorted` (Newton's method with step halving).
     ///
     /// # Errors

@@ -10,24 +10,24 @@ mod distortion;
 mod doubts;
 mod file;
 mod fold;
+mod projection;
 mod sphere;
 mod sphere_slope;
 mod volume;
 
-use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector3};
 
 pub use self::calibrate::{Calibration, LineSeen, Method, Points, Unknowns, calibrate, calibrate_by_lines};
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::Distortion;
 use self::fold::Range;
+use self::projection::projected;
 pub use self::sphere::{Measured, Outline};
 use crate::error::{Error, Result};
 use crate::size::Size;
 
 /// Smallest |determinant| of a matrix that is still inverted.
 const MIN_DETERMINANT: f64 = 1e-9;
-/// Depth at or below which a point has no image, m.
-const MIN_DEPTH: f64 = 1e-9;
 /// Relative difference of two aspect ratios that rounding to whole pixels explains.
 const ASPECT_TOLERANCE: f64 = 0.01;
 
@@ -171,19 +171,8 @@ impl Camera {
     /// # Errors
     /// As [`Self::image_from_camera`].
     pub fn image_from_camera_with_jacobian(&self, in_camera: &Point3<f64>) -> Result<(Point2<f64>, Matrix2x3<f64>)> {
-        let z = in_camera.z;
-        if z.is_nan() || z <= MIN_DEPTH {
-            return Err(Error::BehindCamera { depth: z });
-        }
-        let ideal = Vector2::new(in_camera.x / z, in_camera.y / z);
-        if !self.range.holds(&ideal) {
-            return Err(Error::OutsideLens { x: ideal.x, y: ideal.y });
-        }
-        let d_ideal = Matrix2x3::new(1.0 / z, 0.0, -ideal.x / z, 0.0, 1.0 / z, -ideal.y / z);
-        let (distorted, d_distorted) = self.distortion.distort(ideal);
-        let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
-        let image = focal * distorted + self.intrinsic.fixed_view::<2, 1>(0, 2);
-        Ok((Point2::from(image), focal * d_distorted * d_ideal))
+        let projected = projected(&self.intrinsic, &self.distortion, &self.range, in_camera)?;
+        Ok((projected.image, projected.jacobian))
     }
 
     /// Image of a world point, px.

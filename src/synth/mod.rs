@@ -7,6 +7,7 @@
 
 #[cfg(not(target_arch = "wasm32"))]
 mod broadcast;
+mod looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 mod mujoco;
 mod random;
@@ -24,6 +25,7 @@ use rand::RngExt;
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::broadcast::{Film, Filmed, Kind};
+pub use self::looking::looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
 #[cfg(not(target_arch = "wasm32"))]
@@ -324,7 +326,7 @@ impl Studio {
         let folder = self.shot.folder(split, number);
         let mut clicks = Stream::LabelNoise.of_named(seed, &id);
         let frames = path.iter().zip(&times).enumerate().map(|(index, (centre, &t))| {
-            let error = Vector2::from(normal_pair(&mut clicks)) * self.label_noise;
+            let error = Vector2::from(normal_pair::<f64>(&mut clicks)) * self.label_noise;
             Ok(Frame {
                 file: format!("{folder}/{index:03}.png").into(),
                 t,
@@ -380,7 +382,7 @@ impl Studio {
         let hand = &self.paper.disturbances.hand;
         let moment =
             times.first()? + random.random_range(hand.between[0]..hand.between[1]) * (times.last()? - times.first()?);
-        let direction = Vector3::from_fn(|_, _| normal_pair(random)[0]).try_normalize(1e-9)?;
+        let direction = Vector3::from_fn(|_, _| normal_pair::<f64>(random)[0]).try_normalize(1e-9)?;
         let (before, after) = times.split_at(times.partition_point(|&time| time < moment));
         let mut path = followed(&self.forecaster, start, before)?;
         let mut state = *self.forecaster.forecast(start, &[moment]).states.first()?;

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use serde::Deserialize;
 use serde_json::json;
 
-use super::Place;
+use super::{Place, looking};
 use crate::camera::{Camera, Distortion};
 use crate::error::{Error, Result};
 use crate::physics::Scene;
@@ -236,7 +236,7 @@ impl Paper {
                 let RoomCamera { position, target } =
                     cameras.get(&number.to_string()).ok_or_else(|| none(cameras.len()))?;
                 let forward = (Vector3::from(*target) - Vector3::from(*position)).normalize();
-                looking(Vector3::from(*position), forward, size.unwrap_or(self.room.size), self.room.field_of_view)
+                seeing(Vector3::from(*position), forward, size.unwrap_or(self.room.size), self.room.field_of_view)
             }
         }
     }
@@ -245,7 +245,7 @@ impl Paper {
     fn around_origin(&self, &[azimuth, elevation, distance]: &[f64; 3], size: Option<Size>) -> Result<Camera> {
         let (a, e) = (azimuth.to_radians(), elevation.to_radians());
         let forward = Vector3::new(e.cos() * a.cos(), e.cos() * a.sin(), e.sin());
-        looking(-forward * distance, forward, size.unwrap_or(self.size), self.field_of_view)
+        seeing(-forward * distance, forward, size.unwrap_or(self.size), self.field_of_view)
     }
 
     /// The ball that moves.
@@ -331,13 +331,8 @@ impl Paper {
     }
 }
 
-/// A camera at `position` that looks `forward`, upright; `field_of_view` is vertical, degrees.
-fn looking(position: Vector3<f64>, forward: Vector3<f64>, size: Size, field_of_view: f64) -> Result<Camera> {
-    let right = forward.cross(&Vector3::z()).normalize();
-    let rotation = Matrix3::from_rows(&[right.transpose(), forward.cross(&right).transpose(), forward.transpose()]);
-    let [width, height] = size.xy();
-    let focal = height / 2.0 / (field_of_view.to_radians() / 2.0).tan();
-    let middle = [(width - 1.0) / 2.0, (height - 1.0) / 2.0];
-    let intrinsic = Matrix3::new(focal, 0.0, middle[0], 0.0, focal, middle[1], 0.0, 0.0, 1.0);
-    Camera::new(size, intrinsic, Distortion::default(), rotation, -(rotation * position))
+/// A camera at `position` that looks `forward`; `field_of_view` is vertical, degrees.
+fn seeing(position: Vector3<f64>, forward: Vector3<f64>, size: Size, field_of_view: f64) -> Result<Camera> {
+    let focal = f64::from(size.height) / 2.0 / (field_of_view.to_radians() / 2.0).tan();
+    looking(position, forward, focal, size, Distortion::default())
 }

@@ -13,7 +13,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::fit::PARTLY;
 use super::print_line;
-use gravisight::internal::{read_text, write_whole};
+use gravisight::internal::{read_text, sha256_hex, write_whole};
 
 /// Subcommands that a batch runs: those whose result is one JSON object an input.
 const KNOWN: [&str; 5] = ["track", "label", "localise", "evaluate", "fit"];
@@ -100,7 +100,7 @@ fn items(list: &Path) -> Result<Vec<Item>> {
         let input = folder.join(line);
         let stem = input.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let whole = std::path::absolute(&input).with_context(|| input.display().to_string())?;
-        let hash = hexadecimal(&Sha256::digest(whole.as_os_str().as_encoded_bytes()));
+        let hash = sha256_hex(whole.as_os_str().as_encoded_bytes());
         Ok(Item { name: format!("{stem}-{}", &hash[..NAME_DIGITS]), input })
     });
     let items = items.collect::<Result<Vec<Item>>>()?;
@@ -149,7 +149,7 @@ fn key(command: &[OsString], input: &Path) -> io::Result<String> {
     if input.exists() {
         add(&mut hash, input)?;
     }
-    Ok(hexadecimal(&hash.finalize()))
+    Ok(format!("{:x}", hash.finalize()))
 }
 
 /// Adds what is in a file or, name by name, in a folder.
@@ -172,10 +172,6 @@ fn add_file(hash: &mut Sha256, path: &Path) -> io::Result<()> {
     let mut file = std::fs::File::open(path)?;
     let bytes = io::copy(&mut file, hash)?;
     hash.write_all(&bytes.to_le_bytes())
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// Does what an input needs; what came of it.

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
 
 use super::print_line;
@@ -33,8 +34,8 @@ pub struct Arguments {
     #[arg(long, value_name = "POINTS.JSON", required_unless_present = "list")]
     points: Option<PathBuf>,
     /// Estimate these, too; the focal length is estimated where the file has no intrinsic.
-    #[arg(long, value_enum, value_delimiter = ',')]
-    estimate: Vec<Unknown>,
+    #[arg(long, value_delimiter = ',', value_parser = unknowns())]
+    estimate: Vec<String>,
     /// Then let the court's painted lines, as this picture (or a video's first frame) shows them, pull the camera to a fraction
     /// of a pixel: four to six clicks are enough.
     #[arg(long, value_name = "PICTURE|VIDEO", conflicts_with = "list")]
@@ -50,14 +51,8 @@ pub struct Arguments {
     list: Option<String>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Unknown {
-    Focal,
-    PrincipalPoint,
-    /// k1 and k2.
-    Distortion,
-    /// k1, k2, p1, p2 and k3.
-    FullDistortion,
+fn unknowns() -> PossibleValuesParser {
+    PossibleValuesParser::new(Unknowns::NAMES.map(|(name, what)| PossibleValue::new(name).help(what)))
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
@@ -66,9 +61,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     let path = arguments.points.context("--points is missing")?;
     let points = Points::from_file(&path)?;
-    let names =
-        arguments.estimate.iter().filter_map(|unknown| Some(unknown.to_possible_value()?.get_name().to_string()));
-    let unknowns = Unknowns::named(&names.collect::<Vec<_>>())?;
+    let unknowns = Unknowns::named(&arguments.estimate)?;
     let found = match &arguments.refine_lines {
         Some(shown) => calibrate_by_lines(&points, &unknowns, &first_picture(shown)?),
         None => calibrate(&points, &unknowns),

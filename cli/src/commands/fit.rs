@@ -4,10 +4,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::Value;
 
 use super::print_line;
+use crate::choice::{Choice, one_of};
 use crate::report::{Flights, write_flights};
 use gravisight::internal::{read_text, write_whole};
 use gravisight::parts::Flight;
@@ -52,8 +53,8 @@ pub struct Arguments {
     noise_px: Option<f64>,
     /// These the scene does not know. Drag and restitution are estimated anyway, near the scene's values; named here they may be almost
     /// any.
-    #[arg(long, value_enum, value_delimiter = ',')]
-    estimate: Vec<Unknown>,
+    #[arg(long, value_delimiter = ',', value_parser = one_of(&PARAMETERS))]
+    estimate: Vec<Parameter>,
     /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).
     #[arg(long, value_name = "TRAJECTORY.CSV")]
     out: Option<PathBuf>,
@@ -65,12 +66,12 @@ pub struct Arguments {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Unknown {
-    Restitution,
-    Drag,
-    Spin,
-}
+/// What `--estimate` takes.
+const PARAMETERS: [Choice<Parameter>; 3] = [
+    ("restitution", "Of the scene's bounces", Parameter::Restitution),
+    ("drag", "The ball's drag coefficient", Parameter::Drag),
+    ("spin", "The ball's spin at the start", Parameter::Spin),
+];
 
 /// How many hits there may be; as many as explain the track where none is said.
 #[derive(Debug, Clone, Copy)]
@@ -106,17 +107,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if let Some(fps) = arguments.fps.filter(|_| own_times) {
         eprintln!("gravisight: note: {}: its column Time counts; --fps {fps} is not used", arguments.track.display());
     }
-    let mut estimate: Vec<Parameter> = Vec::new();
-    for unknown in &arguments.estimate {
-        let parameter = match unknown {
-            Unknown::Restitution => Parameter::Restitution,
-            Unknown::Drag => Parameter::Drag,
-            Unknown::Spin => Parameter::Spin,
-        };
-        if estimate.contains(&parameter) {
-            bail!("--estimate names {} twice", parameter.name());
-        }
-        estimate.push(parameter);
+    let estimate = arguments.estimate.clone();
+    if let Some((_, twice)) = estimate.iter().enumerate().find(|(index, one)| estimate[..*index].contains(one)) {
+        bail!("--estimate names {} twice", twice.name());
     }
     let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
     let options = FitOptions {

@@ -1,10 +1,12 @@
 //! `gravisight import`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use crate::import::{Format, ImportOptions, ImportReport, import};
-use anyhow::Result;
+use crate::import::{CvatTrack, Format, ImportOptions, ImportReport, cvat_track, import};
+use anyhow::{Context, Result};
+use clap::error::ErrorKind;
 use clap::{Args, ValueEnum};
+use gravisight::internal::write_whole;
 use gravisight::parts::Statistic;
 use gravisight::{Camera, Scene};
 use serde_json::{Value, json};
@@ -14,22 +16,24 @@ use crate::progress::Progress;
 
 /// Refused clips that are printed.
 const REFUSED: usize = 10;
-/// The formats whose pictures come without a camera.
-const WITHOUT_CAMERA: [(&str, &str); 3] = [("from", "coco"), ("from", "cvat"), ("from", "tracknet")];
 
-/// Turn other people's data into clips.
+/// Turn other people's data into clips, or a ball labelled in CVAT into a 2D track for `fit`.
 #[derive(Args)]
 pub struct Arguments {
     /// The format.
     #[arg(long, value_enum, value_name = "FORMAT")]
-    from: From,
+    from: Format,
     /// The data: a folder, or an annotation file.
     source: PathBuf,
     /// The clips folder to make.
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    #[arg(long, value_name = "DIR", required_unless_present = "track")]
+    out: Option<PathBuf>,
+    /// Write the ball's 2D track instead, with its radii (cvat; no camera is needed): the centre and the semi-minor axis of an
+    /// ellipse, or half the smaller side of a box. Where the ball is outside or occluded it is not visible.
+    #[arg(long, value_name = "TRACK.CSV", conflicts_with_all = ["out", "camera", "scene", "clip_frames"])]
+    track: Option<PathBuf>,
     /// The camera of the pictures (camera.json): for coco, cvat and tracknet; sd, spring and rd bring theirs.
-    #[arg(long, value_name = "CAMERA.JSON", required_if_eq_any(WITHOUT_CAMERA))]
+    #[arg(long, value_name = "CAMERA.JSON")]
     camera: Option<PathBuf>,
     /// The place and its ball (scene.json), for every clip.
     #[arg(long, value_name = "SCENE.JSON")]
@@ -37,12 +41,16 @@ pub struct Arguments {
     /// Frames a second: for pictures, which bring no times; for a video, in place of its own.
     #[arg(long, value_name = "F", required_if_eq("from", "coco"))]
     fps: Option<f64>,
-    /// Folder of the pictures, or the video [default: what lies beside the annotations].
+    /// Folder of the pictures, or the video [default: what lies beside the annotations]; with --track, the video whose times the
+    /// track is to have.
     #[arg(long, value_name = "PATH")]
     pictures: Option<PathBuf>,
     /// Category (coco) or label (cvat) of the ball, where there are others.
     #[arg(long, value_name = "NAME")]
     category: Option<String>,
+    /// Id of the ball's track (cvat), where several have its label.
+    #[arg(long, value_name = "ID")]
+    object: Option<u64>,
     /// Cut into clips of so many frames [default: 16 for rd, else whole].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     clip_frames: Option<u32>,
@@ -51,51 +59,32 @@ pub struct Arguments {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum From {
-    /// The paper's synthetic data set (synthetic_dataset/SPLIT/xmlN/cameraM/VIDEO).
-    Sd,
-    /// The paper's ball on a spring (ball_carousel/SPLIT/VIDEO).
-    Spring,
-    /// The paper's real data set (real_dataset/SPLIT/cameraN/VIDEO).
-    Rd,
-    /// COCO annotations (JSON): first visible keypoint, else the box's centre.
-    Coco,
-    /// CVAT annotations (XML 1.1), for images or for video: points or boxes.
-    Cvat,
-    /// Tracks (CSV with Frame,Visibility,X,Y) beside folders of frames or videos.
-    Tracknet,
-}
-
-impl From {
-    fn format(self) -> Format {
-        match self {
-            From::Sd => Format::Sd,
-            From::Spring => Format::Spring,
-            From::Rd => Format::Rd,
-            From::Coco => Format::Coco,
-            From::Cvat => Format::Cvat,
-            From::Tracknet => Format::Tracknet,
-        }
+/// What is missing, or means nothing, of how it was called.
+fn misused(arguments: &Arguments) -> Option<(ErrorKind, String)> {
+    let Arguments { from, camera, fps, pictures, category, object, track, .. } = arguments;
+    let brings_its_own = matches!(from, Format::Sd | Format::Spring | Format::Rd);
+    let given = [
+        ("--camera", camera.is_some(), brings_its_own),
+        ("--fps", fps.is_some(), brings_its_own),
+        ("--pictures", pictures.is_some(), brings_its_own),
+        ("--category", category.is_some(), brings_its_own || *from == Format::Tracknet),
+        ("--object", object.is_some(), *from != Format::Cvat),
+        ("--track", track.is_some(), *from != Format::Cvat),
+    ];
+    let from = name(*from);
+    if let Some((option, ..)) = given.into_iter().find(|(_, given, unused)| *given && *unused) {
+        let why = if brings_its_own { ", which brings its own" } else { "" };
+        return Some((ErrorKind::ArgumentConflict, format!("{option} means nothing with --from {from}{why}")));
     }
-
-    /// Options that mean nothing for this format.
-    fn unused(self, arguments: &Arguments) -> Option<&'static str> {
-        let published = matches!(self, From::Sd | From::Spring | From::Rd);
-        let given = [
-            ("--camera", arguments.camera.is_some(), published),
-            ("--fps", arguments.fps.is_some(), published),
-            ("--pictures", arguments.pictures.is_some(), published),
-            ("--category", arguments.category.is_some(), published || self == From::Tracknet),
-        ];
-        given.into_iter().find(|(_, given, unused)| *given && *unused).map(|(name, ..)| name)
-    }
+    (camera.is_none() && track.is_none() && !brings_its_own).then(|| {
+        let message = format!("--camera is missing: pictures of --from {from} come without one");
+        (ErrorKind::MissingRequiredArgument, message)
+    })
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
-    if let Some(option) = arguments.from.unused(&arguments) {
-        let message = format!("{option} means nothing with --from {}, which brings its own", name(arguments.from));
-        clap::Error::raw(clap::error::ErrorKind::ArgumentConflict, message + "\n").exit();
+    if let Some((kind, message)) = misused(&arguments) {
+        clap::Error::raw(kind, message + "\n").exit();
     }
     let options = ImportOptions {
         camera: arguments.camera.as_deref().map(Camera::from_file).transpose()?,
@@ -103,19 +92,49 @@ pub fn run(arguments: Arguments) -> Result<()> {
         fps: arguments.fps,
         clip_frames: arguments.clip_frames.map(|frames| frames as usize),
         category: arguments.category.clone(),
+        object: arguments.object,
         pictures: arguments.pictures.clone(),
     };
+    if let Some(path) = &arguments.track {
+        let found = cvat_track(&arguments.source, &options)?;
+        write_whole(path, found.track.to_csv()?.as_bytes())?;
+        return print_track(path, &found, arguments.json);
+    }
+    let out = arguments.out.as_deref().context("--out is missing")?;
     let mut progress = Progress::new();
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "clips");
-    let report = import(arguments.from.format(), &arguments.source, &arguments.out, &options, &mut observe);
+    let report = import(arguments.from, &arguments.source, out, &options, &mut observe);
     progress.finish();
     match arguments.json {
         true => Ok(print_line(as_json(&arguments, &report?))?),
-        false => print(&arguments, &report?),
+        false => print(out, &report?),
     }
 }
 
-fn name(from: From) -> String {
+fn print_track(path: &Path, found: &CvatTrack, as_json: bool) -> Result<()> {
+    let CvatTrack { track, label, objects, hidden, interpolated } = found;
+    let frames = track.points.len();
+    let labels = track.points.iter().filter(|point| point.image().is_some()).count();
+    let radii = track.points.iter().filter(|point| point.radius.is_some()).count();
+    if as_json {
+        return Ok(print_line(
+            json!({"from": "cvat", "track": path, "label": label, "objects": objects, "frames": frames,
+            "labels": labels, "radii": radii, "hidden": hidden, "interpolated": interpolated}),
+        )?);
+    }
+    let ids = objects.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
+    let of_tracks = if objects.is_empty() { String::new() } else { format!(", CVAT's track {ids}") };
+    print_line(format_args!("track      {frames} frames of `{label}`{of_tracks}, in {}", path.display()))?;
+    print_line(format_args!("labels     {labels}, {radii} with a radius; outside or occluded in {hidden} frames"))?;
+    if *interpolated > 0 {
+        print_line(format_args!(
+            "NOTE: {interpolated} labels are between key frames, where CVAT draws straight lines and a ball's path is curved"
+        ))?;
+    }
+    Ok(())
+}
+
+fn name(from: Format) -> String {
     from.to_possible_value().map(|value| value.get_name().to_string()).unwrap_or_default()
 }
 
@@ -130,9 +149,9 @@ fn as_json(arguments: &Arguments, report: &ImportReport) -> Value {
         "refused": refused.collect::<Vec<_>>()})
 }
 
-fn print(arguments: &Arguments, report: &ImportReport) -> Result<()> {
+fn print(out: &Path, report: &ImportReport) -> Result<()> {
     let ImportReport { clips, frames, labels, positions, scenes, gaps, .. } = report;
-    print_line(format_args!("clips      {clips} in {}", arguments.out.display()))?;
+    print_line(format_args!("clips      {clips} in {}", out.display()))?;
     print_line(format_args!("frames     {frames}, {labels} with a 2D label, {positions} with a 3D position"))?;
     let fps = |pick: fn(f64, f64) -> f64| report.fps.iter().copied().reduce(pick).unwrap_or_default();
     let (slowest, fastest) = (fps(f64::min), fps(f64::max));

@@ -13,6 +13,7 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde_json::{Value, json};
 
 use super::{film, print_line};
+use crate::choice::{Choice, one_of};
 use crate::progress::Progress;
 use gravisight::internal::{Claim, NewFolder, write_whole};
 use gravisight::internal::{Disturbance, Set, Shot, Split, Studio};
@@ -31,11 +32,11 @@ const SIDES: RangeInclusive<u32> = 16..=4096;
 #[derive(Args)]
 pub struct Arguments {
     /// Which set: sd-s is a part of sd-m, and sd-m of sd-l.
-    #[arg(long, value_enum)]
-    set: SetName,
+    #[arg(long, value_parser = one_of(&SETS))]
+    set: Made,
     /// Which part of it.
-    #[arg(long, value_enum)]
-    split: SplitName,
+    #[arg(long, value_parser = one_of(&SPLITS))]
+    split: Split,
     /// Folder to make; one that was interrupted is gone on with.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -52,8 +53,8 @@ pub struct Arguments {
     #[arg(long, value_name = "PX", value_parser = parse_noise)]
     label_noise: Option<f64>,
     /// Clips to test with: something that their scenes do not say (built-in engine).
-    #[arg(long, value_enum, value_name = "WHAT")]
-    disturb: Option<Disturbed>,
+    #[arg(long, value_name = "WHAT", value_parser = one_of(&DISTURBANCES))]
+    disturb: Option<Disturbance>,
     /// Write what is how far, too: beside each 000.png a 000.depth.png of 16 bits, mm along the camera's axis; 0 where nothing is.
     #[arg(long)]
     depth: bool,
@@ -65,47 +66,32 @@ pub struct Arguments {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum SetName {
-    SdS,
-    SdM,
-    SdL,
-    Spring,
-    /// A rendered room that stands in for the paper's real data set: 60 frames a second, 2D labels as if clicked (σ 1.5 px).
-    Rd,
-    /// Sports as people film them, as videos (needs ffmpeg): --clips of each of four kinds.
-    Broadcast,
+/// What `--set` names.
+#[derive(Debug, Clone, Copy)]
+enum Made {
+    Clips(Set),
+    Films,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Disturbed {
-    /// A wind from the side.
-    Wind,
-    /// A push at a random time.
-    Hand,
-    /// A ball that is a quarter larger than the scene's.
-    Ball,
-    /// An empty floor of another colour behind the ball, whose path stays.
-    Background,
-}
-
-impl Disturbed {
-    fn disturbance(self) -> Disturbance {
-        match self {
-            Self::Wind => Disturbance::Wind,
-            Self::Hand => Disturbance::Hand,
-            Self::Ball => Disturbance::Ball,
-            Self::Background => Disturbance::Background,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum SplitName {
-    Train,
-    Val,
-    Test,
-}
+const SETS: [Choice<Made>; 6] = [
+    ("sd-s", "", Made::Clips(Set::SdS)),
+    ("sd-m", "", Made::Clips(Set::SdM)),
+    ("sd-l", "", Made::Clips(Set::SdL)),
+    ("spring", "", Made::Clips(Set::Spring)),
+    (
+        "rd",
+        "A rendered room that stands in for the paper's real data set: 60 frames a second, 2D labels as if clicked (σ 1.5 px)",
+        Made::Clips(Set::Rd),
+    ),
+    ("broadcast", "Sports as people film them, as videos (needs ffmpeg): --clips of each of four kinds", Made::Films),
+];
+const SPLITS: [Choice<Split>; 3] = [("train", "", Split::Train), ("val", "", Split::Val), ("test", "", Split::Test)];
+const DISTURBANCES: [Choice<Disturbance>; 4] = [
+    ("wind", "A wind from the side", Disturbance::Wind),
+    ("hand", "A push at a random time", Disturbance::Hand),
+    ("ball", "A ball that is a quarter larger than the scene's", Disturbance::Ball),
+    ("background", "An empty floor of another colour behind the ball, whose path stays", Disturbance::Background),
+];
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Engine {
@@ -140,18 +126,10 @@ impl Engine {
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
-    let split = match arguments.split {
-        SplitName::Train => Split::Train,
-        SplitName::Val => Split::Val,
-        SplitName::Test => Split::Test,
-    };
+    let split = arguments.split;
     let set = match arguments.set {
-        SetName::SdS => Set::SdS,
-        SetName::SdM => Set::SdM,
-        SetName::SdL => Set::SdL,
-        SetName::Spring => Set::Spring,
-        SetName::Rd => Set::Rd,
-        SetName::Broadcast => {
+        Made::Clips(set) => set,
+        Made::Films => {
             let plain = arguments.size.is_none()
                 && !arguments.depth
                 && arguments.disturb.is_none()
@@ -234,7 +212,7 @@ fn shoot(
         studio = studio.with_label_noise(noise);
     }
     if let Some(disturbed) = arguments.disturb {
-        studio = studio.disturbed(disturbed.disturbance())?;
+        studio = studio.disturbed(disturbed)?;
     }
     let clips = (0..count).into_par_iter().map_init(
         || None,

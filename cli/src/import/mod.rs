@@ -17,8 +17,10 @@ mod video;
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
+use clap::ValueEnum;
 use rayon::prelude::*;
 
+pub use self::cvat::{CvatTrack, cvat_track};
 use self::draft::{Draft, Job};
 pub use self::pictures::{is_picture, left_out, pictures_in};
 pub use self::video::video_frames;
@@ -32,22 +34,26 @@ const RD_CLIP_FRAMES: usize = 16;
 /// A step of more than so many frame times is a gap.
 const GAP: f64 = 1.5;
 
-/// The formats.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The formats; `--help` says the first paragraph of each.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// The paper's synthetic data set: `synthetic_dataset/SPLIT/xmlN/cameraM/VIDEO/`.
+    /// The paper's synthetic data set (synthetic_dataset/SPLIT/xmlN/cameraM/VIDEO).
     Sd,
-    /// The paper's ball on a spring: `ball_carousel/SPLIT/VIDEO/`.
+    /// The paper's ball on a spring (ball_carousel/SPLIT/VIDEO).
     Spring,
-    /// The paper's real data set: `real_dataset/SPLIT/cameraN/VIDEO/`. True positions come from its depth pictures.
+    /// The paper's real data set (real_dataset/SPLIT/cameraN/VIDEO), true positions from its depth pictures.
     Rd,
-    /// COCO's JSON: the first visible keypoint (of pixel centres), else the box's centre (boxes count from the
-    /// picture's corner). A clip for every folder.
+    /// COCO annotations (JSON): first visible keypoint, else the box's centre; a clip for every folder.
+    ///
+    /// Keypoints are of pixel centres, boxes count from the picture's corner.
     Coco,
-    /// CVAT's XML 1.1, for images or for video: the first of the points, or the box's centre, both counted from the
-    /// picture's corner.
+    /// CVAT annotations (XML 1.1), for images or for video: points, boxes or ellipses.
+    ///
+    /// The first of the points, or the centre; all count from the picture's corner.
     Cvat,
-    /// `Frame,Visibility,X,Y` beside a folder of frames of the same name, or a video. X, Y of pixel centres.
+    /// Tracks (CSV with Frame,Visibility,X,Y) beside folders of frames of the same name, or videos.
+    ///
+    /// X, Y of pixel centres.
     Tracknet,
 }
 
@@ -64,6 +70,8 @@ pub struct ImportOptions {
     pub clip_frames: Option<usize>,
     /// Name of the ball's category or label, where there are others.
     pub category: Option<String>,
+    /// Id of the ball's track in CVAT, where several have its label.
+    pub object: Option<u64>,
     /// The folder of pictures, or the video, where it is not beside the annotations.
     pub pictures: Option<PathBuf>,
 }

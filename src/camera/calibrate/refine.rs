@@ -2,10 +2,11 @@
 
 use std::convert::Infallible;
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Point2, Point3, Rotation3, Vector2, Vector3};
 
 use super::start::{Pose, nearest_rotation};
 use crate::camera::fold::Range;
+use crate::camera::projection::{Projected, projected};
 use crate::camera::{Camera, Distortion};
 use crate::error::{self, Error};
 use crate::least_squares::{Damping, LeastSquares, minimised};
@@ -30,7 +31,15 @@ pub struct Unknowns {
 }
 
 impl Unknowns {
-    /// Those of `names`: `focal`, `principal-point`, `distortion` (k1 and k2), `full-distortion` (all five).
+    /// What can be estimated, by its name, and what that is.
+    pub const NAMES: [(&str, &str); 4] = [
+        ("focal", "The focal length"),
+        ("principal-point", "Where the optical axis meets the picture"),
+        ("distortion", "k1 and k2"),
+        ("full-distortion", "k1, k2, p1, p2 and k3"),
+    ];
+
+    /// Those of `names`, which are of [`Self::NAMES`].
     ///
     /// # Errors
     /// [`Error::Value`] for a name that there is not.
@@ -43,8 +52,8 @@ impl Unknowns {
                 "distortion" => unknowns.distortion = unknowns.distortion.max(2),
                 "full-distortion" => unknowns.distortion = 5,
                 _ => {
-                    let reason =
-                        format!("cannot be `{name}`; there are focal, principal-point, distortion and full-distortion");
+                    let names = Self::NAMES.map(|(name, _)| name).join(", ");
+                    let reason = format!("cannot be `{name}`; there are {names}");
                     return Err(Error::value("calibration", "estimate", reason));
                 }
             }
@@ -120,40 +129,22 @@ impl Guess {
         image: &Point2<f64>,
     ) -> Option<(Vector2<f64>, Vec<Vector2<f64>>)> {
         let turned = self.pose.rotation * world.coords;
-        let in_camera = turned + self.pose.translation;
-        if in_camera.z <= 0.0 || !in_camera.z.is_finite() {
-            return None;
-        }
-        let z = in_camera.z;
-        let ideal = Vector2::new(in_camera.x / z, in_camera.y / z);
-        if !range.holds(&ideal) {
-            return None;
-        }
-        let d_ideal = Matrix2x3::new(1.0 / z, 0.0, -ideal.x / z, 0.0, 1.0 / z, -ideal.y / z);
-        let (distorted, d_distorted) = self.distortion.distort(ideal);
-        let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
-        let scaled = focal * distorted;
-        let d_camera = focal * d_distorted * d_ideal;
+        let in_camera = Point3::from(turned + self.pose.translation);
+        let Projected { image: found, jacobian, ideal } =
+            projected(&self.intrinsic, &self.distortion, range, &in_camera).ok()?;
         let mut derivatives = Vec::with_capacity(unknowns.count());
-        derivatives.extend((0..3).map(|axis| d_camera * Vector3::ith(axis, 1.0).cross(&turned)));
-        derivatives.extend((0..3).map(|axis| d_camera.column(axis).into_owned()));
+        derivatives.extend((0..3).map(|axis| jacobian * Vector3::ith(axis, 1.0).cross(&turned)));
+        derivatives.extend((0..3).map(|axis| jacobian.column(axis).into_owned()));
         if unknowns.focal {
-            derivatives.push(scaled);
+            derivatives.push(found.coords - self.intrinsic.fixed_view::<2, 1>(0, 2));
         }
         if unknowns.principal_point {
             derivatives.extend([Vector2::x(), Vector2::y()]);
         }
-        let (x, y, r2) = (ideal.x, ideal.y, ideal.norm_squared());
-        let terms = [
-            ideal * r2,
-            ideal * r2 * r2,
-            Vector2::new(2.0 * x * y, r2 + 2.0 * y * y),
-            Vector2::new(r2 + 2.0 * x * x, 2.0 * x * y),
-            ideal * r2 * r2 * r2,
-        ];
-        derivatives.extend(terms.into_iter().take(unknowns.distortion).map(|term| focal * term));
-        let found = scaled + self.intrinsic.fixed_view::<2, 1>(0, 2);
-        Some((found - image.coords, derivatives))
+        let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
+        let lens = Distortion::by_coefficients(&ideal).into_iter().take(unknowns.distortion);
+        derivatives.extend(lens.map(|by| focal * by));
+        Some((found - image, derivatives))
     }
 
     /// Weighted errors of all that is seen, and their derivatives; [`None`] where something has no image.
@@ -285,4 +276,34 @@ fn covariance(jacobian: &DMatrix<f64>) -> Option<DMatrix<f64>> {
     }
     let inverse = scaled.try_inverse()?;
     Some(DMatrix::from_fn(normal.nrows(), normal.ncols(), |i, j| inverse[(i, j)] * scale[i] * scale[j]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_errors_derivatives_equal_central_differences() {
+        let rotation = *Rotation3::from_euler_angles(0.3, -0.2, 0.9).matrix();
+        let guess = Guess {
+            pose: Pose { rotation, translation: Vector3::new(0.2, -0.1, 5.0) },
+            intrinsic: Matrix3::new(900.0, 1.5, 640.0, 0.0, 880.0, 350.0, 0.0, 0.0, 1.0),
+            distortion: Distortion { k1: -0.2, k2: 0.05, p1: 0.002, p2: -0.001, k3: 0.01 },
+        };
+        let unknowns = Unknowns { focal: true, principal_point: true, distortion: 5 };
+        for world in [Point3::new(0.5, -0.8, 0.3), Point3::new(-1.5, 0.4, 1.0)] {
+            let error = |guess: &Guess| {
+                guess.error(&Range::of(&guess.distortion), &unknowns, &world, &Point2::new(600.0, 400.0)).unwrap()
+            };
+            let (_, derivatives) = error(&guess);
+            assert_eq!(derivatives.len(), unknowns.count());
+            let step = 1e-5;
+            for ([more, less], derivative) in
+                guess.neighbours(&unknowns, &vec![step; unknowns.count()]).iter().zip(&derivatives)
+            {
+                let difference = (error(more).0 - error(less).0) / (2.0 * step) - derivative;
+                assert!(difference.norm() < 1e-6 * (1.0 + derivative.norm()), "{difference} of {derivative}");
+            }
+        }
+    }
 }

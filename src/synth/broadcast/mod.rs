@@ -5,17 +5,19 @@
 mod play;
 mod stage;
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 
 use self::play::Play;
 use self::stage::Person;
+use super::looking;
 use super::random::canvas::{Canvas, Colour, Ellipse};
 use super::random::noise::Normals;
-use crate::camera::Camera;
+use crate::camera::{Camera, Distortion};
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
 use crate::random::{Random, Stream, mixed};
+use crate::size::Size;
 use image::{Rgb, RgbImage};
 
 /// Parts of an exposure.
@@ -180,7 +182,10 @@ impl Film {
         let scene = kind.scene()?;
         let forecaster = Forecaster::new(&scene)?;
         let (eye, target, focal, size) = kind.view(random);
-        let camera = looking(eye, target, focal, size)?;
+        let (eye, target) = (Vector3::from(eye), Vector3::from(target));
+        let size = Size::new(size[0], size[1]);
+        let focal = focal * f64::from(size.width);
+        let camera = looking(eye, (target - eye).normalize(), focal, size, Distortion::default())?;
         let fps = kind.fps(random);
         let play = Play::draw(kind, &forecaster, random)?;
         let mut people = Vec::new();
@@ -313,21 +318,4 @@ impl Film {
             .collect();
         stage::ball(canvas, &outlines, self.paint, self.light);
     }
-}
-
-/// A camera at `eye` that looks at `target`, m; its focal length as a share of the width.
-fn looking(eye: [f64; 3], target: [f64; 3], focal: f64, [width, height]: [u32; 2]) -> Result<Camera> {
-    let (eye, target) = (Vector3::from(eye), Vector3::from(target));
-    let forward = (target - eye).normalize();
-    let right = forward.cross(&Vector3::z()).normalize();
-    let down = forward.cross(&right);
-    let rotation = Matrix3::from_rows(&[right.transpose(), down.transpose(), forward.transpose()]);
-    let shift = -rotation * eye;
-    let row = |axis: usize| [rotation[(axis, 0)], rotation[(axis, 1)], rotation[(axis, 2)], shift[axis]];
-    let focal = focal * f64::from(width);
-    let [x, y] = [width, height].map(|side| f64::from(side) / 2.0 - 0.5);
-    let text = serde_json::json!({"width": width, "height": height,
-        "intrinsic": [[focal, 0.0, x], [0.0, focal, y], [0.0, 0.0, 1.0]],
-        "camera_from_world": [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]});
-    Camera::from_json(&text.to_string(), "camera")
 }

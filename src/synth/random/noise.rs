@@ -3,7 +3,7 @@
 use rand::RngExt;
 
 use super::canvas::Canvas;
-use crate::random::Random;
+use crate::random::{Random, normal_pair};
 
 /// Length of the table of normal numbers; a power of two.
 const TABLE: usize = 1 << 16;
@@ -60,10 +60,7 @@ impl Normals {
     pub fn new(random: &mut Random) -> Self {
         let mut values = Vec::with_capacity(TABLE);
         while values.len() < TABLE {
-            // Box and Muller's pair
-            let radius = (-2.0 * random.random_range(f32::MIN_POSITIVE..1.0).ln()).sqrt();
-            let (sin, cos) = random.random_range(0.0..std::f32::consts::TAU).sin_cos();
-            values.extend([radius * cos, radius * sin]);
+            values.extend(normal_pair::<f32>(random));
         }
         Self(values)
     }

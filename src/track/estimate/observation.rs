@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Matrix2x3, Matrix3x2, Point2, Point3, RowVector3, Vector
 
 use crate::camera::{Camera, Outline};
 use crate::error::Result;
+use crate::statistics::median;
 use crate::track::fit::Observation as Label;
 
 /// One frame.
@@ -92,9 +93,7 @@ impl Ray {
 /// Median time from one of these to the next, s; 1 where there are fewer than two.
 pub fn interval(times: impl IntoIterator<Item = f64>) -> f64 {
     let times: Vec<f64> = times.into_iter().collect();
-    let mut gaps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    gaps.sort_by(f64::total_cmp);
-    gaps.get(gaps.len() / 2).copied().unwrap_or(1.0)
+    median(times.windows(2).map(|pair| pair[1] - pair[0])).unwrap_or(1.0)
 }
 
 #[cfg(test)]

@@ -15,6 +15,7 @@ use super::solve::Hypothesis;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::physics::{Forecaster, State};
+use crate::statistics::median;
 use crate::track::fit::{Fit, FitOptions, FittedFrame, Flight, Observation as Label, noise_of, trusted, unexplained};
 
 /// Noise that the search starts from, px: what the track's smoothness says, within these.
@@ -308,9 +309,8 @@ fn sizes(model: &Model, fit: &Fit) -> Option<String> {
         let own = (frame.state.position.coords - observation.ray.as_ref()?.origin).norm();
         Some(observation.log_distance?[0].exp() / own - 1.0)
     };
-    let mut all: Vec<f64> = model.observations.iter().zip(&fit.frames).filter_map(off).collect();
-    all.sort_by(f64::total_cmp);
-    let median = *all.get(all.len() / 2)?;
+    let all: Vec<f64> = model.observations.iter().zip(&fit.frames).filter_map(off).collect();
+    let median = median(all.iter().copied())?;
     (median.abs() > SIZE_OFF && all.len() >= FEWEST_SIZES).then(|| {
         format!(
             "by its apparent size the ball is {:.0} % {} than its flight and contacts say: check the heights of the scene, \

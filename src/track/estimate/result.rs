@@ -331,7 +331,9 @@ impl Model<'_> {
         let speed = whole.segments[segments.clone()].iter().map(|it| it.velocity().norm()).fold(0.0, f64::max);
         if speed > self.speed_max {
             let most = self.speed_max;
-            return Some(format!("it would fly at {speed:.0} m/s, faster than a ball of its sport ever has ({most:.0} m/s)"));
+            return Some(format!(
+                "it would fly at {speed:.0} m/s, faster than a ball of its sport ever has ({most:.0} m/s)"
+            ));
         }
         let rms = rms(frames.iter().copied());
         let smooth = self.smooth.hypot(self.drift);

@@ -1,8 +1,9 @@
 //! What a clip tells of its ball once most of its frames are labelled: colour, and radius and place near each frame.
 
-use super::evidence::{Candidate, median, median_colour};
+use super::evidence::{Candidate, median_colour};
 use crate::contour::{Circle, RadiusPrior};
 use crate::image::Levels;
+use crate::statistics::median;
 
 /// Frames to either side that tell the radius of one.
 const RADIUS_FRAMES: usize = 4;
@@ -68,7 +69,7 @@ impl Ball {
     pub fn radius(&self, frame: usize) -> Option<RadiusPrior> {
         let near = frame.saturating_sub(RADIUS_FRAMES)..(frame + RADIUS_FRAMES + 1).min(self.labels.len());
         let others = near.filter(|&other| other != frame).filter_map(|other| self.labels[other]);
-        let radius = median(others.map(|label| label.outline.circle.radius).collect())?;
+        let radius = median(others.map(|label| label.outline.circle.radius))?;
         Some(RadiusPrior { radius, sigma: RADIUS_PX + RADIUS_SHARE * radius })
     }
 
@@ -103,7 +104,7 @@ fn commonest(good: &[&Candidate]) -> Option<(Levels, f64)> {
     let commonest = good.iter().max_by(|a, b| votes(a).total_cmp(&votes(b)))?;
     let alike: Vec<Levels> = near(commonest.colour).map(|other| other.colour).collect();
     let middle = median_colour(&alike);
-    let spread = median(alike.iter().map(|colour| distance(*colour, middle)).collect())?;
+    let spread = median(alike.iter().map(|colour| distance(*colour, middle)))?;
     (alike.len() >= FEWEST_LABELS).then_some((middle, LEAST_SPREAD.max(1.5 * spread)))
 }
 

@@ -5,6 +5,7 @@ use image::RgbImage;
 use super::background::Background;
 use crate::contour::{Circle, Contour};
 use crate::image::{Levels, levels_at};
+use crate::statistics::median;
 
 /// Rings of samples inside a circle, and samples on each.
 const RINGS: usize = 5;
@@ -119,14 +120,8 @@ fn pixel(x: f64, y: f64, frame: &RgbImage) -> Option<(usize, usize)> {
 
 /// Median of each channel; black of nothing.
 pub(super) fn median_colour(colours: &[Levels]) -> Levels {
-    let channel = |channel: usize| colours.iter().map(|colour| f64::from(colour[channel])).collect();
+    let channel = |channel: usize| colours.iter().map(move |colour| f64::from(colour[channel]));
     std::array::from_fn(|number| median(channel(number)).unwrap_or_default() as f32)
-}
-
-/// The middle value (the upper of two); none of nothing.
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    let middle = values.len() / 2;
-    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 /// How well one factor below 1 makes the frame's pixels of the background's, 0..1.

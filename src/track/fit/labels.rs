@@ -3,6 +3,7 @@
 use nalgebra::{Point2, Vector2};
 
 use super::Observation;
+use crate::statistics::median;
 
 /// Smallest standard deviation of labels that is believed, px.
 pub(super) const SMALLEST_NOISE: f64 = 0.03;
@@ -38,11 +39,11 @@ pub fn trusted(observations: &[Observation]) -> Vec<Observation> {
         let pairs = [(-1, 1), (-2, 2), (-2, -1), (1, 2), (-1, 2), (-2, 1)].into_iter();
         let neighbour = |by: isize| index.checked_add_signed(by).filter(|&other| other < seen.len());
         let said: Vec<_> = pairs.filter_map(|(i, j)| Some(line(index, neighbour(i)?, neighbour(j)?))).collect();
-        let along = |axis: usize| median(said.iter().map(|point| point[axis]).collect());
+        let along = |axis: usize| median(said.iter().map(|point| point[axis])).unwrap_or(0.0);
         (at(index) - Vector2::new(along(0), along(1))).norm()
     };
     let deviations: Vec<f64> = (0..seen.len()).map(deviation).collect();
-    let limit = SUSPECT * median(deviations.clone()).max(SMALLEST_NOISE);
+    let limit = SUSPECT * median(deviations.iter().copied()).unwrap_or(0.0).max(SMALLEST_NOISE);
     let mut out = observations.to_vec();
     for (index, _) in deviations.iter().enumerate().filter(|(_, deviation)| **deviation > limit) {
         out[seen[index]].image = None;
@@ -62,7 +63,7 @@ pub(super) struct Repeats {
 pub(super) fn repeats(observations: &[Observation]) -> Option<Repeats> {
     let step = |index: usize| Some((observations[index].image? - observations[index - 1].image?).norm());
     let steps: Vec<Option<f64>> = (1..observations.len()).map(step).collect();
-    let usual = median(steps.iter().flatten().copied().collect());
+    let usual = median(steps.iter().flatten().copied())?;
     let moves = |index: usize| steps.get(index).copied().flatten().is_some_and(|step| step > MOVES * usual);
     let still = |index: usize| steps[index].is_some_and(|step| step < STILL * usual);
     let frames: Vec<usize> = (1..steps.len().saturating_sub(1))
@@ -73,7 +74,7 @@ pub(super) fn repeats(observations: &[Observation]) -> Option<Repeats> {
         return None;
     }
     let gaps: Vec<usize> = frames.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let every = median(gaps.iter().map(|&gap| gap as f64).collect()) as usize;
+    let every = median(gaps.iter().map(|&gap| gap as f64))? as usize;
     // A label may be missing where a frame is repeated.
     let regular = gaps.iter().all(|gap| gap % every == 0);
     let times = regular.then(|| {
@@ -151,11 +152,6 @@ fn longest_way(seen: &[(usize, f64, Point2<f64>)], width: f64) -> Vec<usize> {
     }
     kept.reverse();
     kept
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// Noise of labels on a smooth track, px: from the third differences of labels that follow one another, divided by their

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
 use crate::camera::Camera;
 use crate::physics::Scene;
+use crate::statistics::median;
 
 /// Time of a part of a way that is one parabola, s, and fewest places in it.
 const PART: f64 = 0.35;
@@ -89,9 +90,7 @@ impl Falling<'_> {
 
     /// The image of gravity where a ball of this size would be, px/s².
     fn gravity(&self, part: &[Place]) -> Option<Vector2<f64>> {
-        let mut radii: Vec<f64> = part.iter().map(|place| place.radius).collect();
-        radii.sort_by(f64::total_cmp);
-        let radius = radii[radii.len() / 2];
+        let radius = median(part.iter().map(|place| place.radius))?;
         let sum = part.iter().fold(Vector2::zeros(), |sum, place| sum + place.at.coords);
         let depth = self.camera.intrinsic()[(1, 1)] * self.scene.ball.radius / radius;
         let at = self.camera.world_from_image(&Point2::from(sum / part.len() as f64), depth).ok()?;

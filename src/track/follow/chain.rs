@@ -1,6 +1,7 @@
 //! Which arcs one ball flies, one after the other.
 
 use super::arcs::{Seen, alike};
+use crate::statistics::median;
 
 /// Most frames between an arc and one that goes on from it, and the distance, px and shares of a step.
 const BETWEEN: usize = 8;
@@ -72,9 +73,7 @@ impl Piece {
     /// Whether the other, which begins soon after this ends, is as large as this then: a ball is not suddenly nearer.
     fn is_as_large(&self, later: &Self, frames: &[Seen]) -> bool {
         let radius = |members: &[(usize, usize)]| {
-            let mut radii: Vec<f64> = members.iter().map(|&(frame, index)| frames[frame].blobs[index].radius).collect();
-            radii.sort_by(f64::total_cmp);
-            radii[radii.len() / 2]
+            median(members.iter().map(|&(frame, index)| frames[frame].blobs[index].radius)).unwrap_or(f64::NAN)
         };
         let end = radius(&self.members[self.members.len().saturating_sub(AT_END)..]);
         let start = radius(&later.members[..later.members.len().min(AT_END)]);

@@ -11,6 +11,7 @@ use super::chain::{Piece, chain};
 use super::wanted::Words;
 use crate::camera::{Camera, Measured};
 use crate::physics::Scene;
+use crate::statistics::median;
 
 /// Length over width of a streak from which its width is no ball's radius.
 const STREAK: f64 = 2.5;
@@ -222,9 +223,7 @@ impl<'a> Flying<'a> {
         };
         let way: Vec<Place> = members.iter().map(place).collect();
         let weights = if told > 0.0 { TOLD } else { UNTOLD };
-        let mut radii: Vec<f64> = way.iter().map(|place| place.radius).collect();
-        radii.sort_by(f64::total_cmp);
-        let small = radii[radii.len() / 2] < SMALL;
+        let small = median(way.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
         weights.constant
             + weights.gain * (arc.gain / USUAL_GAIN).ln()
             + if small { weights.small } else { 0.0 }

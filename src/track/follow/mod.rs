@@ -34,6 +34,7 @@ pub use self::stretches::stretches;
 use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
 use crate::image::Picture;
+use crate::statistics::median;
 
 /// Smallest radius that is looked for, px, and the largest, as a share of the picture's shorter side.
 const LEAST_RADIUS: f64 = 1.0;
@@ -166,10 +167,8 @@ impl Follower {
     /// Whether a frame that differs so from the one before shows it again.
     fn is_repeated(&mut self, differences: &[u8]) -> bool {
         let share = planes::share_above(differences, LEAST_CHANGE);
-        let mut known = self.changed.clone();
-        known.sort_by(f64::total_cmp);
-        let usual = known.get(known.len() / 2).copied().unwrap_or(0.0);
-        let repeated = known.len() > 2 && share < REPEATED * usual;
+        let usual = median(self.changed.iter().copied()).unwrap_or(0.0);
+        let repeated = self.changed.len() > 2 && share < REPEATED * usual;
         if !repeated {
             self.changed.push(share);
             if self.changed.len() > USUAL_FRAMES {

@@ -102,7 +102,7 @@ fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
         }
         if recipe.camera_off_degrees > 0.0 {
             let mut random = Stream::CameraError.of_named(recipe.seed, group(clip));
-            let axis = Unit::new_normalize(Vector3::from_fn(|_, _| normal_pair(&mut random)[0]));
+            let axis = Unit::new_normalize(Vector3::from_fn(|_, _| normal_pair::<f64>(&mut random)[0]));
             let turn = Rotation3::from_axis_angle(&axis, recipe.camera_off_degrees.to_radians());
             clip.camera = clip.camera.turned(&turn);
         }
@@ -119,7 +119,7 @@ fn group(clip: &Clip) -> &str {
 fn add_noise(clip: &mut Clip, sigma: f64, seed: u64) {
     let mut random = Stream::LabelNoise.of_named(seed, &clip.id);
     for frame in &mut clip.frames {
-        let [right, down] = normal_pair(&mut random);
+        let [right, down]: [f64; 2] = normal_pair(&mut random);
         frame.image = frame.image.map(|[x, y]| [x + sigma * right, y + sigma * down]);
     }
 }

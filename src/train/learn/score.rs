@@ -13,6 +13,7 @@ use crate::evaluate::Statistic;
 use crate::image::Picture;
 use crate::localise::{LocaliseOptions, Localiser};
 use crate::physics::{Forecaster, State};
+use crate::statistics::median;
 
 /// Frames on each side of a frame from whose positions its velocity is found.
 const REACH: usize = 5;
@@ -71,10 +72,9 @@ pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<us
         let reason = "no frame shows the ball (`visible`: true), so there is nothing to score against".into();
         return Err(Error::Data { what: "validation clips".into(), reason });
     }
-    forecast.sort_by(f64::total_cmp);
     confidence.sort_by(f64::total_cmp);
     Ok(Score {
-        forecast_px: forecast.get(forecast.len() / 2).copied(),
+        forecast_px: median(forecast),
         least_confidence: confidence[(UNSURE * confidence.len() as f64) as usize],
         image_error_px: Statistic::of(image),
         dtg: Statistic::of(dtg),
@@ -148,10 +148,9 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
         }
     }
     let (confidence_threshold, confused) = equal_error(&mut seen, &mut empty);
-    counted.sort_by(f64::total_cmp);
     let all = errors.len().max(1) as f64;
     Ok(SizeScore {
-        radius_error: counted.get(counted.len() / 2).copied().unwrap_or(f64::NAN),
+        radius_error: median(counted).unwrap_or(f64::NAN),
         gross: errors.iter().filter(|&&error| error > GROSS).count() as f64 / all,
         coverage: within.map(|count| count as f64 / all),
         radius_error_of_all: Statistic::of(errors),

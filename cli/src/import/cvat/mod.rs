@@ -1,4 +1,7 @@
-//! CVAT's annotation files (XML 1.1), for images and for video.
+//! CVAT's annotation files (XML 1.1), for images and for video: as clips, and as a 2D track with the ball's radii.
+
+mod radius;
+mod track;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -6,6 +9,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point2;
 use roxmltree::{Document, Node, ParsingOptions};
 
+pub use self::track::{CvatTrack, cvat_track};
 use super::ImportOptions;
 use super::draft::{Draft, Job, Shot, fps_of_numbers};
 use super::pictures::{id_of, read_text};
@@ -22,6 +26,15 @@ struct Annotations<'a> {
     document: Document<'a>,
     what: String,
     category: Option<&'a str>,
+    /// Id of the ball's track.
+    object: Option<u64>,
+}
+
+/// The ball by a shape that is drawn around it, px.
+struct Ball {
+    centre: Point2<f64>,
+    /// Its radius and the standard deviation of that; a point has none.
+    radius: Option<[f64; 2]>,
 }
 
 /// An image of a file for images.
@@ -34,25 +47,42 @@ struct Image {
 
 /// One job for a video, else one for every folder of images.
 pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
-    let source = if source.is_dir() { source.join(NAME) } else { source.to_path_buf() };
-    let what = source.display().to_string();
+    let source = file_of(source);
     let text = read_text(&source)?;
-    let parsing = ParsingOptions { allow_dtd: false, ..ParsingOptions::default() };
-    let document = Document::parse_with_options(&text, parsing).map_err(Error::format(&what))?;
-    let annotations = Annotations { document, what, category: options.category.as_deref() };
-    let root = annotations.document.root_element();
-    if root.tag_name().name() != "annotations" {
-        let message =
-            "is no CVAT file: its first element must be `annotations` (export as CVAT for images or for video 1.1)";
-        return Err(Error::Format { what: annotations.what, message: message.into() });
-    }
-    match root.children().any(|node| node.has_tag_name("track")) {
+    let annotations = Annotations::of(&text, &source, options)?;
+    match annotations.is_of_a_video() {
         true => Ok(vec![annotations.video(&source, options)?]),
         false => annotations.images(&source, options),
     }
 }
 
-impl Annotations<'_> {
+/// The annotations of an export, which may be its folder.
+fn file_of(source: &Path) -> PathBuf {
+    if source.is_dir() { source.join(NAME) } else { source.to_path_buf() }
+}
+
+impl<'a> Annotations<'a> {
+    fn of(text: &'a str, source: &Path, options: &'a ImportOptions) -> Result<Self> {
+        let what = source.display().to_string();
+        let parsing = ParsingOptions { allow_dtd: false, ..ParsingOptions::default() };
+        let document = Document::parse_with_options(text, parsing).map_err(Error::format(&what))?;
+        if document.root_element().tag_name().name() != "annotations" {
+            let message =
+                "is no CVAT file: its first element must be `annotations` (export as CVAT for images or for video 1.1)";
+            return Err(Error::Format { what, message: message.into() });
+        }
+        let annotations = Self { document, what, category: options.category.as_deref(), object: options.object };
+        if annotations.object.is_some() && !annotations.is_of_a_video() {
+            let reason = "means nothing here: shapes of images belong to no track (export as CVAT for video 1.1)";
+            return Err(Error::value(annotations.what, "object", reason));
+        }
+        Ok(annotations)
+    }
+
+    fn is_of_a_video(&self) -> bool {
+        self.document.root_element().children().any(|node| node.has_tag_name("track"))
+    }
+
     /// File and line.
     fn line(&self, node: Node<'_, '_>) -> String {
         format!("{}:{}", self.what, self.document.text_pos_at(node.range().start).row)
@@ -79,29 +109,37 @@ impl Annotations<'_> {
         text.trim().parse().map_err(refuse)
     }
 
-    /// Whether a shape or a track is of the ball.
+    /// Whether a shape is of the ball, or a track.
     fn is_wanted(&self, node: Node<'_, '_>) -> bool {
+        let id = || node.attribute("id").and_then(|id| id.trim().parse().ok());
         self.category.is_none_or(|wanted| node.attribute("label") == Some(wanted))
+            && (!node.has_tag_name("track") || self.object.is_none_or(|wanted| id() == Some(wanted)))
     }
 
-    /// Where the ball is by a shape; none for a shape of another kind.
-    fn label(&self, shape: Node<'_, '_>) -> Result<Option<Point2<f64>>> {
-        let [x, y] = match shape.tag_name().name() {
+    /// The ball by a shape; none for a shape of another kind.
+    fn ball(&self, shape: Node<'_, '_>) -> Result<Option<Ball>> {
+        let attribute = |name: &str| self.number(shape, name, self.attribute(shape, name)?);
+        let ([x, y], radius) = match shape.tag_name().name() {
             "points" => {
                 let points = self.attribute(shape, "points")?;
                 let first = points.split(';').next().unwrap_or_default();
                 let (x, y) = first.split_once(',').ok_or_else(|| {
                     Error::value(self.line(shape), "points", format!("must be x,y;x,y;…, not `{points}`"))
                 })?;
-                [self.number(shape, "points", x)?, self.number(shape, "points", y)?]
+                ([self.number(shape, "points", x)?, self.number(shape, "points", y)?], None)
             }
             "box" => {
-                let side = |name: &str| self.number(shape, name, self.attribute(shape, name)?);
-                [(side("xtl")? + side("xbr")?) / 2.0, (side("ytl")? + side("ybr")?) / 2.0]
+                let [left, top, right, bottom] =
+                    [attribute("xtl")?, attribute("ytl")?, attribute("xbr")?, attribute("ybr")?];
+                let sides = [(right - left).abs(), (bottom - top).abs()];
+                ([(left + right) / 2.0, (top + bottom) / 2.0], radius::of_box(sides))
+            }
+            "ellipse" => {
+                ([attribute("cx")?, attribute("cy")?], radius::of_ellipse([attribute("rx")?, attribute("ry")?]))
             }
             _ => return Ok(None),
         };
-        Ok(Some(Point2::new(x - HALF_PIXEL, y - HALF_PIXEL)))
+        Ok(Some(Ball { centre: Point2::new(x - HALF_PIXEL, y - HALF_PIXEL), radius }))
     }
 
     /// Refuses a size of the pictures that is not the camera's.
@@ -126,14 +164,15 @@ impl Annotations<'_> {
         for track in root.children().filter(|node| node.has_tag_name("track") && self.is_wanted(*node)) {
             for shape in track.children().filter(Node::is_element) {
                 let outside = shape.attribute("outside").is_some_and(|outside| outside.trim() == "1");
-                let Some(label) = self.label(shape)? else { continue };
+                let Some(ball) = self.ball(shape)? else { continue };
                 let (frame, what) = (self.count(shape, "frame")?, self.line(shape));
-                let label = (!outside).then_some(label);
+                let label = (!outside).then_some(ball.centre);
                 match labels.get(&frame).map(|other| (other.image.is_some(), &other.what)) {
                     // A track that has ended says nothing of what another one sees.
                     Some(_) if outside => continue,
                     Some((true, other)) => {
-                        let reason = format!("holds a ball already ({other}); keep one, or give --category");
+                        let reason =
+                            format!("holds a ball already ({other}); keep one, or give --category or --object");
                         return Err(Error::value(what, format!("frame {frame}"), reason));
                     }
                     _ => drop(labels.insert(frame, Labelled { what, image: label, time: None })),
@@ -186,11 +225,12 @@ impl Annotations<'_> {
     fn image(&self, node: Node<'_, '_>) -> Result<Image> {
         let mut label = None;
         for shape in node.children().filter(|shape| shape.is_element() && self.is_wanted(*shape)) {
-            if let Some(found) = self.label(shape)?.filter(|_| label.is_some()) {
+            let Some(Ball { centre: found, .. }) = self.ball(shape)? else { continue };
+            if label.is_some() {
                 let reason = format!("holds a second ball at ({}, {}); keep one, or give --category", found.x, found.y);
                 return Err(Error::value(self.line(shape), "image", reason));
             }
-            label = label.or(self.label(shape)?);
+            label = Some(found);
         }
         let name = self.attribute(node, "name")?.to_string();
         Ok(Image { name, frame: self.count(node, "id")?, what: self.line(node), label })
