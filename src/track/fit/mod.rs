@@ -6,28 +6,31 @@
 
 mod chain;
 mod checks;
-mod json;
 mod labels;
 mod loss;
+mod outcome;
 mod parameters;
 mod problem;
 mod search;
 mod seed;
 mod tridiagonal;
 
-use nalgebra::{Matrix3, Point2, Point3, Vector2};
+use std::collections::BTreeMap;
+
+use nalgebra::{Point2, Point3};
+use serde::Deserialize;
 
 use self::chain::Chain;
 use self::checks::{check, check_inside, check_seen, within_lens};
 use self::labels::SMALLEST_NOISE;
 pub use self::labels::{noise_of, trusted};
-pub use self::parameters::{Estimate, Parameter};
+pub use self::outcome::{Estimate, Fit, FittedFrame, FittedImpact, Flight, Hit, Parameter};
 use self::problem::Problem;
 use self::search::{EXPLAINED, FINAL, best_of, searched};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::physics::{Contact, Forecaster, Impact, State, part};
-use crate::track::estimate::{EstimatorConfig, estimated};
+use crate::physics::{Contact, Forecaster, State, part};
+use crate::track::estimate::estimated;
 
 /// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
 const FEWEST: usize = 4;
@@ -45,13 +48,16 @@ const UNKNOWN_SPIN: f64 = 200.0;
 pub const SOLVER_VERSION: u32 = 2;
 
 /// One frame of a track.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[serde(deny_unknown_fields)]
 pub struct Observation {
     /// s.
     pub time: f64,
-    /// The ball's centre in the picture, px; `None` where it was not seen.
+    /// The ball's centre in the picture, px; none where it was not seen.
     pub image: Option<Point2<f64>>,
     /// Semi-minor axis of its outline and that one's standard deviation, px, where they were measured.
+    #[cfg_attr(target_arch = "wasm32", tsify(optional))]
     pub radius: Option<[f64; 2]>,
 }
 
@@ -82,126 +88,37 @@ impl Default for FitOptions {
     }
 }
 
-/// The fitted ball at one frame.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FittedFrame {
-    /// s.
-    pub time: f64,
-    /// Position, velocity and spin in the world.
-    pub state: State,
-    /// Covariance of the position, m²: the labels' noise and the laws' own uncertainty, and the
-    /// spread of other trajectories that explain the track nearly as well.
-    pub covariance: Matrix3<f64>,
-    /// Projection minus label, px.
-    pub residual_px: Option<Vector2<f64>>,
-    /// Whether the label does not belong to the trajectory.
-    pub outlier: bool,
-    /// Index of the flight that it belongs to.
-    pub flight: usize,
-    /// Why the label told nothing, in words, where the camera's lens model does not reach it: an outlier without
-    /// residual.
-    pub refused: Option<String>,
-}
-
-impl FittedFrame {
-    /// Root mean square error of the position to expect, m.
-    pub fn sigma(&self) -> f64 {
-        self.covariance.trace().max(0.0).sqrt()
-    }
-}
-
-/// A part of a trajectory in which only the scene acts on the ball.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Flight {
-    /// When it begins, s.
-    pub start: f64,
-    /// When it ends, s.
-    pub end: f64,
-    /// Speed at its start, m/s, and its standard deviation.
-    pub speed: [f64; 2],
-    /// Spin at its start, rad/s.
-    pub spin: [f64; 3],
-    /// Standard deviation of each component of the spin, rad/s.
-    pub spin_sigma: [f64; 3],
-    /// Whether its trajectory explains its labels to about their noise, and is known.
-    pub explained: bool,
-    /// Why not, in words.
-    pub reason: Option<String>,
-}
-
-/// A place where the ball's way changes and the scene has nothing.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Hit {
-    /// s.
-    pub time: f64,
-    /// Index of the first frame after it.
-    pub frame: usize,
-    /// In the world, m.
-    pub position: Point3<f64>,
-}
-
-/// A fitted trajectory: what [`Forecaster::fit`] makes of a 2D track.
-///
-/// ```
-/// use gravisight::camera::Distortion;
-/// use gravisight::track::Observation;
-/// use gravisight::{Camera, FitOptions, Forecaster, Scene, Size};
-/// use nalgebra::{Matrix3, Point3, Vector3};
-///
-/// let intrinsic = Matrix3::new(900.0, 0.0, 639.5, 0.0, 900.0, 359.5, 0.0, 0.0, 1.0);
-/// let rotation = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
-/// let translation = -rotation * Vector3::new(0.0, -4.0, 1.0);
-/// let camera = Camera::new(Size::new(1280, 720), intrinsic, Distortion::default(), rotation, translation)?;
-///
-/// // A ball of 4 cm that bounces: what a tracker would have seen of it, at 50 frames a second.
-/// let forecaster = Forecaster::new(&Scene::new([0.0, 0.0, -9.81], 0.02).with_floor(0.0))?;
-/// let start = forecaster.scene().start(Point3::new(-1.0, 0.0, 1.0), Vector3::new(2.0, 0.5, 1.0));
-/// let times: Vec<f64> = (0..40).map(|frame| f64::from(frame) / 50.0).collect();
-/// let truth = forecaster.forecast(&start, &times).states;
-/// let label = |at: &Point3<f64>| camera.image_from_world(at);
-/// let observations = times.iter().zip(&truth).map(|(&time, state)| {
-///     Ok(Observation { time, image: Some(label(&state.position)?), ..Observation::default() })
-/// });
-/// let observations: Vec<Observation> = observations.collect::<gravisight::Result<_>>()?;
-///
-/// let fit = forecaster.fit(&camera, &observations, &FitOptions::default())?;
-/// assert!(fit.explained && fit.impacts.len() == 1);
-/// assert!((fit.frames[39].state.position - truth[39].position).norm() < 0.01);
-/// # Ok::<(), gravisight::Error>(())
-/// ```
-#[derive(Debug, Clone, PartialEq)]
-pub struct Fit {
-    /// One a frame of the track, seen or not.
-    pub frames: Vec<FittedFrame>,
-    /// Standard deviation of the labels, px: the one given, or found.
-    pub noise_px: f64,
-    /// Root mean square residual of the labels that are no outliers, px.
-    pub rms_px: f64,
-    /// Whether the trajectory explains the labels to about their noise and keeps the laws. If not, a force is
-    /// unknown, the scene or the camera wrong, or the right trajectory was not found.
-    pub explained: bool,
-    /// Where the ball touches something, by time (s on the track's clock).
-    pub impacts: Vec<Impact>,
-    /// Of each of those the probability that it is within the scene's outermost lines ([`Scene::within_lines`](crate::physics::Scene::within_lines)).
-    pub within_lines: Vec<Option<f64>>,
-    /// From hit to hit, bounces between.
-    pub flights: Vec<Flight>,
-    /// Where something that the scene does not hold changes the ball's way.
-    pub hits: Vec<Hit>,
-    /// What is odd about the track, in words.
-    pub notes: Vec<String>,
-    /// The numbers of the scene that were to be estimated; where the spin is unknown also what is known to some percent
-    /// only, drag and restitution.
-    pub estimates: Vec<Estimate>,
-    /// Spin at the first frame, rad/s: the scene's, or the one found.
-    pub spin: [f64; 3],
-    /// The numbers that it was judged by, of a ball whose spin is unknown.
-    pub config: Option<EstimatorConfig>,
-}
-
 impl Forecaster {
     /// The trajectory through `observations` (by time) that the scene's physics allows and whose image
     /// explains them best.
+    ///
+    /// ```
+    /// use gravisight::camera::Distortion;
+    /// use gravisight::track::Observation;
+    /// use gravisight::{Camera, FitOptions, Forecaster, Scene, Size};
+    /// use nalgebra::{Matrix3, Point3, Vector3};
+    ///
+    /// let intrinsic = Matrix3::new(900.0, 0.0, 639.5, 0.0, 900.0, 359.5, 0.0, 0.0, 1.0);
+    /// let rotation = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+    /// let translation = -rotation * Vector3::new(0.0, -4.0, 1.0);
+    /// let camera = Camera::new(Size::new(1280, 720), intrinsic, Distortion::default(), rotation, translation)?;
+    ///
+    /// // A ball of 4 cm that bounces: what a tracker would have seen of it, at 50 frames a second.
+    /// let forecaster = Forecaster::new(&Scene::new([0.0, 0.0, -9.81], 0.02).with_floor(0.0))?;
+    /// let start = forecaster.scene().start(Point3::new(-1.0, 0.0, 1.0), Vector3::new(2.0, 0.5, 1.0));
+    /// let times: Vec<f64> = (0..40).map(|frame| f64::from(frame) / 50.0).collect();
+    /// let truth = forecaster.forecast(&start, &times).states;
+    /// let label = |at: &Point3<f64>| camera.image_from_world(at);
+    /// let observations = times.iter().zip(&truth).map(|(&time, state)| {
+    ///     Ok(Observation { time, image: Some(label(&state.position)?), ..Observation::default() })
+    /// });
+    /// let observations: Vec<Observation> = observations.collect::<gravisight::Result<_>>()?;
+    ///
+    /// let fit = forecaster.fit(&camera, &observations, &FitOptions::default())?;
+    /// assert!(fit.explained && fit.impacts.len() == 1);
+    /// assert!((fit.frames[39].world - truth[39].position).norm() < 0.01);
+    /// # Ok::<(), gravisight::Error>(())
+    /// ```
     ///
     /// # Errors
     /// [`Error::Fit`] for times that do not ascend, fewer than four observations, a track that no trajectory in front of the
@@ -216,11 +133,8 @@ impl Forecaster {
             }
             error => error,
         })?;
-        let within =
-            |impact: &Impact| self.scene().within_lines(&impact.position.into(), &fit.near(impact.time)?.covariance);
-        fit.within_lines = fit.impacts.iter().map(within).collect();
         fit.notes.extend(doubts);
-        Ok(fit)
+        Ok(fit.concluded(self.scene()))
     }
 
     fn fit_labels(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
@@ -294,14 +208,12 @@ impl Forecaster {
         problem.slack = parameters::slack(&numbers);
         let chains = searched::<D>(&mut problem, options)?;
         if numbers.is_empty() {
-            return finished(&problem, &chains, vec![]).ok_or_else(unexplained);
+            return finished(&problem, &chains, BTreeMap::new()).ok_or_else(unexplained);
         }
         let found = parameters::searched(&mut problem, &chains, options)?;
         let problem = problem.with(&found.forecaster);
         let mut fit = finished(&problem, &[found.chain], found.estimates).ok_or_else(unexplained)?;
-        for (frame, spread) in fit.frames.iter_mut().zip(found.spread) {
-            frame.covariance += spread;
-        }
+        fit.frames.iter_mut().zip(&found.spread).for_each(|(frame, spread)| frame.spread(spread));
         Ok(fit)
     }
 }
@@ -317,7 +229,11 @@ pub(super) fn unexplained() -> Error {
 }
 
 /// The result, with covariances.
-fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: Vec<Estimate>) -> Option<Fit> {
+fn finished<const D: usize>(
+    problem: &Problem,
+    chains: &[Chain<D>],
+    estimates: BTreeMap<Parameter, Estimate>,
+) -> Option<Fit> {
     let (best, excess) = best_of(problem, chains)?;
     let best = &chains[best];
     let covariances = best.covariances(problem, FINAL)?;
@@ -345,22 +261,17 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
             let residual_px = best.observed(problem, frame, FINAL).map(|(_, _, residual)| residual);
             let outlier = residual_px.is_some_and(|residual| residual.norm() > OUTLIER * problem.sigma);
             squares.extend(residual_px.filter(|_| !outlier).map(|residual| residual.norm_squared() / 2.0));
-            Some(FittedFrame {
-                time: problem.observations[frame].time,
-                state: State { position: Point3::from(part(state, 0)), velocity: part(state, 1), spin: part(state, 2) },
-                covariance,
-                residual_px,
-                outlier,
-                flight: 0,
-                refused: None,
-            })
+            let state =
+                State { position: Point3::from(part(state, 0)), velocity: part(state, 1), spin: part(state, 2) };
+            let fitted = FittedFrame::new(problem.observations[frame].time, state, covariance);
+            Some(FittedFrame { residual_px, outlier, ..fitted })
         })
         .collect::<Option<Vec<FittedFrame>>>()?;
     let rms_px = (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
     let touched = (0..problem.len() - 1).flat_map(|frame| {
         let start = problem.observations[frame].time;
-        let forecast = problem.forecaster.forecast(&frames[frame].state, &[problem.interval(frame)]);
-        forecast.impacts.into_iter().map(move |impact| Impact { time: start + impact.time, ..impact })
+        let forecast = problem.forecaster.forecast(&frames[frame].state(), &[problem.interval(frame)]);
+        forecast.impacts.into_iter().map(move |impact| FittedImpact { time: start + impact.time, ..impact.into() })
     });
     let impacts = touched.collect();
     let spin = part(best.at(0)?, 2).into();
@@ -368,7 +279,7 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
         format!("no trajectory that the scene allows explains the labels (the best leaves {rms_px:.2} px rms, or breaks the laws)")
     });
     let speed_sigma = {
-        let along = frames[0].state.velocity.normalize();
+        let along = frames[0].velocity.normalize();
         (along.transpose() * covariances[0].fixed_view::<3, 3>(3, 3) * along)[(0, 0)].max(0.0).sqrt()
     };
     let spin_sigma = std::array::from_fn(|axis| match D {
@@ -378,26 +289,22 @@ fn finished<const D: usize>(problem: &Problem, chains: &[Chain<D>], estimates: V
     let flight = Flight {
         start: frames[0].time,
         end: frames[frames.len() - 1].time,
-        speed: [frames[0].state.velocity.norm(), speed_sigma],
+        speed_start: frames[0].speed,
+        speed_sigma,
         spin,
         spin_sigma,
         explained,
         reason,
     };
-    let (flights, hits, notes) = (vec![flight], vec![], vec![]);
-    let within_lines = vec![];
     Some(Fit {
         frames,
         noise_px: problem.sigma,
         rms_px,
         explained,
         impacts,
-        within_lines,
-        flights,
-        hits,
-        notes,
+        flights: vec![flight],
         estimates,
         spin,
-        config: None,
+        ..Fit::default()
     })
 }

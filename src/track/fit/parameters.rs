@@ -1,6 +1,8 @@
 //! Estimation of what a scene says of its ball, together with the trajectory: Levenberg–Marquardt on
 //! the chain's normal equations with a border of a few more unknowns (Schur complement).
 
+use std::collections::BTreeMap;
+
 use nalgebra::{DMatrix, DVector, Matrix3, SVector};
 
 use super::chain::{self, Chain, Trust};
@@ -8,7 +10,7 @@ use super::labels::residual_noise;
 use super::problem::{Problem, Slack};
 use super::search::FINAL;
 use super::tridiagonal::Normal;
-use super::{FitOptions, unexplained};
+use super::{Estimate, FitOptions, Parameter, unexplained};
 use crate::error::{Error, Result};
 use crate::least_squares::{Damping, LeastSquares, minimised};
 use crate::physics::{Contact, Forecaster, Scene};
@@ -21,28 +23,6 @@ const CHAINS: usize = 4;
 const UNKNOWN_DRAG: f64 = 1.0;
 /// Uncertainty of a restitution that is to be estimated.
 const UNKNOWN_RESTITUTION: f64 = 0.1;
-
-/// What a fit can estimate beside the trajectory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Parameter {
-    /// Restitution of the `bounce` contact model.
-    Restitution,
-    /// The ball's drag coefficient.
-    Drag,
-    /// The spin at the first frame.
-    Spin,
-}
-
-/// An estimated parameter.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
-    /// Which.
-    pub parameter: Parameter,
-    /// Its value.
-    pub value: f64,
-    /// Standard deviation.
-    pub sigma: f64,
-}
 
 impl Parameter {
     /// Step of its central differences, smallest and largest value.
@@ -151,7 +131,7 @@ pub(super) struct Estimated<const D: usize> {
     pub cost: f64,
     pub forecaster: Forecaster,
     pub chain: Chain<D>,
-    pub estimates: Vec<Estimate>,
+    pub estimates: BTreeMap<Parameter, Estimate>,
     /// What the parameters' uncertainty adds to each position's covariance, m².
     pub spread: Vec<Matrix3<f64>>,
 }
@@ -169,7 +149,7 @@ fn estimated<const D: usize>(
     let start =
         Estimation { problem, base, parameters, chain, values, forecaster, cost: f64::INFINITY, sigmas, spread };
     let Estimation { chain, values, forecaster, sigmas, spread, .. } = minimised(start, &DAMPING)?;
-    let estimate = |index: usize| Estimate { parameter: parameters[index], value: values[index], sigma: sigmas[index] };
+    let estimate = |index: usize| (parameters[index], Estimate { value: values[index], sigma: sigmas[index] });
     let cost = chain.total_cost(&problem.with(&forecaster), FINAL);
     Ok(Estimated { cost, forecaster, chain, estimates: (0..values.len()).map(estimate).collect(), spread })
 }
