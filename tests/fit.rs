@@ -166,8 +166,8 @@ fn a_fitted_trajectory_says_what_is_left_of_the_spin() {
     let first = &fit.frames[0];
     let before = fit.impacts.first().map_or(f64::INFINITY, |impact| impact.time);
     let last = fit.frames.iter().take_while(|frame| frame.time < before).last().unwrap();
-    let expected = first.state.spin.norm() * (-0.5 * (last.time - first.time)).exp();
-    let found = last.state.spin.norm();
+    let expected = first.spin.norm() * (-0.5 * (last.time - first.time)).exp();
+    let found = last.spin.norm();
     println!("{found:.2} rad/s after {:.2} s, {expected:.2} expected", last.time - first.time);
     assert!(last.time - first.time > 0.1 && expected > 10.0 && (found - expected).abs() < 0.01 * expected);
 }

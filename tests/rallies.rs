@@ -53,7 +53,7 @@ fn rally(forecaster: &Forecaster, strokes: usize, random: &mut ChaCha12Rng) -> R
             let before: Vec<_> = forecast.impacts.iter().filter(|impact| impact.time < steps[arrived]).collect();
             let over_net = forecast.states[..arrived].iter().find(|state| side * state.position.y > 0.0);
             let good = before.len() == 1
-                && side * before[0].position.y > 0.1
+                && side * before[0].world.y > 0.1
                 && before[0].surface.to_string().starts_with("boxes")
                 && over_net.is_some_and(|state| state.position.z > 0.19)
                 && (0.05..0.8).contains(&end.position.z)
@@ -61,7 +61,7 @@ fn rally(forecaster: &Forecaster, strokes: usize, random: &mut ChaCha12Rng) -> R
             if !good {
                 continue;
             }
-            rally.bounces.push((now + before[0].time, before[0].position.into()));
+            rally.bounces.push((now + before[0].time, before[0].world));
             let first = (now * FPS).ceil() as usize;
             let frames: Vec<f64> =
                 (first..).map(|frame| frame as f64 / FPS).take_while(|time| *time < now + steps[arrived]).collect();
