@@ -5,7 +5,7 @@
 mod clicking;
 
 use clicking::{Noise, looking};
-use gravisight::camera::Method;
+use gravisight::camera::CalibrationMethod;
 use gravisight::parts::Distortion;
 use gravisight::{Calibration, Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
@@ -121,7 +121,7 @@ fn exact_clicks_give_the_camera_with_focal_length_and_lens() {
         assert!(place < 1e-6 && direction < 1e-6, "{place} m, {direction} rad");
         assert!((found.camera.intrinsic()[(0, 0)] - 900.0).abs() < 1e-4);
         assert!((found.camera.distortion().k1 - lens.k1).abs() < 1e-6);
-        assert_eq!(found.method, Method::DirectLinearTransform);
+        assert_eq!(found.method, CalibrationMethod::DirectLinearTransform);
     }
 }
 
@@ -133,7 +133,7 @@ fn four_points_of_a_plane_are_enough() {
         let found = calibrate(&clicked(&camera, &corners, known, 0.0, 1), &ONLY_POSE).unwrap();
         let (place, direction) = apart(&found.camera, &camera);
         assert!(place < 1e-6 && direction < 1e-6, "intrinsic known: {known}: {place} m, {direction} rad");
-        assert_eq!(found.method, Method::Homography);
+        assert_eq!(found.method, CalibrationMethod::Homography);
     }
 }
 

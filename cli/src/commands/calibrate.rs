@@ -7,7 +7,7 @@ use clap::{Args, ValueEnum};
 use serde_json::json;
 
 use super::print_line;
-use gravisight::camera::{Method, PointSigma};
+use gravisight::camera::{CalibrationMethod, PointSigma};
 use gravisight::internal::write_whole;
 use gravisight::{Calibration, Court, Picture, Points, Unknowns, calibrate, calibrate_by_lines};
 
@@ -132,8 +132,8 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         found.rms_px,
         found.noise_px,
         match found.method {
-            Method::DirectLinearTransform => "direct linear transform",
-            Method::Homography => "homography",
+            CalibrationMethod::DirectLinearTransform => "direct linear transform",
+            CalibrationMethod::Homography => "homography",
         }
     ))?;
     let centre = found.centre;

@@ -17,7 +17,7 @@ use nalgebra::{Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
 use self::doubts::on_a_line;
 pub use self::lines::{LineSeen, calibrate_by_lines};
-pub use self::outcome::{Calibration, CameraSigma, Method, PointSigma, WrongClick};
+pub use self::outcome::{Calibration, CalibrationMethod, CameraSigma, PointSigma, WrongClick};
 pub use self::points::Points;
 pub use self::refine::Unknowns;
 use self::refine::{Guess, Refined, Seen, refine};
@@ -75,7 +75,7 @@ fn calibrated(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
 }
 
 /// A refined camera and how its start was found.
-type Solution = (Refined, Method);
+type Solution = (Refined, CalibrationMethod);
 
 struct Problem<'a> {
     points: &'a Points,
@@ -184,11 +184,11 @@ impl<'a> Problem<'a> {
     }
 
     /// Starts in closed form, before it is known whether the points are in front of the camera.
-    fn starts(&self, world: &[Point3<f64>], image: &[Point2<f64>]) -> Vec<(Guess, Method)> {
+    fn starts(&self, world: &[Point3<f64>], image: &[Point2<f64>]) -> Vec<(Guess, CalibrationMethod)> {
         let Some(plane) = Plane::through(world) else { return Vec::new() };
         let [length, _, height] = plane.extents;
         let mut starts = Vec::new();
-        let mut add = |poses: Option<&[Pose]>, intrinsic: Matrix3<f64>, method: Method| {
+        let mut add = |poses: Option<&[Pose]>, intrinsic: Matrix3<f64>, method: CalibrationMethod| {
             let guess = |pose: &Pose| Guess { pose: *pose, intrinsic, distortion: self.points.distortion };
             starts.extend(poses.unwrap_or_default().iter().map(|pose| (guess(pose), method)));
         };
@@ -198,7 +198,11 @@ impl<'a> Problem<'a> {
             let intrinsic = self.intrinsic(focal);
             let projection: Option<Matrix3x4<f64>> = start::projection(world, &self.ideal(&intrinsic, image));
             let pose = projection.and_then(|projection| start::pose_of_projection(&projection, &plane.centre));
-            add(pose.map(|pose| [pose]).as_ref().map(|pose| &pose[..]), intrinsic, Method::DirectLinearTransform);
+            add(
+                pose.map(|pose| [pose]).as_ref().map(|pose| &pose[..]),
+                intrinsic,
+                CalibrationMethod::DirectLinearTransform,
+            );
         }
         if height <= SOLID * length {
             let centred: Vec<Point2<f64>> = image.iter().map(|point| point - middle).collect();
@@ -208,7 +212,7 @@ impl<'a> Problem<'a> {
                 let intrinsic = self.intrinsic(focal);
                 let homography = start::homography(&plane, world, &self.ideal(&intrinsic, image));
                 let poses = homography.and_then(|homography| start::poses_of_homography(&homography, &plane));
-                add(poses.as_ref().map(|poses| &poses[..]), intrinsic, Method::Homography);
+                add(poses.as_ref().map(|poses| &poses[..]), intrinsic, CalibrationMethod::Homography);
             }
         }
         starts

@@ -19,7 +19,7 @@ pub struct Calibration {
     /// The clicks' own standard deviation a coordinate, px: the same with the parameters' share taken into account.
     pub noise_px: f64,
     /// How the start was found.
-    pub method: Method,
+    pub method: CalibrationMethod,
     /// Of each point: where the camera puts it less where it was clicked, px.
     pub residuals_px: Vec<Vector2<f64>>,
     /// Clicks that do not belong to the others; they had no part in the camera.
@@ -48,9 +48,9 @@ pub struct Calibration {
 
 /// How the start was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(rename = "CalibrationMethod"))]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(rename_all = "kebab-case")]
-pub enum Method {
+pub enum CalibrationMethod {
     /// Direct linear transform, for points in space.
     #[serde(rename = "dlt")]
     DirectLinearTransform,
