@@ -212,7 +212,7 @@ test("a video is played, and its positions are near the truth", PATIENCE, async 
   const off = sure.map(({ time, world }) => distance(world, made.path[Math.round(time * made.fps)]));
   assert.ok(sure.length >= 0.7 * frames.length, `${sure.length} of ${frames.length} frames are sure`);
   assert.ok(average(off) < 0.15, `off by ${average(off)} m on average`);
-  const times = frames.map(({ t }) => t);
+  const times = frames.map(({ time }) => time);
   assert.deepEqual(times, times.toSorted((a, b) => a - b));
   await own.getByTestId("video-time").evaluate((slider) => {
     slider.value = String(slider.max / 2);
