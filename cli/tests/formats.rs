@@ -119,7 +119,7 @@ fn localise_has_the_fields_that_the_docs_list() {
 #[test]
 fn forecast_has_the_fields_that_the_docs_list() {
     let arguments =
-        ["forecast", "--scene", "floor", "--state", "0,0,-1,0,0,0", "--times", "0.5,2", "--jacobian", "--json"];
+        ["forecast", "--scene", "floor", "--state", "0,0,-1,0,0,3", "--times", "0.5,2", "--jacobian", "--json"];
     let output = Command::new(env!("CARGO_BIN_EXE_gravisight")).args(arguments).output().unwrap();
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     compare("forecast", &found);
