@@ -92,15 +92,14 @@ fn main() {
             .map_err(|error| (name.clone(), error.to_string()))?;
         let seconds = began.elapsed().as_secs_f64();
         let with_truth = frames.iter().zip(&fit.frames).filter_map(|(number, frame)| Some((frame, truth.get(number)?)));
-        let errors = with_truth.map(|(frame, truth)| [distance(&frame.state.position, truth), frame.sigma()]).collect();
+        let errors = with_truth.map(|(frame, truth)| [distance(&frame.world, truth), frame.sigma]).collect();
         let near = |time: f64| {
             (0..frames.len())
                 .min_by(|&a, &b| (fit.frames[a].time - time).abs().total_cmp(&(fit.frames[b].time - time).abs()))
         };
         let at = fit.impacts.iter().filter_map(|impact| near(impact.time));
-        let bounces = at
-            .filter_map(|index| Some(distance(&fit.frames[index].state.position, truth.get(&frames[index])?)))
-            .collect();
+        let bounces =
+            at.filter_map(|index| Some(distance(&fit.frames[index].world, truth.get(&frames[index])?))).collect();
         Ok(Shot { name: name.clone(), fit, errors, bounces, seconds })
     };
     let fitted: Vec<Result<Shot, (String, String)>> = names.par_iter().map(shot).collect();
@@ -162,7 +161,7 @@ fn main() {
             shot.name,
             100.0 * shot.median(),
             100.0 * sigma,
-            shot.fit.verdict()
+            shot.fit.verdict
         );
     }
     if common::is_check() {
@@ -231,7 +230,7 @@ fn spoilt(folder: &Path, fps: f64, names: &[String], camera: &Camera, scene: &Sc
                 spoil(observations.into_iter().enumerate().collect(), size).into_iter().unzip();
             let fit = forecaster.fit(camera, &observations, &FitOptions::default()).ok()?;
             let seen = fit.frames.iter().zip(of).filter(|(frame, _)| frame.refused.is_none() && !frame.outlier);
-            let errors = seen.filter_map(|(frame, of)| Some(distance(&frame.state.position, truth.get(&frames[of])?)));
+            let errors = seen.filter_map(|(frame, of)| Some(distance(&frame.world, truth.get(&frames[of])?)));
             Some((fit.explained, quantile(errors, 0.5)))
         };
         let all: Vec<Option<(bool, f64)>> = names.par_iter().map(shot).collect();

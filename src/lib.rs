@@ -34,7 +34,7 @@
 //! - [`camera`]: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`], [`Calibration`]
 //! - [`physics`]: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`], [`Integrator`]
 //! - [`track`]: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]; 2D labels: [`LabelOptions`],
-//!   [`propose_labels`]; what [`VideoTracker`] finds in a video: [`Tracked`]
+//!   [`propose_labels`]; what [`VideoTracker`] finds in a video: [`TrackedVideo`]
 //! - [`image`], [`model`], [`localise`]: [`Picture`], [`Size`]; [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
 //! - [`clips`]: [`Clips`], [`Clip`], [`Frame`]
@@ -93,7 +93,7 @@ pub use self::localise::{Localisation, LocaliseOptions, Localiser, Region};
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::size::Size;
-pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Track, Tracked, propose_labels};
+pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Track, TrackedVideo, propose_labels};
 pub use self::train::{FineTuneOptions, FineTuneSupervision, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
@@ -108,7 +108,10 @@ pub mod parts {
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::model::ConfidenceKind;
     pub use crate::physics::{Cuboid, Impact, Potential};
-    pub use crate::track::{Elsewhere, FittedFrame, Flight, Followed, FollowedFrame, Hit, Proposal, Stretch};
+    pub use crate::track::{
+        Elsewhere, Estimate, FittedFrame, FittedImpact, Flight, Followed, FollowedFrame, Hit, OtherView, Proposal,
+        Stretch, TrackedFrame,
+    };
     pub use crate::train::{Added, ClipKey, Score, Tuned};
 }
 

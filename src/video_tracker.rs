@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::physics::Scene;
-use crate::track::{Follower, Tracked};
+use crate::track::{Follower, TrackedVideo};
 
 /// Frames after which the whole picture is looked at, if no ball is known, for one that hardly moves: it hides in its own
 /// background.
@@ -95,14 +95,14 @@ impl VideoTracker {
         self.look().await
     }
 
-    /// The ball in the frames so far; [`Tracked::fit`] makes flights of it. `seeds` are frames and places (px) in which a person
+    /// The ball in the frames so far; [`TrackedVideo::fit`] makes flights of it. `seeds` are frames and places (px) in which a person
     /// saw it: what flies through them is the ball. Where the camera (of these pictures) and the scene are known they help to
     /// tell it.
     ///
     /// # Errors
     /// [`Error::Value`] for a seed in a frame that was not given, or outside the picture.
-    pub fn track(&self, seeds: &[(usize, [f64; 2])], place: Option<(&Camera, &Scene)>) -> Result<Tracked> {
-        Ok(Tracked::new(&self.follower.flying(seeds)?, place))
+    pub fn track(&self, seeds: &[(usize, [f64; 2])], place: Option<(&Camera, &Scene)>) -> Result<TrackedVideo> {
+        Ok(TrackedVideo::new(&self.follower.flying(seeds)?, place))
     }
 
     /// Looks at what seems to fly.

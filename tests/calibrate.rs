@@ -7,8 +7,9 @@ mod common;
 
 use clicking::Noise;
 use common::looking;
+use gravisight::camera::CalibrationMethod;
 use gravisight::parts::Distortion;
-use gravisight::{Camera, Court, Points, Scene, Size, Unknowns, calibrate};
+use gravisight::{Calibration, Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
 use serde_json::Value;
@@ -36,6 +37,11 @@ fn clicked(camera: &Camera, world: &[[f64; 3]], known: bool, noise: f64, seed: u
 
 fn centre(camera: &Camera) -> Point3<f64> {
     camera.world_from_camera(&Point3::origin())
+}
+
+/// Indices of the clicks that were left out.
+fn wrong_clicks(found: &Calibration) -> Vec<usize> {
+    found.outliers.iter().map(|click| click.index).collect()
 }
 
 fn rotation(camera: &Camera) -> Matrix3<f64> {
@@ -117,7 +123,7 @@ fn exact_clicks_give_the_camera_with_focal_length_and_lens() {
         assert!(place < 1e-6 && direction < 1e-6, "{place} m, {direction} rad");
         assert!((found.camera.intrinsic()[(0, 0)] - 900.0).abs() < 1e-4);
         assert!((found.camera.distortion().k1 - lens.k1).abs() < 1e-6);
-        assert_eq!(found.method.name(), "dlt");
+        assert_eq!(found.method, CalibrationMethod::DirectLinearTransform);
     }
 }
 
@@ -129,7 +135,7 @@ fn four_points_of_a_plane_are_enough() {
         let found = calibrate(&clicked(&camera, &corners, known, 0.0, 1), &ONLY_POSE).unwrap();
         let (place, direction) = apart(&found.camera, &camera);
         assert!(place < 1e-6 && direction < 1e-6, "intrinsic known: {known}: {place} m, {direction} rad");
-        assert_eq!(found.method.name(), "homography");
+        assert_eq!(found.method, CalibrationMethod::Homography);
     }
 }
 
@@ -193,10 +199,10 @@ fn anothers_intrinsic_is_doubted() {
     let world: Vec<[f64; 3]> = court.points.values().copied().filter(|point| point[2] == 0.0).collect();
     let camera = looking([3.0, -22.0, 7.0], [0.0, 0.0, 0.0], 1300.0, Size::new(1920, 1080), Distortion::default());
     let mut points = clicked(&camera, &world, true, 1.0, 3);
-    assert_eq!(calibrate(&points, &ONLY_POSE).unwrap().doubts(&points), Vec::<String>::new());
+    assert_eq!(calibrate(&points, &ONLY_POSE).unwrap().doubts, Vec::<String>::new());
     let intrinsic = points.intrinsic.as_mut().unwrap();
     (intrinsic[(0, 0)], intrinsic[(1, 1)]) = (700.0, 700.0);
-    let doubts = calibrate(&points, &ONLY_POSE).unwrap().doubts(&points);
+    let doubts = calibrate(&points, &ONLY_POSE).unwrap().doubts;
     assert!(doubts.iter().any(|doubt| doubt.contains("intrinsic") && doubt.contains("px off")), "{doubts:?}");
 }
 
@@ -211,14 +217,14 @@ fn a_wrong_click_is_named_and_left_out() {
             points.image[wrong].x += 25.0;
             points.image[wrong].y -= 10.0;
             let found = calibrate(&points, &ONLY_POSE).unwrap();
-            assert_eq!(found.outliers, [wrong]);
-            assert!(apart(&found.camera, &camera).0 < 5.0 * found.sigma_centre.norm());
+            assert_eq!(wrong_clicks(&found), [wrong]);
+            assert!(apart(&found.camera, &camera).0 < 5.0 * found.sigma.centre.norm());
         }
     }
     // Two points that were mixed up.
     let mut points = clicked(&camera, &world, true, 0.5, 5);
     points.image.swap(2, 6);
-    assert_eq!(calibrate(&points, &ONLY_POSE).unwrap().outliers, [2, 6]);
+    assert_eq!(wrong_clicks(&calibrate(&points, &ONLY_POSE).unwrap()), [2, 6]);
 }
 
 #[test]
@@ -230,7 +236,7 @@ fn a_click_that_the_known_lens_cannot_have_seen_is_left_out_by_name() {
     points.distortion = lens;
     points.image[5] = Point2::new(5.0, 5.0);
     let found = calibrate(&points, &ONLY_POSE).unwrap();
-    assert_eq!(found.outliers, [5]);
+    assert_eq!(wrong_clicks(&found), [5]);
     assert!(apart(&found.camera, &camera).0 < 1e-6);
     // Where too few are left, the answer says which one is missing.
     let mut few = clicked(&camera, &BOX[..4], true, 0.0, 1);
@@ -253,8 +259,8 @@ fn the_stated_uncertainty_is_the_one_found() {
             let found = calibrate(&clicked(&camera, &BOX, known, 1.0, 1000 + seed), &ONLY_POSE).unwrap();
             squares[0] += (centre(&found.camera) - centre(&camera)).norm_squared();
             squares[1] += (found.camera.world_from_image(&image, depth).unwrap() - ball).norm_squared();
-            stated[0] += found.sigma_centre.norm_squared();
-            stated[1] += found.point_sigma(&image, depth).unwrap().norm_squared();
+            stated[0] += found.sigma.centre.norm_squared();
+            stated[1] += found.sigma_at(&image, depth).unwrap().norm_squared();
         }
         for (what, square, stated) in [("camera", squares[0], stated[0]), ("ball", squares[1], stated[1])] {
             let ratio = (stated / square).sqrt();
@@ -302,7 +308,7 @@ fn points_on_a_line_and_points_in_centimetres_are_told() {
         let text = serde_json::json!({"width": 1920, "height": 1080, "world": world,
             "image": [[310, 812], [1679, 821.5], [618.5, 285], [1373, 286]]});
         let points = Points::from_json(&text.to_string(), "points.json").unwrap();
-        calibrate(&points, &Unknowns::default()).unwrap().doubts(&points)
+        calibrate(&points, &Unknowns::default()).unwrap().doubts
     };
     let units =
         |doubts: &[String]| doubts.iter().any(|doubt| doubt.contains("centimetres") && doubt.contains("divide"));
@@ -326,7 +332,7 @@ fn a_court_that_is_named_along_its_other_side_is_told() {
         let text = serde_json::json!({"width": 1920, "height": 1080, "court": "table-tennis", "names": names,
             "image": corners.map(image)});
         let points = Points::from_json(&text.to_string(), "points.json").unwrap();
-        calibrate(&points, &Unknowns::default()).map_or(vec![], |found| found.doubts(&points))
+        calibrate(&points, &Unknowns::default()).map_or(vec![], |found| found.doubts)
     };
     let told = |doubts: &[String]| doubts.iter().any(|doubt| doubt.contains("from its side"));
     let (x, y) = (0.7625, 1.37);
@@ -370,7 +376,7 @@ proptest! {
         let intrinsic = known.then(|| Matrix3::new(800.0, 0.0, 320.0, 0.0, 800.0, 240.0, 0.0, 0.0, 1.0));
         let points = Points { size: Size::new(640, 480), intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image, lines: Vec::new() };
         if let Ok(found) = calibrate(&points, &Unknowns { focal, principal_point, distortion }) {
-            prop_assert!(found.rms_px.is_finite() && found.sigma_centre.iter().all(|sigma| sigma.is_finite()));
+            prop_assert!(found.rms_px.is_finite() && found.sigma.centre.iter().all(|sigma| sigma.is_finite()));
         }
     }
 

@@ -148,16 +148,16 @@ fn lines_pull_four_clicks_to_a_fraction_of_a_pixel() {
         before.push(100.0 * off(&clicked.camera, &truth, [5.0, 11.0, 1.0]));
         after.push(100.0 * off(&lined.camera, &truth, [5.0, 11.0, 1.0]));
         let error = place(&lined.camera) - place(&truth);
-        sure.extend((0..3).map(|axis| (error[axis] / lined.sigma_centre[axis]).abs()));
+        sure.extend((0..3).map(|axis| (error[axis] / lined.sigma.centre[axis]).abs()));
         println!(
             "{:6.1} {:6.1} cm, {} lines, focal {:+.2} % ± {:.2}, place {:.1} cm ± {:.1}",
             before.last().unwrap(),
             after.last().unwrap(),
             lined.lines.iter().filter(|line| line.share > 0.0).count(),
             100.0 * (lined.camera.intrinsic()[(0, 0)] / truth.intrinsic()[(0, 0)] - 1.0),
-            100.0 * lined.sigma_focal_px / truth.intrinsic()[(0, 0)],
+            100.0 * lined.sigma.focal_px / truth.intrinsic()[(0, 0)],
             100.0 * error.norm(),
-            100.0 * lined.sigma_centre.norm(),
+            100.0 * lined.sigma.centre.norm(),
         );
     }
     let within = |sigmas: f64| sure.iter().filter(|off| **off < sigmas).count() as f64 / sure.len() as f64;
@@ -213,12 +213,12 @@ fn what_shows_no_such_lines_is_refused() {
     let singles = NEAR_AND_FAR.map(|name| name.replace("doubles", "singles"));
     let mut wrong = clicks(&truth, "tennis", &singles.each_ref().map(String::as_str), 1.0, &mut random);
     wrong.world = clicks(&truth, "tennis", &NEAR_AND_FAR, 0.0, &mut random).world;
-    let found = calibrate_by_lines(&wrong, &Unknowns::default(), &picture).map(|found| found.doubts(&wrong));
+    let found = calibrate_by_lines(&wrong, &Unknowns::default(), &picture).map(|found| found.doubts);
     assert!(
         found.as_ref().map_or(true, |doubts| doubts.iter().any(|doubt| doubt.contains("painted lines"))),
         "{found:?}"
     );
     let right =
         calibrate_by_lines(&clicks(&truth, "tennis", &NEAR_AND_FAR, 1.0, &mut random), &Unknowns::default(), &picture);
-    assert_eq!(right.unwrap().doubts(&points), [""; 0]);
+    assert_eq!(right.unwrap().doubts, [""; 0]);
 }

@@ -47,7 +47,7 @@ fn bouncing(seed: u64) -> (Vec<State>, Vec<Point3<f64>>, Vec<Observation>) {
         Observation { time, image: Some(image), radius: None }
     };
     let labels = forecast.states.iter().zip(&times).map(label).collect();
-    let bounces = forecast.impacts.iter().map(|impact| Point3::from(impact.position)).collect();
+    let bounces = forecast.impacts.iter().map(|impact| impact.world).collect();
     (forecast.states, bounces, labels)
 }
 
@@ -55,12 +55,12 @@ fn fitted(labels: &[Observation]) -> Fit {
     // Neither restitution nor drag is quite the scene's.
     let began = std::time::Instant::now();
     let fit = forecaster(0.93, 0.5).fit(&view(), labels, &FitOptions::default()).unwrap();
-    println!("{} labels: {:.1} s; {}; {:?}", labels.len(), began.elapsed().as_secs_f64(), fit.verdict(), fit.notes);
+    println!("{} labels: {:.1} s; {}; {:?}", labels.len(), began.elapsed().as_secs_f64(), fit.verdict, fit.notes);
     fit
 }
 
 fn estimate(fit: &Fit, parameter: Parameter) -> [f64; 2] {
-    let found = fit.estimates.iter().find(|estimate| estimate.parameter == parameter).unwrap();
+    let found = fit.estimates[&parameter];
     println!("{parameter:?} {:.4} ± {:.4}", found.value, found.sigma);
     [found.value, found.sigma]
 }
@@ -69,19 +69,19 @@ fn estimate(fit: &Fit, parameter: Parameter) -> [f64; 2] {
 fn a_long_track_is_one_flight_where_nobody_hits_the_ball() {
     let (truth, bounces, labels) = bouncing(1);
     let fit = fitted(&labels);
-    assert_eq!((fit.flights.len(), fit.hits.len()), (1, 0), "{}", fit.verdict());
-    assert!(fit.explained && fit.notes.is_empty(), "{} {:?}", fit.verdict(), fit.notes);
+    assert_eq!((fit.flights.len(), fit.hits.len()), (1, 0), "{}", fit.verdict);
+    assert!(fit.explained && fit.notes.is_empty(), "{} {:?}", fit.verdict, fit.notes);
     assert!(fit.frames.iter().all(|frame| frame.flight == 0));
     assert!((fit.flights[0].start, fit.flights[0].end) == (labels[0].time, labels[labels.len() - 1].time));
     assert_eq!(fit.impacts.len(), bounces.len());
     for (found, truth) in fit.impacts.iter().zip(&bounces) {
-        assert!((Point3::from(found.position) - truth).norm() < 0.05, "{} {truth}", found.position);
+        assert!((found.world - truth).norm() < 0.05, "{} {truth}", found.world);
     }
     let (first, last) = (fit.impacts[0].time, fit.impacts[fit.impacts.len() - 1].time);
     for (frame, truth) in fit.frames.iter().zip(&truth) {
-        let off = (frame.state.position - truth.position).norm();
+        let off = (frame.world - truth.position).norm();
         let known = (first..last).contains(&frame.time);
-        assert!(off < 4.0 * frame.sigma(), "{off} m, sigma {} at {}", frame.sigma(), frame.time);
+        assert!(off < 4.0 * frame.sigma, "{off} m, sigma {} at {}", frame.sigma, frame.time);
         assert!(!known || off < 0.03, "{off} m at {}", frame.time);
     }
     // All of it says what the restitution is, not its beginning alone; the drag of a slow ball hardly shows.
@@ -104,11 +104,11 @@ fn frames_that_are_lost_early_move_all_that_follows() {
     }
     let fit = fitted(&labels);
     assert!(fit.notes.len() == 1 && fit.notes[0].contains("frames are missing before 1.4"), "{:?}", fit.notes);
-    assert_eq!(fit.flights.len(), 1, "{}", fit.verdict());
+    assert_eq!(fit.flights.len(), 1, "{}", fit.verdict);
     assert!(fit.frames.windows(2).all(|pair| pair[0].time < pair[1].time));
     let last = fit.frames.len() - 1;
     let late = fit.frames[last].time - (last + 3) as f64 / FPS;
     assert!(late.abs() < 0.25 / FPS, "the last frame is {late} s off");
-    let off = (fit.frames[last - 20].state.position - truth[last - 17].position).norm();
+    let off = (fit.frames[last - 20].world - truth[last - 17].position).norm();
     assert!(off < 0.05, "{off} m");
 }

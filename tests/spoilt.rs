@@ -56,7 +56,7 @@ fn shot(seed: u64, sizes: bool) -> (Vec<Point3<f64>>, Vec<Observation>) {
 fn said_of(scene: &str, observations: &[Observation]) -> (bool, String) {
     let scene = Scene::from_json(scene, "scene").unwrap().with_ball("table-tennis").unwrap();
     match Forecaster::new(&scene).unwrap().fit(&rolled(), observations, &FitOptions::default()) {
-        Ok(fit) => (fit.explained, format!("{} {}", fit.verdict(), fit.notes.join(" "))),
+        Ok(fit) => (fit.explained, format!("{} {}", fit.verdict, fit.notes.join(" "))),
         Err(error) => (false, error.to_string()),
     }
 }
@@ -115,13 +115,12 @@ fn the_larger_part_of_a_track_of_two_balls_is_fitted() {
     let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
     let fit = Forecaster::new(&scene).unwrap();
     let fit = fit.fit(&rolled(), &observations, &FitOptions::default()).unwrap();
-    assert!(other.iter().all(|&frame| fit.frames[frame].outlier), "{:?}", fit.verdict());
+    assert!(other.iter().all(|&frame| fit.frames[frame].outlier), "{:?}", fit.verdict);
     let named =
         other.iter().filter(|&&frame| fit.frames[frame].refused.as_ref().is_some_and(|why| why.contains("another")));
     assert!(2 * named.count() > other.len());
-    let errors: Vec<f64> =
-        fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm()).collect();
-    assert!(median(&errors) < 0.1, "{:.2} m; {}", median(&errors), fit.verdict());
+    let errors: Vec<f64> = fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.world - truth).norm()).collect();
+    assert!(median(&errors) < 0.1, "{:.2} m; {}", median(&errors), fit.verdict);
 }
 
 #[test]
@@ -134,9 +133,9 @@ fn repeated_frames_are_left_out_and_told() {
     let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
     let fit = Forecaster::new(&scene).unwrap().fit(&rolled(), &observations, &FitOptions::default()).unwrap();
     assert!(fit.notes.iter().any(|note| note.contains("again")), "{:?}", fit.notes);
-    assert!(fit.explained, "{}", fit.verdict());
+    assert!(fit.explained, "{}", fit.verdict);
     let errors = fit.frames.iter().enumerate().filter(|(_, frame)| frame.refused.is_none());
-    let errors: Vec<f64> = errors.map(|(index, frame)| (frame.state.position - world[shown(index)]).norm()).collect();
+    let errors: Vec<f64> = errors.map(|(index, frame)| (frame.world - world[shown(index)]).norm()).collect();
     assert!(median(&errors) < 0.05, "{} m", median(&errors));
 }
 
@@ -158,8 +157,8 @@ fn a_cameras_uncertainty_enters_sigma() {
         for (told, worse) in [false, true].into_iter().zip(&mut worse) {
             let cameras = if told { vec![moved.clone()] } else { vec![] };
             let fit = forecaster.fit(&taken, &observations, &FitOptions { cameras, ..FitOptions::default() }).unwrap();
-            let errors = fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.state.position - truth).norm());
-            *worse += errors.zip(&fit.frames).filter(|(error, frame)| *error > 2.0 * frame.sigma()).count();
+            let errors = fit.frames.iter().zip(&world).map(|(frame, truth)| (frame.world - truth).norm());
+            *worse += errors.zip(&fit.frames).filter(|(error, frame)| *error > 2.0 * frame.sigma).count();
         }
     }
     let [untold, told] = worse;
@@ -199,8 +198,7 @@ fn whatever_a_track_holds_it_is_answered_with_numbers() {
         let Ok(fit) = Forecaster::new(scene).unwrap().fit(&camera(eye), &observations, &options) else { continue };
         assert_eq!(fit.frames.len(), observations.len());
         assert!(hits.is_none_or(|most| fit.hits.len() <= most));
-        let finite =
-            fit.frames.iter().all(|it| it.sigma().is_finite() && it.state.position.iter().all(|x| x.is_finite()));
+        let finite = fit.frames.iter().all(|it| it.sigma.is_finite() && it.world.iter().all(|x| x.is_finite()));
         assert!(finite, "{number}");
     }
 }

@@ -278,7 +278,7 @@ fn fit_finds_the_trajectory_of_a_track_with_gaps() {
     assert_eq!(found["explained"], true);
     assert!(!found["impacts"].as_array().unwrap().is_empty());
     let csv = std::fs::read_to_string(&out).unwrap();
-    assert!(csv.starts_with("Frame,t,x,y,z,vx,vy,vz,sigma,residual_x_px,residual_y_px,outlier\n"), "{csv}");
+    assert!(csv.starts_with("Frame,time,x,y,z,vx,vy,vz,sigma,residual_x_px,residual_y_px,outlier\n"), "{csv}");
     assert_eq!(csv.lines().count(), 91);
     let words = String::from_utf8(fit(&folder, &[]).stdout).unwrap();
     for word in ["not seen", "touches", "1-σ", "px rms"] {

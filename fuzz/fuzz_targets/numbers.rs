@@ -40,6 +40,6 @@ fuzz_target!(|input: Input| {
         })
         .collect();
     if let Ok(fit) = forecaster.fit(&camera, &observations, &FitOptions::default()) {
-        assert!(fit.frames.iter().all(|frame| frame.state.position.iter().all(|value| value.is_finite())));
+        assert!(fit.frames.iter().all(|frame| frame.world.iter().all(|value| value.is_finite())));
     }
 });

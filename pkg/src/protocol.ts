@@ -20,14 +20,14 @@ export interface Calls {
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
   addFrame: [{ picture: PictureMessage; time: number; camera?: string }, null];
-  trackVideo: [{ known: string }, Core.VideoTrack];
+  trackVideo: [{ known: string }, Core.TrackedVideo];
 
   open: [Source, null];
   fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string }, Core.Fit];
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];
-  calibrate: [{ points: string; estimate: string[]; picture?: PictureMessage | undefined }, Core.CalibrationResult];
+  calibrate: [{ points: string; estimate: string[]; picture?: PictureMessage | undefined }, Core.Calibration];
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];

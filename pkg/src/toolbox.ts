@@ -3,8 +3,8 @@ import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { pictureToSend } from "./picture.js";
 import type { Answer, CallName, PictureMessage, Request, Transport } from "./protocol.js";
 import type {
+  Calibration,
   CalibrationPoints,
-  CalibrationResult,
   CalibrationUnknown,
   Camera,
   CoreOptions,
@@ -12,6 +12,7 @@ import type {
   Fit,
   Forecast,
   LabelProposal,
+  Observation,
   Parameter,
   Picture,
   Scene,
@@ -49,7 +50,7 @@ export class Toolbox {
   async calibrate(
     points: CalibrationPoints,
     options: { estimate?: CalibrationUnknown[]; picture?: Picture; signal?: AbortSignal } = {},
-  ): Promise<CalibrationResult> {
+  ): Promise<Calibration> {
     const sent = options.picture && (await pictureToSend(options.picture));
     const request = () => ({ points: jsonOf(points, "points"), estimate: [...(options.estimate ?? [])], picture: sent?.picture });
     return this.#call("calibrate", request, options.signal, sent?.transfer);
@@ -86,7 +87,7 @@ export class Toolbox {
 
   /** The trajectory behind a 2D track; {@link Track} is more convenient. */
   fitTrack(
-    frames: { t: number; image: [number, number] | null; radius?: [number, number] | null }[],
+    frames: Observation[],
     scene: { camera: Camera; scene: Scene; noisePx?: number; estimate?: Parameter[]; cameraSigma?: Camera[]; signal?: AbortSignal },
   ): Promise<Fit> {
     return this.#call("fitTrack", () => ({

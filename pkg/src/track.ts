@@ -1,7 +1,7 @@
 import { GravisightError } from "./error.js";
 import { makeDisposable } from "./connect.js";
 import { Toolbox } from "./toolbox.js";
-import type { Camera, CoreOptions, Parameter, Scene, Trajectory } from "./types.js";
+import type { Camera, CoreOptions, Fit, Observation, Parameter, Scene } from "./types.js";
 
 /** Options of {@link Track.create}. */
 export interface TrackOptions extends CoreOptions {
@@ -33,13 +33,6 @@ export interface Sighting {
   radiusSigmaPx?: number;
 }
 
-/** A {@link Sighting} as the core takes it. */
-interface Seen {
-  timestampMs: number;
-  image: [number, number] | null;
-  radius: [number, number] | null;
-}
-
 /**
  * The trajectory behind sightings in a video: positions smoothed by the laws of motion, velocities, bounces. Depth comes
  * from the way that gravity bends the track, not from the single pictures, so it is far surer than theirs.
@@ -48,7 +41,7 @@ export class Track {
   readonly #toolbox: Toolbox;
   readonly #owned: boolean;
   readonly #options: TrackOptions;
-  #sightings: Seen[] = [];
+  #sightings: Observation[] = [];
 
   private constructor(toolbox: Toolbox, options: TrackOptions) {
     this.#toolbox = toolbox;
@@ -67,16 +60,17 @@ export class Track {
 
   /** Adds a sighting. @throws {@link GravisightError} `timestamp-order` where it is not later than the last one. */
   add({ timestampMs, image, confidence, radiusPx, radiusSigmaPx }: Sighting): void {
+    const time = timestampMs / 1000;
     const last = this.#sightings.at(-1);
-    if (!Number.isFinite(timestampMs) || (last && !(timestampMs > last.timestampMs))) {
-      const before = last ? `, the last one's was ${last.timestampMs} ms` : "";
+    if (!Number.isFinite(time) || (last && !(time > last.time))) {
+      const before = last ? `, the last one's was ${1000 * last.time} ms` : "";
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${before}.`);
     }
-    const seen = confidence === undefined || confidence >= (this.#options.leastConfidence ?? 0.5);
+    const seen = image && (confidence === undefined || confidence >= (this.#options.leastConfidence ?? 0.5));
     this.#sightings.push({
-      timestampMs,
-      image: seen && image ? [image[0], image[1]] : null,
-      radius: seen && image && radiusPx ? [radiusPx, radiusSigmaPx ?? Math.max(0.05 * radiusPx, 0.3)] : null,
+      time,
+      image: seen ? [image[0], image[1]] : null,
+      ...(seen && radiusPx && { radius: [radiusPx, radiusSigmaPx ?? Math.max(0.05 * radiusPx, 0.3)] }),
     });
     const { window } = this.#options;
     if (window !== undefined && this.#sightings.length > window) this.#sightings.shift();
@@ -88,16 +82,13 @@ export class Track {
   }
 
   /**
-   * The trajectory through the sightings. Look at `explained` before you trust it.
+   * The trajectory through the sightings; its times are those of the timestamps, in seconds. Look at `explained` before you trust it.
    *
    * @throws {@link GravisightError} `fit` for too few sightings, or a track that nothing explains.
    */
-  async fit(options: { signal?: AbortSignal } = {}): Promise<Trajectory> {
+  fit({ signal }: { signal?: AbortSignal } = {}): Promise<Fit> {
     const { camera, scene, noisePx, estimate, cameraSigma } = this.#options;
-    const start = this.#sightings[0]?.timestampMs ?? 0;
-    const frames = this.#sightings.map(({ timestampMs, image, radius }) => ({ t: (timestampMs - start) / 1000, image, radius }));
-    const { signal } = options;
-    const fit = await this.#toolbox.fitTrack(frames, {
+    return this.#toolbox.fitTrack(this.#sightings, {
       camera,
       scene,
       ...(noisePx !== undefined && { noisePx }),
@@ -105,15 +96,6 @@ export class Track {
       ...(cameraSigma && { cameraSigma }),
       ...(signal && { signal }),
     });
-    const at = (t: number) => start + 1000 * t;
-    const { frames: fitted, impacts, flights, hits, ...all } = fit;
-    return {
-      ...all,
-      points: fitted.map(({ t, ...point }) => ({ timestampMs: at(t), ...point })),
-      flights: flights.map(({ start: from, end, ...flight }) => ({ startMs: at(from), endMs: at(end), ...flight })),
-      hits: hits.map(({ time, ...hit }) => ({ timestampMs: at(time), ...hit })),
-      bounces: impacts.map(({ t, ...bounce }) => ({ timestampMs: at(t), ...bounce })),
-    };
   }
 
   /** Frees the memory, unless the toolbox is the caller's. Harmless twice. */

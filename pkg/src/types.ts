@@ -1,40 +1,52 @@
-import type { Adapter, Camera, CourtLine, FineTuneOptions as Settings, Fit, FitFrame, Flight, FloatMap, Hit, Impact, Model, Picture, Position, Scene, VideoTrack, VideoTrackFrame, Wanted } from "../wasm/cpu/gravisight.js";
+import type { Adapter, Camera, CourtLine, FineTuneOptions as Settings, FloatMap, Model, Picture, Position, Scene, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
   Adapter,
   AdapterLimits,
   Added as ClipAdded,
-  CalibrationLine,
-  CalibrationResult,
-  ClipKey,
-  Candidate,
+  Calibration,
+  CalibrationMethod,
   Camera,
+  CameraSigma,
+  Candidate,
   Card,
+  ClipKey,
   Court,
   CourtLine,
   DrawablePicture,
   Estimate,
-  Fit,
-  Flight,
-  Hit,
+  EstimatorConfig,
   FineTuneSupervision,
-  FitFrame,
+  Fit,
+  FittedFrame,
+  FittedImpact,
+  Flight,
   FloatMap,
   Forecast,
+  Hit,
   Impact,
   LabelProposal,
+  LineSeen,
   Model,
+  Observation,
+  OtherView,
+  Parameter,
   Picture,
   Pixels,
+  PointSigma,
   Position,
   Region,
   Scene,
   SimulatedClip,
   Statistic,
+  Surface,
+  TrackedFrame,
+  TrackedVideo,
   Tuned as TuneStep,
   TuneProgress,
   TuneScore,
+  WrongClick,
 } from "../wasm/cpu/gravisight.js";
 
 /** Where the network can run. */
@@ -133,51 +145,6 @@ export interface Localisation extends Position {
 export interface FrameLocalisation extends Localisation {
   /** The timestamp that was given with the frame. */
   timestampMs: number;
-}
-
-/** What a fit can estimate besides the trajectory. */
-export type Parameter = keyof Fit["estimates"];
-
-/** One moment of a trajectory. */
-export interface TrajectoryPoint extends Omit<FitFrame, "t"> {
-  timestampMs: number;
-}
-
-/** Where the ball touched something. */
-export interface Bounce extends Omit<Impact, "t"> {
-  timestampMs: number;
-}
-
-/** From hit to hit, bounces between. */
-export interface TrajectoryFlight extends Omit<Flight, "start" | "end"> {
-  startMs: number;
-  endMs: number;
-}
-
-/** A hit of a racket, a foot, a hand. `frame` is the index of the first point after it. */
-export interface TrajectoryHit extends Omit<Hit, "time"> {
-  timestampMs: number;
-}
-
-/** The trajectory that physics allows and what was seen explains. */
-export interface Trajectory extends Omit<Fit, "frames" | "impacts" | "flights" | "hits"> {
-  points: TrajectoryPoint[];
-  bounces: Bounce[];
-  flights: TrajectoryFlight[];
-  hits: TrajectoryHit[];
-}
-
-/** A frame of a video in which the ball was followed. */
-export interface TrackedFrame extends Omit<VideoTrackFrame, "t"> {
-  timestampMs: number;
-}
-
-/** The ball in a video: in each frame, and its flights. */
-export interface TrackedVideo extends Omit<VideoTrack, "frames" | "impacts" | "flights" | "hits"> {
-  frames: TrackedFrame[];
-  bounces: Bounce[];
-  flights: TrajectoryFlight[];
-  hits: TrajectoryHit[];
 }
 
 /** Labelled points: the content of a `points.json`. */

@@ -39,7 +39,6 @@ export interface TrackVideoOptions extends Pick<VideoTrackerOptions, "camera" | 
 export class VideoTracker {
   readonly #transport: Transport;
   readonly #place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
-  #start: number | undefined;
   #last = -Infinity;
 
   private constructor(transport: Transport, place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">) {
@@ -80,16 +79,15 @@ export class VideoTracker {
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
     }
     this.#last = timestampMs;
-    this.#start ??= timestampMs;
     const { picture, transfer } = await pictureToSend(frame);
     const { camera } = this.#place;
-    const request = { picture, time: (timestampMs - this.#start) / 1000, ...(camera && { camera: jsonOf(camera, "camera") }) };
+    const request = { picture, time: timestampMs / 1000, ...(camera && { camera: jsonOf(camera, "camera") }) };
     await this.#transport.call("addFrame", request, { transfer });
   }
 
   /**
-   * The ball in all frames that were given; no more can be added. May be called again: with seeds, with another place.
-   * Look at `explained` before you trust what is in metres.
+   * The ball in all frames that were given; no more can be added. Times are those of the timestamps, in seconds. May be called again: with
+   * seeds, with another place. Look at `explained` before you trust what is in metres.
    *
    * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
    */
@@ -109,17 +107,7 @@ export class VideoTracker {
       seeds: seeds.map(({ frame, image }) => [frame, image]),
       timesKnown,
     };
-    const found = await this.#transport.call("trackVideo", { known: jsonOf(known, "options") }, { signal, onProgress });
-    const start = this.#start ?? 0;
-    const at = (t: number) => start + 1000 * t;
-    const { frames, flights, hits: struck, impacts, ...all } = found;
-    return {
-      ...all,
-      frames: frames.map(({ t, ...frame }) => ({ timestampMs: at(t), ...frame })),
-      flights: flights.map(({ start: from, end, ...flight }) => ({ startMs: at(from), endMs: at(end), ...flight })),
-      hits: struck.map(({ time, ...hit }) => ({ timestampMs: at(time), ...hit })),
-      bounces: impacts.map(({ t, ...bounce }) => ({ timestampMs: at(t), ...bounce })),
-    };
+    return this.#transport.call("trackVideo", { known: jsonOf(known, "options") }, { signal, onProgress });
   }
 
   /** Frees its memory and ends its Worker; one that you gave goes on. Harmless twice. */

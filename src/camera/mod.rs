@@ -17,7 +17,10 @@ mod volume;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector3};
 
-pub use self::calibrate::{Calibration, LineSeen, Method, Points, Unknowns, calibrate, calibrate_by_lines};
+pub use self::calibrate::{
+    Calibration, CalibrationMethod, CameraSigma, LineSeen, PointSigma, Points, Unknowns, WrongClick, calibrate,
+    calibrate_by_lines,
+};
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::Distortion;
 use self::fold::Range;

@@ -126,8 +126,10 @@ pub struct Candidate {
     pub confidence: f64,
 }
 
-/// Where the ball is. Serialises as FORMATS.md's `localise` result.
+/// Where the ball is.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 pub struct Localisation {
     /// 2D position in the picture given, px (first pixel's centre is (0, 0)).
     pub image: [f64; 2],
@@ -137,9 +139,11 @@ pub struct Localisation {
     pub depth_sigma: Option<f64>,
     /// Semi-minor axis of the ball's outline, px; of a model that reads sizes.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(target_arch = "wasm32", tsify(optional))]
     pub radius_px: Option<f64>,
     /// Covariance of the position in the world frame, m², by row; of a model that reads sizes.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(target_arch = "wasm32", tsify(optional))]
     pub covariance: Option<[[f64; 3]; 3]>,
     /// Position in the camera frame, m.
     pub camera: [f64; 3],
@@ -155,9 +159,9 @@ pub struct Localisation {
     pub confidence_kind: ConfidenceKind,
     /// The likeliest places, the one above first; where asked for.
     #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[cfg_attr(target_arch = "wasm32", tsify(optional))]
     pub candidates: Vec<Candidate>,
     /// What a user should know about this result, in words.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
     /// The network's maps, where asked for.
     #[serde(skip)]

@@ -77,7 +77,7 @@ pub enum DepthFrom {
 
 /// What a model's confidence in a position is: a number from 0 to 1, of which each kind means another.
 ///
-/// A tracked video's frames have a confidence of their own ([`FollowedFrame`](crate::parts::FollowedFrame)).
+/// A tracked video's frames have a confidence of their own ([`TrackedFrame`](crate::parts::TrackedFrame)).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(rename_all = "kebab-case")]

@@ -1,10 +1,11 @@
 //! What a ball can touch: exact distances to planes and boxes, with their derivatives.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::{Serialize, Serializer};
 
 use super::scene::Scene;
 
-/// Names an obstacle of a scene.
+/// Names an obstacle of a scene; serialises as its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Surface {
     /// The floor.
@@ -22,6 +23,12 @@ impl std::fmt::Display for Surface {
             Self::Wall(index) => write!(f, "walls[{index}]"),
             Self::Box(index) => write!(f, "boxes[{index}]"),
         }
+    }
+}
+
+impl Serialize for Surface {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 

@@ -60,8 +60,8 @@ pub struct Track {
 #[derive(Serialize)]
 struct TrajectoryLine {
     #[serde(rename = "Frame")]
-    frame: u64,
-    t: f64,
+    frame: usize,
+    time: f64,
     x: f64,
     y: f64,
     z: f64,
@@ -311,25 +311,25 @@ impl Fit {
     ///
     /// # Errors
     /// [`Error::Format`] where a number cannot be written.
-    pub fn to_csv(&self, frames: &[u64]) -> Result<String> {
-        let line = |(frame, fitted): (&u64, &FittedFrame)| {
-            let (r, v) = (fitted.state.position, fitted.state.velocity);
+    pub fn to_csv(&self) -> Result<String> {
+        let line = |fitted: &FittedFrame| {
+            let (r, v) = (fitted.world, fitted.velocity);
             TrajectoryLine {
-                frame: *frame,
-                t: fitted.time,
+                frame: fitted.frame,
+                time: fitted.time,
                 x: r.x,
                 y: r.y,
                 z: r.z,
                 vx: v.x,
                 vy: v.y,
                 vz: v.z,
-                sigma: fitted.sigma(),
+                sigma: fitted.sigma,
                 residual_x_px: fitted.residual_px.map(|residual| residual.x),
                 residual_y_px: fitted.residual_px.map(|residual| residual.y),
                 outlier: fitted.outlier,
             }
         };
-        text_of(None, frames.iter().zip(&self.frames).map(line))
+        text_of(None, self.frames.iter().map(line))
     }
 }
 

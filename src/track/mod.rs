@@ -12,8 +12,8 @@ pub use self::estimate::EstimatorConfig;
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub(crate) use self::fit::SOLVER_VERSION;
-pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, Flight, Hit, Observation, Parameter};
+pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, FittedImpact, Flight, Hit, Observation, Parameter};
 #[doc(hidden)]
 pub use self::follow::Follower;
 pub use self::follow::{Elsewhere, Followed, FollowedFrame};
-pub use self::tracked::{Stretch, Tracked};
+pub use self::tracked::{OtherView, Stretch, TrackedFrame, TrackedVideo};

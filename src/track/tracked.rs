@@ -2,27 +2,95 @@
 
 use std::ops::Range;
 
-use serde_json::{Value, json};
+use nalgebra::{Point2, Point3};
+use serde::Serialize;
 
 use super::file::Track;
-use super::fit::{Fit, FitOptions, Observation};
+use super::fit::{Fit, FitOptions, FittedImpact, Flight, Hit, Observation};
 use super::follow::{Elsewhere, Flying, FollowedFrame, stretches};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
 
 /// The ball in a video ([`VideoTracker::track`](crate::VideoTracker::track)): in each frame, and its flights.
-pub struct Tracked {
-    /// The ball in each frame.
-    pub frames: Vec<FollowedFrame>,
-    /// Frames, to within one, from which on most of the picture is another.
+#[derive(Debug, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct TrackedVideo {
+    /// What came out, in a sentence.
+    pub verdict: String,
+    /// Whether the ball was found and physics explains each of its flights; null without camera and scene.
+    pub explained: Option<bool>,
+    /// One a frame of the video.
+    pub frames: Vec<TrackedFrame>,
+    /// From hit to hit, bounces between.
+    pub flights: Vec<Flight>,
+    /// Where something that the scene does not hold changes the ball's path.
+    pub hits: Vec<Hit>,
+    /// Where the ball touches something of the scene, by time. The command's JSON calls them `bounces`, as its first version did.
+    #[cfg_attr(not(target_arch = "wasm32"), serde(rename = "bounces"))]
+    pub impacts: Vec<FittedImpact>,
+    /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
     pub cuts: Vec<usize>,
+    /// Frames in which the camera looks elsewhere than at first: no metres there.
+    pub elsewhere: Vec<OtherView>,
+    /// What is odd about the track, in words.
+    pub notes: Vec<String>,
     /// The frames between pauses; none without [`Self::fit`].
+    #[serde(skip)]
     pub stretches: Vec<Stretch>,
-    metres: bool,
+}
+
+/// The ball in a frame of a video.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct TrackedFrame {
+    /// The frame's index in the video.
+    pub frame: usize,
+    /// When it was taken, s.
+    pub time: f64,
+    /// Whether the picture is the one of the frame before again.
+    pub repeated: bool,
+    /// The ball's centre in the picture, px; null where it is not seen.
+    pub image: Option<Point2<f64>>,
+    /// Its apparent radius, px; null where it is not known.
+    pub radius_px: Option<f64>,
+    /// Probability that what was found is the ball, 0 to 1, by its motion, its size and what the network sees in it, whose weights were
+    /// chosen by hand; no model's confidence. 0 where it is not seen.
+    pub confidence: f64,
+    /// The ball's centre in the world, m; null outside flights, as all that follows.
+    pub world: Option<Point3<f64>>,
+    /// Root mean square error of that to expect, m.
+    pub sigma: Option<f64>,
+    /// m/s.
+    pub speed: Option<f64>,
+    /// Index of the flight that it belongs to.
+    pub flight: Option<usize>,
+    /// Whether that flight is explained; where it is not, the position is not known.
+    pub explained: Option<bool>,
+    /// Whether what was seen there does not belong to that flight's trajectory.
+    pub outlier: bool,
+    /// As it was followed through the pictures.
+    #[serde(skip)]
+    pub followed: FollowedFrame,
+}
+
+/// Frames of a video that show another view than the first.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct OtherView {
+    /// The first of them.
+    pub from: usize,
+    /// The last.
+    pub to: usize,
+    /// How far what stands still is away at most from where it was, px; null where that is not known.
+    pub moved_px: Option<f64>,
 }
 
 /// What was fitted of a stretch of frames.
+#[derive(Debug)]
 pub struct Stretch {
     /// By index.
     pub frames: Range<usize>,
@@ -32,20 +100,24 @@ pub struct Stretch {
     pub fit: std::result::Result<Fit, String>,
 }
 
-impl Tracked {
+impl TrackedVideo {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
     pub(crate) fn new(flying: &Flying<'_>, place: Option<(&Camera, &Scene)>) -> Self {
-        Self { frames: flying.frames(place), cuts: flying.cuts().to_vec(), stretches: vec![], metres: false }
+        let frames = flying.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
+        let mut video = Self { frames, cuts: flying.cuts().to_vec(), ..Self::default() };
+        video.elsewhere = video.other_views();
+        video.verdict = video.in_words();
+        video
     }
 
     /// The 2D track.
     pub fn track(&self) -> Track {
-        Track { points: self.frames.iter().map(|frame| frame.point).collect() }
+        Track { points: self.frames.iter().map(|frame| frame.followed.point).collect() }
     }
 
     /// Frames that show the ball.
     pub fn found(&self) -> usize {
-        self.frames.iter().filter(|frame| frame.point.visibility > 0).count()
+        self.frames.iter().filter(|frame| frame.followed.point.visibility > 0).count()
     }
 
     /// Finds the flights, stretch by stretch; `progress` hears how many are done, and of how many.
@@ -65,30 +137,53 @@ impl Tracked {
         let (_, mut observations) = self.track().observations(None)?;
         // What another view shows is not where this camera would put it.
         for (observation, frame) in observations.iter_mut().zip(&self.frames) {
-            if frame.elsewhere.is_some() {
+            if frame.followed.elsewhere.is_some() {
                 (observation.image, observation.radius) = (None, None);
             }
         }
         let ranges = stretches(&observations);
         let count = ranges.len();
-        self.metres = true;
-        self.stretches.clear();
+        self.forget();
         for (number, frames) in ranges.into_iter().enumerate() {
             let observations = observations[frames.clone()].to_vec();
             let fit = forecaster.fit(camera, &observations, &options).map_err(|error| error.to_string());
+            if let Ok(fit) = &fit {
+                self.add(frames.start, fit);
+            }
             self.stretches.push(Stretch { frames, observations, fit });
             progress(number + 1, count);
         }
+        self.explained = Some(self.found() > 0 && self.stretches.iter().all(Stretch::explained));
+        self.verdict = self.in_words();
         Ok(())
     }
 
-    /// Whether physics explains each stretch.
-    pub fn explained(&self) -> bool {
-        self.stretches.iter().all(Stretch::explained)
+    /// Takes back what was fitted.
+    fn forget(&mut self) {
+        for (number, frame) in self.frames.iter_mut().enumerate() {
+            *frame = TrackedFrame::new((number, frame.followed));
+        }
+        (self.flights, self.hits, self.impacts, self.notes, self.stretches) = Default::default();
     }
 
-    /// What came out, in a sentence.
-    pub fn verdict(&self) -> String {
+    /// Adds the fit of the frames from `first` on. Its flights count on from those before.
+    fn add(&mut self, first: usize, fit: &Fit) {
+        for (frame, fitted) in self.frames[first..].iter_mut().zip(&fit.frames) {
+            frame.world = Some(fitted.world);
+            frame.sigma = Some(fitted.sigma);
+            frame.speed = Some(fitted.speed);
+            frame.flight = Some(self.flights.len() + fitted.flight);
+            frame.explained = Some(fitted.explained);
+            frame.outlier = fitted.outlier;
+        }
+        self.hits.extend(fit.hits.iter().map(|hit| Hit { frame: first + hit.frame, ..*hit }));
+        self.flights.extend_from_slice(&fit.flights);
+        self.impacts.extend_from_slice(&fit.impacts);
+        self.notes.extend_from_slice(&fit.notes);
+    }
+
+    /// What came out.
+    fn in_words(&self) -> String {
         let repeated = self.frames.iter().filter(|frame| frame.repeated).count();
         let repeated = match repeated {
             0 => String::new(),
@@ -100,7 +195,7 @@ impl Tracked {
             found => format!("the ball is seen in {found} of {all} frames{repeated}"),
         };
         let said = match self.stretches.as_slice() {
-            _ if !self.metres || self.found() == 0 => seen,
+            _ if self.explained.is_none() || self.found() == 0 => seen,
             [] => format!("{seen}, nowhere long enough to say more"),
             [stretch] => format!("{}; {seen}", stretch.verdict()),
             stretches => {
@@ -115,14 +210,12 @@ impl Tracked {
         said + &self.cuts_in_words() + &self.moved_in_words()
     }
 
-    /// Frames in which the camera looks elsewhere than at first, first and last, and how far what stands still is away there at
-    /// most, px; none where that is not known.
-    pub fn elsewhere(&self) -> Vec<(Range<usize>, Option<f64>)> {
-        let mut found: Vec<(Range<usize>, Option<f64>)> = Vec::new();
-        let frames = self.frames.iter().enumerate().filter(|(_, frame)| !frame.repeated);
+    /// Frames in which the camera looks elsewhere than at first.
+    fn other_views(&self) -> Vec<OtherView> {
+        let mut views: Vec<OtherView> = Vec::new();
         let mut goes_on = false;
-        for (number, frame) in frames {
-            let px = match frame.elsewhere {
+        for TrackedFrame { frame, followed, .. } in self.frames.iter().filter(|frame| !frame.repeated) {
+            let moved_px = match followed.elsewhere {
                 None => {
                     goes_on = false;
                     continue;
@@ -130,30 +223,29 @@ impl Tracked {
                 Some(Elsewhere::Moved(px)) => Some(px),
                 Some(Elsewhere::Cut) => None,
             };
-            match found.last_mut().filter(|_| goes_on) {
-                Some((range, most)) => {
-                    range.end = number + 1;
-                    *most = most.zip(px).map(|(most, px)| most.max(px));
+            match views.last_mut().filter(|_| goes_on) {
+                Some(view) => {
+                    view.to = *frame;
+                    view.moved_px = view.moved_px.zip(moved_px).map(|(most, px)| most.max(px));
                 }
-                None => found.push((number..number + 1, px)),
+                None => views.push(OtherView { from: *frame, to: *frame, moved_px }),
             }
             goes_on = true;
         }
-        found
+        views
     }
 
     /// What a camera that does not stand still means.
     fn moved_in_words(&self) -> String {
-        let moved = self.elsewhere();
-        let part = |(frames, px): &(Range<usize>, Option<f64>)| match px {
-            Some(px) => format!("{} to {} (by up to {px:.0} px)", frames.start, frames.end - 1),
-            None => format!("{} to {}", frames.start, frames.end - 1),
+        let part = |OtherView { from, to, moved_px }: &OtherView| match moved_px {
+            Some(px) => format!("{from} to {to} (by up to {px:.0} px)"),
+            None => format!("{from} to {to}"),
         };
-        let parts: Vec<String> = moved.iter().map(part).collect();
+        let parts: Vec<String> = self.elsewhere.iter().map(part).collect();
         match parts.is_empty() {
             true => String::new(),
             false => {
-                let hold = if self.metres { ", so there are no metres there" } else { "" };
+                let hold = if self.explained.is_some() { ", so there are no metres there" } else { "" };
                 format!("; the camera looks elsewhere than at first in frames {}{hold}", parts.join(", "))
             }
         }
@@ -167,46 +259,14 @@ impl Tracked {
         let frames: Vec<String> = self.cuts.iter().map(usize::to_string).collect();
         format!("; most of the picture changes at frame {}: a cut, or the camera moved", frames.join(", "))
     }
+}
 
-    /// As `gravisight track --json` prints it: a stretch's flights, hits and bounces count on from those before. Frames, hits and
-    /// bounces that are not `explained` belong to a flight that is not: where they are is doubtful.
-    pub fn as_json(&self) -> Value {
-        let frame = |(number, FollowedFrame { point, confidence, .. }): (usize, &FollowedFrame)| {
-            json!({"frame": number, "time": point.time, "image": point.image().map(|at| [at.x, at.y]),
-                "radius_px": point.radius, "world": null, "sigma": null, "flight": null, "explained": null,
-                "confidence": confidence})
-        };
-        let mut frames: Vec<Value> = self.frames.iter().enumerate().map(frame).collect();
-        let (mut flights, mut hits, mut bounces, mut notes) = (vec![], vec![], vec![], vec![]);
-        for Stretch { frames: range, fit, .. } in &self.stretches {
-            let Ok(fit) = fit else { continue };
-            let mut said = fit.as_json();
-            for (frame, fitted) in frames[range.clone()].iter_mut().zip(&fit.frames) {
-                frame["world"] = json!(<[f64; 3]>::from(fitted.state.position.coords));
-                frame["sigma"] = json!(fitted.sigma());
-                frame["flight"] = json!(flights.len() + fitted.flight);
-                frame["speed"] = json!(fitted.state.velocity.norm());
-                frame["explained"] = json!(fit.is_explained(fitted));
-            }
-            for (value, hit) in said["hits"].as_array_mut().into_iter().flatten().zip(&fit.hits) {
-                value["frame"] = json!(range.start + hit.frame);
-                hits.push(value.take());
-            }
-            flights.extend(said["flights"].as_array_mut().into_iter().flatten().map(Value::take));
-            bounces.extend(fit.impacts.iter().zip(&fit.within_lines).map(|(impact, within)| {
-                json!({"time": impact.time, "surface": impact.surface.to_string(),
-                    "world": <[f64; 3]>::from(impact.position), "speed": impact.speed,
-                    "sigma": fit.sigma_at(impact.time), "within_lines": within,
-                    "explained": fit.is_explained_at(impact.time)})
-            }));
-            notes.extend(fit.notes.iter().cloned());
-        }
-        let verdict = self.verdict();
-        let elsewhere = self.elsewhere().into_iter();
-        let elsewhere =
-            elsewhere.map(|(frames, px)| json!({"from": frames.start, "to": frames.end - 1, "moved_px": px}));
-        let elsewhere: Vec<Value> = elsewhere.collect();
-        json!({"verdict": verdict, "elsewhere": elsewhere, "frames": frames, "flights": flights, "hits": hits, "bounces": bounces, "notes": notes})
+impl TrackedFrame {
+    /// A frame of the video by its index, without metres.
+    fn new((frame, followed): (usize, FollowedFrame)) -> Self {
+        let FollowedFrame { point, repeated, confidence, .. } = followed;
+        let (time, image, radius_px) = (point.time.unwrap_or_default(), point.image(), point.radius);
+        Self { frame, time, repeated, image, radius_px, confidence, followed, ..Self::default() }
     }
 }
 
@@ -218,7 +278,7 @@ impl Stretch {
 
     fn verdict(&self) -> String {
         match &self.fit {
-            Ok(fit) => fit.verdict(),
+            Ok(fit) => fit.verdict.clone(),
             Err(error) => format!("not explained: {error}"),
         }
     }

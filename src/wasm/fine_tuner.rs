@@ -12,26 +12,8 @@ use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
 use crate::clips::Clip;
 use crate::error::{Error, Result};
-use crate::evaluate::Statistic;
 use crate::model::Card;
 use crate::train::{Added, ClipKey, FineTuneOptions, FineTuner, Score, Tuned};
-
-/// How good the weights are on the clips held out.
-#[derive(Serialize, Tsify)]
-#[serde(rename_all = "camelCase")]
-#[tsify(missing_as_null)]
-pub struct TuneScore {
-    /// Median error of forecasts 15 frames away, pixels: 2D labels are enough.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[tsify(optional)]
-    pub forecast_px: Option<f64>,
-    /// Confidence that all but 0.5 % of the visible balls exceed.
-    pub least_confidence: f64,
-    /// 2D error, pixels.
-    pub image_error_px: Statistic,
-    /// Distance to the truth, metres; without values where there is no 3D truth.
-    pub dtg: Statistic,
-}
 
 /// A model in memory.
 #[derive(Serialize, Tsify)]
@@ -129,10 +111,8 @@ impl JsFineTuner {
     }
 
     /// Scores the averaged weights on the clips held out.
-    pub async fn evaluate(&mut self) -> std::result::Result<Ts<TuneScore>, JsValue> {
-        let Score { forecast_px, least_confidence, image_error_px, dtg } =
-            self.tuner.evaluate().await.map_err(js_error)?;
-        object_of(&TuneScore { forecast_px, least_confidence, image_error_px, dtg }).map_err(js_error)
+    pub async fn evaluate(&mut self) -> std::result::Result<Ts<Score>, JsValue> {
+        self.tuner.evaluate().await.and_then(|score| object_of(&score)).map_err(js_error)
     }
 
     /// The averaged weights as they are now, for pictures.

@@ -1,7 +1,5 @@
 //! Proposals for 2D labels.
 
-use serde::Serialize;
-use tsify::Tsify;
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::held::Held;
@@ -9,21 +7,7 @@ use super::picture::{self, AnyPicture};
 use super::{js_error, untyped};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::track::{LabelOptions, Proposal, propose_labels};
-
-/// A proposed 2D label.
-#[derive(Serialize, Tsify)]
-#[serde(rename_all = "camelCase")]
-pub struct LabelProposal {
-    /// The ball's centre, pixels.
-    pub image: [f64; 2],
-    /// Mean distance of the ball's outline from it, pixels.
-    pub radius_px: f64,
-    /// Share of such labels that are within a pixel of the truth, 0 to 1.
-    pub confidence: f64,
-    /// Whether it needs a check by a person.
-    pub doubtful: bool,
-}
+use crate::track::{LabelOptions, propose_labels};
 
 /// The frames of a clip whose labels are to be proposed.
 #[wasm_bindgen(js_name = Labeller)]
@@ -64,14 +48,6 @@ impl JsLabeller {
         let frames = self.frames.pictures();
         let read = |frame: usize| Ok(frames[frame].clone());
         let found = propose_labels(frames.len(), &self.camera, &LabelOptions { radii_px }, &read, &|| ())?;
-        let proposals = found.iter().map(|found| {
-            found.map(|Proposal { image, radius_px, confidence, doubtful }| LabelProposal {
-                image,
-                radius_px,
-                confidence,
-                doubtful,
-            })
-        });
-        untyped(&proposals.collect::<Vec<_>>())
+        untyped(&found)
     }
 }

@@ -14,8 +14,8 @@ use super::tracker::JsVideoTracker;
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
-use crate::localise::{Candidate, LocaliseOptions, Localiser, Maps, Region, Saliency};
-use crate::model::{Card, ConfidenceKind};
+use crate::localise::{Localisation, LocaliseOptions, Localiser, Maps, Region, Saliency};
+use crate::model::Card;
 use crate::physics::Scene;
 
 /// A model on a device, warmed up.
@@ -52,42 +52,14 @@ pub struct Wanted {
     truth: Option<[f64; 3]>,
 }
 
-/// Where the ball is in a picture.
+/// Where the ball is in a picture, and what else was asked for.
 #[derive(Serialize, Tsify)]
-#[tsify(missing_as_null)]
+#[tsify(missing_as_null, hashmap_as_object)]
 #[serde(rename_all = "camelCase")]
 pub struct Position {
-    /// In pixels of the picture that was given; an integer is a pixel's centre.
-    pub image: [f64; 2],
-    /// Along the camera's axis (camera z), in metres.
-    pub depth: f64,
-    /// Its standard deviation, in metres; null where the model does not say it.
-    pub depth_sigma: Option<f64>,
-    /// Apparent radius in pixels, of a model that reads sizes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[tsify(optional)]
-    pub radius_px: Option<f64>,
-    /// Covariance of the position in the world, in m², by row; of a model that reads sizes.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[tsify(optional)]
-    pub covariance: Option<[[f64; 3]; 3]>,
-    /// In the camera's frame (x right, y down, z forward), in metres.
-    pub camera: [f64; 3],
-    /// In the world's frame (z up), in metres.
-    pub world: [f64; 3],
-    /// Whether a ball was found: its confidence reaches the card's `confidence_threshold`, and it can be where it was found. If not,
-    /// the position is that of the likeliest place, and is not to be used.
-    pub ball_found: bool,
-    /// How sure the model is of this position, from 0 to 1: what `confidenceKind` says.
-    pub confidence: f64,
-    /// What the confidence is.
-    pub confidence_kind: ConfidenceKind,
-    /// The likeliest places, the one above first. Where asked for.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    #[tsify(optional)]
-    pub candidates: Vec<Candidate>,
-    /// What a user should know, in words.
-    pub notes: Vec<String>,
+    /// Where the ball is.
+    #[serde(flatten)]
+    pub found: Localisation,
     /// Time that it took, the picture's reading included.
     pub milliseconds: f64,
     /// Distance to `truth` in metres, where it was given.
@@ -208,22 +180,11 @@ impl JsLocaliser {
         };
         let dtg = wanted.truth.map(|truth| found.dtg(truth));
         object_of(&Position {
-            image: found.image,
-            depth: found.depth,
-            depth_sigma: found.depth_sigma,
-            radius_px: found.radius_px,
-            covariance: found.covariance,
-            candidates: found.candidates,
-            camera: found.camera,
-            world: found.world,
-            ball_found: found.ball_found,
-            confidence: found.confidence,
-            confidence_kind: found.confidence_kind,
             dtg,
             heatmap: map(wanted.heatmap, |maps| &maps.heatmap),
             depth_map: map(wanted.depth_map, |maps| &maps.depth),
-            notes: found.notes,
             milliseconds: now() - start,
+            found,
         })
     }
 }

@@ -23,6 +23,23 @@ use wasm_bindgen::prelude::{JsCast as _, JsValue, wasm_bindgen};
 
 use crate::error::{Error, Result};
 
+/// What vectors, matrices and surfaces serialise as.
+#[wasm_bindgen(typescript_custom_section)]
+const TYPES: &str = r#"
+/** Of a picture, pixels. */
+export type Point2<T> = [T, T];
+/** Of a picture, pixels. */
+export type Vector2<T> = [T, T];
+/** Of a frame in space, metres. */
+export type Point3<T> = [T, T, T];
+/** Along the axes of a frame in space. */
+export type Vector3<T> = [T, T, T];
+/** By row. */
+export type Matrix3<T> = [Vector3<T>, Vector3<T>, Vector3<T>];
+/** What a ball touches, as the scene names it. */
+export type Surface = "floor" | `walls[${number}]` | `boxes[${number}]`;
+"#;
+
 /// Name of the JavaScript errors.
 const ERROR_NAME: &str = "GravisightError";
 

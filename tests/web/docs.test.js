@@ -276,8 +276,8 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
 
   const tracking = await open(browser, "about:blank", complaints);
   const [fitted] = await Promise.all([logged(tracking, /^(true|false) /), tracking.goto(`${url}package/track.html`)]);
-  const [explained, points, bounces] = await Promise.all(fitted.args().map((each) => each.jsonValue()));
-  assert.ok(explained && points.length >= FEWEST && bounces.length > 0);
+  const [explained, fittedFrames, impacts] = await Promise.all(fitted.args().map((each) => each.jsonValue()));
+  assert.ok(explained && fittedFrames.length >= FEWEST && impacts.length > 0);
   run.package.push("track.js");
   await tracking.close();
 

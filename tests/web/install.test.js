@@ -193,9 +193,9 @@ import { Localiser, Track, type Camera, type Scene } from "gravisight";
 export async function look(camera: Camera, scene: Scene, picture: Blob): Promise<(number | null | undefined)[]> {
   const localiser = await Localiser.create({ model: "m.json", camera });
   const { world, heatmap, dtg } = await localiser.localise(picture, { heatmap: true, truth: [0, 0, 0] });
-  const { points, ${name} } = await (await Track.create({ camera, scene })).fit();
+  const { frames, ${name} } = await (await Track.create({ camera, scene })).fit();
   const { confidence_threshold, metrics } = localiser.card;
-  return [world[2], heatmap?.values[0], dtg, points[0]?.residualPx?.[1], ${name}, confidence_threshold, metrics?.dtg?.mean];
+  return [world[2], heatmap?.values[0], dtg, frames[0]?.residualPx?.[1], ${name}, confidence_threshold, metrics?.dtg?.mean];
 }`;
   const check = (name) => {
     writeFileSync(join(folder, "typed.ts"), read(name));

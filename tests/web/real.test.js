@@ -34,8 +34,8 @@ test("the real clip is tracked at one click: the ball is where a person labelled
   const { frames } = JSON.parse((await saved(own, "video-json")).toString());
   const watched = await value(own, "video-processed");
   assert.ok(watched + (await value(own, "video-skipped")) >= realLabels.length - 2, `${watched} frames`);
-  const off = frames.map(({ t, image }) => {
-    const { image: label, radius } = realLabels[Math.round(t * FPS)];
+  const off = frames.map(({ time, image }) => {
+    const { image: label, radius } = realLabels[Math.round(time * FPS)];
     return distance(image, label) / radius;
   });
   assert.ok(off.filter((radii) => radii < 0.5).length >= 0.9 * watched, `${off} radii`);

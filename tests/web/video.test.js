@@ -131,10 +131,10 @@ test("physics explains the example, to within centimetres", async () => {
   assert.match(await page.getByTestId("video-fit-words").textContent(), /Physics explains the track.*px \(rms\)/);
   const { frames, fit } = await exported(page);
   assert.ok(fit.explained);
-  assert.ok(fit.bounces.length >= 1);
-  assert.equal(await page.getByTestId("video-bounce").count(), fit.bounces.length);
-  const truth = new Map(frames.map((frame) => [Math.round(frame.t * 1e4), frame.truth]));
-  const off = fit.points.map(({ timestampMs, world }) => distance(world, truth.get(Math.round(timestampMs * 10))));
+  assert.ok(fit.impacts.length >= 1);
+  assert.equal(await page.getByTestId("video-bounce").count(), fit.impacts.length);
+  const truth = new Map(frames.map((frame) => [Math.round(frame.time * 1e4), frame.truth]));
+  const off = fit.frames.map(({ time, world }) => distance(world, truth.get(Math.round(time * 1e4))));
   assert.ok(average(off) < 0.05, `off by ${average(off)} m on average`);
   assert.ok(await page.getByTestId("video-chart-speed").isVisible());
   assert.match(await page.getByTestId("video-chart-position").getAttribute("aria-label"), /Position \(m\).*x from .*y from .*z from .*marked at/);
@@ -209,10 +209,10 @@ test("a video is played, and its positions are near the truth", PATIENCE, async 
   const { frames, threshold } = await exported(own);
   assert.ok(frames.length >= 8, `${frames.length} frames`);
   const sure = frames.filter(({ confidence }) => confidence >= threshold);
-  const off = sure.map(({ t, world }) => distance(world, made.path[Math.round(t * made.fps)]));
+  const off = sure.map(({ time, world }) => distance(world, made.path[Math.round(time * made.fps)]));
   assert.ok(sure.length >= 0.7 * frames.length, `${sure.length} of ${frames.length} frames are sure`);
   assert.ok(average(off) < 0.15, `off by ${average(off)} m on average`);
-  const times = frames.map(({ t }) => t);
+  const times = frames.map(({ time }) => time);
   assert.deepEqual(times, times.toSorted((a, b) => a - b));
   await own.getByTestId("video-time").evaluate((slider) => {
     slider.value = String(slider.max / 2);
@@ -236,18 +236,18 @@ test("a video is tracked, corrected by a click, and its flight is near the truth
   const { frames, fit } = await exported(own);
   const watched = await value(own, "video-processed");
   assert.ok(watched + (await value(own, "video-skipped")) >= made.path.length - 3, `${watched} of ${made.path.length} frames`);
-  const off = frames.filter(({ world }) => world).map(({ t, world }) => distance(world, made.path[Math.round(t * made.fps)]));
+  const off = frames.filter(({ world }) => world).map(({ time, world }) => distance(world, made.path[Math.round(time * made.fps)]));
   assert.ok(off.length >= 0.7 * watched, `${off.length} of ${watched} frames have a position`);
   assert.ok(average(off) < 0.1, `off by ${average(off)} m on average`);
   assert.ok(frames.every(({ sigma, world }) => (sigma === null) === (world === null)));
-  assert.ok(fit.bounces.length >= 1);
+  assert.ok(fit.impacts.length >= 1);
   assert.match(await own.getByTestId("video-track-why").textContent(), /Click it there/);
   // A click on a ball that was found changes nothing but the time it takes.
   const [u, v] = frames[5].image;
   await own.getByTestId("video-time").evaluate((slider, t) => {
     slider.value = String(1000 * t);
     slider.dispatchEvent(new Event("input"));
-  }, frames[5].t + 0.001);
+  }, frames[5].time + 0.001);
   await own.locator('[data-part="video-overlay"][aria-label^="Found"]').waitFor(PATIENCE);
   const { width, height } = await own.getByTestId("video-overlay").boundingBox();
   await own.getByTestId("video-overlay").click({ position: { x: ((u + 0.5) / (2 * made.camera.width)) * width, y: ((v + 0.5) / (2 * made.camera.height)) * height } });

@@ -8,6 +8,7 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
 
 use super::print_line;
+use gravisight::camera::{CalibrationMethod, PointSigma};
 use gravisight::internal::write_whole;
 use gravisight::{Calibration, Court, Picture, Points, Unknowns, calibrate, calibrate_by_lines};
 
@@ -71,7 +72,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         write_whole(out, serde_json::to_string_pretty(&found.camera)?.as_bytes())?;
     }
     match arguments.json {
-        true => print_line(found.as_json(&points)?)?,
+        true => print_line(serde_json::to_string(&found)?)?,
         false => print(&points, &found, arguments.out.is_none())?,
     }
     Ok(())
@@ -107,7 +108,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
     print_line("  x px     y px   residual px   point")?;
     for (index, (image, residual)) in points.image.iter().zip(&found.residuals_px).enumerate() {
         let name = points.names.get(index).cloned().unwrap_or_else(|| format!("{}", points.world[index]));
-        let mark = if found.outliers.contains(&index) { "  WRONG CLICK? left out" } else { "" };
+        let mark = if found.outliers.iter().any(|wrong| wrong.index == index) { "  WRONG CLICK? left out" } else { "" };
         print_line(format_args!("{:7.1} {:8.1} {:9.2}      {name}{mark}", image.x, image.y, residual.norm()))?;
     }
     for line in found.lines.iter().filter(|line| line.is_expected) {
@@ -123,24 +124,27 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         "{used} points, {:.2} px rms (clicks are good to about {:.2} px a coordinate), start by {}",
         found.rms_px,
         found.noise_px,
-        found.method.name()
+        match found.method {
+            CalibrationMethod::DirectLinearTransform => "direct linear transform",
+            CalibrationMethod::Homography => "homography",
+        }
     ))?;
-    let centre = found.centre();
-    let [sx, sy, sz] = <[f64; 3]>::from(found.sigma_centre).map(|sigma| 100.0 * sigma);
+    let centre = found.centre;
+    let [sx, sy, sz] = <[f64; 3]>::from(found.sigma.centre).map(|sigma| 100.0 * sigma);
     print_line(format_args!(
         "camera at x {:.3}  y {:.3}  z {:.3} m, ± {sx:.1} {sy:.1} {sz:.1} cm; turned to ± {:.2}°",
         centre.x,
         centre.y,
         centre.z,
-        found.sigma_rotation.norm().to_degrees()
+        found.sigma.rotation.norm().to_degrees()
     ))?;
-    print_line(format_args!("focal length {:.1} ± {:.1} px", camera.intrinsic()[(0, 0)], found.sigma_focal_px))?;
-    let (image, depth) = found.middle(points);
-    let sigma = 100.0 * found.point_sigma(&image, depth)?.norm();
+    print_line(format_args!("focal length {:.1} ± {:.1} px", camera.intrinsic()[(0, 0)], found.sigma.focal_px))?;
+    let PointSigma { depth, world, .. } = found.point_sigma;
+    let sigma = 100.0 * world.norm();
     print_line(format_args!(
         "a ball in the picture's middle, {depth:.1} m away, is placed to ± {sigma:.1} cm by this camera"
     ))?;
-    for doubt in found.doubts(points) {
+    for doubt in &found.doubts {
         print_line(format_args!("DOUBTFUL: {doubt}"))?;
     }
     if with_camera {

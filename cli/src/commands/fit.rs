@@ -5,7 +5,6 @@ use std::process::ExitCode;
 
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
-use serde_json::Value;
 
 use super::print_line;
 use crate::choice::{Choice, one_of};
@@ -119,24 +118,24 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         hits: arguments.hits.most(),
         ..FitOptions::default()
     };
-    let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?;
+    let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?.numbered(&frames);
     if let Some(out) = &arguments.out {
-        write_whole(out, fit.to_csv(&frames)?.as_bytes())?;
+        write_whole(out, fit.to_csv()?.as_bytes())?;
     }
     if let Some(plot) = &arguments.plot {
         let name = arguments.track.file_name().unwrap_or_default().to_string_lossy();
         let flights = Flights { camera: &camera, scene: &scene, observations: &observations, fit: &fit };
-        write_flights(plot, &name, &fit.verdict(), &[flights], "")?;
+        write_flights(plot, &name, &fit.verdict, &[flights], "")?;
     }
     match arguments.json {
-        true => print_line(as_json(&frames, &fit))?,
-        false => print(&frames, &fit, &camera, arguments.out.is_none())?,
+        true => print_line(serde_json::to_string(&fit)?)?,
+        false => print(&fit, &camera, arguments.out.is_none())?,
     }
     if fit.explained {
         return Ok(ExitCode::SUCCESS);
     }
     let rate = if own_times { "the column Time" } else { "--fps" };
-    eprintln!("gravisight: note: {}; check the scene, the camera and {rate}", fit.verdict());
+    eprintln!("gravisight: note: {}; check the scene, the camera and {rate}", fit.verdict);
     Ok(ExitCode::from(PARTLY))
 }
 
@@ -152,20 +151,8 @@ pub(super) fn one_sigma(path: &Path) -> Result<Vec<Camera>> {
     Ok(found.one_sigma)
 }
 
-/// The fit with the frames' numbers in the track.
-fn as_json(frames: &[u64], fit: &Fit) -> Value {
-    let mut fitted = fit.as_json();
-    for (fields, number) in fitted["frames"].as_array_mut().into_iter().flatten().zip(frames) {
-        fields["frame"] = Value::from(*number);
-    }
-    for (fields, hit) in fitted["hits"].as_array_mut().into_iter().flatten().zip(&fit.hits) {
-        fields["frame"] = Value::from(frames[hit.frame.min(frames.len() - 1)]);
-    }
-    fitted
-}
-
-fn print(frames: &[u64], fit: &Fit, camera: &Camera, table: bool) -> Result<()> {
-    print_line(fit.verdict())?;
+fn print(fit: &Fit, camera: &Camera, table: bool) -> Result<()> {
+    print_line(&fit.verdict)?;
     for note in &fit.notes {
         print_line(format_args!("note: {note}"))?;
     }
@@ -179,42 +166,41 @@ fn print(frames: &[u64], fit: &Fit, camera: &Camera, table: bool) -> Result<()> 
         ))?;
     }
     for hit in &fit.hits {
-        let [x, y, z] = hit.position.coords.into();
-        let frame = frames[hit.frame.min(frames.len() - 1)];
-        let place = match fit.is_explained_at(hit.time) {
+        let [x, y, z] = hit.world.into();
+        let place = match hit.explained {
             true => format!("x {x:.3}  y {y:.3}  z {z:.3} m"),
             false => DOUBTFUL.into(),
         };
-        print_line(format_args!("hit before frame {frame}, t {:.3} s, {place}", hit.time))?;
+        print_line(format_args!("hit before frame {}, t {:.3} s, {place}", hit.frame, hit.time))?;
     }
     if table {
-        print_table(frames, fit)?;
+        print_table(fit)?;
     }
     for impact in &fit.impacts {
-        let [x, y, z] = impact.position.into();
-        let place = match fit.is_explained_at(impact.time) {
+        let [x, y, z] = impact.world.into();
+        let place = match impact.explained {
             true => format!("x {x:.3}  y {y:.3}  z {z:.3} m, {:.2} m/s", impact.speed),
             false => DOUBTFUL.into(),
         };
         print_line(format_args!("touches {} at t {:.3} s, {place}", impact.surface, impact.time))?;
     }
     let doubtful = if fit.explained { "" } else { "  (doubtful: not every flight is explained)" };
-    for estimate in &fit.estimates {
-        let name = estimate.parameter.name();
+    for (parameter, estimate) in &fit.estimates {
+        let name = parameter.name();
         print_line(format_args!("{name} {:.3} ± {:.3}{doubtful}", estimate.value, estimate.sigma))?;
     }
-    if fit.spin != [0.0; 3] && fit.frames.first().is_some_and(|first| fit.is_explained(first)) {
+    if fit.spin != [0.0; 3] && fit.frames.first().is_some_and(|first| first.explained) {
         let [x, y, z] = fit.spin;
         print_line(format_args!("spin at the first frame {x:.1} {y:.1} {z:.1} rad/s"))?;
     }
-    for (number, frame) in frames.iter().zip(&fit.frames) {
+    for frame in &fit.frames {
         if let Some(reason) = &frame.refused {
-            print_line(format_args!("frame {number}: label left out: {reason}"))?;
+            print_line(format_args!("frame {}: label left out: {reason}", frame.frame))?;
         }
     }
     let seen = fit.frames.iter().filter(|frame| frame.residual_px.is_some() || frame.refused.is_some()).count();
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
-    print_line(format_args!("{} frames, seen in {seen}, {outliers} outliers", frames.len()))?;
+    print_line(format_args!("{} frames, seen in {seen}, {outliers} outliers", fit.frames.len()))?;
     print_line(format_args!("labels: noise {:.2} px, residuals {:.2} px rms", fit.noise_px, fit.rms_px))?;
     let sigmas = fit.known_sigmas(camera);
     let sure = sigmas.iter().filter(|sigma| **sigma < SURE).count();
@@ -225,7 +211,7 @@ fn print(frames: &[u64], fit: &Fit, camera: &Camera, table: bool) -> Result<()> 
             100.0 * median,
             sigmas.len(),
             100.0 * SURE,
-            100.0 * sure as f64 / frames.len() as f64
+            100.0 * sure as f64 / fit.frames.len() as f64
         ))?,
     }
     Ok(())
@@ -246,10 +232,10 @@ fn of_flight(flight: &Flight) -> String {
 }
 
 /// Where the ball is in each frame.
-fn print_table(frames: &[u64], fit: &Fit) -> Result<()> {
+fn print_table(fit: &Fit) -> Result<()> {
     print_line("frame        t s        x        y        z m   ± cm   residual px")?;
-    for (number, frame) in frames.iter().zip(&fit.frames) {
-        let r = frame.state.position;
+    for frame in &fit.frames {
+        let r = frame.world;
         let residual = match (frame.residual_px, frame.outlier) {
             (None, false) => "not seen".into(),
             (None, true) => "outlier".into(),
@@ -257,13 +243,14 @@ fn print_table(frames: &[u64], fit: &Fit) -> Result<()> {
             (Some(residual), true) => format!("{:.2} outlier", residual.norm()),
         };
         print_line(format_args!(
-            "{number:5} {:10.4} {:8.3} {:8.3} {:8.3} {:8.1}   {residual}{}",
+            "{:5} {:10.4} {:8.3} {:8.3} {:8.3} {:8.1}   {residual}{}",
+            frame.frame,
             frame.time,
             r.x,
             r.y,
             r.z,
-            100.0 * frame.sigma(),
-            if fit.is_explained(frame) { "" } else { "  doubtful" }
+            100.0 * frame.sigma,
+            if frame.explained { "" } else { "  doubtful" }
         ))?;
     }
     Ok(())

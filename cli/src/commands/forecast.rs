@@ -123,23 +123,20 @@ fn states(forecast: &Forecast) -> (Value, Value, Value) {
     let rows = |jacobian: &Matrix6<f64>| -> Vec<Vec<f64>> {
         jacobian.row_iter().map(|row| row.iter().copied().collect()).collect()
     };
-    let r: Vec<[f64; 3]> = forecast.states.iter().map(|state| state.position.coords.into()).collect();
-    let v: Vec<[f64; 3]> = forecast.states.iter().map(|state| state.velocity.into()).collect();
+    let r: Vec<Point3<f64>> = forecast.states.iter().map(|state| state.position).collect();
+    let v: Vec<Vector3<f64>> = forecast.states.iter().map(|state| state.velocity).collect();
     (json!(r), json!(v), json!(forecast.jacobians.iter().map(rows).collect::<Vec<_>>()))
 }
 
 fn as_json(forecast: &Forecast) -> Value {
     let (r, v, jacobian) = states(forecast);
-    let mut object = json!({"times": forecast.times, "r": r, "v": v, "status": forecast.status.code(),
-        "impacts": forecast.impacts.iter().map(|impact| json!({
-            "t": impact.time, "surface": impact.surface.to_string(), "position": <[f64; 3]>::from(impact.position),
-            "speed": impact.speed})).collect::<Vec<_>>()});
+    let status = forecast.status.code();
+    let mut object = json!({"times": forecast.times, "r": r, "v": v, "status": status, "impacts": forecast.impacts});
     if !forecast.jacobians.is_empty() {
         object["jacobian"] = jacobian;
     }
     if let Some(moved) = &forecast.moved {
-        object["moved"] = json!({"surface": moved.surface.to_string(), "depth": moved.depth,
-            "by": <[f64; 3]>::from(moved.by), "clear": moved.clear});
+        object["moved"] = json!(moved);
     }
     object
 }

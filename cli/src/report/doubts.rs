@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use gravisight::Tracked;
+use gravisight::TrackedVideo;
 use image::RgbImage;
 
 use super::{html, pictures};
@@ -42,7 +42,7 @@ enum Kind {
 }
 
 /// What is doubtful of `tracked`, by frame: the worst kinds first where there are too many.
-pub fn doubts(tracked: &Tracked) -> Vec<Doubt> {
+pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
     let mut found: Vec<(Kind, Doubt)> = Vec::new();
     let mut add = |kind: Kind, frame: usize, ball: [f64; 3], why: String| {
         let near = |(other, doubt): &(Kind, Doubt)| {
@@ -53,7 +53,7 @@ pub fn doubts(tracked: &Tracked) -> Vec<Doubt> {
         }
     };
     let ball = |frame: usize| {
-        let followed = &tracked.frames[frame];
+        let followed = &tracked.frames[frame].followed;
         let at = followed.point.image()?;
         let radius = followed.ball.as_ref().map_or(LEAST_SIDE / SIDE, |ball| ball.radius_px);
         Some([at.x, at.y, followed.point.radius.unwrap_or(radius)])

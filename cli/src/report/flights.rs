@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use gravisight::internal::write_whole;
-use gravisight::parts::{Cuboid, FittedFrame, Flight};
+use gravisight::parts::{Cuboid, FittedFrame, FittedImpact, Flight, Hit};
 use gravisight::{Camera, Fit, Observation, Result, Scene};
 use nalgebra::Point3;
 
@@ -41,7 +41,7 @@ pub fn write(path: &Path, name: &str, verdict: &str, all: &[Flights<'_>], more: 
             let [from, to] = [flights.observations.first(), flights.observations.last()]
                 .map(|seen| seen.map_or(0.0, |seen| seen.time));
             body += &html::text("h2", &format!("{}: {from:.2} to {to:.2} s", number + 1));
-            body += &html::text("p", &flights.fit.verdict());
+            body += &html::text("p", &flights.fit.verdict);
         }
         body += &stretch(flights)?;
     }
@@ -125,14 +125,14 @@ fn scene_lines(scene: &Scene) -> Vec<Vec<Point3<f64>>> {
 
 /// The frames whose positions are drawn: those of explained flights; all where no flight is.
 fn shown(fit: &Fit) -> Vec<&FittedFrame> {
-    let explained: Vec<&FittedFrame> = fit.frames.iter().filter(|frame| fit.is_explained(frame)).collect();
+    let explained: Vec<&FittedFrame> = fit.frames.iter().filter(|frame| frame.explained).collect();
     if explained.is_empty() { fit.frames.iter().collect() } else { explained }
 }
 
 fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
     let fit = flights.fit;
     let frames = shown(fit);
-    let way: Vec<Point3<f64>> = frames.iter().map(|frame| frame.state.position).collect();
+    let way: Vec<Point3<f64>> = frames.iter().map(|frame| frame.world).collect();
     let boxes = edges(flights.scene);
     let mut paths: Vec<plots::Path<'_>> =
         boxes.iter().map(|edge| plots::Path { points: edge, colour: QUIET, shadow: false }).collect();
@@ -149,7 +149,7 @@ fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
     for (axis, label) in ["x, m", "y, m", "z, m"].into_iter().enumerate() {
         let at = |sigmas: f64| -> Vec<(f64, f64)> {
             let value = |frame: &&FittedFrame| {
-                (frame.time, frame.state.position[axis] + sigmas * frame.covariance[(axis, axis)].max(0.0).sqrt())
+                (frame.time, frame.world[axis] + sigmas * frame.covariance[(axis, axis)].max(0.0).sqrt())
             };
             frames.iter().map(value).collect()
         };
@@ -166,7 +166,7 @@ fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
 fn in_the_picture(flights: &Flights<'_>) -> Result<Vec<String>> {
     let fit = flights.fit;
     let seen = || flights.observations.iter().zip(&fit.frames).filter_map(|(seen, frame)| Some((seen.image?, frame)));
-    let image = |frame: &FittedFrame| flights.camera.image_from_world(&frame.state.position).ok();
+    let image = |frame: &FittedFrame| flights.camera.image_from_world(&frame.world).ok();
     let way: Vec<(f64, f64)> = fit.frames.iter().filter_map(image).map(|at| (at.x, at.y)).collect();
     let labels: Vec<(f64, f64)> = seen().map(|(at, _)| (at.x, at.y)).collect();
     let outliers: Vec<(f64, f64)> = seen().filter(|(_, frame)| frame.outlier).map(|(at, _)| (at.x, at.y)).collect();
@@ -211,22 +211,21 @@ fn table_of_flights(fit: &Fit) -> String {
 }
 
 fn table_of_contacts(fit: &Fit) -> String {
-    let row = |time: f64, what: String, at: [f64; 3], within: Option<f64>| {
-        if !fit.is_explained_at(time) {
+    let row = |time: f64, what: String, at: Point3<f64>, within: Option<f64>, explained: bool| {
+        if !explained {
             let unknown = vec![NOT_KNOWN.into(); 3];
             return (
                 time,
                 [vec![format!("{what} (doubtful)"), format!("{time:.3}")], unknown, vec![String::new()]].concat(),
             );
         }
-        let place = at.map(|value| format!("{value:.3}"));
+        let place = <[f64; 3]>::from(at).map(|value| format!("{value:.3}"));
         let within = within.map_or(String::new(), |share| format!("{:.1} %", 100.0 * share));
         (time, [vec![what, format!("{time:.3}")], place.to_vec(), vec![within]].concat())
     };
-    let bounces = fit.impacts.iter().zip(&fit.within_lines);
-    let bounces = bounces.map(|(it, within)| row(it.time, it.surface.to_string(), it.position.into(), *within));
-    let hits = fit.hits.iter().map(|it| row(it.time, "hit".into(), it.position.coords.into(), None));
-    let mut rows: Vec<(f64, Vec<String>)> = bounces.chain(hits).collect();
+    let bounce = |it: &FittedImpact| row(it.time, it.surface.to_string(), it.world, it.within_lines, it.explained);
+    let hit = |it: &Hit| row(it.time, "hit".into(), it.world, None, it.explained);
+    let mut rows: Vec<(f64, Vec<String>)> = fit.impacts.iter().map(bounce).chain(fit.hits.iter().map(hit)).collect();
     rows.sort_by(|a, b| a.0.total_cmp(&b.0));
     let rows: Vec<Vec<String>> = rows.into_iter().map(|(_, row)| row).collect();
     html::table(&["What", "time, s", "x, m", "y, m", "z, m", "within the lines"], &rows)

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point2, Point3, Vector2};
 
-use super::{Calibration, Points, Unknowns, calibrate};
+use super::{Calibration, Points, Unknowns, calibrated};
 use crate::camera::Camera;
 use crate::camera::doubts::LARGEST_BALL;
 
@@ -52,7 +52,7 @@ impl Camera {
 impl Calibration {
     /// What is doubtful about the camera, in words: points in another unit, below the ground, a lens that no camera has, lines that
     /// are not where they should be. Empty where nothing is.
-    pub fn doubts(&self, points: &Points) -> Vec<String> {
+    pub(super) fn doubts_of(&self, points: &Points) -> Vec<String> {
         [
             self.unit(points),
             self.below(points),
@@ -69,13 +69,8 @@ impl Calibration {
         .collect()
     }
 
-    /// Where the camera stands in the world, m.
-    pub fn centre(&self) -> Point3<f64> {
-        self.camera.centre()
-    }
-
     fn unit(&self, points: &Points) -> Option<String> {
-        let distance = self.middle(points).1;
+        let distance = self.mean_depth(points);
         let pixel = distance / self.camera.intrinsic()[(0, 0)];
         (pixel > LARGEST_BALL).then(|| {
             format!(
@@ -87,8 +82,8 @@ impl Calibration {
 
     fn below(&self, points: &Points) -> Option<String> {
         let ground = points.world.iter().map(|point| point.z).fold(0.0, f64::min);
-        let below = ground - self.centre().z;
-        (below > BELOW.max(SIGMAS * self.sigma_centre.z)).then(|| {
+        let below = ground - self.centre.z;
+        (below > BELOW.max(SIGMAS * self.sigma.centre.z)).then(|| {
             format!("the camera would be {below:.1} m below the ground: are near and far, or left and right, mixed up?")
         })
     }
@@ -115,8 +110,8 @@ impl Calibration {
     }
 
     fn vague(&self, points: &Points) -> Option<String> {
-        let distance = self.middle(points).1;
-        let sigma = self.sigma_centre.norm();
+        let distance = self.mean_depth(points);
+        let sigma = self.sigma.centre.norm();
         (sigma > VAGUE * distance).then(|| {
             format!("the clicks leave open where the camera is, to ± {sigma:.1} m: add points farther apart, at other depths or heights")
         })
@@ -143,8 +138,8 @@ impl Calibration {
         }
         // A quarter of a turn, each corner onto the next one.
         let world = points.world.iter().map(|point| Point3::new(-point.y * x / y, point.x * y / x, point.z)).collect();
-        let turned = calibrate(&Points { world, ..points.clone() }, &Unknowns::default()).ok()?;
-        (TURNED * turned.rms_px < self.rms_px && turned.centre().z > 0.0).then(|| {
+        let turned = calibrated(&Points { world, ..points.clone() }, &Unknowns::default()).ok()?;
+        (TURNED * turned.rms_px < self.rms_px && turned.centre.z > 0.0).then(|| {
             format!(
                 "the clicks are {:.1} px off as they are named, and {:.1} px where the court is seen from its side: its near end is the side \
                  of which the rules say so, not the one next to the camera (`gravisight calibrate --list` has the points)",

@@ -53,8 +53,10 @@ const UNLIKE_CLICKS: f64 = 3.0;
 
 /// A painted line as a calibration by lines saw it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 pub struct LineSeen {
-    /// Its place in [`Court::lines`](crate::Court::lines).
+    /// Its index in the court's lines.
     pub index: usize,
     /// Whether the picture should show it.
     pub is_expected: bool,
@@ -162,7 +164,7 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
     }
     result.noise_px = noise;
     result.lines = seen;
-    Ok(result)
+    result.concluded(points)
 }
 
 /// A line that was found.

@@ -5,18 +5,19 @@
 //! steps and gives the covariance.
 
 mod doubts;
-mod json;
 mod lens;
 mod lines;
+mod outcome;
 mod paint;
 mod points;
 mod refine;
 mod start;
 
-use nalgebra::{DMatrix, Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
+use nalgebra::{Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
 use self::doubts::on_a_line;
 pub use self::lines::{LineSeen, calibrate_by_lines};
+pub use self::outcome::{Calibration, CalibrationMethod, CameraSigma, PointSigma, WrongClick};
 pub use self::points::Points;
 pub use self::refine::Unknowns;
 use self::refine::{Guess, Refined, Seen, refine};
@@ -43,69 +44,6 @@ const SAME_COST: f64 = 1e-6;
 /// Focal length that is tried first where none is known and the points do not say, as a share of the picture's width.
 const USUAL_FOCAL: f64 = 1.2;
 
-/// How the start was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// Direct linear transform, for points in space.
-    DirectLinearTransform,
-    /// Homography, for points in or near one plane.
-    Homography,
-}
-
-/// A calibrated camera and how good it is.
-#[derive(Debug, Clone)]
-pub struct Calibration {
-    /// The camera.
-    pub camera: Camera,
-    /// Root mean square distance between clicks and points, px, outliers left out.
-    pub rms_px: f64,
-    /// The clicks' own standard deviation a coordinate, px: the same with the parameters' share taken into account.
-    pub noise_px: f64,
-    /// How the start was found.
-    pub method: Method,
-    /// Of each point: where the camera puts it less where it was clicked, px.
-    pub residuals_px: Vec<Vector2<f64>>,
-    /// Clicks that do not belong to the others, by index; they had no part in the camera.
-    pub outliers: Vec<usize>,
-    /// Of [`calibrate_by_lines`]: each of the court's painted lines; else empty.
-    pub lines: Vec<LineSeen>,
-    /// 1-σ of the rotation about the camera's own axes, rad.
-    pub sigma_rotation: Vector3<f64>,
-    /// 1-σ of the camera's place in the world, m.
-    pub sigma_centre: Vector3<f64>,
-    /// 1-σ of the focal length, px; 0 where it was given.
-    pub sigma_focal_px: f64,
-    /// The camera moved by one standard deviation along each independent direction of what the points leave open: what
-    /// depends on the camera is off by the root of the sum of the squares of what these change. See
-    /// [`FitOptions::cameras`](crate::FitOptions::cameras).
-    pub one_sigma: Vec<Camera>,
-    /// The parameters' covariance, and the camera with each of them moved up and down a little.
-    covariance: DMatrix<f64>,
-    steps: Vec<f64>,
-    neighbours: Vec<[Camera; 2]>,
-}
-
-impl Calibration {
-    /// 1-σ in world axes, m, of a point localised at pixel `image` and camera depth `depth` (m), as far as the camera
-    /// is to blame.
-    ///
-    /// # Errors
-    /// As [`Camera::world_from_image`].
-    pub fn point_sigma(&self, image: &Point2<f64>, depth: f64) -> Result<Vector3<f64>> {
-        self.sigma_of(|camera| camera.world_from_image(image, depth).map(|point| point.coords))
-    }
-
-    /// 1-σ of what depends on the camera, by its derivative.
-    fn sigma_of(&self, value: impl Fn(&Camera) -> Result<Vector3<f64>>) -> Result<Vector3<f64>> {
-        let mut jacobian = DMatrix::zeros(3, self.steps.len());
-        for (column, ([up, down], step)) in self.neighbours.iter().zip(&self.steps).enumerate() {
-            jacobian.set_column(column, &((value(up)? - value(down)?) / (2.0 * step)));
-        }
-        let covariance = &jacobian * &self.covariance * jacobian.transpose();
-        Ok(Vector3::from_fn(|axis, _| covariance[(axis, axis)].max(0.0).sqrt()))
-    }
-}
-
 /// A camera from labelled points: at least six, or four in one plane.
 ///
 /// Without [`Points::intrinsic`] the focal length is estimated, with the principal point in the picture's middle. Without a lens given or
@@ -126,13 +64,18 @@ impl Calibration {
 /// [`Error::Calibration`] with what to add, where the points do not fix a camera; clicks that the given lens cannot have
 /// seen are among [`Calibration::outliers`], or named there.
 pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
+    calibrated(points, unknowns)?.concluded(points)
+}
+
+/// The same without what follows from it.
+fn calibrated(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
     let (problem, (solution, outliers)) = Problem::new(points, unknowns).by_clicks_and_lens()?;
     let variance = problem.variance(&solution.0, &outliers);
     problem.result(solution, outliers, variance)
 }
 
 /// A refined camera and how its start was found.
-type Solution = (Refined, Method);
+type Solution = (Refined, CalibrationMethod);
 
 struct Problem<'a> {
     points: &'a Points,
@@ -241,11 +184,11 @@ impl<'a> Problem<'a> {
     }
 
     /// Starts in closed form, before it is known whether the points are in front of the camera.
-    fn starts(&self, world: &[Point3<f64>], image: &[Point2<f64>]) -> Vec<(Guess, Method)> {
+    fn starts(&self, world: &[Point3<f64>], image: &[Point2<f64>]) -> Vec<(Guess, CalibrationMethod)> {
         let Some(plane) = Plane::through(world) else { return Vec::new() };
         let [length, _, height] = plane.extents;
         let mut starts = Vec::new();
-        let mut add = |poses: Option<&[Pose]>, intrinsic: Matrix3<f64>, method: Method| {
+        let mut add = |poses: Option<&[Pose]>, intrinsic: Matrix3<f64>, method: CalibrationMethod| {
             let guess = |pose: &Pose| Guess { pose: *pose, intrinsic, distortion: self.points.distortion };
             starts.extend(poses.unwrap_or_default().iter().map(|pose| (guess(pose), method)));
         };
@@ -255,7 +198,11 @@ impl<'a> Problem<'a> {
             let intrinsic = self.intrinsic(focal);
             let projection: Option<Matrix3x4<f64>> = start::projection(world, &self.ideal(&intrinsic, image));
             let pose = projection.and_then(|projection| start::pose_of_projection(&projection, &plane.centre));
-            add(pose.map(|pose| [pose]).as_ref().map(|pose| &pose[..]), intrinsic, Method::DirectLinearTransform);
+            add(
+                pose.map(|pose| [pose]).as_ref().map(|pose| &pose[..]),
+                intrinsic,
+                CalibrationMethod::DirectLinearTransform,
+            );
         }
         if height <= SOLID * length {
             let centred: Vec<Point2<f64>> = image.iter().map(|point| point - middle).collect();
@@ -265,7 +212,7 @@ impl<'a> Problem<'a> {
                 let intrinsic = self.intrinsic(focal);
                 let homography = start::homography(&plane, world, &self.ideal(&intrinsic, image));
                 let poses = homography.and_then(|homography| start::poses_of_homography(&homography, &plane));
-                add(poses.as_ref().map(|poses| &poses[..]), intrinsic, Method::Homography);
+                add(poses.as_ref().map(|poses| &poses[..]), intrinsic, CalibrationMethod::Homography);
             }
         }
         starts
@@ -361,20 +308,25 @@ impl<'a> Problem<'a> {
         let residuals_px: Vec<Vector2<f64>> = self.points.world.iter().zip(&self.points.image).map(residual).collect();
         let of_used = residuals_px.iter().enumerate().filter(|(index, _)| !outliers.contains(index));
         let square = of_used.map(|(_, residual)| residual.norm_squared()).sum::<f64>();
+        let wrong = |&index: &usize| WrongClick {
+            index,
+            name: self.points.names.get(index).cloned(),
+            residual_px: residuals_px[index],
+        };
+        let focal_px =
+            if self.unknowns.focal { (unit[(6, 6)] * variance).sqrt() * camera.intrinsic()[(0, 0)] } else { 0.0 };
+        let rotation = Vector3::from_fn(|axis, _| (unit[(axis, axis)] * variance).sqrt());
         let mut calibration = Calibration {
             rms_px: (square / used as f64).sqrt(),
             noise_px: variance.sqrt(),
             method,
+            outliers: outliers.iter().map(wrong).collect(),
             residuals_px,
-            outliers,
             lines: Vec::new(),
-            sigma_rotation: Vector3::from_fn(|axis, _| (unit[(axis, axis)] * variance).sqrt()),
-            sigma_centre: Vector3::zeros(),
-            sigma_focal_px: if self.unknowns.focal {
-                (unit[(6, 6)] * variance).sqrt() * camera.intrinsic()[(0, 0)]
-            } else {
-                0.0
-            },
+            centre: camera.centre(),
+            doubts: Vec::new(),
+            sigma: CameraSigma { rotation, focal_px, ..CameraSigma::default() },
+            point_sigma: PointSigma::default(),
             one_sigma: (refined.guess.one_sigma(&self.unknowns, &(&unit * variance)).iter())
                 .map(|moved| moved.camera(size))
                 .collect::<Result<_>>()?,
@@ -389,7 +341,7 @@ impl<'a> Problem<'a> {
             return Err(vague());
         }
         calibration.covariance = unit * variance;
-        calibration.sigma_centre = calibration.sigma_of(centre)?;
+        calibration.sigma.centre = calibration.sigma_of(centre)?;
         Ok(calibration)
     }
 

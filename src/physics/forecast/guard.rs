@@ -10,6 +10,7 @@
 //! start's.
 
 use nalgebra::{Matrix3, Vector3};
+use serde::Serialize;
 
 use super::columns::{Columns, part};
 use crate::physics::contact::Contacts;
@@ -19,7 +20,7 @@ use crate::physics::obstacle::{Obstacle, Shape, Surface, into_box, out_of_box};
 const MAX_MOVES: usize = 8;
 
 /// A start that was moved out of an obstacle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Moved {
     /// The first obstacle it was in.
     pub surface: Surface,

@@ -1,6 +1,6 @@
 //! What a forecast is asked for and what it answers.
 
-use nalgebra::{Matrix6, Vector3};
+use nalgebra::{Matrix6, Point3};
 use serde::{Deserialize, Serialize};
 
 use super::guard::Moved;
@@ -109,18 +109,19 @@ impl Status {
 }
 
 /// The ball touches an obstacle.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 pub struct Impact {
     /// s.
     pub time: f64,
-    /// What it touches.
+    /// What it touches, as the scene names it.
     pub surface: Surface,
-    /// Its centre, m.
-    pub position: Vector3<f64>,
+    /// The ball's centre in the world, m.
+    pub world: Point3<f64>,
     /// Speed at which it approaches, m/s.
     pub speed: f64,
-    /// ∂time/∂(position, velocity at the start), s/m and s²/m; `None` where it was not computed: without Jacobians, and of a
-    /// fit's contacts.
+    /// ∂time/∂(position, velocity at the start), s/m and s²/m; `None` where it was not computed: without Jacobians.
+    #[serde(skip)]
     pub time_gradient: Option<[f64; 6]>,
 }
 

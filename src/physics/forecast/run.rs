@@ -217,7 +217,7 @@ impl<'a, const M: usize> Run<'a, M> {
         self.impacts.push(Impact {
             time: self.t,
             surface,
-            position: self.y.position(),
+            world: self.y.position().into(),
             speed: -closing,
             time_gradient,
         });

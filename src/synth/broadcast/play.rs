@@ -44,9 +44,7 @@ impl Play {
             }
             let before = forecast.impacts.iter().filter(|impact| impact.time < length);
             let now = play.end;
-            play.bounces.extend(
-                before.map(|impact| (now + impact.time, Point3::from(impact.position), impact.surface.to_string())),
-            );
+            play.bounces.extend(before.map(|impact| (now + impact.time, impact.world, impact.surface.to_string())));
             at = forecaster.forecast(&start, &[length]).states[0].position;
             play.starts.push((now, start));
             play.end = now + length;
@@ -133,8 +131,8 @@ impl Kind {
             let first = before.next();
             before.next().is_none()
                 && first.is_some_and(|impact| {
-                    (from..to).contains(&(side * impact.position.y))
-                        && impact.position.x.abs() < wide
+                    (from..to).contains(&(side * impact.world.y))
+                        && impact.world.x.abs() < wide
                         && impact.surface.to_string().starts_with(surface)
                 })
         };

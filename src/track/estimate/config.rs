@@ -11,6 +11,8 @@ const EXACT: f64 = 0.01;
 /// another simulator's), on simulated rallies that no test uses, and on every sixth of a real launcher's shots, whose others are what is
 /// reported. That labels far off need a component of their own (`rough`) was seen on three of the rallies that the tests report.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 pub struct EstimatorConfig {
     /// Standard deviation of a label that is to be expected, px.
     pub noise_px: f64,

@@ -31,7 +31,7 @@ use std::ops::Range;
 
 pub use self::config::EstimatorConfig;
 use self::part::Part;
-use super::fit::{Fit, FitOptions, FittedFrame, Flight, Hit, Observation as Label};
+use super::fit::{Estimate, Fit, FitOptions, FittedFrame, Flight, Hit, Observation as Label};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::Forecaster;
@@ -92,15 +92,13 @@ fn joined(mut fits: Vec<Fit>) -> Fit {
         whole.explained &= fit.explained;
         let new: Vec<String> = fit.notes.into_iter().filter(|note| !whole.notes.contains(note)).collect();
         whole.notes.extend(new);
-        for estimate in fit.estimates {
-            match whole.estimates.iter_mut().find(|known| known.parameter == estimate.parameter) {
-                Some(known) => {
-                    let (a, b) = (known.sigma.powi(-2), estimate.sigma.powi(-2));
-                    known.value = (known.value * a + estimate.value * b) / (a + b);
-                    known.sigma = (a + b).sqrt().recip();
-                }
-                None => whole.estimates.push(estimate),
-            }
+        for (parameter, estimate) in fit.estimates {
+            let both = |known: &mut Estimate| {
+                let (a, b) = (known.sigma.powi(-2), estimate.sigma.powi(-2));
+                known.value = (known.value * a + estimate.value * b) / (a + b);
+                known.sigma = (a + b).sqrt().recip();
+            };
+            whole.estimates.entry(parameter).and_modify(both).or_insert(estimate);
         }
     }
     whole

@@ -185,20 +185,14 @@ impl Part<'_> {
     fn with_held(&self, first: usize) -> Option<Fit> {
         let Outcome { mut fit, .. } = self.outcome_of(&self.labels[first..], self.options.hits, f64::INFINITY)?;
         let start = fit.frames[0].clone();
-        let held = |label: &Label| FittedFrame {
-            time: label.time,
-            state: State { velocity: Vector3::zeros(), ..start.state },
-            residual_px: None,
-            flight: 0,
-            outlier: false,
-            refused: None,
-            covariance: start.covariance,
-        };
+        let state = State { velocity: Vector3::zeros(), ..start.state() };
+        let held = |label: &Label| FittedFrame::new(label.time, state, start.covariance);
         let reason = "the ball is held, or lies still, before it flies".to_string();
         let flight = Flight {
             start: self.labels[0].time,
             end: start.time,
-            speed: [0.0, f64::INFINITY],
+            speed_start: 0.0,
+            speed_sigma: f64::INFINITY,
             spin: [0.0; 3],
             spin_sigma: [f64::INFINITY; 3],
             explained: false,
@@ -306,7 +300,7 @@ fn dropped(times: &[f64], drops: &[(usize, i32)]) -> Vec<f64> {
 /// That the ball's apparent size says another distance than all else, in words.
 fn sizes(model: &Model, fit: &Fit) -> Option<String> {
     let off = |(observation, frame): (&Observation, &FittedFrame)| {
-        let own = (frame.state.position.coords - observation.ray.as_ref()?.origin).norm();
+        let own = (frame.world.coords - observation.ray.as_ref()?.origin).norm();
         Some(observation.log_distance?[0].exp() / own - 1.0)
     };
     let all: Vec<f64> = model.observations.iter().zip(&fit.frames).filter_map(off).collect();

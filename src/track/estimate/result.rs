@@ -1,5 +1,7 @@
 //! From hypotheses to what a user is told: positions, how sure they are, flights, hits, and whether the laws explain them.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix3, Point3, SMatrix, Vector2, Vector3};
 
 use super::model::{Loss, Model};
@@ -9,7 +11,7 @@ use super::part::Outcome;
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, OF_SEGMENT, Trajectory};
 use crate::physics::{FORCES, Impact, State, part};
-use crate::track::fit::{Estimate, Fit, FittedFrame, Flight, Hit, Parameter};
+use crate::track::fit::{Estimate, Fit, FittedFrame, FittedImpact, Flight, Hit, Parameter};
 
 /// Residual, in standard deviations, of an outlier.
 const OUTLIER: f64 = 4.0;
@@ -84,18 +86,16 @@ impl Model<'_> {
                 let off = positions[index] - position;
                 covariance += off * off.transpose();
             }
+            let state = State {
+                position: Point3::from(position),
+                velocity: part(&states[index], 1),
+                spin: part(&states[index], 2),
+            };
             FittedFrame {
-                time: whole.times[index],
-                state: State {
-                    position: Point3::from(position),
-                    velocity: part(&states[index], 1),
-                    spin: part(&states[index], 2),
-                },
-                covariance,
                 residual_px: residuals[index],
                 outlier: residuals[index].is_some_and(|residual| residual.norm() > OUTLIER * best.noise),
                 flight: hits.partition_point(|&segment| whole.segments[segment].time <= whole.times[index]),
-                refused: None,
+                ..FittedFrame::new(whole.times[index], state, covariance)
             }
         };
         let mut frames: Vec<FittedFrame> = (0..states.len()).map(frame).collect();
@@ -110,14 +110,15 @@ impl Model<'_> {
             let covariance = &marginals.segments[first];
             let along = segment.velocity().normalize();
             let velocity: Matrix3<f64> = covariance.fixed_view::<3, 3>(4, 4).into_owned();
-            let speed = ((along.transpose() * velocity * along)[(0, 0)] * inflation).max(0.0).sqrt();
+            let speed_sigma = ((along.transpose() * velocity * along)[(0, 0)] * inflation).max(0.0).sqrt();
             let reason = doubt.clone().or_else(|| self.unknown(&own));
             flights.push((
                 doubt.is_some(),
                 Flight {
                     start: segment.time,
                     end: whole.segments.get(last).map_or(whole.times[whole.last], |next| next.time),
-                    speed: [segment.velocity().norm(), speed],
+                    speed_start: segment.velocity().norm(),
+                    speed_sigma,
                     spin: part(&segment.state, 2).into(),
                     spin_sigma: [7, 8, 9].map(|at| (covariance[(at, at)] * inflation).max(0.0).sqrt()),
                     explained: reason.is_none(),
@@ -131,7 +132,7 @@ impl Model<'_> {
         let hit = |&index: &usize| {
             let segment = &whole.segments[index];
             let frame = whole.times.partition_point(|&at| at < segment.time);
-            Hit { time: segment.time, frame, position: Point3::from(segment.position()) }
+            Hit { time: segment.time, frame, world: Point3::from(segment.position()), explained: false }
         };
         let impact = |(index, segment): (usize, &super::trajectory::Segment)| {
             let Begin::Bounce(obstacle) = segment.begin else { return None };
@@ -141,29 +142,23 @@ impl Model<'_> {
             let obstacle = &self.obstacles[obstacle];
             let arrived = self.arrival(whole, index - 1);
             let speed = -obstacle.nearest(&segment.position()).normal.dot(&part(&arrived, 1));
-            Some(Impact {
-                time: segment.time,
-                surface: obstacle.surface,
-                position: segment.position(),
-                speed,
-                time_gradient: None,
-            })
+            let (time, surface, world) = (segment.time, obstacle.surface, segment.position().into());
+            Some(Impact { time, surface, world, speed, time_gradient: None }.into())
         };
-        let mut impacts: Vec<Impact> = whole.segments.iter().enumerate().filter_map(impact).collect();
-        impacts.extend(self.lasting_impacts(whole));
+        let mut impacts: Vec<FittedImpact> = whole.segments.iter().enumerate().filter_map(impact).collect();
+        impacts.extend(self.lasting_impacts(whole).into_iter().map(FittedImpact::from));
         let fit = Fit {
             noise_px: white,
             rms_px: rms(frames.iter()),
             explained: flights.iter().all(|flight| flight.explained),
             impacts,
-            within_lines: vec![],
             hits: hits.iter().map(hit).collect(),
-            notes: vec![],
             flights,
             estimates: self.estimates(whole, &marginals, inflation),
             spin: part(&whole.segments[0].state, 2).into(),
-            config: Some(self.config),
+            config: self.config,
             frames,
+            ..Fit::default()
         };
         Some(Outcome { fit, cost, doubtful })
     }
@@ -365,9 +360,8 @@ impl Model<'_> {
     fn unknown(&self, frames: &[&FittedFrame]) -> Option<String> {
         let origin = self.observations.iter().find_map(|it| it.ray.as_ref())?.origin;
         let seen = frames.iter().filter(|frame| frame.residual_px.is_some());
-        let distance = |frame: &FittedFrame| (frame.state.position.coords - origin).norm();
-        let mut fractions: Vec<(f64, f64)> =
-            seen.map(|frame| (frame.sigma() / distance(frame), frame.sigma())).collect();
+        let distance = |frame: &FittedFrame| (frame.world.coords - origin).norm();
+        let mut fractions: Vec<(f64, f64)> = seen.map(|frame| (frame.sigma / distance(frame), frame.sigma)).collect();
         fractions.sort_by(|a, b| a.0.total_cmp(&b.0));
         let &(fraction, sigma) = fractions.get(fractions.len() / 2)?;
         (fraction > UNKNOWN).then(|| {
@@ -380,17 +374,17 @@ impl Model<'_> {
     /// Adds to a position's covariance that nobody knows where it is: the laws do not hold, or the camera is another.
     pub fn widen(&self, frame: &mut FittedFrame) {
         let Some(ray) = self.observations.iter().find_map(|it| it.ray.as_ref()) else { return };
-        let off = DISTANCE_UNKNOWN * (frame.state.position.coords - ray.origin).norm();
-        frame.covariance += Matrix3::identity() * (off * off / 3.0);
+        let off = DISTANCE_UNKNOWN * (frame.world.coords - ray.origin).norm();
+        frame.spread(&(Matrix3::identity() * (off * off / 3.0)));
     }
 
     /// What a track says of drag and, where the ball bounces, of restitution: the scene's own, as far as it says no more.
-    fn estimates(&self, whole: &Trajectory, marginals: &Marginals, inflation: f64) -> Vec<Estimate> {
-        let mut found = vec![];
+    fn estimates(&self, whole: &Trajectory, marginals: &Marginals, inflation: f64) -> BTreeMap<Parameter, Estimate> {
+        let mut found = BTreeMap::new();
         if let Some(index) = self.forecaster.scale_sigmas().position(|(name, _)| name == "drag") {
             let value = self.forecaster.scene().ball.drag_coefficient * whole.log_scales[index].exp();
             let sigma = value * (marginals.shared[(index, index)] * inflation).max(0.0).sqrt();
-            found.push(Estimate { parameter: Parameter::Drag, value, sigma });
+            found.insert(Parameter::Drag, Estimate { value, sigma });
         }
         let (mut weights, mut sum) = (0.0, 0.0);
         for (index, segment) in whole.segments.iter().enumerate() {
@@ -409,7 +403,7 @@ impl Model<'_> {
         }
         if weights > 0.0 {
             let (value, sigma) = (sum / weights, weights.sqrt().recip());
-            found.push(Estimate { parameter: Parameter::Restitution, value, sigma });
+            found.insert(Parameter::Restitution, Estimate { value, sigma });
         }
         found
     }

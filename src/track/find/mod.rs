@@ -20,6 +20,8 @@ mod link;
 mod tests;
 mod vote;
 
+use serde::Serialize;
+
 use self::background::Background;
 use self::ball::Ball;
 use self::evidence::Candidate;
@@ -53,8 +55,10 @@ pub struct LabelOptions {
     pub radii_px: Option<[f64; 2]>,
 }
 
-/// A proposed label.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A proposed 2D label.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(rename = "LabelProposal"))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 pub struct Proposal {
     /// The image of the ball's centre, px.
     pub image: [f64; 2],

@@ -1,5 +1,6 @@
 //! What of a scene a fit estimates beside the trajectory.
 
+use super::Parameter;
 use crate::error::{Error, Result};
 use crate::physics::{Contact, Forecaster};
 
@@ -8,28 +9,6 @@ const UNKNOWN_RESTITUTION: f64 = 0.3;
 const UNKNOWN_DRAG: f64 = 1.0;
 /// Drag coefficient of a smooth sphere (Achenbach 1972), from which the search for one starts where the scene has none.
 const SPHERE: f64 = 0.45;
-
-/// What a fit can estimate beside the trajectory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Parameter {
-    /// Restitution of the `bounce` contact model.
-    Restitution,
-    /// The ball's drag coefficient.
-    Drag,
-    /// The spin at the first frame.
-    Spin,
-}
-
-/// An estimated parameter.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Estimate {
-    /// Which.
-    pub parameter: Parameter,
-    /// Its value.
-    pub value: f64,
-    /// Standard deviation.
-    pub sigma: f64,
-}
 
 impl Forecaster {
     /// The same in a scene that knows little of these.

@@ -67,7 +67,7 @@ pub enum Elsewhere {
 }
 
 /// A frame of a video that was followed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FollowedFrame {
     /// The ball as a line of a 2D track: the network's measure of it where it has one.
     pub point: TrackPoint,

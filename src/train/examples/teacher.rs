@@ -111,14 +111,14 @@ fn taught_frames(clip: &Clip, fit: &Fit, config: &FitConfig) -> Result<Vec<Optio
     if frames.iter().flatten().next().is_some() {
         return Ok(frames);
     }
-    let surest = fit.frames.iter().map(FittedFrame::sigma).fold(f64::INFINITY, f64::min);
+    let surest = fit.frames.iter().map(|frame| frame.sigma).fold(f64::INFINITY, f64::min);
     let reason = format!("its trajectory is nowhere sure enough (1-σ of {surest:.2} m at best)");
     Err(Error::Fit { reason })
 }
 
 /// What the trajectory says of a frame; none where the ball has no image.
 fn taught_frame(clip: &Clip, frame: &Frame, fitted: &FittedFrame, noise_px: f64) -> Option<TaughtFrame> {
-    let position = fitted.state.position;
+    let position = fitted.world;
     let (projected, jacobian) = clip.camera.image_from_world_with_jacobian(&position).ok()?;
     let covariance = jacobian * fitted.covariance * jacobian.transpose();
     let fitted_variance = covariance.trace().max(0.0) / 2.0;

@@ -29,12 +29,15 @@ const UNSURE: f64 = 0.005;
 
 /// How good a network is.
 #[derive(Debug, Clone, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(rename = "TuneScore", missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 pub struct Score {
     /// Median forecast error, px: a state is fitted to the network's positions in t ± 5 frames by the scene's physics,
     /// and its forecasts at t ± 15 frames are compared with the 2D labels. Needs no 3D truth, and orders networks as
     /// their distance to the truth does. A forecast that fails counts as infinite. Absent where no clip has a scene
     /// or is long enough.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(target_arch = "wasm32", tsify(optional))]
     pub forecast_px: Option<f64>,
     /// Confidence that all but 0.5 % of the visible balls exceed.
     pub least_confidence: f64,

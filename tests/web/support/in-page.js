@@ -17,8 +17,8 @@ export async function throwOne() {
   } catch (thrown) {
     order = thrown.code;
   }
-  const { points, bounces, explained } = await track.fit();
-  const off = points.slice(0, 90).map(({ world }, index) => Math.hypot(...world.map((value, axis) => value - path[index][axis])));
+  const { frames: fitted, impacts, explained } = await track.fit();
+  const off = fitted.slice(0, 90).map(({ world }, index) => Math.hypot(...world.map((value, axis) => value - path[index][axis])));
   const frames = [];
   for (let index = 0; index < 30; index++) {
     const { data, width, height } = await simulator.picture(path[index]);
@@ -34,9 +34,9 @@ export async function throwOne() {
   toolbox.dispose();
   return {
     worst: Math.max(...off),
-    sigma: Math.max(...points.slice(0, 90).map(({ sigma }) => sigma)),
-    speed: Math.hypot(points[0].velocity[0], points[0].velocity[1]),
-    bounces: bounces.length,
+    sigma: Math.max(...fitted.slice(0, 90).map(({ sigma }) => sigma)),
+    speed: Math.hypot(fitted[0].velocity[0], fitted[0].velocity[1]),
+    bounces: impacts.length,
     explained,
     labels: { found: errors.length / frames.length, median: errors[Math.floor(errors.length / 2)] },
     order,

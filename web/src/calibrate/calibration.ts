@@ -1,5 +1,5 @@
 /** What the core makes of the points, by the points' own numbers. */
-import { GravisightError, type CalibrationResult, type CourtLine, type Toolbox } from "gravisight";
+import { GravisightError, type Calibration as CalibrationResult, type CourtLine, type Toolbox } from "gravisight";
 import type { Pixel } from "../shared/canvas";
 import { tools } from "../shared/core";
 import { wholeOf, type State } from "./state";

@@ -1,5 +1,5 @@
 /** The camera that the core made of the clicks, how sure it is, and which clicks it does not believe. */
-import type { CalibrationLine } from "gravisight";
+import type { LineSeen } from "gravisight";
 import { make } from "../dom";
 import type { Parts } from "../shared/panel";
 import type { Calibration } from "./calibration";
@@ -64,7 +64,7 @@ export class Result {
   }
 }
 
-function linesWords(lines: CalibrationLine[]): string {
+function linesWords(lines: LineSeen[]): string {
   const expected = lines.filter(({ isExpected }) => isExpected);
   const found = expected.filter(({ share }) => share > 0);
   if (found.length === 0) return "";

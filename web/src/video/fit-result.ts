@@ -11,10 +11,10 @@ export class FitResult {
     this.#place = place;
   }
 
-  show({ explained, verdict, notes, rmsPx, points, bounces, flights, hits }: Curve): void {
+  show({ explained, verdict, notes, rmsPx, frames, impacts, flights, hits }: Curve): void {
     this.#place.dataset.tone = explained ? "good" : "bad";
-    const speeds = points.map(({ speed }) => speed);
-    const outliers = points.filter(({ outlier }) => outlier).length;
+    const speeds = frames.map(({ speed }) => speed);
+    const outliers = frames.filter(({ outlier }) => outlier).length;
     const left = outliers ? ` ${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.` : "";
     const range = speeds.length ? `, ${Math.min(...speeds).toFixed(1)} to ${Math.max(...speeds).toFixed(1)} m/s` : "";
     const off = rmsPx === undefined ? "" : `the curve misses the sightings by ${rmsPx.toFixed(2)} px (rms).`;
@@ -24,7 +24,7 @@ export class FitResult {
     for (const note of notes) parts.push(make("p", { text: sentence(note), part: "video-fit-note" }));
     if (hits.length) parts.push(flightsTable(flights), hitsTable(hits));
     else if (flights[0]?.explained) parts.push(make("p", { text: `At first ${speedWords(flights[0])}${spinWords(flights[0])}.`, part: "video-fit-start" }));
-    if (bounces.length) parts.push(bouncesTable(bounces));
+    if (impacts.length) parts.push(impactsTable(impacts));
     else parts.push(make("p", { text: "No bounces." }));
     const stale = make("p", { text: "Frames came after this fit: fit again to take them in.", part: "video-fit-stale" });
     stale.hidden = true;
@@ -57,27 +57,27 @@ function tableOf(part: string, caption: string, head: string[], rows: string[][]
 const UNKNOWN = "not known";
 
 const counted = (count: number, what: string, many = `${what}s`) => `${count} ${count === 1 ? what : many}`;
-const seconds = (ms: number) => `${(ms / 1000).toFixed(2)} s`;
+const inSeconds = (time: number) => `${time.toFixed(2)} s`;
 const sentence = (words: string) => `${words.charAt(0).toUpperCase()}${words.slice(1)}${/[.?!]$/.test(words) ? "" : "."}`;
 
-function bouncesTable(bounces: Curve["bounces"]): HTMLElement {
-  const lined = bounces.some(({ withinLines }) => withinLines !== null);
-  const rows = bounces.map(({ timestampMs, surface, speed, withinLines, explained }) => {
-    const row = [seconds(timestampMs), surfaceWords(surface), explained ? `${speed.toFixed(1)} m/s` : UNKNOWN];
+function impactsTable(impacts: Curve["impacts"]): HTMLElement {
+  const lined = impacts.some(({ withinLines }) => withinLines !== null);
+  const rows = impacts.map(({ time, surface, speed, withinLines, explained }) => {
+    const row = [inSeconds(time), surfaceWords(surface), explained ? `${speed.toFixed(1)} m/s` : UNKNOWN];
     return lined ? [...row, withinLines === null || !explained ? "" : `${(100 * withinLines).toFixed(0)} %`] : row;
   });
   const heads = ["Time", "On", "Speed", ...(lined ? ["Within the lines"] : [])];
-  return tableOf("video-bounce", counted(bounces.length, "bounce"), heads, rows);
+  return tableOf("video-bounce", counted(impacts.length, "bounce"), heads, rows);
 }
 
 function hitsTable(hits: Curve["hits"]): HTMLElement {
-  const rows = hits.map(({ timestampMs, world, explained }) => [seconds(timestampMs), explained ? world.map((metres) => metres.toFixed(2)).join(", ") : UNKNOWN]);
+  const rows = hits.map(({ time, world, explained }) => [inSeconds(time), explained ? world.map((metres) => metres.toFixed(2)).join(", ") : UNKNOWN]);
   return tableOf("video-hit", counted(hits.length, "hit"), ["Time", "At x, y, z (m)"], rows);
 }
 
 function flightsTable(flights: Curve["flights"]): HTMLElement {
   const rows = flights.map((flight) => [
-    `${seconds(flight.startMs)} to ${seconds(flight.endMs)}`,
+    `${inSeconds(flight.start)} to ${inSeconds(flight.end)}`,
     flight.explained ? `${speedWords(flight)}${spinWords(flight)}` : UNKNOWN,
     flight.explained ? "explained" : (flight.reason ?? "not explained"),
   ]);

@@ -1,5 +1,5 @@
 /** The trajectory that physics makes of the sightings. */
-import { GravisightError, Track, type Camera, type Scene, type Trajectory } from "gravisight";
+import { GravisightError, Track, type Camera, type Fit, type Scene } from "gravisight";
 import { wordsOf } from "../dom";
 import { tools } from "../shared/core";
 import type { Seen } from "./sightings";
@@ -15,7 +15,7 @@ export interface FitOptions {
   signal: AbortSignal;
 }
 
-export async function fitted(all: Seen[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Trajectory> {
+export async function fitted(all: Seen[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Fit> {
   const track = await Track.create({ camera, cameraSigma, scene, toolbox: await tools(), leastConfidence: threshold });
   for (const { timeMs, image: [u, v], confidence } of all) {
     // In the pixels that the camera speaks of, which need not be the video's; an integer is a pixel's centre.

@@ -336,8 +336,8 @@ class Step {
     this.#fit = fit;
     this.#fitVersion = version;
     this.#fitResult.show(fit);
-    this.#view.setPath("fit", fit.points.map(({ world }) => world));
-    this.#view.setMarks([...fit.bounces, ...fit.hits].filter(({ explained }) => explained).map(({ world }) => world));
+    this.#view.setPath("fit", fit.frames.map(({ world }) => world));
+    this.#view.setMarks([...fit.impacts, ...fit.hits].filter(({ explained }) => explained).map(({ world }) => world));
     if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
     this.#refresh();
     this.#following.showWhether();

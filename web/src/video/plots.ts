@@ -27,17 +27,17 @@ export class Plots {
     const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
     const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 || 1 : Math.max(last, from + 1);
     const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
-    const points = (fit?.points ?? []).filter(({ timestampMs }) => timestampMs / 1000 >= from);
-    const marks = [...(fit?.bounces ?? []), ...(fit?.hits ?? [])].map(({ timestampMs }) => timestampMs / 1000).filter((t) => t >= from);
+    const frames = (fit?.frames ?? []).filter(({ time }) => time >= from);
+    const marks = [...(fit?.impacts ?? []), ...(fit?.hits ?? [])].map(({ time }) => time).filter((time) => time >= from);
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
         seen.flatMap(({ timeMs, world, confidence }): [number, number][] => (world && confidence >= threshold === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
-      const line = points.map(({ timestampMs, world }): [number, number] => [timestampMs / 1000, world[axis] ?? 0]);
+      const line = frames.map(({ time, world }): [number, number] => [time, world[axis] ?? 0]);
       return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
     });
     this.#position.show({ y: "Position (m)", x: TIME, series, marks, from, to });
     this.#speedPlace.hidden = !fit;
-    const line = points.map(({ timestampMs, speed }): [number, number] => [timestampMs / 1000, speed]);
+    const line = frames.map(({ time, speed }): [number, number] => [time, speed]);
     if (fit) this.#speed.show({ y: "Speed of the fit (m/s)", x: TIME, series: [{ name: "", colour: "--accent", line }], marks, from, to });
   }
 

@@ -19,22 +19,22 @@ export function csvOf(seen: Seen[], fit: Curve | undefined): string {
 }
 
 export function jsonOf(seen: Seen[], fit: Curve | undefined, about: { source: string; camera: Camera | undefined; scene: Scene | undefined; threshold: number }): string {
-  const frames = seen.map(({ timeMs, ...rest }) => ({ t: timeMs / 1000, ...rest }));
+  const frames = seen.map(({ timeMs, ...rest }) => ({ time: timeMs / 1000, ...rest }));
   return JSON.stringify({ ...about, units: "seconds, metres, pixels; world z up", frames, fit: fit ?? null }, null, 1);
 }
 
-/** The fit's point of a frame; its times have been through seconds and back, and differ in the last digits. */
-export function fittedAt(fit: Curve | undefined, timeMs: number): Curve["points"][number] | undefined {
-  const points = fit?.points ?? [];
+/** The fit's frame of a time; times that were in seconds and back differ in the last digits. */
+export function fittedAt(fit: Curve | undefined, timeMs: number): Curve["frames"][number] | undefined {
+  const frames = fit?.frames ?? [];
   let low = 0;
-  let high = points.length;
+  let high = frames.length;
   while (low < high) {
     const middle = (low + high) >> 1;
-    if (points[middle]!.timestampMs < timeMs - SAME) low = middle + 1;
+    if (1000 * frames[middle]!.time < timeMs - SAME) low = middle + 1;
     else high = middle;
   }
-  const point = points[low];
-  return point && point.timestampMs - timeMs < SAME ? point : undefined;
+  const frame = frames[low];
+  return frame && 1000 * frame.time - timeMs < SAME ? frame : undefined;
 }
 
 function number(value: number): string {

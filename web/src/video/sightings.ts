@@ -1,5 +1,5 @@
 /** What was found, frame by frame, in the order of time. */
-import type { Localisation, Trajectory, Vector } from "gravisight";
+import type { Fit, FittedFrame, Localisation, Vector } from "gravisight";
 
 export interface Seen {
   timeMs: number;
@@ -16,8 +16,8 @@ export interface Seen {
 }
 
 /** Flights: of a fit to sightings, or of a tracked video. */
-export interface Curve extends Pick<Trajectory, "explained" | "verdict" | "notes" | "bounces" | "flights" | "hits"> {
-  points: Pick<Trajectory["points"][number], "timestampMs" | "world" | "speed" | "sigma" | "outlier">[];
+export interface Curve extends Pick<Fit, "explained" | "verdict" | "notes" | "impacts" | "flights" | "hits"> {
+  frames: Pick<FittedFrame, "time" | "world" | "speed" | "sigma" | "outlier">[];
   /** How far the curve misses the sightings, pixels, where that is known. */
   rmsPx?: number;
 }

@@ -156,17 +156,17 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
 
 /** The frames that show the ball. */
 export function seenOf({ frames }: TrackedVideo, { camera_from_world: m }: Camera): Seen[] {
-  return frames.flatMap(({ timestampMs, image, confidence, world, sigma }): Seen[] => {
+  return frames.flatMap(({ time, image, confidence, world, sigma }): Seen[] => {
     const axis = m[2] ?? [];
     const depth = world && world.reduce((sum, value, index) => sum + value * (axis[index] ?? 0), axis[3] ?? 0);
-    return image ? [{ timeMs: timestampMs, image, confidence, world, depth, sigma }] : [];
+    return image ? [{ timeMs: 1000 * time, image, confidence, world, depth, sigma }] : [];
   });
 }
 
 /** The flights as a fit of sightings says them. */
 export function curveOf({ frames, explained, ...all }: TrackedVideo): Curve {
-  const points = frames.flatMap(({ timestampMs, world, speed, sigma, outlier }) =>
-    world && speed !== null && sigma !== null ? [{ timestampMs, world, speed, sigma, outlier }] : [],
+  const fitted = frames.flatMap(({ time, world, speed, sigma, outlier }) =>
+    world && speed !== null && sigma !== null ? [{ time, world, speed, sigma, outlier }] : [],
   );
-  return { ...all, explained: explained ?? false, points };
+  return { ...all, explained: explained ?? false, frames: fitted };
 }

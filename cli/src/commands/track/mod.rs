@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
-use gravisight::{Camera, FitOptions, Forecaster, Picture, Scene, Tracked, VideoTracker};
+use gravisight::{Camera, FitOptions, Forecaster, Picture, Scene, TrackedVideo, VideoTracker};
 
 use self::say::print;
 use super::fit::{Hits, PARTLY, hits, one_sigma};
@@ -117,11 +117,11 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     progress.finish();
     // First of all: what is to be drawn may fail, and this is not to be lost with it.
     match arguments.json {
-        true => print_line(tracked.as_json())?,
+        true => print_line(serde_json::to_string(&tracked)?)?,
         false => print(&tracked, place.as_ref().map(|place| &place.camera))?,
     }
     if let Some(out) = &arguments.overlay {
-        let seen: Vec<Option<[f64; 3]>> = tracked.frames.iter().map(|frame| circle(&frame.point)).collect();
+        let seen: Vec<Option<[f64; 3]>> = tracked.frames.iter().map(|frame| circle(&frame.followed.point)).collect();
         overlay::write(out, &footage, &seen)?;
     }
     if let (Some(out), Some(place)) = (&arguments.report, &place) {
@@ -130,7 +130,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let nothing = place.is_some() && tracked.stretches.iter().all(|stretch| stretch.fit.is_err());
     Ok(match () {
         () if tracked.found() == 0 || nothing => ExitCode::FAILURE,
-        () if tracked.explained() => ExitCode::SUCCESS,
+        () if tracked.explained != Some(false) => ExitCode::SUCCESS,
         () => ExitCode::from(PARTLY),
     })
 }
@@ -181,7 +181,7 @@ fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress
     Ok(tracker)
 }
 
-fn report(out: &Path, footage: &Footage, place: &Place, tracked: &Tracked) -> Result<()> {
+fn report(out: &Path, footage: &Footage, place: &Place, tracked: &TrackedVideo) -> Result<()> {
     let name = footage.name();
     let flights: Vec<Flights<'_>> = (tracked.stretches)
         .iter()
@@ -203,5 +203,5 @@ fn report(out: &Path, footage: &Footage, place: &Place, tracked: &Tracked) -> Re
         }
         Ok(())
     })?;
-    Ok(write_flights(out, &name, &tracked.verdict(), &flights, &doubts::chapter(&doubts, &looks))?)
+    Ok(write_flights(out, &name, &tracked.verdict, &flights, &doubts::chapter(&doubts, &looks))?)
 }

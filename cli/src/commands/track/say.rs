@@ -2,7 +2,8 @@
 
 use anyhow::Result;
 use gravisight::parts::{Flight, Stretch};
-use gravisight::{Camera, Fit, Tracked};
+use gravisight::{Camera, Fit, TrackedVideo};
+use nalgebra::Point3;
 
 use super::super::fit::DOUBTFUL;
 use super::super::print_line;
@@ -11,8 +12,8 @@ use super::super::print_line;
 const KMH: f64 = 3.6;
 
 /// Prints what was found of a video that `camera` took, if that is known.
-pub(super) fn print(tracked: &Tracked, camera: Option<&Camera>) -> Result<()> {
-    print_line(tracked.verdict())?;
+pub(super) fn print(tracked: &TrackedVideo, camera: Option<&Camera>) -> Result<()> {
+    print_line(&tracked.verdict)?;
     let Some(camera) = camera else { return Ok(()) };
     let mut number = 0;
     for stretch in &tracked.stretches {
@@ -49,10 +50,10 @@ fn of_flight(number: usize, flight: &Flight) -> String {
 /// Bounces and hits by time. Where one is that belongs to a flight that is not explained is not known.
 fn contacts(fit: &Fit) -> Vec<(f64, String)> {
     let mut contacts: Vec<(f64, String)> = Vec::new();
-    let mut add = |time: f64, what: String, at: [f64; 3], sigma: Option<f64>| {
-        let [x, y, z] = at;
+    let mut add = |time: f64, what: String, at: Point3<f64>, sigma: Option<f64>, explained: bool| {
+        let [x, y, z] = at.into();
         let sigma = sigma.map_or(String::new(), |sigma| format!(", ± {:.0} cm", 100.0 * sigma));
-        let place = match fit.is_explained_at(time) {
+        let place = match explained {
             true => format!("at x {x:.2}  y {y:.2}  z {z:.2} m{sigma}"),
             false => DOUBTFUL.into(),
         };
@@ -60,10 +61,10 @@ fn contacts(fit: &Fit) -> Vec<(f64, String)> {
     };
     for impact in &fit.impacts {
         let what = format!("touches {}", impact.surface);
-        add(impact.time, what, impact.position.into(), fit.sigma_at(impact.time));
+        add(impact.time, what, impact.world, Some(impact.sigma), impact.explained);
     }
     for hit in &fit.hits {
-        add(hit.time, "hit".into(), hit.position.coords.into(), None);
+        add(hit.time, "hit".into(), hit.world, None, hit.explained);
     }
     contacts.sort_by(|a, b| a.0.total_cmp(&b.0));
     contacts
