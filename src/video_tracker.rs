@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use crate::camera::{Camera, Measured, Outline};
+use crate::camera::{Camera, Detection, Outline};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::localise::Localiser;
@@ -46,7 +46,7 @@ pub struct VideoTracker {
     camera: Option<Camera>,
     follower: Follower,
     /// The number of the frame in which balls were spotted last, and these.
-    spotted: Option<(usize, Vec<Measured>)>,
+    spotted: Option<(usize, Vec<Detection>)>,
     ended: bool,
 }
 
@@ -115,8 +115,10 @@ impl VideoTracker {
             }
             for wanted in wanted {
                 let Some(picture) = self.follower.picture(&wanted) else { continue };
-                let found =
-                    self.localiser.measure(picture, camera, wanted.image, wanted.radius_px, wanted.reach_px).await?;
+                let found = self
+                    .localiser
+                    .detect_near(picture, camera, wanted.image, wanted.radius_px, wanted.reach_px)
+                    .await?;
                 self.follower.tell(&wanted, found);
             }
         }
@@ -128,15 +130,15 @@ impl VideoTracker {
         let Some(picture) = self.follower.held(newest) else { return Ok(()) };
         let camera = self.camera.as_ref();
         let mut balls = Vec::new();
-        for Outline { centre, radius } in self.localiser.spot(picture).await? {
-            balls.extend(self.localiser.measure(picture, camera, centre.coords.into(), radius, radius).await?);
+        for Outline { centre, radius } in self.localiser.detect_large(picture).await? {
+            balls.extend(self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?);
         }
         let Some((last, before)) = self.spotted.replace((newest, balls.clone())) else { return Ok(()) };
         if self.follower.held(last).is_none() {
             return Ok(()); // too long ago
         }
         for ball in balls {
-            let slow = |other: &&Measured| {
+            let slow = |other: &&Detection| {
                 let way = (ball.outline.centre - other.outline.centre).norm();
                 let ratio = ball.outline.radius / other.outline.radius;
                 (LEAST_WAY_PX..SLOW * ball.outline.radius).contains(&way) && (ALIKE.recip()..ALIKE).contains(&ratio)
@@ -149,7 +151,7 @@ impl VideoTracker {
                 let Some(picture) = self.follower.held(place) else { continue };
                 let radius = ball.outline.radius;
                 if let Some(found) =
-                    self.localiser.measure(picture, camera, centre.coords.into(), radius, radius).await?
+                    self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?
                 {
                     self.follower.found(place, found);
                 }

@@ -20,7 +20,7 @@ pub use self::calibrate::{Calibration, LineSeen, Method, Points, Unknowns, calib
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::Distortion;
 use self::fold::Range;
-pub use self::sphere::{Measured, Outline};
+pub use self::sphere::{Detection, Outline};
 use crate::error::{Error, Result};
 use crate::size::Size;
 

@@ -26,18 +26,30 @@ pub struct Outline {
     pub radius: f64,
 }
 
-/// A ball's outline as it was measured in a picture.
+/// Standard deviation of a detection's centre along each axis over that of its radius, as of a circle fitted to noisy points.
+const CENTRE_SIGMA_RATIO: f64 = std::f64::consts::SQRT_2;
+
+/// A ball detected in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// Centre and size of the outline, px.
+pub struct Detection {
+    /// Centre and size of its outline, px.
     pub outline: Outline,
-    /// Standard deviation of its radius, px.
-    pub radius_sigma_px: f64,
-    /// Standard deviation of its centre along each axis, px.
-    pub sigma_px: f64,
-    /// Fraction of the heatmap's mass within 12 px (of the network's input) of the centre, in the enlarged place, 0 to 1: no
-    /// verifier was asked.
+    /// Standard deviation of log(radius).
+    pub log_sigma: f64,
+    /// The fraction of the heatmap's mass around the centre, 0 to 1; after the verifier the probability that it is a ball.
     pub confidence: f64,
+}
+
+impl Detection {
+    /// Standard deviation of the radius, px.
+    pub fn radius_sigma_px(&self) -> f64 {
+        self.log_sigma * self.outline.radius
+    }
+
+    /// Standard deviation of the centre along each axis, px.
+    pub fn sigma_px(&self) -> f64 {
+        CENTRE_SIGMA_RATIO * self.log_sigma * self.outline.radius
+    }
 }
 
 impl Camera {

@@ -11,9 +11,9 @@ const MAX_CHANNELS: usize = 4096;
 /// Geometric mean of the radii that a network for any ball reads, px.
 const MIDDLE_RADIUS: f64 = 9.5;
 /// Radius that a ball has in the verifier's input, px.
-pub(crate) const CLOSER_RADIUS: f64 = 12.0;
+pub(crate) const VERIFIER_RADIUS: f64 = 12.0;
 /// Side of that input, px.
-pub(crate) const CLOSER_SIDE: u32 = 64;
+pub(crate) const VERIFIER_SIDE: u32 = 64;
 
 /// Architecture of a [`super::Pen`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -131,11 +131,11 @@ impl PenConfig {
     }
 
     /// The verifier: 0.4 M parameters, balls of about 12 px radius in pictures of 64×64 px, each with a second one of what is around it.
-    pub fn closer() -> Self {
-        let depth = DepthConfig { activation: DepthActivation::Radius, scale: CLOSER_RADIUS };
+    pub fn verifier() -> Self {
+        let depth = DepthConfig { activation: DepthActivation::Radius, scale: VERIFIER_RADIUS };
         let (stages, input_channels) = ([24, 48, 72, 96], 2 * PICTURE_CHANNELS);
         let backbone = BackboneConfig::Compact { stem: 16, stages, pyramid: 32, input_channels };
-        Self { backbone, depth, ..Self::compact(CLOSER_RADIUS) }
+        Self { backbone, depth, ..Self::compact(VERIFIER_RADIUS) }
     }
 
     /// Channels of the input: 3 a picture.

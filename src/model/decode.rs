@@ -61,7 +61,7 @@ pub(crate) fn cell_centre(cell: usize, stride: usize) -> f64 {
 
 /// The maps of one picture of a network that reads sizes, row-major.
 #[derive(Debug, Clone)]
-pub struct Maps {
+pub struct SizeMaps {
     /// Cells in a row.
     pub width: usize,
     /// Input px to a cell's side.
@@ -92,8 +92,8 @@ const CENTRINGS: usize = 3;
 
 /// The `count` likeliest places of the ball, the likeliest first: around each the means of [`CONFIDENCE_RADIUS`].
 /// What is within that of a place, or within its ball, is no other place.
-pub fn peaks(maps: &Maps, count: usize) -> Vec<Peak> {
-    let Maps { width, stride, .. } = *maps;
+pub fn peaks(maps: &SizeMaps, count: usize) -> Vec<Peak> {
+    let SizeMaps { width, stride, .. } = *maps;
     let height = maps.probability.len() / width;
     let mut left = maps.probability.clone();
     let mut found = Vec::new();

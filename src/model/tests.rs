@@ -339,7 +339,7 @@ fn two_networks_in_a_file_are_the_two() {
     assert_eq!(parted(&joined(&own, &none).unwrap()).unwrap(), [own.clone(), none]);
     let both = joined(&own, &alone).unwrap();
     assert!(both.len() > alone.len());
-    let [first, closer] = parted(&both).unwrap();
-    assert_eq!((&first, &closer), (&own, &own));
+    let [first, verifier] = parted(&both).unwrap();
+    assert_eq!((&first, &verifier), (&own, &own));
     assert!(matches!(parted(&both[..both.len() - 1]), Err(Error::WeightsFile { .. })));
 }

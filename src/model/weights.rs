@@ -186,7 +186,7 @@ fn written_with(tensors: &[Entry<'_>], [key, value]: [&str; 2]) -> Result<Vec<u8
 }
 
 /// Prefix of the verifier's tensors in a file of two networks.
-const CLOSER: &str = "closer.";
+const VERIFIER_PREFIX: &str = "verifier.";
 
 /// The two networks of a weights file, each as a file: the detector's, and the verifier's, which is empty where there is
 /// none.
@@ -195,30 +195,30 @@ const CLOSER: &str = "closer.";
 /// [`Error::WeightsFile`] for bytes that are no whole safetensors file.
 pub fn parted(bytes: &[u8]) -> Result<[Vec<u8>; 2]> {
     let file = opened(bytes)?;
-    let (mut own, mut closer) = (vec![], vec![]);
+    let (mut own, mut verifier) = (vec![], vec![]);
     for (name, view) in file.iter() {
         let entry = |name: &str| (name.to_string(), view.dtype(), view.shape().to_vec(), Cow::Borrowed(view.data()));
-        match name.strip_prefix(CLOSER) {
-            Some(name) => closer.push(entry(name)),
+        match name.strip_prefix(VERIFIER_PREFIX) {
+            Some(name) => verifier.push(entry(name)),
             None => own.push(entry(name)),
         }
     }
-    Ok([written(&own)?, written(&closer)?])
+    Ok([written(&own)?, written(&verifier)?])
 }
 
-/// The file of two networks: `own`, and `closer`, the verifier.
+/// The file of two networks: `own`, and `verifier`, the verifier.
 ///
 /// # Errors
 /// As [`parted`].
 #[cfg(not(target_arch = "wasm32"))]
-pub fn joined(own: &[u8], closer: &[u8]) -> Result<Vec<u8>> {
-    let [own, closer] = [opened(own)?, opened(closer)?];
+pub fn joined(own: &[u8], verifier: &[u8]) -> Result<Vec<u8>> {
+    let [own, verifier] = [opened(own)?, opened(verifier)?];
     let entry = |(name, view): (String, TensorView<'_>)| {
         (name, view.dtype(), view.shape().to_vec(), Cow::Owned(view.data().to_vec()))
     };
-    let named = |name: &str| format!("{CLOSER}{name}");
+    let named = |name: &str| format!("{VERIFIER_PREFIX}{name}");
     let entries = (own.iter().map(|(name, view)| (name.to_string(), view)))
-        .chain(closer.iter().map(|(name, view)| (named(name), view)))
+        .chain(verifier.iter().map(|(name, view)| (named(name), view)))
         .map(entry);
     written(&entries.collect::<Vec<_>>())
 }

@@ -4,16 +4,16 @@
 mod augment;
 mod batch;
 #[cfg(not(target_arch = "wasm32"))]
+mod candidates;
+#[cfg(not(target_arch = "wasm32"))]
 mod fits;
+#[cfg(not(target_arch = "wasm32"))]
+mod label_mistakes;
 #[cfg(not(target_arch = "wasm32"))]
 mod loader;
 mod pictures;
 #[cfg(not(target_arch = "wasm32"))]
-mod places;
-#[cfg(not(target_arch = "wasm32"))]
 mod prepare;
-#[cfg(not(target_arch = "wasm32"))]
-mod readings;
 #[cfg(not(target_arch = "wasm32"))]
 mod renderings;
 mod sampler;
@@ -25,12 +25,12 @@ mod tests;
 
 pub use self::batch::{Batch, FrameId, Labels, Place, Start, Target, Window};
 #[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::candidates::CandidateCrops;
+#[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::loader::Loader;
 pub(super) use self::pictures::Pictures;
-#[cfg(not(target_arch = "wasm32"))]
-pub(super) use self::places::Places;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::prepare::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]

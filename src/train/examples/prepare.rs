@@ -8,7 +8,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
 use super::super::recipe::{FitConfig, Recipe, Supervision};
 use super::fits::Fits;
-use super::readings::check_taught;
+use super::label_mistakes::check_taught;
 use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, labelled_2d, teach, true_point};
 use crate::clips::{Clip, Clips};
 use crate::error::Result;
@@ -67,7 +67,7 @@ pub fn prepare(
             labelled_2d(&clips)
         }
         Supervision::PhysicsFit => by_physics(&|_| true)?,
-        Supervision::Rendered | Supervision::Places => unreachable!("renderings are no clips"),
+        Supervision::Rendered | Supervision::Candidates => unreachable!("renderings are no clips"),
         Supervision::Mixed => {
             let share = recipe.labelled_share;
             // evenly spread: the clips at which the running share passes a whole number

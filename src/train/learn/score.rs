@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::super::examples::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
-use super::super::examples::{Places, Renderings};
+use super::super::examples::{CandidateCrops, Renderings};
 use super::laws::Laws;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
@@ -121,7 +121,7 @@ const GROSS: f64 = 0.3;
 /// Scores `localiser` on `count` renderings.
 ///
 /// # Errors
-/// As [`Localiser::readings`].
+/// As [`Localiser::search`].
 #[cfg(not(target_arch = "wasm32"))]
 pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: usize) -> Result<SizeScore> {
     let (mut counted, mut errors, mut image) = (vec![], vec![], vec![]);
@@ -130,7 +130,7 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
     for index in 0..count {
         let drawing = renderings.scored(index);
         let found =
-            localiser.readings(&Picture::from_rgb(drawing.picture()), None, None, None, 1, false).await?.readings;
+            localiser.search(&Picture::from_rgb(drawing.picture()), None, None, None, 1, false).await?.detections;
         let Some(found) = found.first() else { continue };
         let Some(ball) = drawing.balls.first() else {
             empty.push(found.confidence);
@@ -164,16 +164,16 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
 /// Scores `localiser`, a verifier, on the candidates in `count` renderings.
 ///
 /// # Errors
-/// As [`Localiser::readings`].
+/// As [`Localiser::search`].
 #[cfg(not(target_arch = "wasm32"))]
-pub async fn score_places(localiser: &Localiser, places: &Places, count: usize) -> Result<SizeScore> {
+pub async fn score_verifier(localiser: &Localiser, crops: &CandidateCrops, count: usize) -> Result<SizeScore> {
     let (mut errors, mut image, mut seen, mut empty) = (vec![], vec![], vec![], vec![]);
     let mut within = [0_usize; 2];
     for index in 0..count {
-        for place in places.scored(index)? {
-            let found = localiser.places_in(&place.views).await?;
+        for crop in crops.scored(index)? {
+            let found = localiser.verifier_detections(&crop.views).await?;
             let Some(found) = found.first() else { continue };
-            let Some(ball) = place.ball() else {
+            let Some(ball) = crop.ball() else {
                 empty.push(found.confidence);
                 continue;
             };

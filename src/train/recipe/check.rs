@@ -3,7 +3,7 @@
 use super::parts::STARTS;
 use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision, Velocity};
 use crate::error::{Error, Result};
-use crate::model::{CLOSER_SIDE, check_input};
+use crate::model::{VERIFIER_SIDE, check_input};
 use crate::size::Size;
 
 impl Recipe {
@@ -100,18 +100,21 @@ impl Recipe {
         if self.supervision.is_rendered() && !self.architecture(1.0).depth.is_size() {
             return refuse(
                 "network",
-                "must read sizes with supervision \"rendered\" or \"places\": take \"compact-size\" or \"closer\""
+                "must read sizes with supervision \"rendered\" or \"candidates\": take \"compact-size\" or \"verifier\""
                     .into(),
             );
         }
         if self.supervision.is_rendered() && matches!(self.heatmap_loss(), HeatmapLoss::Mse { .. }) {
             return refuse(
                 "heatmap_loss",
-                "must be \"cross_entropy\" with supervision \"rendered\" or \"places\"".into(),
+                "must be \"cross_entropy\" with supervision \"rendered\" or \"candidates\"".into(),
             );
         }
-        if self.supervision == Supervision::Places && self.input != Size::square(CLOSER_SIDE) {
-            return refuse("input", format!("must be {CLOSER_SIDE}×{CLOSER_SIDE} px with supervision \"places\""));
+        if self.supervision == Supervision::Candidates && self.input != Size::square(VERIFIER_SIDE) {
+            return refuse(
+                "input",
+                format!("must be {VERIFIER_SIDE}×{VERIFIER_SIDE} px with supervision \"candidates\""),
+            );
         }
         if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
             return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());

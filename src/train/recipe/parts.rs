@@ -35,16 +35,16 @@ pub enum Supervision {
     /// Renderings of random scenes, without any clips: apparent radius for any ball (network `compact-size`).
     #[serde(rename = "rendered")]
     Rendered,
-    /// Crops of such renderings around the candidates of the run's `first` model, for the verifier (network
-    /// `closer`).
-    #[serde(rename = "places")]
-    Places,
+    /// Crops of such renderings around the candidates of the run's `detector`, for the verifier (network
+    /// `verifier`).
+    #[serde(rename = "candidates")]
+    Candidates,
 }
 
 impl Supervision {
     /// Whether it learns from renderings of random scenes, not from clips.
     pub fn is_rendered(self) -> bool {
-        matches!(self, Self::Rendered | Self::Places)
+        matches!(self, Self::Rendered | Self::Candidates)
     }
 
     /// Whether it learns through forecasts.
@@ -252,9 +252,9 @@ pub enum Network {
     /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
     #[serde(rename = "compact-size")]
     CompactSize,
-    /// [`PenConfig::closer`](crate::model::PenConfig::closer).
-    #[serde(rename = "closer")]
-    Closer,
+    /// [`PenConfig::verifier`](crate::model::PenConfig::verifier).
+    #[serde(rename = "verifier")]
+    Verifier,
     /// [`PenConfig::paper`](crate::model::PenConfig::paper), with ResNet34.
     #[serde(rename = "paper")]
     Paper,
