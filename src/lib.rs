@@ -122,7 +122,7 @@ pub mod internal {
     };
     pub use crate::physics::Case;
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
-    pub use crate::synth::{Disturbance, Engine, Place, Set, Shot, Split, Studio};
+    pub use crate::synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::{Follower, TrackPoint};
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
