@@ -8,7 +8,7 @@ use crate::random::Random;
 
 /// Squares that are cut out.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Crop {
+pub struct CropGrid {
     /// Their side, px.
     pub side: u32,
     /// The grid that they are placed on, px: the network's largest stride, so that a crop sees the same pixels in the
@@ -19,7 +19,7 @@ pub struct Crop {
 /// A view of the network's input: a part of it, perhaps moved, turned, magnified or mirrored. All of it is what
 /// another camera at the same place would see: one with another principal point, rolled, or with a longer lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct View {
+pub struct AugmentedView {
     /// Width and height, px.
     pub size: [u32; 2],
     /// From an offset in the view to an offset in the input, px.
@@ -30,12 +30,12 @@ pub struct View {
     pub zoom: f64,
 }
 
-impl View {
+impl AugmentedView {
     /// A random view of an input of `size`: with `crop`, a square of that side around `centre`, on a grid; then moved,
     /// turned, magnified and mirrored within the configuration's bounds; and magnified `magnified` times in any case.
     pub fn random(
         size: [u32; 2],
-        crop: Option<Crop>,
+        crop: Option<CropGrid>,
         centre: [f64; 2],
         magnified: f64,
         config: &Augmentation,
@@ -96,7 +96,7 @@ impl View {
                 let at = self.linear * Vector2::new(f64::from(column), f64::from(row)) + self.origin;
                 let (left, right) = neighbours(at.x, width);
                 let (above, below) = neighbours(at.y, height);
-                let [u, v] = [at.x - at.x.floor(), at.y - at.y.floor()].map(|share| share as f32);
+                let [u, v] = [at.x - at.x.floor(), at.y - at.y.floor()].map(|fraction| fraction as f32);
                 for channel in 0..3 {
                     let value = |x: usize, y: usize| values[3 * (y * width + x) + channel];
                     let upper = value(left, above) + u * (value(right, above) - value(left, above));
@@ -116,7 +116,7 @@ fn neighbours(at: f64, count: usize) -> (usize, usize) {
 }
 
 /// A random start on the grid such that `[start, start + side)` holds `centre` and lies in `0..size`.
-fn crop_start(centre: f64, size: u32, Crop { side, grid }: Crop, random: &mut Random) -> u32 {
+fn crop_start(centre: f64, size: u32, CropGrid { side, grid }: CropGrid, random: &mut Random) -> u32 {
     let holds = |start: u32| (f64::from(start)..f64::from(start + side)).contains(&(centre + 0.5));
     // Beyond a picture that is smaller its edge goes on.
     let room = size.saturating_sub(side);
@@ -144,12 +144,12 @@ pub fn change_light(values: &mut Vec<f32>, [width, height]: [u32; 2], config: &A
     }
 }
 
-/// Each pixel with `share` of each neighbour, along rows and columns.
-fn blurred(values: &[f32], [width, height]: [usize; 2], share: f32) -> Vec<f32> {
+/// Each pixel with `fraction` of each neighbour, along rows and columns.
+fn blurred(values: &[f32], [width, height]: [usize; 2], fraction: f32) -> Vec<f32> {
     let along = |values: &[f32], step: usize, index: usize, at: usize, count: usize| {
         let before = if at > 0 { values[index - step] } else { values[index] };
         let after = if at + 1 < count { values[index + step] } else { values[index] };
-        values[index] * (1.0 - 2.0 * share) + (before + after) * share
+        values[index] * (1.0 - 2.0 * fraction) + (before + after) * fraction
     };
     let indices = 0..values.len();
     let rows: Vec<f32> = indices.clone().map(|index| along(values, 3, index, index / 3 % width, width)).collect();

@@ -81,7 +81,7 @@ impl CandidateCrops {
         let negatives = negatives.map(|number| hard_negatives(&detector, number, &photographs[number]));
         let negatives = negatives.collect::<Result<Vec<_>>>()?;
         Ok(Self {
-            scenes: RandomScenes::new(photographs, recipe.empty_share).with_nights(NIGHTS),
+            scenes: RandomScenes::new(photographs, recipe.empty_fraction).with_nights(NIGHTS),
             detector,
             seed: recipe.seed,
             normalisation: recipe.normalisation,

@@ -69,9 +69,9 @@ pub fn prepare(
         Supervision::PhysicsFit => by_physics(&|_| true)?,
         Supervision::Rendered | Supervision::Candidates => unreachable!("renderings are no clips"),
         Supervision::Mixed => {
-            let share = recipe.labelled_share;
-            // evenly spread: the clips at which the running share passes a whole number
-            let is_labelled = |clip: usize| ((clip + 1) as f64 * share).floor() > (clip as f64 * share).floor();
+            let fraction = recipe.labelled_fraction;
+            // evenly spread: the clips at which the running fraction passes a whole number
+            let is_labelled = |clip: usize| ((clip + 1) as f64 * fraction).floor() > (clip as f64 * fraction).floor();
             let mut frames = by_physics(&|clip| !is_labelled(clip))?;
             frames.extend(labelled_3d(&clips, is_labelled)?);
             frames

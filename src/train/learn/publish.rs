@@ -109,7 +109,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         Supervision::Labels3d => "3D labels".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
-            100.0 * recipe.labelled_share
+            100.0 * recipe.labelled_fraction
         ),
     };
     let supervision = format!("Trained with {taught}: {} steps, seed {}.", recipe.steps(), recipe.seed);

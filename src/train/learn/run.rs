@@ -18,7 +18,7 @@ use super::memory::check_memory;
 use super::publish::{Best, card_of_run, publish};
 use super::score::{Score, SizeScore, score, score_sizes, score_verifier};
 use super::step::StepReport;
-use super::trainer::{State, Trainer};
+use super::trainer::{Trainer, TrainerState};
 use crate::clips::Clips;
 use crate::error::{Error, Result};
 use crate::files::{Claim, write_whole};
@@ -102,7 +102,7 @@ enum HeldOut {
 }
 
 /// A run in progress.
-struct Run<'a> {
+struct RunInProgress<'a> {
     recipe: &'a Recipe,
     paths: &'a RunPaths,
     /// To be kept, where physics teaches.
@@ -138,7 +138,7 @@ impl TrainConfig {
         let config = TrainConfig { recipe, paths };
         let text = config.to_toml()?;
         // A run that cannot start leaves nothing that would have to be resumed.
-        let run = Run::new(&config, device, observe)?;
+        let run = RunInProgress::new(&config, device, observe)?;
         write_whole(&config.paths.run_file(), text.as_bytes())?;
         run.finish(observe)
     }
@@ -150,11 +150,11 @@ impl TrainConfig {
     /// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
     /// [`Error::Diverged`] for a loss that is not finite.
     pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
-        Run::new(&TrainConfig::saved_in(out)?, device, observe)?.finish(observe)
+        RunInProgress::new(&TrainConfig::saved_in(out)?, device, observe)?.finish(observe)
     }
 }
 
-impl<'a> Run<'a> {
+impl<'a> RunInProgress<'a> {
     fn new(config: &'a TrainConfig, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<Self> {
         let TrainConfig { recipe, paths } = config;
         let device = device.clone().autodiff();
@@ -180,9 +180,9 @@ impl<'a> Run<'a> {
         device.seed(recipe.seed);
         let blank = Pen::new(&architecture, &device)?;
         check_memory(recipe, &blank, &source)?;
-        let state = match State::load_last(&paths.checkpoints(), &blank, recipe)? {
+        let state = match TrainerState::load_last(&paths.checkpoints(), &blank, recipe)? {
             Some(state) => state,
-            None => State::first(recipe, with_start(blank, paths)?),
+            None => TrainerState::first(recipe, with_start(blank, paths)?),
         };
         let best = Best::load(&paths.checkpoints(), &state.average)?;
         let log = log_until(&paths.log(), state.step)?;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::super::examples::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::examples::{CandidateCrops, Renderings};
-use super::laws::Laws;
+use super::laws::LearnedLaws;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
@@ -23,7 +23,7 @@ const AHEAD: usize = 15;
 /// Gauss–Newton steps of a state's fit; the first comes within millimetres.
 const FIT_STEPS: usize = 3;
 
-/// Share of the visible balls that may be less sure than the confidence stated.
+/// Fraction of the visible balls that may be less sure than the confidence stated.
 const UNSURE: f64 = 0.005;
 
 /// How good a network is.
@@ -49,7 +49,12 @@ pub struct Score {
 /// # Errors
 /// [`Error::Data`] where no frame has a label, and for a picture that cannot be localised; as
 /// [`Pictures::with`].
-pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<usize>, laws: &Laws) -> Result<Score> {
+pub async fn score(
+    localiser: &Localiser,
+    pictures: &Pictures,
+    frames: Option<usize>,
+    laws: &LearnedLaws,
+) -> Result<Score> {
     let clips = pictures.clips();
     let count = frames.map_or(clips.len(), |frames| clips_with(frames, clips));
     let (mut forecast, mut image, mut dtg, mut confidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -58,7 +63,9 @@ pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<us
         let found = positions(localiser, pictures, clip).await?;
         let clip = &clips[clip];
         for (frame, found) in clip.frames.iter().zip(&found) {
-            let (Some(Found { position, at, confidence: sure }), Some(label)) = (found, frame.image) else { continue };
+            let (Some(FramePosition { position, at, confidence: sure }), Some(label)) = (found, frame.image) else {
+                continue;
+            };
             confidence.push(*sure);
             image.push(distance(at, &Point2::from(label)));
             dtg.extend(frame.world.map(|truth| distance(position, &Point3::from(truth))));
@@ -91,27 +98,27 @@ pub(super) fn clips_with(frames: usize, clips: &[Clip]) -> usize {
 /// How good a network is that reads sizes, on renderings of random scenes.
 #[derive(Debug, Clone, Serialize)]
 pub struct SizeScore {
-    /// Median error of the radius as a share of it: of balls of at least 4 px, wholly seen.
+    /// Median error of the radius as a fraction of it: of balls of at least 4 px, wholly seen.
     pub radius_error: f64,
     /// The same error of all balls.
     pub radius_error_of_all: Statistic,
-    /// Share of all balls whose radius is off by more than 30 %.
+    /// Fraction of all balls whose radius is off by more than 30 %.
     pub gross: f64,
-    /// Shares of all balls whose error is within one and two of the stated standard deviations.
+    /// Fractions of all balls whose error is within one and two of the stated standard deviations.
     pub coverage: [f64; 2],
     /// 2D error, px.
     pub image_error_px: Statistic,
-    /// Confidence that as large a share of the balls (wholly seen, of at least 4 px) stays below as of the pictures without
+    /// Confidence that as large a fraction of the balls (wholly seen, of at least 4 px) stays below as of the pictures without
     /// a ball exceeds.
     pub confidence_threshold: f64,
-    /// That share.
+    /// That fraction.
     pub confused: f64,
 }
 
 /// Smallest radius of the balls whose error counts, px.
 #[cfg(not(target_arch = "wasm32"))]
 const COUNTED_RADIUS: f64 = 4.0;
-/// Share of a ball that must be seen for it to count as wholly seen.
+/// Fraction of a ball that must be seen for it to count as wholly seen.
 #[cfg(not(target_arch = "wasm32"))]
 const WHOLLY: f64 = 0.98;
 /// Error beyond which a radius is grossly wrong.
@@ -200,7 +207,7 @@ pub async fn score_verifier(localiser: &Localiser, crops: &CandidateCrops, count
     })
 }
 
-/// The threshold below which as large a share of `seen` lies as of `empty` lies above, and that share.
+/// The threshold below which as large a fraction of `seen` lies as of `empty` lies above, and that fraction.
 #[cfg(not(target_arch = "wasm32"))]
 fn equal_error(seen: &mut [f64], empty: &mut [f64]) -> (f64, f64) {
     seen.sort_by(f64::total_cmp);
@@ -214,7 +221,7 @@ fn equal_error(seen: &mut [f64], empty: &mut [f64]) -> (f64, f64) {
 }
 
 /// What the network finds in a frame.
-struct Found {
+struct FramePosition {
     /// In the world, m.
     position: Point3<f64>,
     /// In the picture, px.
@@ -223,7 +230,7 @@ struct Found {
 }
 
 /// What the network finds in each frame that shows the ball.
-async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) -> Result<Vec<Option<Found>>> {
+async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) -> Result<Vec<Option<FramePosition>>> {
     let clip = &pictures.clips()[number];
     let mut found = Vec::with_capacity(clip.frames.len());
     for (index, frame) in clip.frames.iter().enumerate() {
@@ -238,13 +245,13 @@ async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) ->
         let options = LocaliseOptions { ball_radius, ..LocaliseOptions::default() };
         let ball = localiser.localise(&picture, &clip.camera, options).await.map_err(failed)?;
         let (position, at) = (Point3::from(ball.world), Point2::from(ball.image));
-        found.push(Some(Found { position, at, confidence: ball.confidence }));
+        found.push(Some(FramePosition { position, at, confidence: ball.confidence }));
     }
     Ok(found)
 }
 
 /// Forecast errors of all frames from which a label is within reach, px.
-fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<Found>]) -> Vec<f64> {
+fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<FramePosition>]) -> Vec<f64> {
     let frames = &clip.frames;
     let mut errors = Vec::new();
     for middle in 0..frames.len() {

@@ -69,8 +69,8 @@ impl Recipe {
             ("augmentation.zoom", zoom),
             ("augmentation.roll_degrees / 180", roll_degrees / 180.0),
             ("weight_decay", self.weight_decay),
-            ("labelled_share", self.labelled_share),
-            ("fit.largest_outlier_share", self.fit.largest_outlier_share),
+            ("labelled_fraction", self.labelled_fraction),
+            ("fit.largest_outlier_fraction", self.fit.largest_outlier_fraction),
         ] {
             if !(0.0..=1.0).contains(&value) {
                 return refuse(field, format!("must be from 0 to 1, not {value}"));
@@ -82,8 +82,8 @@ impl Recipe {
         if shift > largest / 4 {
             return refuse("augmentation.shift", format!("must be at most a quarter of the input, not {shift} px"));
         }
-        if !(0.0..=0.5).contains(&self.empty_share) {
-            return refuse("empty_share", format!("must be from 0 to 0.5, not {}", self.empty_share));
+        if !(0.0..=0.5).contains(&self.empty_fraction) {
+            return refuse("empty_fraction", format!("must be from 0 to 0.5, not {}", self.empty_fraction));
         }
         if !(0.0..=100.0).contains(&self.label_noise_px) {
             return refuse("label_noise_px", format!("must be from 0 to 100 px, not {}", self.label_noise_px));
@@ -116,8 +116,8 @@ impl Recipe {
                 format!("must be {VERIFIER_SIDE}×{VERIFIER_SIDE} px with supervision \"candidates\""),
             );
         }
-        if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
-            return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());
+        if self.supervision == Supervision::Mixed && self.labelled_fraction == 0.0 {
+            return refuse("labelled_fraction", "must be above 0 with supervision \"mixed\"".into());
         }
         self.check_future()
     }

@@ -159,7 +159,7 @@ fn of_windows(name: &str, supervision: &str, extra: &str) -> (TrainConfig, Sampl
             clip.frames[3].visible = false;
         }
     });
-    let extra = format!("augmentation = {{ brightness = 0.0, noise = 0.0 }}\nempty_share = 0.0\n{extra}");
+    let extra = format!("augmentation = {{ brightness = 0.0, noise = 0.0 }}\nempty_fraction = 0.0\n{extra}");
     let mut settings = TrainSettings::read(&on(&format!("{name}-run"), &folder, supervision, &extra)).unwrap();
     settings.set("phases=[{steps=4,batch=40,crop=32,learning_rate=1e-3}]").unwrap();
     let config = settings.config().unwrap();
@@ -205,10 +205,10 @@ fn with_true_positions_a_window_meets_those_of_its_frames_ahead() {
     assert_eq!((batch.count(), batch.windows.len()), (10, 2));
     for (number, window) in batch.windows.iter().enumerate() {
         for (index, (_, target)) in window.ahead.iter().enumerate() {
-            let &Target::True { picture, position, place } = target else { panic!("meets the truth") };
+            let &Target::True { picture, position, transform } = target else { panic!("meets the truth") };
             assert_eq!(picture, 5 * number + 3 + index);
             let seen = window.camera.image_from_camera(&Point3::from(position)).unwrap();
-            let label = Point2::from(place.in_clip(batch.labels.image[picture].unwrap()));
+            let label = Point2::from(transform.clip_from_picture(batch.labels.image[picture].unwrap()));
             assert!((seen - label).norm() < 1e-6, "the truth is where the picture's label is");
         }
     }
