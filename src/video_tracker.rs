@@ -146,8 +146,8 @@ impl VideoTracker {
             let Some(other) = before.iter().find(slow) else { continue };
             let way = ball.outline.centre - other.outline.centre;
             for place in last..=newest {
-                let share = (place - last) as f64 / (newest - last).max(1) as f64;
-                let centre: Point2<f64> = other.outline.centre + share * way;
+                let fraction = (place - last) as f64 / (newest - last).max(1) as f64;
+                let centre: Point2<f64> = other.outline.centre + fraction * way;
                 let Some(picture) = self.follower.held(place) else { continue };
                 let radius = ball.outline.radius;
                 if let Some(found) =

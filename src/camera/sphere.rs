@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 const RAYS: usize = 96;
 /// Steps of the search for the sphere of an outline; each makes the error about a hundredth.
 const STEPS: usize = 100;
-/// Error at which the sphere is found: px, and as a share of the radius.
+/// Error at which the sphere is found: px, and as a fraction of the radius.
 const TOLERANCE: f64 = 1e-9;
 /// Nearest that a ball's centre may be to the camera, in its radii.
 const NEAREST: f64 = 1.05;

@@ -66,12 +66,11 @@ pub struct LocaliseOptions {
     pub maps: bool,
     /// The ball's radius, m: a model that reads sizes needs it, others do not.
     pub ball_radius: Option<f64>,
-    /// Search this part of the picture alone; with models that read sizes.
+    /// Search region: the whole picture if absent; with models that read sizes.
     pub region: Option<Region>,
-    /// Also return so many likely places ([`Localisation::candidates`]); with models that read sizes.
+    /// Number of candidates to return ([`Localisation::candidates`]); with models that read sizes.
     pub candidates: usize,
-    /// Where the ball can be ([`Scene::volume`](crate::Scene::volume)): a place that would be elsewhere is not taken for it; with models
-    /// that read sizes.
+    /// Where the ball can be ([`Scene::volume`](crate::Scene::volume)): detections outside are refused; with models that read sizes.
     pub volume: Option<Volume>,
 }
 
@@ -105,7 +104,7 @@ impl Region {
     }
 }
 
-/// A place where the ball may be.
+/// One of several detections that may be the ball.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -120,8 +119,7 @@ pub struct Candidate {
     pub depth_sigma: f64,
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// How sure the model is of this place, 0 to 1: of the kind of [`Localisation::confidence_kind`]. Those of several candidates need
-    /// not add up to 1.
+    /// Confidence, 0 to 1, of the kind of [`Localisation::confidence_kind`]. Those of several candidates need not add up to 1.
     pub confidence: f64,
 }
 
@@ -144,21 +142,21 @@ pub struct Localisation {
     pub camera: [f64; 3],
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// Whether a ball was found: its confidence reaches the model's `confidence_threshold`, and it can be where it was found. If not, the
-    /// position is that of the likeliest place, and is not to be used.
+    /// Whether a ball was found: its confidence reaches the model's `confidence_threshold`, and it lies in the volume in which it can be. If
+    /// not, the position is that of the likeliest detection, and is not to be used.
     pub ball_found: bool,
-    /// How sure the model is of the position found, 0 to 1: what [`Self::confidence_kind`] says. Below the card's
+    /// Confidence of the detection, 0 to 1, of the kind of [`Self::confidence_kind`]. Below the card's
     /// `confidence_threshold` no ball is found ([`Self::ball_found`]).
     pub confidence: f64,
     /// What the confidence is.
     pub confidence_kind: ConfidenceKind,
-    /// The likeliest places, the one above first; where asked for.
+    /// The likeliest detections, the one above first; if requested ([`LocaliseOptions::candidates`]).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<Candidate>,
     /// What a user should know about this result, in words.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
-    /// The network's maps, where asked for.
+    /// The network's maps, if requested.
     #[serde(skip)]
     pub maps: Option<Maps>,
 }

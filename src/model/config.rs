@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::backbone::{BackboneConfig, Outline, PICTURE_CHANNELS};
+use super::backbone::{BackboneConfig, BackboneShape, PICTURE_CHANNELS};
 use crate::error::{Error, Result};
 
 /// Largest number of channels in any layer; a card asking for more is damaged or hostile.
@@ -145,7 +145,7 @@ impl PenConfig {
 
     /// Number the input's sides must be multiples of, px.
     pub fn input_multiple(&self) -> u32 {
-        self.backbone.outline().coarsest_stride as u32
+        self.backbone.shape().coarsest_stride as u32
     }
 
     /// Input pixels per cell of the output maps.
@@ -162,7 +162,7 @@ impl PenConfig {
     /// [`Error::Value`] with the field.
     pub fn check(&self) -> Result<()> {
         let refuse = |field: &str, reason: String| Err(Error::value("model", field, reason));
-        let Outline { features, mut sizes, .. } = self.backbone.outline();
+        let BackboneShape { features, mut sizes, .. } = self.backbone.shape();
         if let HeadConfig::Paper { channels } = self.head {
             sizes.extend(channels);
         }

@@ -116,7 +116,7 @@ fn a_backbone_has_the_strides_and_channels_that_it_tells() {
     for config in [small().backbone, BackboneConfig::ResNet34 { width: 4 }, narrow(false), narrow(true)] {
         let features = Backbone::new(&config, &device).forward(&mut Tensors, &picture(&device));
         let found: Vec<[usize; 4]> = features.iter().map(Tensor::dims).collect();
-        let told = config.outline().features;
+        let told = config.shape().features;
         let told: Vec<_> = told.iter().map(|it| [1, HEIGHT / it.stride, WIDTH / it.stride, it.channels]).collect();
         assert_eq!(found, told, "{config:?}");
     }

@@ -51,7 +51,7 @@ pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 /// # Errors
 /// As [`load`]; [`Error::WeightsArchitecture`] also where `pen` has a backbone that timm does not have.
 pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
-    if !pen.config().backbone.outline().is_timms {
+    if !pen.config().backbone.shape().is_timms {
         let reason = "timm has no backbone like this network's, so its weights do not fit".into();
         return Err(Error::WeightsArchitecture { reason });
     }
@@ -73,20 +73,20 @@ pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 /// # Errors
 /// [`Error::Device`] where the device cannot be read.
 pub async fn on_cpu(pen: &Pen) -> Result<Pen> {
-    let mut collected = Collect { ids: vec![], values: Transaction::default() };
+    let mut collected = TensorCollector { ids: vec![], values: Transaction::default() };
     pen.visit(&mut collected);
     let values = collected.values.execute_async().await;
     let values = values.map_err(|error| Error::Device { device: "GPU".into(), reason: error.to_string() })?;
-    Ok(pen.clone().map(&mut Place { values: collected.ids.into_iter().zip(values).collect() }))
+    Ok(pen.clone().map(&mut TensorReplacer { values: collected.ids.into_iter().zip(values).collect() }))
 }
 
 /// Gathers all float tensors.
-struct Collect {
+struct TensorCollector {
     ids: Vec<ParamId>,
     values: Transaction,
 }
 
-impl ModuleVisitor for Collect {
+impl ModuleVisitor for TensorCollector {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         self.ids.push(param.id);
         self.values = std::mem::take(&mut self.values).register(param.val());
@@ -94,11 +94,11 @@ impl ModuleVisitor for Collect {
 }
 
 /// Puts them on the CPU.
-struct Place {
+struct TensorReplacer {
     values: HashMap<ParamId, TensorData>,
 }
 
-impl ModuleMapper for Place {
+impl ModuleMapper for TensorReplacer {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let Some(values) = self.values.remove(&param.id) else { return param };
         param.map(|_| Tensor::from_data(values, &Device::flex()))

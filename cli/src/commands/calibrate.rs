@@ -34,7 +34,7 @@ pub struct Arguments {
     points: Option<PathBuf>,
     /// Estimate these, too; the focal length is estimated where the file has no intrinsic.
     #[arg(long, value_enum, value_delimiter = ',')]
-    estimate: Vec<Unknown>,
+    estimate: Vec<CalibrationUnknown>,
     /// Then let the court's painted lines, as this picture (or a video's first frame) shows them, pull the camera to a fraction
     /// of a pixel: four to six clicks are enough.
     #[arg(long, value_name = "PICTURE|VIDEO", conflicts_with = "list")]
@@ -51,7 +51,7 @@ pub struct Arguments {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Unknown {
+enum CalibrationUnknown {
     Focal,
     PrincipalPoint,
     /// k1 and k2.
@@ -121,7 +121,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         let [from, to] = [points.lines[line.index].from, points.lines[line.index].to];
         let seen = match line.share {
             0.0 => "NOT FOUND".into(),
-            share => format!("{:.0} % seen, {:.2} px rms", 100.0 * share, line.rms_px),
+            fraction => format!("{:.0} % seen, {:.2} px rms", 100.0 * fraction, line.rms_px),
         };
         print_line(format_args!("line {} from {from:?} to {to:?}: {seen}", line.index))?;
     }

@@ -53,7 +53,7 @@ pub struct Arguments {
     /// Estimate these, too; the scene's values are where the search starts. Where the spin is unknown, drag and restitution are
     /// found anyway.
     #[arg(long, value_enum, value_delimiter = ',')]
-    estimate: Vec<Unknown>,
+    estimate: Vec<FitParameter>,
     /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).
     #[arg(long, value_name = "TRAJECTORY.CSV")]
     out: Option<PathBuf>,
@@ -66,7 +66,7 @@ pub struct Arguments {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Unknown {
+enum FitParameter {
     Restitution,
     Drag,
     Spin,
@@ -109,9 +109,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let mut estimate: Vec<Parameter> = Vec::new();
     for unknown in &arguments.estimate {
         let parameter = match unknown {
-            Unknown::Restitution => Parameter::Restitution,
-            Unknown::Drag => Parameter::Drag,
-            Unknown::Spin => Parameter::Spin,
+            FitParameter::Restitution => Parameter::Restitution,
+            FitParameter::Drag => Parameter::Drag,
+            FitParameter::Spin => Parameter::Spin,
         };
         if estimate.contains(&parameter) {
             bail!("--estimate names {} twice", parameter.name());
