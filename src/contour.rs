@@ -119,7 +119,7 @@ pub struct Finder<'a> {
 }
 
 impl Finder<'_> {
-    /// The outline near `guess`; none where there are too few edges for one or it is lost.
+    /// The outline near `guess`; none where there are too few edges or the fit diverges.
     pub fn contour(&self, guess: &Circle, prior: Option<RadiusPrior>) -> Option<Contour> {
         let mut circle = *guess;
         let mut contour = None;
@@ -139,7 +139,7 @@ impl Finder<'_> {
         contour
     }
 
-    /// The strongest edge in each direction, and in how many directions there was picture to look at.
+    /// The strongest edge in each direction, and the number of directions that lie in the picture.
     fn edge_points(&self, circle: &Circle, reach: f64, plane: &TangentPlane) -> Edges {
         let reach = reach.min(circle.radius - HALF_SLOPE).max(2.0 * STEP);
         let mut found =

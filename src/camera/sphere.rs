@@ -14,7 +14,7 @@ const TOLERANCE: f64 = 1e-9;
 /// Nearest that a ball's centre may be to the camera, in its radii.
 const NEAREST: f64 = 1.05;
 
-/// What a ball's picture covers, taken for an ellipse.
+/// The outline of a ball's image, as an ellipse.
 ///
 /// In perspective it is one: of semi-minor axis f·R/√(z² − R²), longer towards the picture's edge, its centre a little
 /// further out than the image of the ball's centre. A lens with distortion bends it.

@@ -216,11 +216,12 @@ impl Metrics {
     /// Metrics of `samples` with DtG binned by `bins`.
     pub fn of(samples: &[Sample], bins: Bins) -> Self {
         let visible = samples.iter().filter(|sample| sample.visible);
-        let sure: Vec<(f64, f64, f64)> = (samples.iter().filter(|sample| sample.visible))
+        let with_sigma: Vec<(f64, f64, f64)> = (samples.iter().filter(|sample| sample.visible))
             .filter_map(|it| Some((it.found_depth - it.true_depth, it.true_depth, it.depth_sigma?)))
             .collect();
         let fraction = |of: &dyn Fn(&(f64, f64, f64)) -> bool| {
-            (!sure.is_empty()).then(|| sure.iter().filter(|it| of(it)).count() as f64 / sure.len() as f64)
+            (!with_sigma.is_empty())
+                .then(|| with_sigma.iter().filter(|it| of(it)).count() as f64 / with_sigma.len() as f64)
         };
         let within = |times: u8| fraction(&|(error, _, sigma)| error.abs() <= f64::from(times) * sigma);
         let binned = bins.sorted(samples).into_iter().map(|bin| Statistic::of(bin.into_iter().map(Sample::dtg)));
@@ -234,8 +235,8 @@ impl Metrics {
             per_environment: grouped(samples, "env"),
             confidence_kind: samples.first().map(|sample| sample.confidence_kind),
             calibration: calibration(samples),
-            depth_error_relative: (!sure.is_empty())
-                .then(|| Statistic::of(sure.iter().map(|(error, depth, _)| error.abs() / depth))),
+            depth_error_relative: (!with_sigma.is_empty())
+                .then(|| Statistic::of(with_sigma.iter().map(|(error, depth, _)| error.abs() / depth))),
             depth_coverage: [1, 2].into_iter().map(|times| Some((times, within(times)?))).collect(),
             gross: fraction(&|(error, depth, _)| error.abs() > GROSS * depth),
             seconds_per_picture: Seconds {

@@ -31,10 +31,14 @@ const MAX_DIFFERENCE: f64 = 0.3;
 /// Largest value of the feature [`EdgeFeatures::disagreement`].
 const MAX_DISAGREEMENT: f64 = 9.0;
 /// Weights of the log-odds that the edge is right and not the network: the bias, then one for each of [`EdgeFeatures`].
+///
+/// These, [`LOG_SIGMA`] and [`NETWORK_SIGMA_FACTOR`] were fitted to 12,000 random renderings with photographs of training's packages behind,
+/// by a heavy-tailed likelihood. Neither that script nor its photographs were kept; `scripts/fit-weights edge [FOLDER]` fits them anew, and
+/// prints the likelihood of both on other renderings (`docs/experiments.md`).
 const EDGE_LOG_ODDS: [f64; 5] = [-4.45, 0.0, -2.03, -3.66, -0.71];
-/// Weights of the logarithm of the standard deviation of log(radius): the same.
+/// Weights of the logarithm of the standard deviation of log(radius): the same, of the same fit.
 const LOG_SIGMA: [f64; 5] = [1.77, 1.01, 0.75, 1.76, 0.22];
-/// Factor on the network's own standard deviation where no edge is found.
+/// Factor on the network's own standard deviation where no edge is found: of the same fit.
 const NETWORK_SIGMA_FACTOR: f64 = 1.8;
 /// Focal length of a camera to which every ball is a circle, over the picture's longer side.
 const LONG_FOCAL_LENGTH: f64 = 50.0;

@@ -70,8 +70,8 @@ pub enum DepthActivation {
     Softplus,
     /// Exponential.
     Exp,
-    /// Exponential, within a factor e² of the scale: the ball's apparent radius, px, in the place of its depth. A second
-    /// channel is the logarithm of the scale of that reading's error, a Laplace distribution's, of log(radius).
+    /// Exponential, within a factor e² of the scale: the ball's apparent radius, px, instead of its depth. A second
+    /// channel is the logarithm of the scale of that radius's error, a Laplace distribution's, of log(radius).
     Radius,
 }
 

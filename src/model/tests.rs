@@ -269,6 +269,16 @@ fn weights_that_are_not_the_cards_are_refused_with_both_sums() {
 }
 
 #[test]
+fn cards_of_another_version_are_refused_with_what_to_do() {
+    let text = String::from_utf8(golden("tiny.json")).unwrap();
+    let older = text.replace("  \"version\": 2,\n", "").replace("\"input\": {", "\"closer\": {}, \"input\": {");
+    for (card, found) in [(older, "not 1"), (text.replace("\"version\": 2", "\"version\": 3"), "not 3")] {
+        let error = Card::from_json(&card, "card").unwrap_err().to_string();
+        assert!(error.contains("version") && error.contains(found) && error.contains("migrate-models"), "{error}");
+    }
+}
+
+#[test]
 fn cards_with_unknown_fields_or_senseless_numbers_are_refused() {
     let text = String::from_utf8(golden("tiny.json")).unwrap();
     for (from, to, named) in [

@@ -16,7 +16,7 @@ pub struct CropGrid {
     pub grid: u32,
 }
 
-/// A view of the network's input: a part of it, perhaps moved, turned, magnified or mirrored. All of it is what
+/// A view of the network's input: a part of it, perhaps moved, rotated, magnified or mirrored. All of it is what
 /// another camera at the same place would see: one with another principal point, rolled, or with a longer lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AugmentedView {
@@ -32,7 +32,7 @@ pub struct AugmentedView {
 
 impl AugmentedView {
     /// A random view of an input of `size`: with `crop`, a square of that side around `centre`, on a grid; then moved,
-    /// turned, magnified and mirrored within the configuration's bounds; and magnified `magnified` times in any case.
+    /// rotated, magnified and mirrored within the configuration's bounds; and magnified `magnified` times in any case.
     pub fn random(
         size: [u32; 2],
         crop: Option<CropGrid>,
@@ -51,10 +51,10 @@ impl AugmentedView {
             corner += Vector2::from_fn(|_, _| random.random_range(-most..=most) as f64);
         }
         let mut within = |range: f64| if range > 0.0 { random.random_range(-range..range) } else { 0.0 };
-        let turn = Rotation2::new(within(config.roll_degrees.to_radians()));
+        let rotation = Rotation2::new(within(config.roll_degrees.to_radians()));
         let zoom = magnified * (1.0 + config.zoom).powf(within(1.0) * f64::from(config.zoom > 0.0));
         let mirror = if config.flip > 0.0 && random.random_bool(config.flip) { -1.0 } else { 1.0 };
-        let linear = turn.matrix() / zoom * Matrix2::new(mirror, 0.0, 0.0, 1.0);
+        let linear = rotation.matrix() / zoom * Matrix2::new(mirror, 0.0, 0.0, 1.0);
         // Turned and magnified about the ball where there is one to keep in sight, in a crop.
         let about = match crop {
             Some(_) => Vector2::from(centre),
@@ -68,7 +68,7 @@ impl AugmentedView {
 
     /// Where a point of the input is in the view, px.
     pub fn of_input(&self, point: [f64; 2]) -> [f64; 2] {
-        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a turn times a number is never singular
+        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a rotation times a number is never singular
         (inverse * (Vector2::from(point) - self.origin)).into()
     }
 
@@ -109,7 +109,7 @@ impl AugmentedView {
     }
 }
 
-/// The pixels to both sides of a place, within `0..count`.
+/// The pixels to both sides of a coordinate, within `0..count`.
 fn neighbours(at: f64, count: usize) -> (usize, usize) {
     let within = |at: f64| at.clamp(0.0, (count - 1) as f64) as usize;
     (within(at.floor()), within(at.floor() + 1.0))

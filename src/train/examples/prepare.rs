@@ -103,8 +103,8 @@ fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
         if recipe.camera_off_degrees > 0.0 {
             let mut random = Stream::CameraError.of_named(recipe.seed, group(clip));
             let axis = Unit::new_normalize(Vector3::from_fn(|_, _| normal_pair(&mut random)[0]));
-            let turn = Rotation3::from_axis_angle(&axis, recipe.camera_off_degrees.to_radians());
-            clip.camera = clip.camera.turned(&turn);
+            let rotation = Rotation3::from_axis_angle(&axis, recipe.camera_off_degrees.to_radians());
+            clip.camera = clip.camera.turned(&rotation);
         }
     }
     Ok(clips)

@@ -149,7 +149,7 @@ pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, recipe: &Re
     let how = if recipe.supervision.is_future() { ", through forecasts" } else { "" };
     Card {
         name: format!("{}-tuned", card.name.trim_end_matches("-tuned")),
-        // It looks again itself: what it has learned of the scene is to count there, too.
+        // Its second pass is its own: what it has learned of the scene counts there, too.
         verifier: None,
         depth_range,
         training_data,

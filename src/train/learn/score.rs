@@ -23,8 +23,8 @@ const AHEAD: usize = 15;
 /// Gauss–Newton steps of a state's fit; the first comes within millimetres.
 const FIT_STEPS: usize = 3;
 
-/// Fraction of the visible balls that may be less sure than the confidence stated.
-const UNSURE: f64 = 0.005;
+/// Fraction of the visible balls whose confidence may be lower than the one stated.
+const BELOW: f64 = 0.005;
 
 /// How good a network is.
 #[derive(Debug, Clone, Serialize)]
@@ -63,10 +63,10 @@ pub async fn score(
         let found = positions(localiser, pictures, clip).await?;
         let clip = &clips[clip];
         for (frame, found) in clip.frames.iter().zip(&found) {
-            let (Some(FramePosition { position, at, confidence: sure }), Some(label)) = (found, frame.image) else {
+            let (Some(FramePosition { position, at, confidence: of_frame }), Some(label)) = (found, frame.image) else {
                 continue;
             };
-            confidence.push(*sure);
+            confidence.push(*of_frame);
             image.push(distance(at, &Point2::from(label)));
             dtg.extend(frame.world.map(|truth| distance(position, &Point3::from(truth))));
         }
@@ -82,7 +82,7 @@ pub async fn score(
     confidence.sort_by(f64::total_cmp);
     Ok(Score {
         forecast_px: forecast.get(forecast.len() / 2).copied(),
-        least_confidence: confidence[(UNSURE * confidence.len() as f64) as usize],
+        least_confidence: confidence[(BELOW * confidence.len() as f64) as usize],
         image_error_px: Statistic::of(image),
         dtg: Statistic::of(dtg),
     })
@@ -214,10 +214,10 @@ fn equal_error(seen: &mut [f64], empty: &mut [f64]) -> (f64, f64) {
     empty.sort_by(f64::total_cmp);
     let below =
         |values: &[f64], at: f64| values.partition_point(|&value| value < at) as f64 / values.len().max(1) as f64;
-    let lost = |at: f64| below(seen, at);
+    let missed = |at: f64| below(seen, at);
     let taken = |at: f64| 1.0 - below(empty, at);
-    let crossing = seen.iter().copied().find(|&at| lost(at) >= taken(at)).unwrap_or(0.5);
-    (crossing, lost(crossing).max(taken(crossing)))
+    let crossing = seen.iter().copied().find(|&at| missed(at) >= taken(at)).unwrap_or(0.5);
+    (crossing, missed(crossing).max(taken(crossing)))
 }
 
 /// What the network finds in a frame.

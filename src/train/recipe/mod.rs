@@ -54,7 +54,7 @@ pub struct Recipe {
     /// Standard deviation of noise that is added to every 2D label, px, to see what labels by hand would do.
     #[serde(default)]
     pub label_noise_px: f64,
-    /// By how much the training clips' cameras are turned away from where they were, degrees, to see what a bad calibration
+    /// Angle by which the training clips' cameras are rotated, degrees, to see what a bad calibration
     /// does: each camera once, about a random axis through its centre.
     #[serde(default)]
     pub camera_off_degrees: f64,

@@ -197,7 +197,7 @@ pub struct Augmentation {
     pub blur: f32,
     /// Largest shift, px of the network's input; the camera's matrix moves along.
     pub shift: u32,
-    /// Largest turn in the picture's plane, degrees: a rolled camera sees the same depths.
+    /// Largest rotation in the picture's plane, degrees: a rolled camera sees the same depths.
     pub roll_degrees: f64,
     /// Largest magnification less one, up or down: a longer lens shows a ball that is as large as a nearer one, and is
     /// taught as that.

@@ -288,6 +288,6 @@ fn the_published_verifier_tells_balls_from_other_candidates() {
         right += usize::from((probability > 0.5) == crop.ball().is_some());
         all += 1;
     }
-    println!("{right} of {all} places verified rightly");
+    println!("{right} of {all} crops classified correctly");
     assert!(right * 100 >= all * 85, "{right} of {all}");
 }
