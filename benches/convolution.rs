@@ -14,8 +14,8 @@ use std::time::{Duration, Instant};
 
 use burn::tensor::{Device, Tensor, TensorData};
 use gravisight::internal::{
-    AdamW, BackboneConfig, Batch, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig, PenOutput,
-    StepOptions, median, save, sha256_hex, step,
+    AdamW, BackboneConfig, Batch, CARD_VERSION, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig,
+    PenOutput, StepOptions, median, save, sha256_hex, step,
 };
 use gravisight::{Card, Size};
 use serde_json::{Value, json};
@@ -199,10 +199,11 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
     let name = job.file_name();
     let card = Card {
         name: name.into(),
+        version: CARD_VERSION,
         weights: format!("{name}.safetensors"),
         sha256: sha256_hex(&weights),
         architecture: job.config.clone(),
-        closer: None,
+        verifier: None,
         input: Size::square(SIDE as u32),
         normalisation: Normalisation::default(),
         depth_from: None,

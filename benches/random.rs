@@ -119,16 +119,17 @@ fn main() {
             let of: Vec<&Scored> =
                 scored.iter().filter(|it| (from..to).contains(&it.ball.radius) && it.plain() == plain).collect();
             let all = of.len().max(1) as f64;
-            let share = |test: &dyn Fn(&Scored) -> bool| 100.0 * of.iter().filter(|it| test(it)).count() as f64 / all;
+            let fraction =
+                |test: &dyn Fn(&Scored) -> bool| 100.0 * of.iter().filter(|it| test(it)).count() as f64 / all;
             println!(
                 "{from:>4}-{to:<4} {name:<12} {:>5} {:>8.1}% {:>9.2} {:>9.2} {:>8.2} {:>6.0}% {:>6.0}%",
                 of.len(),
-                share(&|it| !it.found()),
+                fraction(&|it| !it.found()),
                 100.0 * median(of.iter().map(|it| it.error())).unwrap_or(f64::NAN),
                 100.0 * median(of.iter().filter(|it| it.found()).map(|it| it.error())).unwrap_or(f64::NAN),
                 median(of.iter().map(|it| it.offset())).unwrap_or(f64::NAN),
-                share(&|it| it.sigmas <= 1.0),
-                share(&|it| it.sigmas <= 2.0),
+                fraction(&|it| it.sigmas <= 1.0),
+                fraction(&|it| it.sigmas <= 2.0),
             );
         }
         from = to;
@@ -147,23 +148,23 @@ fn main() {
             100.0 * median(errors).unwrap_or(f64::NAN)
         );
     }
-    let mut sure: Vec<f64> =
+    let mut confidences: Vec<f64> =
         scored.iter().filter(|it| it.plain() && it.ball.radius >= 4.0).map(|it| it.confidence).collect();
-    sure.sort_by(f64::total_cmp);
+    confidences.sort_by(f64::total_cmp);
     empty.sort_by(f64::total_cmp);
-    for lost in [0.01, 0.02, 0.05, 0.1] {
-        let threshold = sure[(lost * sure.len() as f64) as usize];
+    for missed in [0.01, 0.02, 0.05, 0.1] {
+        let threshold = confidences[(missed * confidences.len() as f64) as usize];
         let taken = empty.iter().filter(|&&confidence| confidence >= threshold).count();
         println!(
-            "threshold {threshold:.3}: loses {:.0} % of the balls from 4 px on, takes {taken} of {} pictures without one",
-            100.0 * lost,
+            "threshold {threshold:.3}: misses {:.0} % of the balls from 4 px on, false positives in {taken} of {} pictures without one",
+            100.0 * missed,
             empty.len()
         );
     }
     if let Some(threshold) = localiser.card().confidence_threshold {
         println!(
-            "the card's threshold {threshold:.3}: loses {:.1} % of those balls, takes {} pictures without one",
-            100.0 * sure.partition_point(|&confidence| confidence < threshold) as f64 / sure.len() as f64,
+            "the card's threshold {threshold:.3}: misses {:.1} % of those balls, false positives in {} pictures without one",
+            100.0 * confidences.partition_point(|&confidence| confidence < threshold) as f64 / confidences.len() as f64,
             empty.len() - empty.partition_point(|&confidence| confidence < threshold)
         );
     }

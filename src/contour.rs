@@ -1,9 +1,8 @@
 //! A ball's outline in a picture to a part of a pixel (the sphere's apparent contour), and the image of its centre.
 //!
-//! A sphere's outline is a circular cone of rays about the ray of its centre. So edge points are looked for across
-//! the circle that was guessed, turned into rays, seen in the plane across the guessed centre's ray, where the
-//! outline is a circle about the centre's own image; the lens and the perspective, which make the outline in the
-//! picture an ellipse beside the centre's image, drop out.
+//! A sphere's outline is a circular cone of rays around the ray of its centre. So edge points are searched for across an initial
+//! circle and converted to rays; in the plane perpendicular to the initial centre's ray the outline is a circle around the image of
+//! the centre. Lens and perspective, which make the outline in the picture an ellipse beside the centre's image, cancel.
 
 use image::RgbImage;
 use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
@@ -12,29 +11,30 @@ use crate::camera::Camera;
 use crate::image::{Levels, levels_between};
 use crate::statistics::median;
 
-/// Directions in which an edge is looked for.
+/// Directions in which an edge is searched for.
 const DIRECTIONS: usize = 64;
 /// Distance of samples across the edge, px.
 const STEP: f64 = 0.25;
 /// Half the distance of the two samples whose difference is the slope, px: an edge is about two pixels wide.
 const HALF_SLOPE: f64 = 0.75;
-/// How far from a guess an edge is looked for, px and shares of the radius, in each round of looking and fitting.
+/// Largest distance of an edge from the initial circle, px and fractions of the radius, in each round of search and fit.
 const REACHES: [[f64; 2]; 3] = [[2.0, 0.2], [1.5, 0.1], [1.5, 0.1]];
 /// Rounds of reweighting in a fit.
 const REWEIGHTS: usize = 8;
-/// Distance from the circle at which an edge point loses its weight (Tukey), px and shares of the radius.
+/// Distance from the circle at which an edge point loses its weight (Tukey), px and fractions of the radius.
 const OUTLIER_PX: f64 = 0.6;
-const OUTLIER_SHARE: f64 = 0.03;
+const OUTLIER_FRACTION: f64 = 0.03;
 /// Fewest edge points that make a circle.
 const FEWEST_POINTS: usize = 10;
-/// Blur of an edge (standard deviation, px) and the share of the slopes a pixel beside the strongest in that, of a difference
-/// over twice HALF_SLOPE.
+/// Blur of an edge (standard deviation σ of a Gaussian, px), and the slope 1 px beside the edge over that on it. Not fitted: with slopes
+/// as differences over 2 · [`HALF_SLOPE`] that ratio is (Φ(1.75/σ) − Φ(0.25/σ)) / (2 Φ(0.75/σ) − 1).
 const SOFTNESS: [(f64, f64); 6] = [(0.3, 0.205), (0.5, 0.357), (0.75, 0.527), (1.0, 0.660), (1.5, 0.815), (2.0, 0.889)];
-/// Fading from which it is the light's: patterns and shadows make less. And how far inside its rim the edge of a ball that fades
-/// as a lit sphere's does seems to be, px by what is beyond (of a slope as the square root's, blurred by half a pixel).
+/// Smallest fading that is caused by shading at the rim: texture and shadows cause less. And how far inside the rim the edge of a ball
+/// that fades as a lit sphere does appears, px per unit of fading beyond it (brightness as the square root of the distance from the rim,
+/// blurred by half a pixel).
 const LEAST_FADING: f64 = 0.15;
 const INSIDE: f64 = 2.6;
-/// Error of one edge point that is always there, px.
+/// Smallest standard deviation of one edge point, px.
 const POINT_ERROR: f64 = 0.15;
 
 /// A circle in the picture, px.
@@ -48,7 +48,7 @@ pub struct Circle {
     pub radius: f64,
 }
 
-/// What is known of the radius before an outline is fitted, px.
+/// Prior of the radius, px.
 #[derive(Debug, Clone, Copy)]
 pub struct RadiusPrior {
     /// The likeliest.
@@ -62,7 +62,7 @@ pub struct RadiusPrior {
 pub struct Contour {
     /// The image of the ball's centre, and the outline's mean distance from it, px.
     pub circle: Circle,
-    /// Share of the directions (within the picture) in which there is an edge on the circle.
+    /// Fraction of the directions (within the picture) in which there is an edge on the circle.
     pub coverage: f64,
     /// Root mean square of the distances of those edges from the circle, px.
     pub rms: f64,
@@ -70,18 +70,18 @@ pub struct Contour {
     pub sigma: f64,
     /// Half the angle of the cone of rays about the centre's ray, rad: its sine is the ball's radius over its distance.
     pub half_angle: f64,
-    /// How far inside the ball's rim that edge may lie, px: where a ball fades into the dark towards its rim, as one that is lit
-    /// from the camera alone before black.
+    /// How far inside the ball's rim that edge may lie, px: where a ball fades into a dark background towards its rim, as one lit
+    /// from the camera alone.
     pub inside: f64,
 }
 
-/// A slope across a circle.
-struct Edge {
+/// The edge across a circle in one direction.
+struct EdgeSlope {
     /// From the circle's centre, px.
     distance: f64,
-    /// Mean of the slopes a pixel inside and outside, as a share of it.
+    /// Mean of the slopes a pixel inside and outside, as a fraction of it.
     softness: Option<f64>,
-    /// By how much the slope 1.5 px inside is stronger than the one outside, as a share of it.
+    /// By how much the slope 1.5 px inside is stronger than the one outside, as a fraction of it.
     fading: Option<f64>,
 }
 
@@ -89,12 +89,12 @@ struct Edge {
 struct Edges {
     /// In the plane across its centre's ray.
     points: Vec<Vector2<f64>>,
-    /// Of each: the slopes a pixel beside the strongest, as a share of that.
+    /// Of each: the slopes a pixel beside the strongest, as a fraction of that.
     softness: Vec<f64>,
-    /// Of each: as [`Edge::fading`].
+    /// Of each: as [`EdgeSlope::fading`].
     fading: Vec<f64>,
-    /// Directions that were in the picture.
-    asked: usize,
+    /// Directions that lie in the picture.
+    directions: usize,
 }
 
 /// A circle in the plane across the guessed centre's ray, px at that ray.
@@ -107,26 +107,26 @@ struct Fitted {
     rms: f64,
 }
 
-/// Where outlines are looked for.
+/// Where outlines are searched for.
 pub struct Finder<'a> {
     /// The picture.
     pub rgb: &'a RgbImage,
-    /// What stands still behind: edges that are there as well do not count.
+    /// The static background: edges that it has as well do not count.
     pub still: Option<&'a RgbImage>,
     /// Smallest difference of two levels that is not noise, at a pixel.
     pub contrast: &'a dyn Fn(usize, usize) -> f32,
-    /// That took the picture.
+    /// The camera that took the picture.
     pub camera: &'a Camera,
 }
 
 impl Finder<'_> {
-    /// The outline near `guess`; none where there are too few edges for one or it is lost.
+    /// The outline near `guess`; none where there are too few edges or the fit diverges.
     pub fn contour(&self, guess: &Circle, prior: Option<RadiusPrior>) -> Option<Contour> {
         let mut circle = *guess;
         let mut contour = None;
-        for [px, share] in REACHES {
-            let reach = px + share * circle.radius;
-            let plane = Plane::across(self.camera, &circle)?;
+        for [px, fraction] in REACHES {
+            let reach = px + fraction * circle.radius;
+            let plane = TangentPlane::across(self.camera, &circle)?;
             let edges = self.edge_points(&circle, reach, &plane);
             let fitted = fit(&edges.points, circle.radius, prior)?;
             let centre = plane.image(fitted.centre)?;
@@ -140,16 +140,17 @@ impl Finder<'_> {
         contour
     }
 
-    /// The strongest edge in each direction, and in how many directions there was picture to look at.
-    fn edge_points(&self, circle: &Circle, reach: f64, plane: &Plane) -> Edges {
+    /// The strongest edge in each direction, and the number of directions that lie in the picture.
+    fn edge_points(&self, circle: &Circle, reach: f64, plane: &TangentPlane) -> Edges {
         let reach = reach.min(circle.radius - HALF_SLOPE).max(2.0 * STEP);
-        let mut found = Edges { points: Vec::with_capacity(DIRECTIONS), softness: vec![], fading: vec![], asked: 0 };
+        let mut found =
+            Edges { points: Vec::with_capacity(DIRECTIONS), softness: vec![], fading: vec![], directions: 0 };
         for index in 0..DIRECTIONS {
             let (sin, cos) = (std::f64::consts::TAU * index as f64 / DIRECTIONS as f64).sin_cos();
             let place = |distance: f64| Point2::new(circle.x + distance * cos, circle.y + distance * sin);
             let inside = levels_between(self.rgb, place(circle.radius).x, place(circle.radius).y).is_some();
-            found.asked += usize::from(inside);
-            let Some(Edge { distance, softness, fading }) =
+            found.directions += usize::from(inside);
+            let Some(EdgeSlope { distance, softness, fading }) =
                 self.strongest(&place, circle.radius, reach).filter(|_| inside)
             else {
                 continue;
@@ -164,7 +165,7 @@ impl Finder<'_> {
     }
 
     /// The strongest slope within `reach` of `radius`; none where nothing is stronger than noise.
-    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<Edge> {
+    fn strongest(&self, place: &dyn Fn(f64) -> Point2<f64>, radius: f64, reach: f64) -> Option<EdgeSlope> {
         let count = (2.0 * reach / STEP).round() as usize + 1;
         let pad = (HALF_SLOPE / STEP).round() as usize;
         let first = radius - reach;
@@ -199,7 +200,7 @@ impl Finder<'_> {
         let pair = |px: f64| Some((off(-px)?, off(px)?));
         let softness = pair(1.0).map(|(inside, outside)| 0.5 * (inside + outside));
         let fading = pair(1.5).map(|(inside, outside)| inside - outside);
-        Some(Edge { distance: at(best + pad) + f64::from(shift) * STEP, softness, fading })
+        Some(EdgeSlope { distance: at(best + pad) + f64::from(shift) * STEP, softness, fading })
     }
 }
 
@@ -219,7 +220,7 @@ fn slope(frame: &[Option<Levels>], still: Option<&[Option<Levels>]>, index: usiz
 }
 
 /// The plane across the ray of a circle's centre.
-struct Plane<'a> {
+struct TangentPlane<'a> {
     camera: &'a Camera,
     /// Turns that ray onto the z axis.
     plane_from_camera: Rotation3<f64>,
@@ -227,7 +228,7 @@ struct Plane<'a> {
     scale: f64,
 }
 
-impl<'a> Plane<'a> {
+impl<'a> TangentPlane<'a> {
     fn across(camera: &'a Camera, circle: &Circle) -> Option<Self> {
         let ray = |x: f64, y: f64| camera.camera_from_image(&Point2::new(x, y), 1.0).ok().map(|ray| ray.coords);
         let axis = ray(circle.x, circle.y)?;
@@ -260,7 +261,7 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
     if points.len() < FEWEST_POINTS {
         return None;
     }
-    let narrow = OUTLIER_PX + OUTLIER_SHARE * radius;
+    let narrow = OUTLIER_PX + OUTLIER_FRACTION * radius;
     let (mut centre, mut radius) = (Vector2::zeros(), radius);
     let mut scale = {
         let distance = median(points.iter().map(|point| (point.norm() - radius).abs()))?;
@@ -274,9 +275,9 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
             let offset = point - centre;
             let distance = offset.norm().max(f64::MIN_POSITIVE);
             let residual = distance - radius;
-            let share = 1.0 - (residual / scale).powi(2);
-            if share > 0.0 {
-                let weight = share * share;
+            let fraction = 1.0 - (residual / scale).powi(2);
+            if fraction > 0.0 {
+                let weight = fraction * fraction;
                 let row = Vector3::new(offset.x / distance, offset.y / distance, 1.0);
                 normal += row * row.transpose() * weight;
                 slope += row * (residual * weight);
@@ -302,7 +303,7 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
     Some(Fitted { centre, radius, covariance, inliers: kept.len(), rms })
 }
 
-/// Standard deviation of the blur (a Gaussian's, px) of an edge whose slopes a pixel beside the strongest are of the share
+/// Standard deviation of the blur (a Gaussian's, px) of an edge whose slopes a pixel beside the strongest are of the fraction
 /// `softness` of it.
 fn blur_of(softness: f64) -> f64 {
     let after = SOFTNESS.iter().position(|&(_, known)| known > softness).unwrap_or(SOFTNESS.len() - 1).max(1);
@@ -310,10 +311,10 @@ fn blur_of(softness: f64) -> f64 {
     low + (high - low) * ((softness - from) / (to - from)).clamp(0.0, 1.0)
 }
 
-fn summary(circle: Circle, Edges { asked, softness, fading, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
+fn summary(circle: Circle, Edges { directions, softness, fading, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
     let centre = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
     let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
-    let coverage = (fitted.inliers as f64 / asked.max(1) as f64).min(1.0);
+    let coverage = (fitted.inliers as f64 / directions.max(1) as f64).min(1.0);
     let blur = blur_of(median(softness).unwrap_or(0.0));
     let fading = fading.iter().map(|it| it.clamp(-1.0, 1.0)).sum::<f64>() / fading.len().max(1) as f64;
     let inside = INSIDE * (fading - LEAST_FADING).max(0.0);

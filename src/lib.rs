@@ -103,7 +103,7 @@ pub use self::volume::Volume;
 /// Names that are in the modules of their subjects.
 #[doc(hidden)]
 pub mod parts {
-    pub use crate::camera::{Distortion, Measured, Outline};
+    pub use crate::camera::{Detection, Distortion, Outline};
     pub use crate::evaluate::{Bins, CalibrationGroup, DepthMapScore, Statistic, score_depth_maps};
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::model::ConfidenceKind;
@@ -121,13 +121,15 @@ pub mod parts {
 pub mod internal {
     pub use crate::files::{Claim, NewFolder, read, read_text, write_whole};
     pub use crate::image::Normalisation;
-    pub use crate::model::{ANY, BackboneConfig, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex};
+    pub use crate::model::{
+        ANY, BackboneConfig, CARD_VERSION, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex,
+    };
     pub use crate::physics::Case;
     pub use crate::random::{Random, normal_pair};
     pub use crate::statistics::median;
     pub use crate::synth::looking;
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
-    pub use crate::synth::{Disturbance, Engine, Place, Set, Shot, Split, Studio};
+    pub use crate::synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::{Follower, TrackPoint};
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};

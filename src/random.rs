@@ -22,8 +22,8 @@ pub enum Stream {
     Deviates = 2,
     /// The noise of a film's frame.
     FrameNoise = 3,
-    /// Which places of a random scene the second look is shown.
-    Places = 4,
+    /// Which crops of a random scene the verifier is trained on.
+    Candidates = 4,
     /// Which frames a training batch is of.
     Batch = 5,
     /// How one picture of a training batch is cut and lit.
@@ -81,7 +81,7 @@ mod tests {
         Stream::Night,
         Stream::Deviates,
         Stream::FrameNoise,
-        Stream::Places,
+        Stream::Candidates,
         Stream::Batch,
         Stream::Augmentation,
         Stream::LabelNoise,

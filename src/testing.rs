@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use gravisight::internal::{Engine as _, Place, Random, Shot, Split, Studio};
+use gravisight::internal::{Engine as _, Random, Shot, Site, Split, Studio};
 use gravisight::parts::Distortion;
 use gravisight::{Camera, Card, Clip, Clips, Size};
 use nalgebra::{Point3, Vector3};
@@ -110,7 +110,7 @@ pub fn alone() -> MutexGuard<'static, ()> {
 pub fn seen_by(camera: usize, name: &str, count: usize, drawn: usize, change: impl Fn(&mut Clip)) -> PathBuf {
     let folder = scratch(name).join("clips");
     std::fs::create_dir_all(&folder).unwrap();
-    let studio = Studio::new(Shot { place: Place::Environment(1), camera }).unwrap();
+    let studio = Studio::new(Shot { site: Site::Environment(1), camera }).unwrap();
     let clips = (0..count).map(|number| {
         let mut engine = studio.builtin();
         let mut clip = studio.clip(&mut engine, 7, Split::Train, number).unwrap();

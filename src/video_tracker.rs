@@ -1,19 +1,19 @@
-//! A video's frames in, its ball out: what moves ([`Follower`]), looked at by a network ([`Localiser`]).
+//! A video's frames in, its ball out: what moves ([`Follower`]), verified by a network ([`Localiser`]).
 
 use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use crate::camera::{Camera, Measured, Outline};
+use crate::camera::{Camera, Detection, Outline};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::physics::Scene;
 use crate::track::{Follower, TrackedVideo};
 
-/// Frames after which the whole picture is looked at, if no ball is known, for one that hardly moves: it hides in its own
+/// Frames between searches of the whole picture, while no ball is known, for a ball that hardly moves: it is part of its own
 /// background.
-const SPOT_EVERY: usize = 8;
+const SEARCH_EVERY: usize = 8;
 /// A ball that moved less than so many radii since, and more than so many px, hardly moves.
 const SLOW: f64 = 4.0;
 const LEAST_WAY_PX: f64 = 1.0;
@@ -45,8 +45,8 @@ pub struct VideoTracker {
     localiser: Arc<Localiser>,
     camera: Option<Camera>,
     follower: Follower,
-    /// The number of the frame in which balls were spotted last, and these.
-    spotted: Option<(usize, Vec<Measured>)>,
+    /// The number of the last frame that was searched whole, and the balls found in it.
+    searched: Option<(usize, Vec<Detection>)>,
     ended: bool,
 }
 
@@ -54,7 +54,7 @@ impl VideoTracker {
     /// Without any frame yet; `localiser` reads sizes, as `any` does. The `camera` that films, if it is known, tells how balls
     /// away from the middle are drawn out.
     pub fn new(localiser: Arc<Localiser>, camera: Option<Camera>) -> Self {
-        Self { localiser, camera, follower: Follower::new(), spotted: None, ended: false }
+        Self { localiser, camera, follower: Follower::new(), searched: None, ended: false }
     }
 
     /// Takes the next frame, of `time` s.
@@ -73,12 +73,12 @@ impl VideoTracker {
             self.camera = Some(camera.for_picture(picture.size())?);
         }
         self.follower.watch(picture, time)?;
-        let last = self.spotted.as_ref().map(|(last, _)| *last);
-        let due = |newest| last.is_none_or(|last| newest >= last + SPOT_EVERY);
+        let last = self.searched.as_ref().map(|(last, _)| *last);
+        let due = |newest| last.is_none_or(|last| newest >= last + SEARCH_EVERY);
         if self.follower.newest().is_some_and(due) && !self.follower.sees_ball() {
-            self.spot().await?;
+            self.search_whole().await?;
         }
-        self.look().await
+        self.verify_regions().await
     }
 
     /// There are no more frames. Harmless twice.
@@ -90,12 +90,12 @@ impl VideoTracker {
             return Ok(());
         }
         self.ended = true;
-        self.spot().await?;
+        self.search_whole().await?;
         self.follower.end();
-        self.look().await
+        self.verify_regions().await
     }
 
-    /// The ball in the frames so far; [`TrackedVideo::fit`] makes flights of it. `seeds` are frames and places (px) in which a person
+    /// The ball in the frames so far; [`TrackedVideo::fit`] makes flights of it. `seeds` are frames and positions (px) at which a person
     /// saw it: what flies through them is the ball. Where the camera (of these pictures) and the scene are known they help to
     /// tell it.
     ///
@@ -105,8 +105,8 @@ impl VideoTracker {
         Ok(TrackedVideo::new(&self.follower.flying(seeds)?, place))
     }
 
-    /// Looks at what seems to fly.
-    async fn look(&mut self) -> Result<()> {
+    /// Runs the detector in the search regions that the follower proposes.
+    async fn verify_regions(&mut self) -> Result<()> {
         let camera = self.camera.as_ref();
         loop {
             let wanted = self.follower.wanted();
@@ -115,43 +115,45 @@ impl VideoTracker {
             }
             for wanted in wanted {
                 let Some(picture) = self.follower.picture(&wanted) else { continue };
-                let found =
-                    self.localiser.measure(picture, camera, wanted.image, wanted.radius_px, wanted.reach_px).await?;
+                let found = self
+                    .localiser
+                    .detect_near(picture, camera, wanted.image, wanted.radius_px, wanted.reach_px)
+                    .await?;
                 self.follower.tell(&wanted, found);
             }
         }
     }
 
-    /// Looks at the whole of the newest picture; and for a ball that was near in the one before, at those between.
-    async fn spot(&mut self) -> Result<()> {
+    /// Searches the whole of the newest picture; for a ball that was near in the one before, also the pictures between.
+    async fn search_whole(&mut self) -> Result<()> {
         let Some(newest) = self.follower.newest() else { return Ok(()) };
         let Some(picture) = self.follower.held(newest) else { return Ok(()) };
         let camera = self.camera.as_ref();
         let mut balls = Vec::new();
-        for Outline { centre, radius } in self.localiser.spot(picture).await? {
-            balls.extend(self.localiser.measure(picture, camera, centre.coords.into(), radius, radius).await?);
+        for Outline { centre, radius } in self.localiser.detect_large(picture).await? {
+            balls.extend(self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?);
         }
-        let Some((last, before)) = self.spotted.replace((newest, balls.clone())) else { return Ok(()) };
+        let Some((last, before)) = self.searched.replace((newest, balls.clone())) else { return Ok(()) };
         if self.follower.held(last).is_none() {
             return Ok(()); // too long ago
         }
         for ball in balls {
-            let slow = |other: &&Measured| {
+            let slow = |other: &&Detection| {
                 let way = (ball.outline.centre - other.outline.centre).norm();
                 let ratio = ball.outline.radius / other.outline.radius;
                 (LEAST_WAY_PX..SLOW * ball.outline.radius).contains(&way) && (ALIKE.recip()..ALIKE).contains(&ratio)
             };
             let Some(other) = before.iter().find(slow) else { continue };
             let way = ball.outline.centre - other.outline.centre;
-            for place in last..=newest {
-                let share = (place - last) as f64 / (newest - last).max(1) as f64;
-                let centre: Point2<f64> = other.outline.centre + share * way;
-                let Some(picture) = self.follower.held(place) else { continue };
+            for frame in last..=newest {
+                let fraction = (frame - last) as f64 / (newest - last).max(1) as f64;
+                let centre: Point2<f64> = other.outline.centre + fraction * way;
+                let Some(picture) = self.follower.held(frame) else { continue };
                 let radius = ball.outline.radius;
                 if let Some(found) =
-                    self.localiser.measure(picture, camera, centre.coords.into(), radius, radius).await?
+                    self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?
                 {
-                    self.follower.found(place, found);
+                    self.follower.found(frame, found);
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! `any`: a model that reads apparent size, on scenes and sizes of pictures that nobody told it of.
+//! `any`: a model that reads apparent size, on scenes and sizes of pictures that it was not trained on.
 
 #![cfg(not(target_arch = "wasm32"))]
 
@@ -120,9 +120,9 @@ fn a_picture_without_a_ball_is_refused() {
         let studio = Studio::new(*shot).unwrap();
         let empty = studio.builtin().picture(&Point3::new(0.0, 0.0, -1000.0)).unwrap();
         let found = localise(&empty, studio.camera(), options()).unwrap();
-        let told = found.notes.iter().any(|note| note.contains("no ball found"));
-        assert_eq!([told, !found.ball_found], [found.confidence < threshold; 2], "{found:?}");
-        refused += usize::from(told);
+        let noted = found.notes.iter().any(|note| note.contains("no ball found"));
+        assert_eq!([noted, !found.ball_found], [found.confidence < threshold; 2], "{found:?}");
+        refused += usize::from(noted);
         most = most.max(found.confidence);
     }
     println!(
@@ -215,14 +215,14 @@ fn a_wide_camera_without_a_lens_is_named() {
 }
 
 #[test]
-fn models_that_know_their_scene_look_at_whole_pictures() {
+fn models_that_know_their_scene_take_whole_pictures() {
     let (card, weights) = Card::with_weights(&root().join("models/sd-l.json")).unwrap();
     let known = Localiser::new(card, weights, &Device::flex()).unwrap();
     let (clip, _, rgb) = &samples()[0];
     let picture = Picture::from_rgb(rgb.clone());
     let found = pollster::block_on(known.localise(&picture, &clip.camera, LocaliseOptions::default())).unwrap();
     assert_eq!((found.depth_sigma, found.radius_px, found.covariance), (None, None, None));
-    let asked = LocaliseOptions { candidates: 3, ..LocaliseOptions::default() };
-    let error = pollster::block_on(known.localise(&picture, &clip.camera, asked)).unwrap_err();
+    let options = LocaliseOptions { candidates: 3, ..LocaliseOptions::default() };
+    let error = pollster::block_on(known.localise(&picture, &clip.camera, options)).unwrap_err();
     assert!(error.to_string().contains("candidates"), "{error}");
 }

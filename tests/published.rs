@@ -91,7 +91,7 @@ struct Seen {
     empty: usize,
     refused: usize,
     balls: usize,
-    lost: usize,
+    missed: usize,
     /// Sum of the distances to the truth, m.
     distance: f64,
 }
@@ -115,7 +115,7 @@ impl Seen {
                 let truth = Point3::from(frame.world.unwrap());
                 let (confidence, found) = confidence(localiser, &engine.picture(&truth).unwrap(), &clip.camera);
                 self.balls += 1;
-                self.lost += usize::from(confidence < threshold);
+                self.missed += usize::from(confidence < threshold);
                 self.distance += (found - truth).norm();
             }
         }
@@ -132,13 +132,13 @@ fn visible_balls_are_found_as_well_as_the_card_says_and_scenes_without_one_are_r
         for shot in &shots {
             seen.look(&localiser, card.confidence_threshold.unwrap(), *shot, BALLS / shots.len());
         }
-        let Seen { empty, refused, balls, lost, distance } = seen;
+        let Seen { empty, refused, balls, missed, distance } = seen;
         let mean = distance / balls as f64;
         let promised = card.metrics["dtg_visible"]["mean"].as_f64().unwrap();
-        println!("{name}: {refused} of {empty} empty pictures refused, {lost} of {balls} visible balls lost");
+        println!("{name}: {refused} of {empty} empty pictures refused, {missed} of {balls} visible balls missed");
         println!("{name}: {:.2} cm from the truth, the card says {:.2}", mean * 100.0, promised * 100.0);
         assert!(refused * 100 >= empty * 99, "{name}: {refused} of {empty} refused");
-        assert!(lost * 100 <= balls, "{name}: {lost} of {balls} lost");
+        assert!(missed * 100 <= balls, "{name}: {missed} of {balls} missed");
         assert!(mean <= SLACK * promised, "{name}: {mean} m from the truth, the card says {promised} m");
     }
 }

@@ -12,7 +12,7 @@ const CVAT_CORNER: f64 = 0.5;
 
 /// One line of a table of proposals; empty fields where the ball is not seen.
 #[derive(Serialize)]
-struct Line<'a> {
+struct ExportedFrame<'a> {
     frame: usize,
     file: &'a str,
     x: Option<f64>,
@@ -28,7 +28,7 @@ struct Line<'a> {
 /// [`crate::Error::Format`] where a number cannot be written.
 pub fn labels_csv(labels: &[Option<Proposal>], files: &[String]) -> Result<String> {
     let pairs = labels.iter().zip(files).enumerate();
-    let lines = pairs.map(|(frame, (label, file))| Line {
+    let lines = pairs.map(|(frame, (label, file))| ExportedFrame {
         frame,
         file,
         x: label.map(|label| label.image[0]),

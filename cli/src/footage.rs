@@ -7,17 +7,17 @@ use anyhow::{Context, Result, bail, ensure};
 use gravisight::{Picture, Size};
 
 use crate::import::{is_picture, left_out, pictures_in};
-use crate::video::{Oddities, Stream, evenly, packet_times};
+use crate::video::{Oddities, VideoStream, evenly, packet_times};
 
 /// Frames in order, read one by one as often as wanted.
 pub struct Footage {
-    media: Media,
+    media: FootageSource,
     times: Vec<f64>,
     own_times: bool,
     size: Option<Size>,
 }
 
-enum Media {
+enum FootageSource {
     Video(PathBuf),
     Pictures(Vec<PathBuf>),
 }
@@ -30,25 +30,25 @@ impl Footage {
     pub fn open(input: &[PathBuf], fps: Option<f64>) -> Result<Self> {
         ensure!(fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps must be positive");
         let media = match input {
-            [folder] if folder.is_dir() => Media::Pictures(pictures_in(folder)?),
+            [folder] if folder.is_dir() => FootageSource::Pictures(pictures_in(folder)?),
             [file] if !is_picture(file) => {
                 ensure!(file.exists(), "{}: no such video or folder", file.display());
                 for words in Oddities::of(file)?.words() {
                     eprintln!("gravisight: note: {}: {words}", file.display());
                 }
-                Media::Video(file.clone())
+                FootageSource::Video(file.clone())
             }
-            pictures => Media::Pictures(pictures.to_vec()),
+            pictures => FootageSource::Pictures(pictures.to_vec()),
         };
         let times = match (&media, fps) {
-            (Media::Video(video), fps) => packet_times(video, fps)?,
-            (Media::Pictures(pictures), Some(fps)) => {
+            (FootageSource::Video(video), fps) => packet_times(video, fps)?,
+            (FootageSource::Pictures(pictures), Some(fps)) => {
                 note_left_out(pictures);
                 evenly(pictures.len(), fps)
             }
-            (Media::Pictures(_), None) => bail!("--fps is needed for frames: how many were taken a second"),
+            (FootageSource::Pictures(_), None) => bail!("--fps is needed for frames: how many were taken a second"),
         };
-        let own_times = matches!(media, Media::Video(_)) && fps.is_none();
+        let own_times = matches!(media, FootageSource::Video(_)) && fps.is_none();
         let mut footage = Self { media, times, own_times, size: None };
         let mut size = None;
         footage.each(0..1, &mut |_, picture| {
@@ -62,8 +62,8 @@ impl Footage {
     /// Its name, for people.
     pub fn name(&self) -> String {
         let path = match &self.media {
-            Media::Video(path) => Some(path.as_path()),
-            Media::Pictures(pictures) => pictures.first().and_then(|first| first.parent()),
+            FootageSource::Video(path) => Some(path.as_path()),
+            FootageSource::Pictures(pictures) => pictures.first().and_then(|first| first.parent()),
         };
         path.unwrap_or(Path::new("")).display().to_string()
     }
@@ -89,8 +89,8 @@ impl Footage {
     /// What a frame cannot be read for, and what `visit` returns.
     pub fn each(&self, range: Range<usize>, visit: &mut dyn FnMut(usize, Picture) -> Result<()>) -> Result<()> {
         match &self.media {
-            Media::Video(video) => {
-                let mut stream = Stream::open(video)?;
+            FootageSource::Video(video) => {
+                let mut stream = VideoStream::open(video)?;
                 let mut number = 0;
                 // Some files end before or after what their packets say.
                 while number < range.end.min(self.times.len()) {
@@ -101,7 +101,7 @@ impl Footage {
                     number += 1;
                 }
             }
-            Media::Pictures(pictures) => {
+            FootageSource::Pictures(pictures) => {
                 for (number, path) in pictures.iter().enumerate().take(range.end).skip(range.start) {
                     let picture = Picture::open(path).with_context(|| path.display().to_string())?;
                     visit(number, picture)?;

@@ -178,7 +178,7 @@ impl Oddities {
 }
 
 /// The pictures of a video, one after the other: none is kept.
-pub struct Stream {
+pub struct VideoStream {
     program: Child,
     pictures: BufReader<ChildStdout>,
     /// What ffmpeg says, read beside.
@@ -186,7 +186,7 @@ pub struct Stream {
     what: String,
 }
 
-impl Stream {
+impl VideoStream {
     /// From a video's first frame on.
     ///
     /// # Errors
@@ -250,7 +250,7 @@ impl Stream {
     }
 }
 
-impl Drop for Stream {
+impl Drop for VideoStream {
     fn drop(&mut self) {
         // Whoever stops before the end needs no more of it.
         let _ = self.program.kill();

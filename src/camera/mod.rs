@@ -25,7 +25,7 @@ pub use self::court::{Court, CourtLine};
 pub use self::distortion::Distortion;
 use self::fold::Range;
 use self::projection::projected;
-pub use self::sphere::{Measured, Outline};
+pub use self::sphere::{Detection, Outline};
 use crate::error::{Error, Result};
 use crate::size::Size;
 

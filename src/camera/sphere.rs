@@ -9,12 +9,12 @@ use crate::error::{Error, Result};
 const RAYS: usize = 96;
 /// Steps of the search for the sphere of an outline; each makes the error about a hundredth.
 const STEPS: usize = 100;
-/// Error at which the sphere is found: px, and as a share of the radius.
+/// Error at which the sphere is found: px, and as a fraction of the radius.
 const TOLERANCE: f64 = 1e-9;
 /// Nearest that a ball's centre may be to the camera, in its radii.
 const NEAREST: f64 = 1.05;
 
-/// What a ball's picture covers, taken for an ellipse.
+/// The outline of a ball's image, as an ellipse.
 ///
 /// In perspective it is one: of semi-minor axis f·R/√(z² − R²), longer towards the picture's edge, its centre a little
 /// further out than the image of the ball's centre. A lens with distortion bends it.
@@ -26,18 +26,30 @@ pub struct Outline {
     pub radius: f64,
 }
 
-/// A ball's outline as it was measured in a picture.
+/// Standard deviation of a detection's centre along each axis over that of its radius, as of a circle fitted to noisy points.
+const CENTRE_SIGMA_RATIO: f64 = std::f64::consts::SQRT_2;
+
+/// A ball detected in a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Measured {
-    /// Centre and size of the outline, px.
+pub struct Detection {
+    /// Centre and size of its outline, px.
     pub outline: Outline,
-    /// Standard deviation of its radius, px.
-    pub radius_sigma_px: f64,
-    /// Standard deviation of its centre along each axis, px.
-    pub sigma_px: f64,
-    /// Fraction of the heatmap's mass within 12 px (of the network's input) of the centre, in the enlarged place, 0 to 1: no
-    /// verifier was asked.
+    /// Standard deviation of log(radius).
+    pub log_sigma: f64,
+    /// The fraction of the heatmap's mass around the centre, 0 to 1; after the verifier the probability that it is a ball.
     pub confidence: f64,
+}
+
+impl Detection {
+    /// Standard deviation of the radius, px.
+    pub fn radius_sigma_px(&self) -> f64 {
+        self.log_sigma * self.outline.radius
+    }
+
+    /// Standard deviation of the centre along each axis, px.
+    pub fn sigma_px(&self) -> f64 {
+        CENTRE_SIGMA_RATIO * self.log_sigma * self.outline.radius
+    }
 }
 
 impl Camera {

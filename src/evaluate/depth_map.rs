@@ -8,7 +8,7 @@ use crate::clips::Clips;
 use crate::error::{Error, Result};
 use crate::localise::{LocaliseOptions, Localiser};
 
-/// How near to the ball the map is not compared, as a share of the picture's height: there it was taught.
+/// How near to the ball the map is not compared, as a fraction of the picture's height: there it was taught.
 const NEAR_BALL: f64 = 0.15;
 /// A unit of a depth image, m.
 const UNIT: f64 = 1e-3;
@@ -20,7 +20,7 @@ pub struct DepthMapScore {
     pub pictures: usize,
     /// Correlation of the map's depth with the true one, over all cells (Pearson's; −1 to 1).
     pub correlation: f64,
-    /// Error of a cell's depth as a share of the true one.
+    /// Error of a cell's depth as a fraction of the true one.
     pub error_relative: Statistic,
     /// The same of the best constant depth: what a map without any scene in it would reach.
     pub error_of_constant: Statistic,

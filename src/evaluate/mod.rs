@@ -110,21 +110,21 @@ pub struct Metrics {
     pub confidence_kind: Option<ConfidenceKind>,
     /// How well the confidence is calibrated: the pictures in groups of equally many, the least confident first.
     pub calibration: Vec<CalibrationGroup>,
-    /// Error of the depth as a share of the true one, of the pictures in which some of the ball is seen; of models that say
+    /// Error of the depth as a fraction of the true one, of the pictures in which some of the ball is seen; of models that say
     /// how sure they are of a depth, as are the next two.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_error_relative: Option<Statistic>,
-    /// Shares of those pictures whose depth is within one and two of the stated standard deviations.
+    /// Fractions of those pictures whose depth is within one and two of the stated standard deviations.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub depth_coverage: Option<BTreeMap<u8, f64>>,
-    /// Share of those pictures whose depth is off by more than 30 %.
+    /// Fraction of those pictures whose depth is off by more than 30 %.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gross: Option<f64>,
     /// Time a picture takes.
     pub seconds_per_picture: Seconds,
 }
 
-/// Error of a depth, as a share of it, beyond which it is grossly wrong.
+/// Error of a depth, as a fraction of it, beyond which it is grossly wrong.
 const GROSS: f64 = 0.3;
 
 /// A group of pictures with similar confidence.
@@ -216,13 +216,14 @@ impl Metrics {
     /// Metrics of `samples` with DtG binned by `bins`.
     pub fn of(samples: &[Sample], bins: Bins) -> Self {
         let visible = samples.iter().filter(|sample| sample.visible);
-        let sure: Vec<(f64, f64, f64)> = (samples.iter().filter(|sample| sample.visible))
+        let with_sigma: Vec<(f64, f64, f64)> = (samples.iter().filter(|sample| sample.visible))
             .filter_map(|it| Some((it.found_depth - it.true_depth, it.true_depth, it.depth_sigma?)))
             .collect();
-        let share = |of: &dyn Fn(&(f64, f64, f64)) -> bool| {
-            (!sure.is_empty()).then(|| sure.iter().filter(|it| of(it)).count() as f64 / sure.len() as f64)
+        let fraction = |of: &dyn Fn(&(f64, f64, f64)) -> bool| {
+            (!with_sigma.is_empty())
+                .then(|| with_sigma.iter().filter(|it| of(it)).count() as f64 / with_sigma.len() as f64)
         };
-        let within = |times: u8| share(&|(error, _, sigma)| error.abs() <= f64::from(times) * sigma);
+        let within = |times: u8| fraction(&|(error, _, sigma)| error.abs() <= f64::from(times) * sigma);
         let binned = bins.sorted(samples).into_iter().map(|bin| Statistic::of(bin.into_iter().map(Sample::dtg)));
         Self {
             dtg: Statistic::of(samples.iter().map(Sample::dtg)),
@@ -234,10 +235,10 @@ impl Metrics {
             per_environment: grouped(samples, "env"),
             confidence_kind: samples.first().map(|sample| sample.confidence_kind),
             calibration: calibration(samples),
-            depth_error_relative: (!sure.is_empty())
-                .then(|| Statistic::of(sure.iter().map(|(error, depth, _)| error.abs() / depth))),
+            depth_error_relative: (!with_sigma.is_empty())
+                .then(|| Statistic::of(with_sigma.iter().map(|(error, depth, _)| error.abs() / depth))),
             depth_coverage: [1, 2].into_iter().map(|times| Some((times, within(times)?))).collect(),
-            gross: share(&|(error, depth, _)| error.abs() > GROSS * depth),
+            gross: fraction(&|(error, depth, _)| error.abs() > GROSS * depth),
             seconds_per_picture: Seconds {
                 network: Statistic::of(samples.iter().map(|sample| sample.seconds_to_localise)),
                 with_decoding: Statistic::of(
@@ -262,7 +263,7 @@ fn calibration(samples: &[Sample]) -> Vec<CalibrationGroup> {
     (0..groups).map(|index| summary(group(index))).collect()
 }
 
-/// DtG of the samples that share the part of the clip's id that begins with `prefix`.
+/// DtG of the samples by the part of the clip's id that begins with `prefix`.
 fn grouped(samples: &[Sample], prefix: &str) -> BTreeMap<String, Statistic> {
     let mut groups: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     for sample in samples {
@@ -310,16 +311,16 @@ fn confidence_radius(localiser: &Localiser, found: &Localisation, size: Size) ->
 }
 
 /// A frame to score: its place, and its labels.
-struct Labelled {
+struct LabelledFrame {
     place: [usize; 2],
     image: Point2<f64>,
     world: Point3<f64>,
 }
 
 /// Frames of `clip`, which is at `place`, with both labels.
-fn labelled_frames(place: usize, clip: &Clip) -> impl Iterator<Item = Labelled> {
+fn labelled_frames(place: usize, clip: &Clip) -> impl Iterator<Item = LabelledFrame> {
     clip.frames.iter().enumerate().filter_map(move |(index, frame)| {
-        Some(Labelled { place: [place, index], image: frame.image?.into(), world: frame.world?.into() })
+        Some(LabelledFrame { place: [place, index], image: frame.image?.into(), world: frame.world?.into() })
     })
 }
 
@@ -327,11 +328,11 @@ fn labelled_frames(place: usize, clip: &Clip) -> impl Iterator<Item = Labelled> 
 async fn sample(
     localiser: &Localiser,
     clips: &Clips,
-    labelled: &Labelled,
+    labelled: &LabelledFrame,
     ball_radius: Option<f64>,
     clock: &dyn Fn() -> f64,
 ) -> Result<Sample> {
-    let &Labelled { place, image, world } = labelled;
+    let &LabelledFrame { place, image, world } = labelled;
     let clip = &clips.clips[place[0]];
     let frame = &clip.frames[place[1]];
     let began = clock();

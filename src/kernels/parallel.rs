@@ -114,11 +114,11 @@ impl Drop for Asleep {
 /// A cache line, which the widest vector fills.
 #[derive(Debug, Clone, Copy, Default, bytemuck::Pod, bytemuck::Zeroable)]
 #[repr(C, align(64))]
-struct Line([f32; 16]);
+struct CacheLine([f32; 16]);
 
 /// Floats that begin at a cache line, so that vectors do not lie across two.
 #[derive(Debug, Clone, Default)]
-pub struct Buffer(Vec<Line>);
+pub struct Buffer(Vec<CacheLine>);
 
 impl Buffer {
     /// Floats in it.
@@ -128,7 +128,7 @@ impl Buffer {
 
     /// At least `len` zeros.
     pub fn zeros(len: usize) -> Self {
-        Self(vec![Line::default(); len.div_ceil(16)])
+        Self(vec![CacheLine::default(); len.div_ceil(16)])
     }
 
     /// Its floats.
@@ -162,7 +162,7 @@ pub fn with_scratch<R>(len: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
     });
     let mut buffer = taken.unwrap_or_default();
     if buffer.len() < len {
-        buffer.0.resize(len.div_ceil(16), Line::default());
+        buffer.0.resize(len.div_ceil(16), CacheLine::default());
     }
     let result = work(&mut buffer.values_mut()[..len]);
     if let Ok(mut buffers) = SCRATCH.lock() {

@@ -2,20 +2,26 @@
 //!
 //! The only room that knows both model and camera.
 
-pub(crate) mod closer;
-mod outline;
-mod possible;
+pub(crate) mod crop;
+mod edge_refinement;
+mod network;
+mod output_maps;
 mod saliency;
+mod search;
+mod second_pass;
 mod size;
 #[cfg(test)]
 mod tests;
+pub(crate) mod verifier;
+mod volume_check;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
-use burn::tensor::{Device, Transaction};
+use burn::tensor::Device;
 use nalgebra::{Point2, Point3};
 use serde::{Deserialize, Serialize};
 
+use self::network::device_name;
 pub use self::saliency::Saliency;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -24,13 +30,6 @@ pub use crate::model::ConfidenceKind;
 use crate::model::{self, Card, Pen, PenConfig, PenRunner};
 use crate::size::Size;
 use crate::volume::Volume;
-
-/// Largest difference between two devices' maps that rounding explains: of a probability, and of a
-/// depth as a share of the largest in the training data.
-const DEVICE_TOLERANCE: f32 = 1e-2;
-
-/// Sizes of input that a localiser is kept ready for.
-const RUNNERS: usize = 4;
 
 /// A loaded model on a device, ready for pictures.
 ///
@@ -52,7 +51,7 @@ const RUNNERS: usize = 4;
 pub struct Localiser {
     pen: Pen,
     /// The verifier, where there is one.
-    closer: Option<Box<Localiser>>,
+    verifier: Option<Box<Localiser>>,
     /// The last used comes last.
     runners: Mutex<Vec<(Size, Arc<PenRunner>)>>,
     config: PenConfig,
@@ -67,12 +66,11 @@ pub struct LocaliseOptions {
     pub maps: bool,
     /// The ball's radius, m: a model that reads sizes needs it, others do not.
     pub ball_radius: Option<f64>,
-    /// Search this part of the picture alone; with models that read sizes.
+    /// Search region: the whole picture if absent; with models that read sizes.
     pub region: Option<Region>,
-    /// Also return so many likely places ([`Localisation::candidates`]); with models that read sizes.
+    /// Number of candidates to return ([`Localisation::candidates`]); with models that read sizes.
     pub candidates: usize,
-    /// Where the ball can be ([`Scene::volume`](crate::Scene::volume)): a place that would be elsewhere is not taken for it; with models
-    /// that read sizes.
+    /// Where the ball can be ([`Scene::volume`](crate::Scene::volume)): detections outside are refused; with models that read sizes.
     pub volume: Option<Volume>,
 }
 
@@ -106,7 +104,7 @@ impl Region {
     }
 }
 
-/// A place where the ball may be.
+/// One of several detections that may be the ball.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -121,8 +119,7 @@ pub struct Candidate {
     pub depth_sigma: f64,
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// How sure the model is of this place, 0 to 1: of the kind of [`Localisation::confidence_kind`]. Those of several candidates need
-    /// not add up to 1.
+    /// Confidence, 0 to 1, of the kind of [`Localisation::confidence_kind`]. Those of several candidates need not add up to 1.
     pub confidence: f64,
 }
 
@@ -149,21 +146,21 @@ pub struct Localisation {
     pub camera: [f64; 3],
     /// Position in the world frame, m.
     pub world: [f64; 3],
-    /// Whether a ball was found: its confidence reaches the model's `confidence_threshold`, and it can be where it was found. If not, the
-    /// position is that of the likeliest place, and is not to be used.
+    /// Whether a ball was found: its confidence reaches the model's `confidence_threshold`, and it lies in the volume in which it can be. If
+    /// not, the position is that of the likeliest detection, and is not to be used.
     pub ball_found: bool,
-    /// How sure the model is of the position found, 0 to 1: what [`Self::confidence_kind`] says. Below the card's
+    /// Confidence of the detection, 0 to 1, of the kind of [`Self::confidence_kind`]. Below the card's
     /// `confidence_threshold` no ball is found ([`Self::ball_found`]).
     pub confidence: f64,
     /// What the confidence is.
     pub confidence_kind: ConfidenceKind,
-    /// The likeliest places, the one above first; where asked for.
+    /// The likeliest detections, the one above first; if requested ([`LocaliseOptions::candidates`]).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     #[cfg_attr(target_arch = "wasm32", tsify(optional))]
     pub candidates: Vec<Candidate>,
     /// What a user should know about this result, in words.
     pub notes: Vec<String>,
-    /// The network's maps, where asked for.
+    /// The network's maps, if requested.
     #[serde(skip)]
     pub maps: Option<Maps>,
 }
@@ -204,16 +201,16 @@ impl Localiser {
     /// [`Error::WeightsNotFinite`].
     pub fn new(card: Card, weights: Vec<u8>, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
-        let Some(architecture) = card.closer.clone() else {
+        let Some(architecture) = card.verifier.clone() else {
             let pen = model::load(&card.architecture, weights, device)?;
             return Ok(Self::from_pen(pen, card, device));
         };
-        let [own, closer] = model::parted(&weights)?;
+        let [own, verifier] = model::parted(&weights)?;
         let pen = model::load(&card.architecture, own, device)?;
-        let closer = model::load(&architecture, closer, device)?;
-        let input = Size::square(model::CLOSER_SIDE);
-        let closer = Self::from_pen(closer, Card { architecture, closer: None, input, ..card.clone() }, device);
-        Ok(Self { closer: Some(Box::new(closer)), ..Self::from_pen(pen, card, device) })
+        let verifier = model::load(&architecture, verifier, device)?;
+        let input = Size::square(model::VERIFIER_SIDE);
+        let verifier = Self::from_pen(verifier, Card { architecture, verifier: None, input, ..card.clone() }, device);
+        Ok(Self { verifier: Some(Box::new(verifier)), ..Self::from_pen(pen, card, device) })
     }
 
     /// A localiser from a network already in memory.
@@ -221,22 +218,7 @@ impl Localiser {
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
         let runners = Mutex::new(vec![(card.input, Arc::new(pen.clone().runner(card.input, device)))]);
-        Self { pen, closer: None, runners, config, card, device: device.clone() }
-    }
-
-    /// The network, ready for pictures of `size`.
-    fn runner(&self, size: Size) -> Arc<PenRunner> {
-        let mut runners = self.runners.lock().unwrap_or_else(PoisonError::into_inner);
-        let known = runners.iter().position(|(known, _)| *known == size);
-        let (_, runner) = match known {
-            Some(index) => runners.remove(index),
-            None => (size, Arc::new(self.pen.clone().runner(size, &self.device))),
-        };
-        runners.push((size, runner.clone()));
-        if runners.len() > RUNNERS {
-            runners.remove(0);
-        }
-        runner
+        Self { pen, verifier: None, runners, config, card, device: device.clone() }
     }
 
     /// Whether the model reads apparent sizes, and needs the ball's radius.
@@ -259,54 +241,6 @@ impl Localiser {
         model::CONFIDENCE_RADIUS * (width / columns).max(height / rows)
     }
 
-    /// Runs the network once on an empty picture, so that the first real one pays for nothing
-    /// (memory, and on a GPU the compilation of its kernels).
-    ///
-    /// # Errors
-    /// [`Error::OutputNotFinite`], [`Error::Device`].
-    pub async fn warm_up(&self) -> Result<()> {
-        for network in [Some(self), self.closer.as_deref()].into_iter().flatten() {
-            network.run(network.test_pattern()).await?;
-        }
-        Ok(())
-    }
-
-    /// Refuses a device whose maps differ from those of `reference`, the same model on another
-    /// device, on a test pattern. Warms up both.
-    ///
-    /// # Errors
-    /// [`Error::Device`] with the difference; else as [`Self::warm_up`].
-    pub async fn check_against(&self, reference: &Self) -> Result<()> {
-        self.check_network(reference).await?;
-        match (&self.closer, &reference.closer) {
-            (Some(closer), Some(reference)) => closer.check_network(reference).await,
-            _ => Ok(()),
-        }
-    }
-
-    async fn check_network(&self, reference: &Self) -> Result<()> {
-        let found = self.run(self.test_pattern()).await?;
-        let expected = reference.run(self.test_pattern()).await?;
-        let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-        let heatmap = largest(&found.probability, &expected.probability);
-        let most = expected.depth_map.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
-        let depth = largest(&found.depth_map, &expected.depth_map) / most;
-        if heatmap.max(depth) <= DEVICE_TOLERANCE {
-            return Ok(());
-        }
-        let reason = format!(
-            "its output is wrong (off by {heatmap:.1e} in the heatmap, {depth:.1e} of the largest depth \
-             from the CPU's), so it is not used"
-        );
-        Err(Error::Device { device: device_name(&self.device), reason })
-    }
-
-    /// An input's worth of values with every frequency in it.
-    fn test_pattern(&self) -> Vec<f32> {
-        let count = self.config.input_channels() * self.card.input.pixels();
-        (0..count).map(|index| ((index as f64).powf(1.5) * 0.01).sin() as f32).collect()
-    }
-
     /// The ball's position in `picture`, taken by `camera` (scaled to the picture where the aspect
     /// ratio agrees).
     ///
@@ -326,7 +260,7 @@ impl Localiser {
         ];
         for (field, given) in given {
             if given {
-                let reason = format!("is for models that read sizes; `{}` looks at whole pictures", self.card.name);
+                let reason = format!("is for models that read sizes; `{}` takes whole pictures", self.card.name);
                 return Err(Error::value("options", field, reason));
             }
         }
@@ -347,9 +281,9 @@ impl Localiser {
         }
         notes.extend(camera.doubts(None, &[]));
         let confidence = model::confidence(&raw.probability, raw.width, stride, raw.image);
-        let unsure = self.unsure(confidence);
-        let ball_found = unsure.is_none();
-        notes.extend(unsure);
+        let not_found = self.below_threshold(confidence);
+        let ball_found = not_found.is_none();
+        notes.extend(not_found);
         Ok(Localisation {
             image,
             depth: raw.depth,
@@ -368,66 +302,10 @@ impl Localiser {
     }
 
     /// Why no ball is found where the confidence is as low as this.
-    fn unsure(&self, confidence: f64) -> Option<String> {
+    fn below_threshold(&self, confidence: f64) -> Option<String> {
         let threshold = self.card.confidence_threshold.filter(|&threshold| confidence < threshold)?;
         Some(format!(
-            "no ball found: the confidence is below the model's {threshold:.2}, and the position is that of the likeliest place"
+            "no ball found: the confidence is below the model's {threshold:.2}, and the position is that of the likeliest detection"
         ))
     }
-
-    /// Runs the network on one normalised picture `[height, width, 3]` and reads its maps back.
-    async fn run(&self, values: Vec<f32>) -> Result<RawOutput> {
-        let output = self.runner(self.card.input).run(values);
-        let [_, _, cells] = output.depth.dims();
-        let depth_map = output.depth.clone();
-        let decoded = model::decode(output, &self.config);
-        let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };
-        let data = Transaction::default()
-            .register(decoded.image)
-            .register(decoded.depth)
-            .register(decoded.probability)
-            .register(depth_map)
-            .execute_async()
-            .await
-            .map_err(|error| failed(error.to_string()))?;
-        let parts: Vec<Vec<f32>> = data.iter().map(|part| part.iter::<f32>().collect()).collect();
-        let Ok([image, depth, probability, depth_map]) = <[Vec<f32>; 4]>::try_from(parts) else {
-            return Err(failed("the read-back returned another number of tensors than asked for".into()));
-        };
-        if [&image, &depth, &probability, &depth_map].into_iter().flatten().any(|value| !value.is_finite()) {
-            return Err(Error::OutputNotFinite { device: device_name(&self.device) });
-        }
-        Ok(RawOutput {
-            image: [f64::from(image[0]), f64::from(image[1])],
-            depth: f64::from(depth[0]),
-            probability,
-            depth_map,
-            width: cells,
-        })
-    }
-}
-
-/// What the network says of one picture, in the frame of its input.
-struct RawOutput {
-    image: [f64; 2],
-    depth: f64,
-    probability: Vec<f32>,
-    depth_map: Vec<f32>,
-    width: usize,
-}
-
-impl RawOutput {
-    /// The cells that cover the `content` part of the input.
-    fn maps(&self, content: Size, stride: usize) -> Maps {
-        let [width, height] = [content.width, content.height].map(|side| (side as usize).div_ceil(stride));
-        let part = |map: &[f32]| -> Vec<f32> {
-            map.chunks_exact(self.width).take(height).flat_map(|row| &row[..width]).copied().collect()
-        };
-        Maps { width, height, heatmap: part(&self.probability), depth: part(&self.depth_map) }
-    }
-}
-
-/// Name of a device for messages.
-fn device_name(device: &Device) -> String {
-    format!("{device:?}")
 }

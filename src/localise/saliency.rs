@@ -10,12 +10,12 @@ use crate::image::{Picture, tile};
 use crate::model::{CONFIDENCE_RADIUS, PenOutput, cell_centre, decode};
 use crate::size::Size;
 
-/// Side of the part of a picture around the ball on which a radius's saliency is worked out, px: what the network sees of the
-/// picture at one place is not larger.
+/// Side of the part of a picture around the ball on which a radius's saliency is computed, px: the network's receptive field is not
+/// larger.
 const SIDE: u32 = 256;
 
-/// Added to the logit of a cell that is not to count.
-const OUTSIDE: f32 = -1e4;
+/// Added to the logit of a cell that is masked out.
+const MASKED: f32 = -1e4;
 
 /// How the depth found depends on the picture: paper, "Interpretation of the learning process".
 #[derive(Debug, Clone)]
@@ -25,8 +25,8 @@ pub struct Saliency {
     /// Rows.
     pub height: usize,
     /// ∂depth/∂brightness of each pixel, row-major: the sum over the colour channels, each 1 at full brightness; m. Of a model that
-    /// reads sizes ∂depth/∂brightness as a share of the depth (which needs no radius of the ball and no camera): of the network's
-    /// reading in the whole picture, before it looks again at an enlarged crop and at edges.
+    /// reads sizes ∂depth/∂brightness as a fraction of the depth (which needs no radius of the ball and no camera): of the first
+    /// pass, without crop and edge refinement.
     pub values: Vec<f32>,
     /// The depth found, m; none of a model that reads sizes.
     pub depth: Option<f64>,
@@ -54,8 +54,8 @@ impl Localiser {
     async fn saliency_of_size(&self, picture: &Picture) -> Result<Saliency> {
         let Size { width, height } = picture.size();
         let mut values = vec![0.0; picture.size().pixels()];
-        let readings = self.first_look(picture, None, 1, false).await?.readings;
-        if let Some(ball) = readings.first() {
+        let candidates = self.first_pass(picture, None, 1, false).await?.candidates;
+        if let Some(ball) = candidates.first() {
             let part = Size::square(SIDE);
             let start = |at: f64, side: u32| {
                 (at - f64::from(SIDE) / 2.0).clamp(0.0, f64::from(side.saturating_sub(SIDE))) as u32
@@ -63,7 +63,7 @@ impl Localiser {
             let (left, top) = (start(ball.outline.centre.x, width), start(ball.outline.centre.y, height));
             let centre = [ball.outline.centre.x - f64::from(left), ball.outline.centre.y - f64::from(top)];
             let input = tile(picture.rgb(), [left, top], part, &self.card.normalisation);
-            let (gradient, _) = self.slope(input, part, |output| self.log_nearness(output, centre))?;
+            let (gradient, _) = self.slope(input, part, |output| self.log_depth(output, centre))?;
             let seen = |start: u32, side: u32| SIDE.min(side - start) as usize;
             for (row, slopes) in gradient.chunks_exact(SIDE as usize).take(seen(top, height)).enumerate() {
                 let first = (top as usize + row) * width as usize + left as usize;
@@ -74,23 +74,23 @@ impl Localiser {
         Ok(Saliency { width: width as usize, height: height as usize, values, depth: None })
     }
 
-    /// What the network reads around `centre` (px of its input) as the logarithm of a depth, but for a constant: `[1]`.
-    fn log_nearness(&self, output: PenOutput, centre: [f64; 2]) -> Tensor<1> {
+    /// The logarithm of the depth that the network measures around `centre` (px of its input), up to a constant: `[1]`.
+    fn log_depth(&self, output: PenOutput, centre: [f64; 2]) -> Tensor<1> {
         let [batch, height, width] = output.heatmap.dims();
         let stride = self.config.output_stride();
         let far = |cell: usize| {
             let [x, y] = [cell_centre(cell % width, stride) - centre[0], cell_centre(cell / width, stride) - centre[1]];
-            if x.hypot(y) > CONFIDENCE_RADIUS { OUTSIDE } else { 0.0 }
+            if x.hypot(y) > CONFIDENCE_RADIUS { MASKED } else { 0.0 }
         };
         let mask: Vec<f32> = (0..height * width).map(far).collect();
         let cells = [batch, height * width];
         let mask = Tensor::<2>::from_data(TensorData::new(mask, cells), &output.heatmap.device());
-        let share = softmax(output.heatmap.mul_scalar(self.config.heatmap.beta).reshape(cells) + mask, 1);
-        (share * output.depth.log().reshape(cells)).sum().neg()
+        let weights = softmax(output.heatmap.mul_scalar(self.config.heatmap.beta).reshape(cells) + mask, 1);
+        (weights * output.depth.log().reshape(cells)).sum().neg()
     }
 
-    /// By the brightness of each of `size` pixels of the network's input the derivative of what `read` makes of the output, a
-    /// number `[1]`; and that number.
+    /// The derivative of `read` of the output, a number `[1]`, by the brightness of each of `size` pixels of the network's input; and
+    /// that number.
     fn slope(&self, input: Vec<f32>, size: Size, read: impl Fn(PenOutput) -> Tensor<1>) -> Result<(Vec<f32>, f64)> {
         let device = Device::flex().autodiff();
         let [width, height] = [size.width, size.height].map(|side| side as usize);

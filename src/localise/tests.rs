@@ -4,11 +4,11 @@ use burn::tensor::Device;
 use image::{RgbImage, imageops};
 use nalgebra::Point2;
 
-use super::closer::{CLOSER, View};
+use super::crop::{Crop, VERIFIER_CROP};
 use super::{LocaliseOptions, Localiser, Saliency};
 use crate::camera::{Camera, Outline};
 use crate::image::Picture;
-use crate::model::CLOSER_SIDE;
+use crate::model::VERIFIER_SIDE;
 use crate::size::Size;
 use crate::testing::{golden, root, tiny_card};
 
@@ -81,16 +81,16 @@ fn brightening_some_pixels_moves_the_depth_as_the_saliency_says() {
 }
 
 #[test]
-fn of_a_model_that_reads_sizes_it_is_how_the_share_of_the_depth_moves() {
+fn for_a_model_that_reads_sizes_it_is_the_relative_change_of_depth() {
     let (card, weights) = crate::Card::with_weights(&root().join("models/any.json")).unwrap();
     let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
     let rgb = image::open(root().join("tests/samples/frames/test_e1_c1_0000/000.png")).unwrap().into_rgb8();
     let saliency = pollster::block_on(localiser.saliency(&picture(&rgb))).unwrap();
     assert_eq!((saliency.width, saliency.height, saliency.depth), (224, 224, None));
-    // What the network reads in the whole picture, before it looks closer.
+    // The first pass's radius.
     let log_depth = |rgb: &RgbImage| -> f64 {
-        let readings = pollster::block_on(localiser.first_look(&picture(rgb), None, 1, false)).unwrap().readings;
-        -readings[0].outline.radius.ln()
+        let first = pollster::block_on(localiser.first_pass(&picture(rgb), None, 1, false)).unwrap();
+        -first.candidates[0].outline.radius.ln()
     };
     let squares = (0..224).step_by(SQUARE as usize);
     let mut squares: Vec<_> = squares.clone().flat_map(|y| squares.clone().map(move |x| (x, y))).collect();
@@ -111,7 +111,7 @@ fn of_a_model_that_reads_sizes_it_is_how_the_share_of_the_depth_moves() {
         all += of_square(&saliency, x, y).powi(2);
     }
     println!("off by {:.3} of their root mean square", (off / all).sqrt());
-    // The reading centres itself anew on each picture; the saliency keeps the place.
+    // The detection is centred anew on each picture; the saliency keeps its centre.
     assert!((off / all).sqrt() < 0.3);
 }
 
@@ -123,7 +123,7 @@ fn a_wide_picture_has_the_saliency_of_the_part_that_it_fills() {
 }
 
 #[test]
-fn a_place_where_the_ball_cannot_be_is_not_taken_for_it() {
+fn a_detection_outside_the_balls_volume_is_refused() {
     let (card, weights) = crate::Card::with_weights(&root().join("models/any.json")).unwrap();
     let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
     let clips = crate::Clips::read(&root().join("tests/samples")).unwrap();
@@ -143,11 +143,8 @@ fn a_place_where_the_ball_cannot_be_is_not_taken_for_it() {
     // The ball is above the floor that this volume ends at.
     let cellar = crate::Volume { low: [-50.0, -50.0, -9.0], high: [50.0, 50.0, -3.0] };
     let below = localised(Some(cellar));
-    assert!(
-        below.confidence < 0.5 && below.notes.iter().any(|note| note.contains("not taken for the ball")),
-        "{below:?}"
-    );
-    // Nearer than anything in the picture: nothing sure can be the ball.
+    assert!(below.confidence < 0.5 && below.notes.iter().any(|note| note.contains("refused: ")), "{below:?}");
+    // Nearer than anything in the picture: no confident detection can be the ball.
     let eye = clip.camera.world_from_camera(&nalgebra::Point3::origin()).coords;
     let near = crate::Volume { low: (eye.add_scalar(-0.3)).into(), high: (eye.add_scalar(0.3)).into() };
     let none = localised(Some(near));
@@ -155,17 +152,17 @@ fn a_place_where_the_ball_cannot_be_is_not_taken_for_it() {
 }
 
 #[test]
-fn the_verifier_sees_a_place_and_what_is_around_it() {
-    // Brightness says where a pixel lies.
+fn the_verifiers_input_is_the_crop_and_its_surroundings() {
+    // Colours encode positions.
     let rgb = RgbImage::from_fn(250, 250, |x, y| image::Rgb([x as u8, y as u8, 0]));
-    let side = CLOSER_SIDE as i32;
+    let side = VERIFIER_SIDE as i32;
     for [x, y] in [[125.0, 125.0], [20.0, 230.0]] {
         let outline = Outline { centre: Point2::new(x, y), radius: 12.0 };
-        let [near, wide] = View::around(&outline, outline.radius, &rgb, CLOSER).with_surroundings(&rgb);
+        let [near, wide] = Crop::around(&outline, outline.radius, &rgb, VERIFIER_CROP).with_surroundings(&rgb);
         let at = |view: &RgbImage, x: i32, y: i32| view.get_pixel(x as u32, y as u32).0;
         let middle = at(&near, side / 2, side / 2);
         for (dx, dy) in [(0, 0), (6, -6), (-9, 9)] {
-            // One pixel of the wide view is three of the crop, which is as large as the picture here.
+            // One pixel of the surroundings is three of the crop, which is at the scale of the picture here.
             let [red, green, blue] = at(&wide, side / 2 + dx, side / 2 + dy);
             let expected = [f64::from(middle[0]) + 3.0 * f64::from(dx), f64::from(middle[1]) + 3.0 * f64::from(dy)];
             let inside = expected.iter().all(|at| (2.0..248.0).contains(at));

@@ -7,14 +7,17 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::backbone::PICTURE_CHANNELS;
-use super::config::{CLOSER_SIDE, PenConfig};
+use super::config::{PenConfig, VERIFIER_SIDE};
 use crate::error::{Error, Result, json_refusal};
 use crate::image::Normalisation;
 use crate::size::Size;
 
-/// What a card is, for who gave another.
+/// Added to the error about a file that is no card.
 const EXPECTED: &str = "a model's card is the JSON file NAME.json beside its weights NAME.safetensors, which `gravisight train` writes and \
                         the project's folder models/ holds";
+/// Version of the format of cards and weights files that this version of the crate reads and writes. 2: the verifier's tensors have the
+/// prefix `verifier.`, and its architecture is the card's field `verifier` (both were `closer`); cards state their version.
+pub const CARD_VERSION: u32 = 2;
 /// Largest input side a card may ask for, px.
 const MAX_INPUT_SIDE: u32 = 4096;
 
@@ -25,6 +28,8 @@ const MAX_INPUT_SIDE: u32 = 4096;
 pub struct Card {
     /// The model's name.
     pub name: String,
+    /// Version of the format of card and weights file: 2.
+    pub version: u32,
     /// File name of the weights, beside the card.
     pub weights: String,
     /// SHA-256 of the weights file, lower-case hexadecimal.
@@ -32,11 +37,10 @@ pub struct Card {
     /// Architecture.
     #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
     pub architecture: PenConfig,
-    /// Architecture of the verifier, whose tensors are in the same file, their
-    /// names behind `closer.`; absent where there is none.
+    /// Architecture of the verifier, whose tensors are in the same file with the prefix `verifier.`; absent where there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
-    pub closer: Option<PenConfig>,
+    pub verifier: Option<PenConfig>,
     /// Size of the network's input.
     pub input: Size,
     /// Normalisation of the network's input.
@@ -50,9 +54,9 @@ pub struct Card {
     /// Smallest and largest apparent radius in the training data, px; where depth comes from size.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub radius_range: Option<[f64; 2]>,
-    /// Confidence (of [`Card::confidence_kind`]) below which a picture is taken to be without the ball: half of what nearly all (99.5 %) of the
-    /// visible balls of the validation clips exceed; where depth comes from size what as large a share of the balls
-    /// stays below as of the pictures without one exceeds.
+    /// Confidence (of [`Card::confidence_kind`]) below which no ball is found: half of what nearly all (99.5 %) of the visible balls of
+    /// the validation clips exceed; where depth comes from size that of the equal error rate (as large a fraction of the balls below as
+    /// of the pictures without one above).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence_threshold: Option<f64>,
     /// Name of the training data.
@@ -83,10 +87,10 @@ pub enum DepthFrom {
 #[serde(rename_all = "kebab-case")]
 pub enum ConfidenceKind {
     /// The fraction of the heatmap's mass within 12 px (of the network's input) of the position found. Of a model that reads
-    /// sizes the geometric mean of that in the picture and in the enlarged place. It is well calibrated where a ball is within that
+    /// sizes the geometric mean of that in the picture and in the crop. It is well calibrated where a ball is within that
     /// distance in as large a fraction of the pictures.
     HeatmapMass,
-    /// The probability that what was found is a ball: of a model with a verifier ([`Card::closer`]), by a logistic regression on
+    /// The probability that what was found is a ball: of a model with a verifier ([`Card::verifier`]), by a logistic regression on
     /// its log-odds and those of the heatmaps. It is well calibrated where the ball is inside the outline found in as large a
     /// fraction of the pictures.
     BallProbability,
@@ -95,7 +99,7 @@ pub enum ConfidenceKind {
 impl Card {
     /// What the model's confidence is.
     pub fn confidence_kind(&self) -> ConfidenceKind {
-        if self.closer.is_some() { ConfidenceKind::BallProbability } else { ConfidenceKind::HeatmapMass }
+        if self.verifier.is_some() { ConfidenceKind::BallProbability } else { ConfidenceKind::HeatmapMass }
     }
 
     /// Reads the text of a card; `what` names it in errors.
@@ -104,16 +108,17 @@ impl Card {
     /// [`Error::Format`] or [`Error::Value`] with the field.
     pub fn from_json(text: &str, what: &str) -> Result<Self> {
         let refuse = |error| Error::format(what)(json_refusal(&error)).expecting(EXPECTED);
+        check_version(text, what)?;
         let card: Self = serde_json::from_str(text).map_err(refuse)?;
         check_input(&card.architecture, card.input, &card.normalisation, what)?;
         if card.architecture.input_channels() != PICTURE_CHANNELS {
             let reason = "must be 3: a model is given one picture (its verifier two)";
             return Err(Error::value(what, "architecture.backbone.input_channels", reason));
         }
-        if let Some(closer) = &card.closer {
-            check_input(closer, Size::square(CLOSER_SIDE), &card.normalisation, what)?;
-            if !closer.depth.is_size() {
-                return Err(Error::value(what, "closer.depth.activation", "must be \"radius\""));
+        if let Some(verifier) = &card.verifier {
+            check_input(verifier, Size::square(VERIFIER_SIDE), &card.normalisation, what)?;
+            if !verifier.depth.is_size() {
+                return Err(Error::value(what, "verifier.depth.activation", "must be \"radius\""));
             }
         }
         let is_size = card.depth_from == Some(DepthFrom::Size);
@@ -183,6 +188,24 @@ impl Card {
         }
         Err(Error::WeightsSha256 { expected: self.sha256.clone(), found })
     }
+}
+
+/// Refuses a card of another version of the format. Text that is no card at all is left to the reader of its fields.
+///
+/// # Errors
+/// [`Error::Value`].
+fn check_version(text: &str, what: &str) -> Result<()> {
+    let Ok(serde_json::Value::Object(fields)) = serde_json::from_str(text) else { return Ok(()) };
+    let is_card = fields.contains_key("architecture") && fields.contains_key("sha256");
+    let version = fields.get("version").map_or(1.into(), Clone::clone);
+    if !is_card || version == CARD_VERSION {
+        return Ok(());
+    }
+    let reason = format!(
+        "must be {CARD_VERSION}, not {version}: the card is of another version of the model format; `scripts/migrate-models` of the \
+         project rewrites models of version 1"
+    );
+    Err(Error::value(what, "version", reason))
 }
 
 /// Refuses an architecture, input size and normalisation that do not go together.

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::backbone::{BackboneConfig, Outline, PICTURE_CHANNELS};
+use super::backbone::{BackboneConfig, BackboneShape, PICTURE_CHANNELS};
 use crate::error::{Error, Result};
 
 /// Largest number of channels in any layer; a card asking for more is damaged or hostile.
@@ -11,9 +11,9 @@ const MAX_CHANNELS: usize = 4096;
 /// Geometric mean of the radii that a network for any ball reads, px.
 const MIDDLE_RADIUS: f64 = 9.5;
 /// Radius that a ball has in the verifier's input, px.
-pub(crate) const CLOSER_RADIUS: f64 = 12.0;
+pub(crate) const VERIFIER_RADIUS: f64 = 12.0;
 /// Side of that input, px.
-pub(crate) const CLOSER_SIDE: u32 = 64;
+pub(crate) const VERIFIER_SIDE: u32 = 64;
 
 /// Architecture of a [`super::Pen`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -70,8 +70,8 @@ pub enum DepthActivation {
     Softplus,
     /// Exponential.
     Exp,
-    /// Exponential, within a factor e² of the scale: the ball's apparent radius, px, in the place of its depth. A second
-    /// channel is the logarithm of the scale of that reading's error, a Laplace distribution's, of log(radius).
+    /// Exponential, within a factor e² of the scale: the ball's apparent radius, px, instead of its depth. A second
+    /// channel is the logarithm of the scale of that radius's error, a Laplace distribution's, of log(radius).
     Radius,
 }
 
@@ -131,11 +131,11 @@ impl PenConfig {
     }
 
     /// The verifier: 0.4 M parameters, balls of about 12 px radius in pictures of 64×64 px, each with a second one of what is around it.
-    pub fn closer() -> Self {
-        let depth = DepthConfig { activation: DepthActivation::Radius, scale: CLOSER_RADIUS };
+    pub fn verifier() -> Self {
+        let depth = DepthConfig { activation: DepthActivation::Radius, scale: VERIFIER_RADIUS };
         let (stages, input_channels) = ([24, 48, 72, 96], 2 * PICTURE_CHANNELS);
         let backbone = BackboneConfig::Compact { stem: 16, stages, pyramid: 32, input_channels };
-        Self { backbone, depth, ..Self::compact(CLOSER_RADIUS) }
+        Self { backbone, depth, ..Self::compact(VERIFIER_RADIUS) }
     }
 
     /// Channels of the input: 3 a picture.
@@ -145,7 +145,7 @@ impl PenConfig {
 
     /// Number the input's sides must be multiples of, px.
     pub fn input_multiple(&self) -> u32 {
-        self.backbone.outline().coarsest_stride as u32
+        self.backbone.shape().coarsest_stride as u32
     }
 
     /// Input pixels per cell of the output maps.
@@ -162,7 +162,7 @@ impl PenConfig {
     /// [`Error::Value`] with the field.
     pub fn check(&self) -> Result<()> {
         let refuse = |field: &str, reason: String| Err(Error::value("model", field, reason));
-        let Outline { features, mut sizes, .. } = self.backbone.outline();
+        let BackboneShape { features, mut sizes, .. } = self.backbone.shape();
         if let HeadConfig::Paper { channels } = self.head {
             sizes.extend(channels);
         }

@@ -61,7 +61,7 @@ pub(crate) fn cell_centre(cell: usize, stride: usize) -> f64 {
 
 /// The maps of one picture of a network that reads sizes, row-major.
 #[derive(Debug, Clone)]
-pub struct Maps {
+pub struct SizeMaps {
     /// Cells in a row.
     pub width: usize,
     /// Input px to a cell's side.
@@ -74,7 +74,7 @@ pub struct Maps {
     pub log_scale: Vec<f32>,
 }
 
-/// A place where the ball may be.
+/// A peak of the heatmap: a ball may be there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
     /// Centre of the ball's outline, px of the network's input.
@@ -83,21 +83,21 @@ pub struct Peak {
     pub radius: f64,
     /// Scale of the error of log(radius), a Laplace distribution's.
     pub log_scale: f64,
-    /// Share of the heatmap's mass around it, 0 to 1.
+    /// Fraction of the heatmap's mass around it, 0 to 1.
     pub confidence: f64,
 }
 
 /// How often a peak's window is centred on the mean of its mass.
 const CENTRINGS: usize = 3;
 
-/// The `count` likeliest places of the ball, the likeliest first: around each the means of [`CONFIDENCE_RADIUS`].
-/// What is within that of a place, or within its ball, is no other place.
-pub fn peaks(maps: &Maps, count: usize) -> Vec<Peak> {
-    let Maps { width, stride, .. } = *maps;
+/// The `count` highest peaks, the highest first: position, radius and scale are means within [`CONFIDENCE_RADIUS`]. What lies within that
+/// radius of a peak, or within its ball, is no other peak.
+pub fn peaks(maps: &SizeMaps, count: usize) -> Vec<Peak> {
+    let SizeMaps { width, stride, .. } = *maps;
     let height = maps.probability.len() / width;
     let mut left = maps.probability.clone();
     let mut found = Vec::new();
-    // The cells around a place, with their distance.
+    // The cells around a point, with their centres.
     let around = |image: [f64; 2], reach: f64| {
         let range = |at: f64, cells: usize| {
             let cell = |at: f64| ((at + 0.5) / stride as f64 - 0.5).clamp(0.0, cells as f64 - 1.0);
@@ -123,11 +123,11 @@ pub fn peaks(maps: &Maps, count: usize) -> Vec<Peak> {
             let (mut sum, mut centre) = (0.0, [0.0; 2]);
             (log_radius, log_scale) = (0.0, 0.0);
             for (cell, at) in around(image, CONFIDENCE_RADIUS) {
-                let share = f64::from(left[cell]);
-                sum += share;
-                (0..2).for_each(|axis| centre[axis] += share * at[axis]);
-                log_radius += share * f64::from(maps.radius[cell]).ln();
-                log_scale += share * f64::from(maps.log_scale[cell]);
+                let fraction = f64::from(left[cell]);
+                sum += fraction;
+                (0..2).for_each(|axis| centre[axis] += fraction * at[axis]);
+                log_radius += fraction * f64::from(maps.radius[cell]).ln();
+                log_scale += fraction * f64::from(maps.log_scale[cell]);
             }
             if sum <= 0.0 {
                 break;
@@ -144,7 +144,7 @@ pub fn peaks(maps: &Maps, count: usize) -> Vec<Peak> {
     found
 }
 
-/// Share of the heatmap's mass within 12 input px of the position found, 0 to 1.
+/// Fraction of the heatmap's mass within 12 input px of the position found, 0 to 1.
 ///
 /// `probability` is one picture's, row-major, `width` cells wide. A single sharp peak gives nearly
 /// 1; a ball that is not there spreads the mass and gives little.
@@ -155,5 +155,5 @@ pub fn confidence(probability: &[f32], width: usize, stride: usize, image: [f64;
         dx.hypot(dy) <= CONFIDENCE_RADIUS
     };
     let mass = probability.iter().enumerate().filter(|&(index, _)| near(index));
-    mass.map(|(_, &share)| f64::from(share)).sum::<f64>().clamp(0.0, 1.0)
+    mass.map(|(_, &fraction)| f64::from(fraction)).sum::<f64>().clamp(0.0, 1.0)
 }

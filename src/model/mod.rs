@@ -23,14 +23,16 @@ pub(crate) use self::backbone::PICTURE_CHANNELS;
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
 pub use self::built_in::{ANY, SD_L};
+#[doc(hidden)]
+pub use self::card::CARD_VERSION;
 pub(crate) use self::card::check_input;
 #[doc(hidden)]
 pub use self::card::sha256_hex;
 pub use self::card::{Card, ConfidenceKind, DepthFrom};
-pub(crate) use self::config::{CLOSER_RADIUS, CLOSER_SIDE};
 pub use self::config::{DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
+pub(crate) use self::config::{VERIFIER_RADIUS, VERIFIER_SIDE};
 pub(crate) use self::decode::weighted_depth;
-pub(crate) use self::decode::{CONFIDENCE_RADIUS, Decoded, Maps, Peak, cell_centre, confidence, decode, peaks};
+pub(crate) use self::decode::{CONFIDENCE_RADIUS, Decoded, Peak, SizeMaps, cell_centre, confidence, decode, peaks};
 #[doc(hidden)]
 pub use self::pen::{Pen, PenOutput, PenRunner};
 #[cfg(not(target_arch = "wasm32"))]

@@ -56,7 +56,7 @@ impl Pen {
     /// As [`PenConfig::check`].
     pub fn new(config: &PenConfig, device: &Device) -> crate::error::Result<Self> {
         config.check()?;
-        let features = config.backbone.outline().features;
+        let features = config.backbone.shape().features;
         // A zero last layer starts the exponential depth at the prior.
         let depth_last = match config.depth.activation {
             DepthActivation::Exp | DepthActivation::Radius => Initializer::Zeros,

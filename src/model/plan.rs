@@ -21,30 +21,30 @@ use crate::size::Size;
 #[derive(Debug)]
 pub(super) struct Plan {
     vectors: Vectors,
-    steps: Vec<Step>,
+    steps: Vec<PlannedLayer>,
     /// Sets of maps for one picture, with halos, that nobody uses at the moment.
     idle: Mutex<Vec<Vec<Buffer>>>,
     /// Lengths of the buffers.
     lengths: Vec<usize>,
     /// A picture's layout.
     picture: Extent,
-    outputs: Vec<Place>,
+    outputs: Vec<BufferSlot>,
 }
 
 /// A map and the buffer that it is in.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct BufferSlot {
     extent: Extent,
     buffer: usize,
 }
 
 #[derive(Debug, Clone)]
-struct Step {
+struct PlannedLayer {
     task: Task,
     /// The picture without.
-    x: Option<Place>,
-    other: Option<Place>,
-    out: Place,
+    x: Option<BufferSlot>,
+    other: Option<BufferSlot>,
+    out: BufferSlot,
 }
 
 #[derive(Debug, Clone)]
@@ -118,7 +118,7 @@ impl Plan {
         let Self { vectors, steps, .. } = self;
         for step in steps {
             let mut out = std::mem::take(&mut buffers[step.out.buffer]);
-            let read = |place: Place| Map::new(place.extent, buffers[place.buffer].values());
+            let read = |place: BufferSlot| Map::new(place.extent, buffers[place.buffer].values());
             let (x, other) = (step.x.map_or(Map::new(self.picture, picture), read), step.other.map(read));
             let write = MapMut::new(step.out.extent, out.values_mut());
             match &step.task {
@@ -193,7 +193,7 @@ impl Recorder {
         // The map that each buffer holds. Another one may take it over only if it has the same layout:
         // then the halo's zeros stay where they are.
         let mut held: Vec<usize> = Vec::new();
-        let mut places: Vec<Option<Place>> = vec![None; self.maps.len()];
+        let mut places: Vec<Option<BufferSlot>> = vec![None; self.maps.len()];
         let mut settle = |map: usize, now: usize| {
             let extent = self.maps[map];
             let free = held.iter().position(|&held| self.maps[held] == extent && last_use[held] < now);
@@ -203,16 +203,17 @@ impl Recorder {
                 lengths.len() - 1
             });
             held[buffer] = map;
-            let place = Place { extent, buffer };
+            let place = BufferSlot { extent, buffer };
             places[map] = Some(place);
             place
         };
         let mut steps = Vec::with_capacity(self.records.len());
-        let outs: Vec<Place> = self.records.iter().enumerate().map(|(now, record)| settle(record.out, now)).collect();
+        let outs: Vec<BufferSlot> =
+            self.records.iter().enumerate().map(|(now, record)| settle(record.out, now)).collect();
         let place = |map: usize| places[map].unwrap_or_else(|| unreachable!("a layer reads what an earlier one wrote"));
         for (record, out) in self.records.into_iter().zip(outs) {
             let x = (record.x != PICTURE).then(|| place(record.x));
-            steps.push(Step { task: record.task, x, other: record.other.map(place), out });
+            steps.push(PlannedLayer { task: record.task, x, other: record.other.map(place), out });
         }
         let outputs = outputs.iter().map(|&map| place(map)).collect();
         Plan { vectors: self.vectors, steps, idle: Mutex::default(), lengths, picture: self.maps[PICTURE], outputs }

@@ -199,9 +199,9 @@ mod on_gpu {
         for to in 0..fine {
             let from = ((to as f32 + 0.5) / factor as f32 - 0.5).max(0.0);
             let low = from as usize;
-            let share = from - low as f32;
-            weights[to * count + low] += 1.0 - share;
-            weights[to * count + (low + 1).min(count - 1)] += share;
+            let fraction = from - low as f32;
+            weights[to * count + low] += 1.0 - fraction;
+            weights[to * count + (low + 1).min(count - 1)] += fraction;
         }
         Tensor::from_data(TensorData::new(weights, [fine, count]), device)
     }

@@ -116,7 +116,7 @@ fn a_backbone_has_the_strides_and_channels_that_it_tells() {
     for config in [small().backbone, BackboneConfig::ResNet34 { width: 4 }, narrow(false), narrow(true)] {
         let features = Backbone::new(&config, &device).forward(&mut Tensors, &picture(&device));
         let found: Vec<[usize; 4]> = features.iter().map(Tensor::dims).collect();
-        let told = config.outline().features;
+        let told = config.shape().features;
         let told: Vec<_> = told.iter().map(|it| [1, HEIGHT / it.stride, WIDTH / it.stride, it.channels]).collect();
         assert_eq!(found, told, "{config:?}");
     }
@@ -269,6 +269,16 @@ fn weights_that_are_not_the_cards_are_refused_with_both_sums() {
 }
 
 #[test]
+fn cards_of_another_version_are_refused_with_what_to_do() {
+    let text = String::from_utf8(golden("tiny.json")).unwrap();
+    let older = text.replace("  \"version\": 2,\n", "").replace("\"input\": {", "\"closer\": {}, \"input\": {");
+    for (card, found) in [(older, "not 1"), (text.replace("\"version\": 2", "\"version\": 3"), "not 3")] {
+        let error = Card::from_json(&card, "card").unwrap_err().to_string();
+        assert!(error.contains("version") && error.contains(found) && error.contains("migrate-models"), "{error}");
+    }
+}
+
+#[test]
 fn cards_with_unknown_fields_or_senseless_numbers_are_refused() {
     let text = String::from_utf8(golden("tiny.json")).unwrap();
     for (from, to, named) in [
@@ -339,7 +349,7 @@ fn two_networks_in_a_file_are_the_two() {
     assert_eq!(parted(&joined(&own, &none).unwrap()).unwrap(), [own.clone(), none]);
     let both = joined(&own, &alone).unwrap();
     assert!(both.len() > alone.len());
-    let [first, closer] = parted(&both).unwrap();
-    assert_eq!((&first, &closer), (&own, &own));
+    let [first, verifier] = parted(&both).unwrap();
+    assert_eq!((&first, &verifier), (&own, &own));
     assert!(matches!(parted(&both[..both.len() - 1]), Err(Error::WeightsFile { .. })));
 }

@@ -51,7 +51,7 @@ pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 /// # Errors
 /// As [`load`]; [`Error::WeightsArchitecture`] also where `pen` has a backbone that timm does not have.
 pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
-    if !pen.config().backbone.outline().is_timms {
+    if !pen.config().backbone.shape().is_timms {
         let reason = "timm has no backbone like this network's, so its weights do not fit".into();
         return Err(Error::WeightsArchitecture { reason });
     }
@@ -73,20 +73,20 @@ pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 /// # Errors
 /// [`Error::Device`] where the device cannot be read.
 pub async fn on_cpu(pen: &Pen) -> Result<Pen> {
-    let mut collected = Collect { ids: vec![], values: Transaction::default() };
+    let mut collected = TensorCollector { ids: vec![], values: Transaction::default() };
     pen.visit(&mut collected);
     let values = collected.values.execute_async().await;
     let values = values.map_err(|error| Error::Device { device: "GPU".into(), reason: error.to_string() })?;
-    Ok(pen.clone().map(&mut Place { values: collected.ids.into_iter().zip(values).collect() }))
+    Ok(pen.clone().map(&mut TensorReplacer { values: collected.ids.into_iter().zip(values).collect() }))
 }
 
 /// Gathers all float tensors.
-struct Collect {
+struct TensorCollector {
     ids: Vec<ParamId>,
     values: Transaction,
 }
 
-impl ModuleVisitor for Collect {
+impl ModuleVisitor for TensorCollector {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         self.ids.push(param.id);
         self.values = std::mem::take(&mut self.values).register(param.val());
@@ -94,11 +94,11 @@ impl ModuleVisitor for Collect {
 }
 
 /// Puts them on the CPU.
-struct Place {
+struct TensorReplacer {
     values: HashMap<ParamId, TensorData>,
 }
 
-impl ModuleMapper for Place {
+impl ModuleMapper for TensorReplacer {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let Some(values) = self.values.remove(&param.id) else { return param };
         param.map(|_| Tensor::from_data(values, &Device::flex()))
@@ -186,7 +186,7 @@ fn written_with(tensors: &[Entry<'_>], [key, value]: [&str; 2]) -> Result<Vec<u8
 }
 
 /// Prefix of the verifier's tensors in a file of two networks.
-const CLOSER: &str = "closer.";
+const VERIFIER_PREFIX: &str = "verifier.";
 
 /// The two networks of a weights file, each as a file: the detector's, and the verifier's, which is empty where there is
 /// none.
@@ -195,30 +195,30 @@ const CLOSER: &str = "closer.";
 /// [`Error::WeightsFile`] for bytes that are no whole safetensors file.
 pub fn parted(bytes: &[u8]) -> Result<[Vec<u8>; 2]> {
     let file = opened(bytes)?;
-    let (mut own, mut closer) = (vec![], vec![]);
+    let (mut own, mut verifier) = (vec![], vec![]);
     for (name, view) in file.iter() {
         let entry = |name: &str| (name.to_string(), view.dtype(), view.shape().to_vec(), Cow::Borrowed(view.data()));
-        match name.strip_prefix(CLOSER) {
-            Some(name) => closer.push(entry(name)),
+        match name.strip_prefix(VERIFIER_PREFIX) {
+            Some(name) => verifier.push(entry(name)),
             None => own.push(entry(name)),
         }
     }
-    Ok([written(&own)?, written(&closer)?])
+    Ok([written(&own)?, written(&verifier)?])
 }
 
-/// The file of two networks: `own`, and `closer`, the verifier.
+/// The file of two networks: `own`, and `verifier`, the verifier.
 ///
 /// # Errors
 /// As [`parted`].
 #[cfg(not(target_arch = "wasm32"))]
-pub fn joined(own: &[u8], closer: &[u8]) -> Result<Vec<u8>> {
-    let [own, closer] = [opened(own)?, opened(closer)?];
+pub fn joined(own: &[u8], verifier: &[u8]) -> Result<Vec<u8>> {
+    let [own, verifier] = [opened(own)?, opened(verifier)?];
     let entry = |(name, view): (String, TensorView<'_>)| {
         (name, view.dtype(), view.shape().to_vec(), Cow::Owned(view.data().to_vec()))
     };
-    let named = |name: &str| format!("{CLOSER}{name}");
+    let named = |name: &str| format!("{VERIFIER_PREFIX}{name}");
     let entries = (own.iter().map(|(name, view)| (name.to_string(), view)))
-        .chain(closer.iter().map(|(name, view)| (named(name), view)))
+        .chain(verifier.iter().map(|(name, view)| (named(name), view)))
         .map(entry);
     written(&entries.collect::<Vec<_>>())
 }

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 const GRAVITY: [f64; 3] = [0.0, 0.0, -9.81];
 
 /// What a sport is played on, in the world frame of the court of its name, and with which ball.
-struct Place {
+struct NamedScene {
     name: &'static str,
     ball: &'static str,
     /// Where it is not the ball's own.
@@ -22,7 +22,7 @@ struct Place {
     bounds: Option<Bounds>,
 }
 
-const EMPTY: Place = Place {
+const EMPTY: NamedScene = NamedScene {
     name: "",
     ball: "",
     contact: None,
@@ -40,9 +40,9 @@ const fn around([x, y]: [f64; 2], height: f64) -> Option<Bounds> {
 }
 
 /// Every place.
-const PLACES: [Place; 12] = [
+const PLACES: [NamedScene; 12] = [
     // ITF court, hard, doubles; the world as in the court `tennis`: origin in its middle, x right, y away.
-    Place {
+    NamedScene {
         name: "tennis",
         ball: "tennis",
         lines: &[
@@ -62,7 +62,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // ITTF table, its surface 0.76 m above the floor, which is z = 0.
-    Place {
+    NamedScene {
         name: "table-tennis",
         ball: "table-tennis",
         boxes: &[Cuboid::upright([0.0, 0.0, 0.745], [0.7625, 1.37, 0.015], 0.0)],
@@ -79,7 +79,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // FIBA court with its two boards; the rings are not modelled: what they do is a hit.
-    Place {
+    NamedScene {
         name: "basketball",
         ball: "basketball",
         boxes: &[
@@ -104,7 +104,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // IFAB pitch of 105 x 68 m, grass; posts are not modelled.
-    Place {
+    NamedScene {
         name: "football",
         ball: "football",
         contact: Some(Contact::Bounce {
@@ -131,7 +131,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // FIVB court, net of 2.43 m.
-    Place {
+    NamedScene {
         name: "volleyball",
         ball: "volleyball",
         lines: &[
@@ -149,7 +149,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // BWF court, a shuttle of feathers (its drag is its flight).
-    Place {
+    NamedScene {
         name: "badminton",
         ball: "badminton",
         lines: &[
@@ -172,7 +172,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // WSF court, 9.75 x 6.40 m; the front wall is the far one.
-    Place {
+    NamedScene {
         name: "squash",
         ball: "squash",
         walls: &[
@@ -197,7 +197,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // USA Pickleball court, 44 x 20 ft.
-    Place {
+    NamedScene {
         name: "pickleball",
         ball: "pickleball",
         lines: &[
@@ -217,7 +217,7 @@ const PLACES: [Place; 12] = [
     },
     // FIP court, 20 x 10 m between walls: glass and fence to 3 and 4 m, which are taken to be higher than any ball; a fence's bounce is a
     // hit.
-    Place {
+    NamedScene {
         name: "padel",
         ball: "padel",
         walls: &[
@@ -241,7 +241,7 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // MCC pitch; the wickets are not modelled.
-    Place {
+    NamedScene {
         name: "cricket",
         ball: "cricket",
         lines: &[
@@ -255,9 +255,9 @@ const PLACES: [Place; 12] = [
         ..EMPTY
     },
     // A level floor at z = 0 and a tennis ball; another with --ball.
-    Place { name: "floor", ball: "tennis", ..EMPTY },
+    NamedScene { name: "floor", ball: "tennis", ..EMPTY },
     // Free flight, nothing to touch; a tennis ball, another with --ball.
-    Place { name: "free", ball: "tennis", floor: false, ..EMPTY },
+    NamedScene { name: "free", ball: "tennis", floor: false, ..EMPTY },
 ];
 
 impl Scene {

@@ -10,161 +10,39 @@ mod broadcast;
 mod looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 mod mujoco;
+mod paths;
 mod random;
 mod render;
 mod scenes;
+mod sets;
 mod studio;
 #[cfg(test)]
 mod tests;
 
-use std::f64::consts::TAU;
-
 use image::RgbImage;
-use nalgebra::{Point3, Vector2, Vector3};
-use rand::RngExt;
+use nalgebra::{Point3, Vector2};
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::broadcast::{Film, Filmed, Kind};
 pub use self::looking::looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
-#[cfg(not(target_arch = "wasm32"))]
+use self::paths::simulated;
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::random::Spot;
 pub use self::random::{Apparent, Drawing, LARGEST, RandomScenes, SMALLEST};
 use self::render::Renderer;
 use self::scenes::Paper;
+pub use self::sets::{Set, Shot, Site, Split};
 use crate::camera::Camera;
 use crate::clips::{Clip, Frame};
 use crate::error::{Error, Result};
-use crate::physics::{Forecaster, Scene, State, Status};
-use crate::random::{Random, Stream, normal_pair};
+use crate::physics::{Forecaster, Scene, State};
+use crate::random::{Stream, normal_pair};
 use crate::size::Size;
 
 /// Starts drawn before a clip is given up.
 const TRIES: usize = 10_000;
-
-/// A data set of the paper.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Set {
-    /// One environment, one camera.
-    SdS,
-    /// One environment; training cameras 1 to 6, test cameras 1 to 9.
-    SdM,
-    /// Three environments, cameras as SD-M.
-    SdL,
-    /// A ball on a spring.
-    Spring,
-    /// The rendered room that stands in for the paper's real data set, which cannot be had: two cameras, labels as if clicked.
-    Rd,
-}
-
-/// Which part of a set; parts never share a start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Split {
-    /// To learn from.
-    Train,
-    /// To choose with.
-    Val,
-    /// To report.
-    Test,
-}
-
-impl Split {
-    /// As in clip ids.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Train => "train",
-            Self::Val => "val",
-            Self::Test => "test",
-        }
-    }
-}
-
-/// Where a ball moves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
-    /// One of the paper's environments, by its number.
-    Environment(usize),
-    /// Around the fixed ball that the spring pulls it to.
-    Spring,
-    /// The room of the rendered RD.
-    Room,
-}
-
-/// One place and one camera of a set: a studio in which clips are made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Shot {
-    /// Where.
-    pub place: Place,
-    /// The paper's number of the camera; the spring has one of its own.
-    pub camera: usize,
-}
-
-impl Set {
-    /// Its shots.
-    pub fn shots(self, split: Split) -> Vec<Shot> {
-        let cameras = match (self, split) {
-            (Self::SdS | Self::Spring, _) => 1..=1,
-            (Self::Rd, _) => 1..=2,
-            (_, Split::Train) => 1..=6,
-            _ => 1..=9,
-        };
-        let places = match self {
-            Self::Spring => vec![Place::Spring],
-            Self::SdS | Self::SdM => vec![Place::Environment(1)],
-            Self::SdL => [1, 2, 3].map(Place::Environment).to_vec(),
-            Self::Rd => vec![Place::Room],
-        };
-        places.into_iter().flat_map(|place| cameras.clone().map(move |camera| Shot { place, camera })).collect()
-    }
-}
-
-impl Shot {
-    /// What the physics needs to know of its environment, or of the spring set.
-    ///
-    /// # Errors
-    /// [`Error::Data`] for an environment that the paper does not have.
-    pub fn scene(&self) -> Result<Scene> {
-        Paper::get()?.scene(self.place)
-    }
-
-    /// How many clips of it the paper has in `split`.
-    ///
-    /// # Errors
-    /// [`Error::Data`] for a camera that the paper does not have.
-    pub fn clips(&self, split: Split) -> Result<usize> {
-        let paper = Paper::get()?;
-        let of_room = || paper.room.clips.get(split.name())?.get(self.camera.checked_sub(1)?).copied();
-        match self.place {
-            Place::Environment(_) | Place::Spring => Ok(100),
-            Place::Room => of_room().ok_or_else(|| {
-                let reason = format!("there is no camera {}", self.camera);
-                Error::Data { what: "--set".into(), reason }
-            }),
-        }
-    }
-
-    /// A clip's id: `train/env1/cam1/0007`, `train/spring/0007`, `train/room/cam1/0007`.
-    pub fn id(&self, split: Split, number: usize) -> String {
-        let split = split.name();
-        match self.place {
-            Place::Environment(environment) => format!("{split}/env{environment}/cam{}/{number:04}", self.camera),
-            Place::Spring => format!("{split}/spring/{number:04}"),
-            Place::Room => format!("{split}/room/cam{}/{number:04}", self.camera),
-        }
-    }
-
-    /// The folder of a clip's pictures, inside the set's.
-    pub fn folder(&self, split: Split, number: usize) -> String {
-        let split = split.name();
-        match self.place {
-            Place::Environment(environment) => format!("frames/{split}_e{environment}_c{}_{number:04}", self.camera),
-            Place::Spring => format!("frames/{split}_spring_{number:04}"),
-            Place::Room => format!("frames/{split}_room_c{}_{number:04}", self.camera),
-        }
-    }
-}
 
 /// What a clip to test with has that its scene does not say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -204,7 +82,7 @@ struct Builtin<'a>(&'a Studio);
 
 impl Engine for Builtin<'_> {
     fn path(&mut self, start: &State, times: &[f64]) -> Option<Vec<Point3<f64>>> {
-        followed(&self.0.forecaster, start, times)
+        simulated(&self.0.forecaster, start, times)
     }
 
     fn picture(&mut self, centre: &Point3<f64>) -> Result<RgbImage> {
@@ -214,13 +92,6 @@ impl Engine for Builtin<'_> {
     fn depth(&mut self, centre: &Point3<f64>) -> Result<Vec<f32>> {
         self.0.renderer.depth(centre)
     }
-}
-
-/// Positions at `times`; [`None`] for a start that cannot be followed to the end.
-fn followed(forecaster: &Forecaster, start: &State, times: &[f64]) -> Option<Vec<Point3<f64>>> {
-    let forecast = forecaster.forecast(start, times);
-    let whole = forecast.status == Status::Ok;
-    whole.then(|| forecast.states.iter().map(|state| state.position).collect())
 }
 
 /// Knows one shot: draws its starts and labels its clips, whatever the engine.
@@ -251,10 +122,10 @@ impl Studio {
     /// As [`Self::new`].
     pub fn of_size(shot: Shot, size: Option<Size>) -> Result<Self> {
         let paper = Paper::get()?;
-        let camera = paper.camera(shot.place, shot.camera, size)?;
+        let camera = paper.camera(shot.site, shot.camera, size)?;
         let scene = shot.scene()?;
-        let renderer = Renderer::new(paper, shot.place, &camera, None)?;
-        let label_noise = if shot.place == Place::Room { paper.room.label_noise_px } else { 0.0 };
+        let renderer = Renderer::new(paper, shot.site, &camera, None)?;
+        let label_noise = if shot.site == Site::Room { paper.room.label_noise_px } else { 0.0 };
         let forecaster = Forecaster::new(&scene)?;
         Ok(Self { paper, shot, forecaster, renderer, camera, scene, disturbance: None, label_noise })
     }
@@ -270,7 +141,7 @@ impl Studio {
     /// # Errors
     /// As [`Self::new`].
     pub fn disturbed(mut self, disturbance: Disturbance) -> Result<Self> {
-        self.renderer = Renderer::new(self.paper, self.shot.place, &self.camera, Some(disturbance))?;
+        self.renderer = Renderer::new(self.paper, self.shot.site, &self.camera, Some(disturbance))?;
         self.disturbance = Some(disturbance);
         Ok(self)
     }
@@ -313,10 +184,10 @@ impl Studio {
         let id = self.shot.id(split, number);
         let mut random = Stream::Scene.of_named(seed, &id);
         let Paper { spring, bouncing, room, .. } = self.paper;
-        let (fps, count) = match self.shot.place {
-            Place::Environment(_) => (self.paper.fps, (bouncing.seconds * self.paper.fps).round() as usize),
-            Place::Spring => (self.paper.fps, (spring.seconds * self.paper.fps).round() as usize),
-            Place::Room => (room.fps, room.frames),
+        let (fps, count) = match self.shot.site {
+            Site::Environment(_) => (self.paper.fps, (bouncing.seconds * self.paper.fps).round() as usize),
+            Site::Spring => (self.paper.fps, (spring.seconds * self.paper.fps).round() as usize),
+            Site::Room => (room.fps, room.frames),
         };
         let times: Vec<f64> = (0..count).map(|frame| frame as f64 / fps).collect();
         let path = (0..TRIES).find_map(|_| self.path(engine, &mut random, &times)).ok_or_else(|| {
@@ -337,100 +208,5 @@ impl Studio {
         });
         let frames = frames.collect::<Result<_>>()?;
         Ok(Clip { id, fps, camera: self.camera.clone(), scene: Some(self.scene.clone()), frames })
-    }
-
-    /// A random ball's path; [`None`] if it leaves the picture.
-    fn path(&self, engine: &mut dyn Engine, random: &mut Random, times: &[f64]) -> Option<Vec<Point3<f64>>> {
-        let (start, later) = match self.shot.place {
-            Place::Environment(_) => (self.thrown(random), 0.0),
-            Place::Spring => (self.swung(random, times)?, 0.0),
-            Place::Room => (self.thrown_in_room(random), random.random_range(0.0..self.paper.room.start.latest)),
-        };
-        // A start inside a box would be moved, or shot, out of it.
-        if self.forecaster.forecast(&start, &[]).status != Status::Ok {
-            return None;
-        }
-        let times: Vec<f64> = times.iter().map(|time| later + time).collect();
-        let path = match self.disturbance {
-            Some(Disturbance::Wind) => self.blown(&start, &times)?,
-            Some(Disturbance::Hand) => self.pushed(&start, &times, random)?,
-            Some(Disturbance::Ball | Disturbance::Background) | None => engine.path(&start, &times)?,
-        };
-        let [width, height] = self.camera.size().xy().map(|side| side - 1.0);
-        let near_enough = |centre: &Point3<f64>| {
-            let distance = self.camera.camera_from_world(centre).coords.norm();
-            let start = &self.paper.room.start;
-            self.shot.place != Place::Room || (start.nearest..=start.farthest).contains(&distance)
-        };
-        let inside = |centre: &Point3<f64>| {
-            let image = self.camera.image_from_world(centre);
-            image.is_ok_and(|image| (0.0..=width).contains(&image.x) && (0.0..=height).contains(&image.y))
-        };
-        path.iter().all(|centre| inside(centre) && near_enough(centre)).then_some(path)
-    }
-
-    /// A path in the wind.
-    fn blown(&self, start: &State, times: &[f64]) -> Option<Vec<Point3<f64>>> {
-        let mut scene = self.scene.clone();
-        let wind = self.paper.disturbances.wind;
-        scene.gravity = std::array::from_fn(|axis| scene.gravity[axis] + wind[axis]);
-        followed(&Forecaster::new(&scene).ok()?, start, times)
-    }
-
-    /// A path with a push in a random direction at a random time.
-    fn pushed(&self, start: &State, times: &[f64], random: &mut Random) -> Option<Vec<Point3<f64>>> {
-        let hand = &self.paper.disturbances.hand;
-        let moment =
-            times.first()? + random.random_range(hand.between[0]..hand.between[1]) * (times.last()? - times.first()?);
-        let direction = Vector3::from_fn(|_, _| normal_pair::<f64>(random)[0]).try_normalize(1e-9)?;
-        let (before, after) = times.split_at(times.partition_point(|&time| time < moment));
-        let mut path = followed(&self.forecaster, start, before)?;
-        let mut state = *self.forecaster.forecast(start, &[moment]).states.first()?;
-        state.velocity += direction * hand.speed;
-        let after: Vec<f64> = after.iter().map(|time| time - moment).collect();
-        path.extend(followed(&self.forecaster, &state, &after)?);
-        Some(path)
-    }
-
-    /// A start of the bouncing ball: thrown gently inwards.
-    fn thrown(&self, random: &mut Random) -> State {
-        let start = &self.paper.bouncing.start;
-        let mut between = |[low, high]: [f64; 2]| random.random_range(low..high);
-        let position = Vector3::from_fn(|axis, _| between([start.low[axis], start.high[axis]]));
-        let inwards = -position.xy().try_normalize(1e-9).unwrap_or_default();
-        let speed = inwards * between(start.speed_inwards);
-        let velocity = Vector3::new(speed.x, speed.y, between(start.speed_up));
-        let jitter = Vector3::from_fn(|_, _| between([-start.jitter, start.jitter]));
-        self.scene.start(Point3::from(position), velocity + jitter)
-    }
-
-    /// A throw as a person's in the room.
-    fn thrown_in_room(&self, random: &mut Random) -> State {
-        let start = &self.paper.room.start;
-        let mut point =
-            |low: [f64; 3], high: [f64; 3]| Vector3::from_fn(|axis, _| random.random_range(low[axis]..high[axis]));
-        let (position, target) = (point(start.low, start.high), point(start.target_low, start.target_high));
-        let direction = (target - position).try_normalize(1e-9).unwrap_or_else(Vector3::x);
-        let [slow, fast] = start.speed;
-        self.scene.start(Point3::from(position), direction * random.random_range(slow..fast))
-    }
-
-    /// A start of the ball on the spring: across its line to the anchor; [`None`] if it comes too near the anchor.
-    fn swung(&self, random: &mut Random, times: &[f64]) -> Option<State> {
-        let start = &self.paper.spring.start;
-        let [low, high] = start.component;
-        let position =
-            Vector3::from_fn(|_, _| random.random_range(low..high) * if random.random::<bool>() { 1.0 } else { -1.0 });
-        let frequency = self.paper.spring_frequency();
-        let across = position.cross(&Vector3::z()).try_normalize(1e-9)?;
-        let angle = random.random_range(0.0..TAU);
-        let direction = across * angle.cos() + position.normalize().cross(&across) * angle.sin();
-        let velocity = direction * frequency * position.norm() * random.random_range(start.speed[0]..start.speed[1]);
-        let nearest = times.iter().map(|t| {
-            let (sine, cosine) = (frequency * t).sin_cos();
-            (position * cosine + velocity * (sine / frequency)).norm()
-        });
-        let far_enough = nearest.fold(f64::INFINITY, f64::min) >= start.least_distance;
-        far_enough.then(|| self.scene.start(Point3::from(position), velocity))
     }
 }

@@ -11,7 +11,7 @@ use nalgebra::Point3;
 
 use super::scenes::Paper;
 use super::studio::FLOOR;
-use super::{Engine, Place, Studio};
+use super::{Engine, Site, Studio};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::physics::{Contact, State};
@@ -30,7 +30,7 @@ const SHINIEST: f64 = 128.0;
 const ROOM_STIFFNESS: f64 = 1e5;
 /// The room's size, m.
 const ROOM: f64 = 2.0;
-/// Share of the depth of OpenGL's far plane from which on a pixel shows nothing.
+/// Fraction of the depth of OpenGL's far plane from which on a pixel shows nothing.
 const NOTHING: f32 = 0.99;
 
 /// OpenGL's functions are looked up when a context is made, for all threads.
@@ -51,7 +51,7 @@ impl Mujoco {
     /// # Errors
     /// [`Error::Device`] if there is no OpenGL without a screen; [`Error::Format`] if MuJoCo does not take the scene.
     pub fn new(studio: &Studio) -> Result<Self> {
-        let text = model(studio.paper, studio.shot.place, &studio.camera)?;
+        let text = model(studio.paper, studio.shot.site, &studio.camera)?;
         let model = MjModel::from_xml_string(&text).map_err(Error::format("MuJoCo's model"))?;
         let farthest = NOTHING * model.vis().map.zfar * model.stat().extent as f32;
         let _one_at_a_time = OPENING.lock();
@@ -72,7 +72,7 @@ impl Mujoco {
 impl Engine for Mujoco {
     /// At the simulation's step nearest to each time.
     fn path(&mut self, start: &State, times: &[f64]) -> Option<Vec<Point3<f64>>> {
-        self.place(&start.position);
+        self.site(&start.position);
         self.data.qvel_mut()[..3].copy_from_slice(start.velocity.as_slice());
         let (step, mut steps) = (self.data.model().opt().timestep, 0.0);
         let positions = times.iter().map(|time| {
@@ -86,7 +86,7 @@ impl Engine for Mujoco {
     }
 
     fn picture(&mut self, centre: &Point3<f64>) -> Result<RgbImage> {
-        self.place(centre);
+        self.site(centre);
         self.data.forward();
         self.renderer.sync_data(&mut self.data).map_err(failed)?;
         self.renderer.render().map_err(failed)?;
@@ -109,20 +109,18 @@ fn failed(error: RendererError) -> Error {
 }
 
 /// The scene as MuJoCo reads it.
-fn model(paper: &Paper, place: Place, camera: &Camera) -> Result<String> {
-    let (ball, light, head, material) = (paper.ball(place), paper.light(place), &paper.headlight, &paper.material);
-    let (scene, [_, height]) = (paper.scene(place)?, camera.size().xy());
-    let [integrator, joint, contact] = match place {
-        Place::Environment(_) => {
-            ["Euler".into(), String::new(), format!(r#"solref="-{} 0""#, paper.bouncing.stiffness)]
-        }
+fn model(paper: &Paper, site: Site, camera: &Camera) -> Result<String> {
+    let (ball, light, head, material) = (paper.ball(site), paper.light(site), &paper.headlight, &paper.material);
+    let (scene, [_, height]) = (paper.scene(site)?, camera.size().xy());
+    let [integrator, joint, contact] = match site {
+        Site::Environment(_) => ["Euler".into(), String::new(), format!(r#"solref="-{} 0""#, paper.bouncing.stiffness)],
         // A free joint's spring pulls towards where the model has the body, the origin. MuJoCo's usual semi-implicit
         // steps would be millimetres off; Runge and Kutta's follow the law. The ball in the centre is not touched.
-        Place::Spring => {
+        Site::Spring => {
             let [joint, contact] = [format!(r#"stiffness="{}""#, paper.spring.stiffness), r#"contype="0""#.into()];
             ["RK4".into(), joint, contact]
         }
-        Place::Room => {
+        Site::Room => {
             let Contact::Bounce { restitution, friction, .. } = scene.contact else {
                 unreachable!("the room's contact")
             };
@@ -134,7 +132,7 @@ fn model(paper: &Paper, place: Place, camera: &Camera) -> Result<String> {
             ["Euler".into(), String::new(), contact + r#" priority="1""#]
         }
     };
-    let fps = if place == Place::Room { paper.room.fps } else { paper.fps };
+    let fps = if site == Site::Room { paper.room.fps } else { paper.fps };
     let eye = camera.world_from_camera(&Point3::origin());
     let axis = |x, y| text((camera.world_from_camera(&Point3::new(x, y, 0.0)) - eye).as_slice());
     Ok(format!(
@@ -164,7 +162,7 @@ fn model(paper: &Paper, place: Place, camera: &Camera) -> Result<String> {
 </worldbody>
 </mujoco>"#,
         // By itself it takes the walls for the scene's size, and cuts off what is near.
-        statistic = if place == Place::Room { format!(r#"<statistic extent="{ROOM}"/>"#) } else { String::new() },
+        statistic = if site == Site::Room { format!(r#"<statistic extent="{ROOM}"/>"#) } else { String::new() },
         down = scene.gravity[2],
         step = 1.0 / (fps * SUBSTEPS),
         things = things(paper, place)?,
@@ -175,7 +173,7 @@ fn model(paper: &Paper, place: Place, camera: &Camera) -> Result<String> {
         specular = text(&[head.specular; 3]),
         shine = material.specular,
         shininess = material.shininess / SHINIEST,
-        reflectance = paper.floor(place).map_or(0.0, |floor| floor.reflectance),
+        reflectance = paper.floor(site).map_or(0.0, |floor| floor.reflectance),
         light_position = text(&light.position),
         light_direction = text(&light.direction),
         light_diffuse = text(&[light.diffuse; 3]),
@@ -193,20 +191,20 @@ fn model(paper: &Paper, place: Place, camera: &Camera) -> Result<String> {
 }
 
 /// What stands around: what the ball can touch, and the ball in the centre.
-fn things(paper: &Paper, place: Place) -> Result<String> {
-    let floor = paper.floor(place).map(|floor| {
+fn things(paper: &Paper, site: Site) -> Result<String> {
+    let floor = paper.floor(site).map(|floor| {
         let colour = text(&floor.colour);
         format!(r#"<geom type="plane" size="{FLOOR} {FLOOR} .1" rgba="{colour} 1" material="mirror"/>"#)
     });
-    let walls = paper.walls(place).iter().map(|wall| {
+    let walls = paper.walls(site).iter().map(|wall| {
         let [point, normal, colour] = [text(&wall.point), text(&wall.normal), text(&wall.colour)];
         format!(r#"<geom type="plane" pos="{point}" zaxis="{normal}" size="{FLOOR} {FLOOR} .1" rgba="{colour} 1"/>"#)
     });
-    let anchor = paper.anchor(place).map(|anchor| {
+    let anchor = paper.anchor(site).map(|anchor| {
         let (radius, colour) = (anchor.radius, text(&anchor.colour));
         format!(r#"<geom type="sphere" size="{radius}" rgba="{colour} 1" contype="0" conaffinity="0"/>"#)
     });
-    let boxes = paper.blocks(place)?.iter().map(|block| {
+    let boxes = paper.blocks(site)?.iter().map(|block| {
         format!(
             r#"<geom type="box" pos="{}" size="{}" euler="0 0 {}" rgba="{} {}"/>"#,
             text(&block.position),

@@ -8,9 +8,9 @@
 use image::{Rgb, RgbImage};
 use nalgebra::{Point2, Point3, Vector3};
 
-use super::scenes::{Ball, Paper};
-use super::studio::{CLEAR, Colour, FLOOR_GRID, Face, Studio, faces, sphere, wall};
-use super::{Disturbance, Place};
+use super::scenes::{BallLook, Paper};
+use super::studio::{CLEAR, Colour, FLOOR_GRID, Face, RayCaster, faces, sphere, wall};
+use super::{Disturbance, Site};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::size::Size;
@@ -37,7 +37,7 @@ impl Veil {
 }
 
 /// What one sample shows without the ball.
-struct Sample {
+struct SurfaceSample {
     along: Vector3<f64>,
     /// The opaque surface: how far, where; infinitely far without one.
     distance: f64,
@@ -61,11 +61,11 @@ struct Pixel {
 
 /// Draws one environment through one camera.
 pub struct Renderer {
-    studio: Studio<'static>,
-    ball: Ball,
+    studio: RayCaster<'static>,
+    ball: BallLook,
     camera: Camera,
     eye: Point3<f64>,
-    samples: Vec<Sample>,
+    samples: Vec<SurfaceSample>,
     pixels: Vec<Pixel>,
 }
 
@@ -77,16 +77,16 @@ impl Renderer {
     /// For a place, as `camera` sees it, with what is disturbed.
     ///
     /// # Errors
-    /// As [`Studio::new`](super::Studio::new).
+    /// As [`RayCaster::new`](super::Studio::new).
     pub(super) fn new(
         paper: &'static Paper,
-        place: Place,
+        site: Site,
         camera: &Camera,
         disturbance: Option<Disturbance>,
     ) -> Result<Self> {
         let bare = disturbance == Some(Disturbance::Background);
         let mut all = Vec::new();
-        if let Some(floor) = paper.floor(place) {
+        if let Some(floor) = paper.floor(site) {
             all.push(Face {
                 centre: Point3::origin(),
                 axes: [Vector3::x(), Vector3::y(), Vector3::z()],
@@ -96,22 +96,22 @@ impl Renderer {
                 alpha: 1.0,
             });
         }
-        all.extend(paper.walls(place).iter().map(wall));
+        all.extend(paper.walls(site).iter().map(wall));
         if !bare {
-            all.extend(paper.blocks(place)?.iter().flat_map(faces));
+            all.extend(paper.blocks(site)?.iter().flat_map(faces));
         }
         let eye = camera.world_from_camera(&Point3::origin());
-        let studio = Studio {
+        let studio = RayCaster {
             paper,
-            lamp: paper.light(place),
-            floor: paper.floor(place).is_some_and(|floor| floor.reflectance > 0.0),
+            lamp: paper.light(site),
+            floor: paper.floor(site).is_some_and(|floor| floor.reflectance > 0.0),
             faces: all,
-            anchor: paper.anchor(place),
+            anchor: paper.anchor(site),
             forward: camera.world_from_camera(&Point3::new(0.0, 0.0, 1.0)) - eye,
-            light: Point3::from(paper.light(place).position),
-            axis: Vector3::from(paper.light(place).direction).normalize(),
+            light: Point3::from(paper.light(site).position),
+            axis: Vector3::from(paper.light(site).direction).normalize(),
         };
-        let (mut ball, camera) = (paper.ball(place).clone(), camera.clone());
+        let (mut ball, camera) = (paper.ball(site).clone(), camera.clone());
         if disturbance == Some(Disturbance::Ball) {
             ball.radius *= paper.disturbances.ball_scale;
         }
@@ -147,7 +147,7 @@ impl Renderer {
     }
 
     /// What a ray from the eye shows without the ball.
-    fn look(&self, along: Vector3<f64>) -> Sample {
+    fn look(&self, along: Vector3<f64>) -> SurfaceSample {
         let studio = &self.studio;
         let veil = self.veil(&self.eye, &along, &self.eye, None);
         let hit = studio.cast(&self.eye, &along, |face| face.alpha >= 1.0);
@@ -159,21 +159,29 @@ impl Renderer {
             let (lit, tint) = (studio.light(&point, &normal, &self.eye), Vector3::from(anchor.colour).cast());
             let shadowed = studio.shadowed(&(point + normal * CLEAR));
             let spot = if shadowed { Colour::zeros() } else { lit.spot.of(&tint) };
-            return Sample { along, distance, point, dark: lit.head.of(&tint), spot, mirror: None, veil };
+            return SurfaceSample { along, distance, point, dark: lit.head.of(&tint), spot, mirror: None, veil };
         }
         let Some(hit) = hit else {
             let (point, none) = (self.eye, Colour::zeros());
-            return Sample { along, distance: f64::INFINITY, point, dark: none, spot: none, mirror: None, veil };
+            return SurfaceSample { along, distance: f64::INFINITY, point, dark: none, spot: none, mirror: None, veil };
         };
         let face = &studio.faces[hit.face];
         let lit = face.lit(studio, &hit.point, &self.eye);
         let spot = if studio.shadowed(&hit.point) { Colour::zeros() } else { lit.spot.of(&face.colour) };
         let mirror = (studio.floor && hit.face == 0).then(|| self.mirrored(&hit.point, &along));
-        Sample { along, distance: hit.distance, point: hit.point, dark: lit.head.of(&face.colour), spot, mirror, veil }
+        SurfaceSample {
+            along,
+            distance: hit.distance,
+            point: hit.point,
+            dark: lit.head.of(&face.colour),
+            spot,
+            mirror,
+            veil,
+        }
     }
 
     /// The ball in the centre where a ray from the eye meets it, and how far that is.
-    fn anchor(&self, along: &Vector3<f64>) -> Option<(&'static Ball, f64)> {
+    fn anchor(&self, along: &Vector3<f64>) -> Option<(&'static BallLook, f64)> {
         let anchor = self.studio.anchor?;
         sphere(&self.eye, along, &Point3::origin(), INSCRIBED * anchor.radius).map(|distance| (anchor, distance))
     }
@@ -216,7 +224,7 @@ impl Renderer {
     }
 
     /// A sample's colour, with the ball where there is one.
-    fn shade(&self, sample: &Sample, ball: Option<&Point3<f64>>) -> Colour {
+    fn shade(&self, sample: &SurfaceSample, ball: Option<&Point3<f64>>) -> Colour {
         let radius = INSCRIBED * self.ball.radius;
         let tint: Colour = Vector3::from(self.ball.colour).cast();
         if let Some(centre) = ball
@@ -317,16 +325,17 @@ impl Renderer {
         [image.x - size, image.y - size, image.x + size, image.y + size]
     }
 
-    /// Share of 13 points of the ball's disc, as the camera sees it, that no box hides.
+    /// Fraction of 13 points of the ball's disc, as the camera sees it, that no box hides.
     pub fn visible(&self, centre: &Point3<f64>) -> f64 {
         let radius = self.ball.radius;
         let axis = |x: f64, y: f64| self.camera.world_from_camera(&Point3::new(x, y, 0.0)) - self.eye;
         let (right, down) = (axis(1.0, 0.0), axis(0.0, 1.0));
         let rings = [(0.0, 1), (0.45, 4), (0.85, 8)];
-        let points = rings.into_iter().flat_map(|(share, count)| (0..count).map(move |index| (share, index, count)));
-        let seen = points.filter(|&(share, index, count)| {
+        let points =
+            rings.into_iter().flat_map(|(fraction, count)| (0..count).map(move |index| (fraction, index, count)));
+        let seen = points.filter(|&(fraction, index, count)| {
             let angle = std::f64::consts::TAU * f64::from(index) / f64::from(count);
-            let point = centre + (right * angle.cos() + down * angle.sin()) * share * radius;
+            let point = centre + (right * angle.cos() + down * angle.sin()) * fraction * radius;
             let distance = (point - self.eye).norm();
             let along = (point - self.eye) / distance;
             let face = self.studio.cast(&self.eye, &along, |_| true).map(|hit| hit.distance);

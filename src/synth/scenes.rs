@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use serde::Deserialize;
 use serde_json::json;
 
-use super::{Place, looking};
+use super::{Site, looking};
 use crate::camera::{Camera, Distortion};
 use crate::error::{Error, Result};
 use crate::physics::Scene;
@@ -22,13 +22,13 @@ pub(super) struct Paper {
     pub size: Size,
     pub field_of_view: f64,
     pub fps: f64,
-    pub ball: Ball,
+    pub ball: BallLook,
     pub light: Light,
     pub headlight: Headlight,
     pub material: Material,
     cameras: BTreeMap<String, [f64; 3]>,
     pub bouncing: Bouncing,
-    pub spring: Spring,
+    pub spring: SpringSet,
     pub disturbances: Disturbances,
     pub room: Room,
 }
@@ -51,13 +51,13 @@ pub(super) struct Disturbances {
 pub(super) struct Hand {
     /// Change of the velocity, m/s.
     pub speed: f64,
-    /// When, as shares of the clip's time.
+    /// When, as fractions of the clip's time.
     pub between: [f64; 2],
 }
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Ball {
+pub(super) struct BallLook {
     pub radius: f64,
     pub mass: f64,
     pub colour: [f32; 3],
@@ -99,14 +99,14 @@ pub(super) struct Bouncing {
     pub seconds: f64,
     pub gravity: f64,
     pub stiffness: f64,
-    pub floor: Floor,
+    pub floor: SceneFloor,
     pub start: BouncingStart,
-    environments: BTreeMap<String, Vec<Block>>,
+    environments: BTreeMap<String, Vec<SceneBlock>>,
 }
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Floor {
+pub(super) struct SceneFloor {
     pub colour: [f32; 3],
     pub reflectance: f64,
 }
@@ -124,7 +124,7 @@ pub(super) struct BouncingStart {
 /// A box.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Block {
+pub(super) struct SceneBlock {
     pub position: [f64; 3],
     pub half_size: [f64; 3],
     /// About z, degrees.
@@ -136,12 +136,12 @@ pub(super) struct Block {
 /// The spring's set.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Spring {
+pub(super) struct SpringSet {
     pub seconds: f64,
     pub stiffness: f64,
     camera: [f64; 3],
     /// The ball in the centre, which does not move.
-    pub anchor: Ball,
+    pub anchor: BallLook,
     pub start: SpringStart,
 }
 
@@ -163,14 +163,14 @@ pub(super) struct Room {
     pub fps: f64,
     pub frames: usize,
     gravity: f64,
-    pub ball: Ball,
+    pub ball: BallLook,
     restitution: f64,
     friction: f64,
     cameras: BTreeMap<String, RoomCamera>,
     pub light: Light,
-    pub floor: Floor,
+    pub floor: SceneFloor,
     pub walls: Vec<RoomWall>,
-    boxes: Vec<Block>,
+    boxes: Vec<SceneBlock>,
     /// Clips of each camera, by split.
     pub clips: BTreeMap<String, Vec<usize>>,
     /// Standard deviation of the 2D labels, as of clicks, px.
@@ -220,18 +220,18 @@ impl Paper {
     }
 
     /// Camera `number` (as in the paper) of a place; its pictures have `size`, or the paper's.
-    pub(super) fn camera(&self, place: Place, number: usize, size: Option<Size>) -> Result<Camera> {
+    pub(super) fn camera(&self, site: Site, number: usize, size: Option<Size>) -> Result<Camera> {
         let none = |count: usize| Error::Data {
             what: "--set".into(),
             reason: format!("there is no camera {number}; there are 1 to {count}"),
         };
-        match place {
-            Place::Environment(_) => {
+        match site {
+            Site::Environment(_) => {
                 let placed = self.cameras.get(&number.to_string()).ok_or_else(|| none(self.cameras.len()))?;
                 self.around_origin(placed, size)
             }
-            Place::Spring => self.around_origin(&self.spring.camera, size),
-            Place::Room => {
+            Site::Spring => self.around_origin(&self.spring.camera, size),
+            Site::Room => {
                 let cameras = &self.room.cameras;
                 let RoomCamera { position, target } =
                     cameras.get(&number.to_string()).ok_or_else(|| none(cameras.len()))?;
@@ -249,40 +249,40 @@ impl Paper {
     }
 
     /// The ball that moves.
-    pub(super) fn ball(&self, place: Place) -> &Ball {
-        if place == Place::Room { &self.room.ball } else { &self.ball }
+    pub(super) fn ball(&self, site: Site) -> &BallLook {
+        if site == Site::Room { &self.room.ball } else { &self.ball }
     }
 
     /// The spot light.
-    pub(super) fn light(&self, place: Place) -> &Light {
-        if place == Place::Room { &self.room.light } else { &self.light }
+    pub(super) fn light(&self, site: Site) -> &Light {
+        if site == Site::Room { &self.room.light } else { &self.light }
     }
 
     /// The floor, where there is one.
-    pub(super) fn floor(&self, place: Place) -> Option<&Floor> {
-        match place {
-            Place::Environment(_) => Some(&self.bouncing.floor),
-            Place::Spring => None,
-            Place::Room => Some(&self.room.floor),
+    pub(super) fn floor(&self, site: Site) -> Option<&SceneFloor> {
+        match site {
+            Site::Environment(_) => Some(&self.bouncing.floor),
+            Site::Spring => None,
+            Site::Room => Some(&self.room.floor),
         }
     }
 
     /// The walls.
-    pub(super) fn walls(&self, place: Place) -> &[RoomWall] {
-        if place == Place::Room { &self.room.walls } else { &[] }
+    pub(super) fn walls(&self, site: Site) -> &[RoomWall] {
+        if site == Site::Room { &self.room.walls } else { &[] }
     }
 
     /// The ball in the centre, where there is one.
-    pub(super) fn anchor(&self, place: Place) -> Option<&Ball> {
-        (place == Place::Spring).then_some(&self.spring.anchor)
+    pub(super) fn anchor(&self, site: Site) -> Option<&BallLook> {
+        (site == Site::Spring).then_some(&self.spring.anchor)
     }
 
     /// The boxes.
-    pub(super) fn blocks(&self, place: Place) -> Result<&[Block]> {
-        match place {
-            Place::Spring => Ok(&[]),
-            Place::Room => Ok(&self.room.boxes),
-            Place::Environment(number) => {
+    pub(super) fn blocks(&self, site: Site) -> Result<&[SceneBlock]> {
+        match site {
+            Site::Spring => Ok(&[]),
+            Site::Room => Ok(&self.room.boxes),
+            Site::Environment(number) => {
                 let blocks = self.bouncing.environments.get(&number.to_string());
                 blocks.map(Vec::as_slice).ok_or_else(|| Error::Data {
                     what: "--set".into(),
@@ -293,25 +293,25 @@ impl Paper {
     }
 
     /// What the physics needs to know of a place.
-    pub(super) fn scene(&self, place: Place) -> Result<Scene> {
-        let Ball { radius, mass, .. } = self.ball(place);
+    pub(super) fn scene(&self, site: Site) -> Result<Scene> {
+        let BallLook { radius, mass, .. } = self.ball(site);
         let ball = json!({"radius": radius, "mass": mass});
-        let boxes: Vec<_> = (self.blocks(place)?.iter())
+        let boxes: Vec<_> = (self.blocks(site)?.iter())
             .map(|block| json!({"position": block.position, "half_size": block.half_size, "yaw": block.yaw.to_radians()}))
             .collect();
-        let scene = match place {
-            Place::Environment(_) => json!({
+        let scene = match site {
+            Site::Environment(_) => json!({
                 "gravity": [0.0, 0.0, -self.bouncing.gravity],
                 "ball": ball,
                 "contact": {"model": "spring", "stiffness": self.bouncing.stiffness},
                 "floor": {"height": 0.0}, "boxes": boxes,
             }),
-            Place::Spring => json!({
+            Site::Spring => json!({
                 "gravity": [0.0, 0.0, 0.0],
                 "ball": ball,
                 "spring": {"stiffness": self.spring.stiffness, "anchor": [0.0, 0.0, 0.0]},
             }),
-            Place::Room => {
+            Site::Room => {
                 let wall = |wall: &RoomWall| json!({"point": wall.point, "normal": wall.normal});
                 json!({
                     "gravity": [0.0, 0.0, -self.room.gravity],

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Rotation3, Vector3};
 
-use super::scenes::{Ball, Block, Light, Paper, RoomWall};
+use super::scenes::{BallLook, Light, Paper, RoomWall, SceneBlock};
 
 /// The floor's half side, and a wall's, m.
 pub(super) const FLOOR: f64 = 800.0;
@@ -61,7 +61,7 @@ pub(super) struct Face {
 
 /// A ray's meeting with a face.
 #[derive(Clone, Copy)]
-pub(super) struct Hit {
+pub(super) struct RayHit {
     pub(super) distance: f64,
     pub(super) face: usize,
     pub(super) point: Point3<f64>,
@@ -69,7 +69,7 @@ pub(super) struct Hit {
 
 impl Face {
     /// Lighting at a point, interpolated between a cell's corners as two triangles do it.
-    pub(super) fn lit(&self, studio: &Studio<'_>, point: &Point3<f64>, eye: &Point3<f64>) -> Lit {
+    pub(super) fn lit(&self, studio: &RayCaster<'_>, point: &Point3<f64>, eye: &Point3<f64>) -> Lit {
         let offset = point - self.centre;
         let at = [0, 1].map(|axis| {
             let corner = if self.half[axis].is_finite() { self.half[axis] } else { 0.0 };
@@ -93,12 +93,12 @@ impl Face {
 }
 
 /// The lights and everything that does not move.
-pub(super) struct Studio<'a> {
+pub(super) struct RayCaster<'a> {
     pub(super) paper: &'a Paper,
     pub(super) lamp: &'a Light,
     pub(super) faces: Vec<Face>,
     /// A ball that does not move.
-    pub(super) anchor: Option<&'a Ball>,
+    pub(super) anchor: Option<&'a BallLook>,
     /// Whether the first face is a floor.
     pub(super) floor: bool,
     /// Direction that the camera looks in.
@@ -107,7 +107,7 @@ pub(super) struct Studio<'a> {
     pub(super) axis: Vector3<f64>,
 }
 
-impl Studio<'_> {
+impl RayCaster<'_> {
     /// OpenGL's fixed lighting of a point, without shadows.
     pub(super) fn light(&self, point: &Point3<f64>, normal: &Vector3<f64>, eye: &Point3<f64>) -> Lit {
         let (light, Paper { headlight, material, .. }) = (self.lamp, self.paper);
@@ -130,8 +130,13 @@ impl Studio<'_> {
     }
 
     /// The nearest face that a ray meets from the front, of those that `wanted` names.
-    pub(super) fn cast(&self, from: &Point3<f64>, along: &Vector3<f64>, wanted: impl Fn(&Face) -> bool) -> Option<Hit> {
-        let mut nearest: Option<Hit> = None;
+    pub(super) fn cast(
+        &self,
+        from: &Point3<f64>,
+        along: &Vector3<f64>,
+        wanted: impl Fn(&Face) -> bool,
+    ) -> Option<RayHit> {
+        let mut nearest: Option<RayHit> = None;
         for (index, face) in self.faces.iter().enumerate().filter(|(_, face)| wanted(face)) {
             let slope = along.dot(&face.axes[2]);
             if slope >= -1e-12 {
@@ -144,7 +149,7 @@ impl Studio<'_> {
             let point = from + along * distance;
             let offset = point - face.centre;
             if (0..2).all(|axis| offset.dot(&face.axes[axis]).abs() <= face.half[axis]) {
-                nearest = Some(Hit { distance, face: index, point });
+                nearest = Some(RayHit { distance, face: index, point });
             }
         }
         nearest
@@ -174,7 +179,7 @@ pub(super) fn sphere(from: &Point3<f64>, along: &Vector3<f64>, centre: &Point3<f
 }
 
 /// The faces of a box that can be seen: its sides and its top.
-pub(super) fn faces(block: &Block) -> Vec<Face> {
+pub(super) fn faces(block: &SceneBlock) -> Vec<Face> {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), block.yaw.to_radians());
     let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| turn * axis);
     let face = |normal: usize, sign: f64| {

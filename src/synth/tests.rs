@@ -3,7 +3,7 @@
 
 use crate::Picture;
 use crate::size::Size;
-use crate::synth::{Disturbance, Engine as _, Place, Set, Shot, Split, Studio};
+use crate::synth::{Disturbance, Engine as _, Set, Shot, Site, Split, Studio};
 use crate::testing::{root, scratch};
 use image::{Rgb, RgbImage, imageops};
 use nalgebra::{Point2, Point3, Vector3};
@@ -38,7 +38,7 @@ fn the_ball_is_drawn_where_and_as_large_as_mujoco_draws_it() {
     for (row, clip) in clips.iter().enumerate() {
         let id = clip["id"].as_str().unwrap();
         let number = |part: usize| id.split('/').nth(part).unwrap().trim_matches(char::is_alphabetic).parse().unwrap();
-        let studio = Studio::new(Shot { place: Place::Environment(number(1)), camera: number(2) }).unwrap();
+        let studio = Studio::new(Shot { site: Site::Environment(number(1)), camera: number(2) }).unwrap();
         for (column, frame) in clip["frames"].as_array().unwrap().iter().enumerate() {
             let theirs = Picture::open(&folder.join(frame["file"].as_str().unwrap())).unwrap().rgb().clone();
             let world: [f64; 3] = serde_json::from_value(frame["world"].clone()).unwrap();
@@ -94,7 +94,7 @@ fn sets_are_nested_and_their_clips_repeat() {
         assert!(shots(Set::SdS, split).iter().all(|shot| shots(Set::SdM, split).contains(shot)));
         assert!(shots(Set::SdM, split).iter().all(|shot| shots(Set::SdL, split).contains(shot)));
     }
-    let studio = Studio::new(Shot { place: Place::Environment(1), camera: 1 }).unwrap();
+    let studio = Studio::new(Shot { site: Site::Environment(1), camera: 1 }).unwrap();
     let clip =
         |seed, split, number| studio.clip(&mut studio.builtin(), seed, split, number).unwrap().to_line().unwrap();
     assert_eq!(clip(1, Split::Train, 3), clip(1, Split::Train, 3));
@@ -106,7 +106,7 @@ fn sets_are_nested_and_their_clips_repeat() {
 #[test]
 fn clips_are_as_the_paper_says() {
     for (environment, camera) in [(1, 1), (2, 9), (3, 4)] {
-        let studio = Studio::new(Shot { place: Place::Environment(environment), camera }).unwrap();
+        let studio = Studio::new(Shot { site: Site::Environment(environment), camera }).unwrap();
         for number in 0..5 {
             let clip = studio.clip(&mut studio.builtin(), 7, Split::Train, number).unwrap();
             assert_eq!((clip.frames.len(), clip.fps), (90, 15.0));
@@ -119,18 +119,18 @@ fn clips_are_as_the_paper_says() {
             assert!(clip.frames.iter().filter(|frame| frame.visible).count() > 45);
         }
     }
-    let spring = Studio::new(Shot { place: Place::Spring, camera: 1 }).unwrap();
+    let spring = Studio::new(Shot { site: Site::Spring, camera: 1 }).unwrap();
     let clip = spring.clip(&mut spring.builtin(), 7, Split::Test, 0).unwrap();
     assert_eq!(clip.frames.len(), 120);
     let nearest = clip.frames.iter().map(|frame| Point3::from(frame.world.unwrap()).coords.norm()).fold(9.0, f64::min);
     assert!((0.85..2.7).contains(&nearest), "{nearest} m");
-    assert!(Studio::new(Shot { place: Place::Environment(4), camera: 1 }).is_err());
-    assert!(Studio::new(Shot { place: Place::Environment(1), camera: 10 }).is_err());
+    assert!(Studio::new(Shot { site: Site::Environment(4), camera: 1 }).is_err());
+    assert!(Studio::new(Shot { site: Site::Environment(1), camera: 10 }).is_err());
 }
 
 #[test]
 fn the_springs_balls_start_up_to_three_quarters_off_a_circles_speed() {
-    let spring = Studio::new(Shot { place: Place::Spring, camera: 1 }).unwrap();
+    let spring = Studio::new(Shot { site: Site::Spring, camera: 1 }).unwrap();
     let speeds = (0..60).map(|number| {
         let clip = spring.clip(&mut spring.builtin(), 7, Split::Test, number).unwrap();
         let at = |index: usize| Point3::from(clip.frames[index].world.unwrap()).coords;
@@ -151,7 +151,7 @@ fn the_springs_balls_start_up_to_three_quarters_off_a_circles_speed() {
 fn the_rooms_clips_are_as_its_description_says() {
     let (mut off, mut bounces) = (Vec::<f64>::new(), 0);
     for camera in [1, 2] {
-        let studio = Studio::new(Shot { place: Place::Room, camera }).unwrap();
+        let studio = Studio::new(Shot { site: Site::Room, camera }).unwrap();
         let eye = studio.camera().world_from_camera(&Point3::origin());
         assert!((1.3..1.4).contains(&eye.coords.norm()), "{} m from the origin", eye.coords.norm());
         for number in 0..10 {
@@ -175,7 +175,7 @@ fn the_rooms_clips_are_as_its_description_says() {
 
 #[test]
 fn a_size_changes_the_picture_and_not_what_is_in_it() {
-    let shot = Shot { place: Place::Environment(2), camera: 4 };
+    let shot = Shot { site: Site::Environment(2), camera: 4 };
     let (usual, double) = (Studio::new(shot).unwrap(), Studio::of_size(shot, Some(Size::square(448))).unwrap());
     let clip = |studio: &Studio| studio.clip(&mut studio.builtin(), 7, Split::Val, 0).unwrap();
     let [usual, double] = [clip(&usual), clip(&double)];
@@ -189,7 +189,7 @@ fn a_size_changes_the_picture_and_not_what_is_in_it() {
 
 #[test]
 fn what_is_disturbed_is_what_the_name_says() {
-    let shot = Shot { place: Place::Environment(1), camera: 1 };
+    let shot = Shot { site: Site::Environment(1), camera: 1 };
     let usual = Studio::new(shot).unwrap();
     let with = |disturbance| Studio::new(shot).unwrap().disturbed(disturbance).unwrap();
     let clip = |studio: &Studio| studio.clip(&mut studio.builtin(), 7, Split::Test, 2).unwrap();
@@ -238,7 +238,7 @@ fn what_is_disturbed_is_what_the_name_says() {
 #[test]
 fn only_what_the_ball_touches_is_drawn_again() {
     // A frame drawn with shortcuts is the frame drawn in full: moving the ball far away leaves the same empty place.
-    let studio = Studio::new(Shot { place: Place::Environment(1), camera: 3 }).unwrap();
+    let studio = Studio::new(Shot { site: Site::Environment(1), camera: 3 }).unwrap();
     let empty = studio.renderer().frame(&Point3::new(0.0, 0.0, -50.0));
     let with = studio.renderer().frame(&Point3::new(-1.5, 1.0, 2.0));
     let changed: Vec<_> = with.enumerate_pixels().filter(|(x, y, pixel)| empty.get_pixel(*x, *y) != *pixel).collect();

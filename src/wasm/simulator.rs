@@ -8,7 +8,7 @@ use super::physics::start_of;
 use super::{js_error, object_of, untyped};
 use crate::error::{Error, Result};
 use crate::physics::Scene;
-use crate::synth::{Engine as _, Place, Shot, Split, Studio};
+use crate::synth::{Engine as _, Shot, Site, Split, Studio};
 
 /// A random clip's labels.
 #[derive(Serialize, Tsify)]
@@ -41,8 +41,8 @@ impl JsSimulator {
     /// Environment 1 to 3 (none: the spring) seen by camera 1 to 9.
     #[wasm_bindgen(constructor)]
     pub fn new(environment: Option<usize>, camera: usize) -> std::result::Result<Self, JsValue> {
-        let place = environment.map_or(Place::Spring, Place::Environment);
-        Studio::new(Shot { place, camera }).map(Self).map_err(js_error)
+        let site = environment.map_or(Site::Spring, Site::Environment);
+        Studio::new(Shot { site, camera }).map(Self).map_err(js_error)
     }
 
     /// The camera, as a `camera.json`.

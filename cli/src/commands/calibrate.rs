@@ -115,7 +115,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         let [from, to] = [points.lines[line.index].from, points.lines[line.index].to];
         let seen = match line.share {
             0.0 => "NOT FOUND".into(),
-            share => format!("{:.0} % seen, {:.2} px rms", 100.0 * share, line.rms_px),
+            fraction => format!("{:.0} % seen, {:.2} px rms", 100.0 * fraction, line.rms_px),
         };
         print_line(format_args!("line {} from {from:?} to {to:?}: {seen}", line.index))?;
     }

@@ -142,11 +142,11 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
         (&metrics.depth_error_relative, &metrics.depth_coverage, metrics.gross)
     {
         row("depth error / depth", error, 100.0, "%")?;
-        let share = |times: u8| 100.0 * coverage.get(&times).copied().unwrap_or(0.0);
+        let fraction = |times: u8| 100.0 * coverage.get(&times).copied().unwrap_or(0.0);
         print_line(format_args!(
             "depth within 1 / 2 sigma {:.0} / {:.0} %, off by more than 30 %: {:.2} %",
-            share(1),
-            share(2),
+            fraction(1),
+            fraction(2),
             100.0 * gross
         ))?;
     }

@@ -41,21 +41,21 @@ pub struct Arguments {
     radius_px: Option<[f64; 2]>,
     /// What to write: a clips folder, CVAT's XML (for images, 1.1) with the pictures, or Frame,Visibility,X,Y.
     #[arg(long, value_enum, default_value = "clips")]
-    format: Format,
+    format: LabelFormat,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
+enum LabelFormat {
     Clips,
     Cvat,
     Csv,
 }
 
 /// A clip to label: its pictures are still elsewhere.
-struct Source {
+struct LabelSource {
     clip: Clip,
     /// Name of its folder and tables in the output.
     name: String,
@@ -109,7 +109,7 @@ fn open(path: &Path) -> gravisight::Result<Picture> {
 }
 
 /// The clips to label; a video's frames are put into `unpacked`.
-fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<Source>> {
+fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<LabelSource>> {
     let input = &arguments.input;
     if input.join("clips.jsonl").is_file() {
         let own = arguments.camera.is_none() && arguments.fps.is_none() && arguments.scene.is_none();
@@ -138,10 +138,10 @@ fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<Source>> {
     let id = input.canonicalize().unwrap_or_else(|_| input.clone());
     let id = id.file_stem().map_or_else(|| "clip".into(), |name| name.to_string_lossy().into_owned());
     let clip = Clip { frames: vec![], id: id.clone(), fps, camera, scene };
-    Ok(vec![Source::new(clip, file_name(&id), pictures, times)])
+    Ok(vec![LabelSource::new(clip, file_name(&id), pictures, times)])
 }
 
-fn of_clips(clips: Clips) -> Result<Vec<Source>> {
+fn of_clips(clips: Clips) -> Result<Vec<LabelSource>> {
     let mut names = BTreeSet::new();
     let source = |(number, clip): (usize, Clip)| {
         let mut name = file_name(&clip.id);
@@ -151,12 +151,12 @@ fn of_clips(clips: Clips) -> Result<Vec<Source>> {
         }
         let pictures = clip.frames.iter().map(|frame| clips.folder.join(&frame.file)).collect();
         let times = clip.frames.iter().map(|frame| frame.t).collect();
-        Source::new(clip, name, pictures, times)
+        LabelSource::new(clip, name, pictures, times)
     };
     Ok(clips.clips.into_iter().enumerate().map(source).collect())
 }
 
-impl Source {
+impl LabelSource {
     fn new(mut clip: Clip, name: String, pictures: Vec<PathBuf>, times: Vec<f64>) -> Self {
         let file = |(number, picture): (usize, &PathBuf)| {
             let ending =
@@ -177,7 +177,12 @@ fn file_name(id: &str) -> String {
     if name.is_empty() { "clip".into() } else { name }
 }
 
-fn write(folder: &NewFolder, format: Format, sources: &mut [Source], labels: &[Vec<Option<Proposal>>]) -> Result<()> {
+fn write(
+    folder: &NewFolder,
+    format: LabelFormat,
+    sources: &mut [LabelSource],
+    labels: &[Vec<Option<Proposal>>],
+) -> Result<()> {
     let tables = folder.path().join("labels");
     std::fs::create_dir_all(&tables).with_context(|| tables.display().to_string())?;
     for (source, labels) in sources.iter_mut().zip(labels) {
@@ -187,32 +192,32 @@ fn write(folder: &NewFolder, format: Format, sources: &mut [Source], labels: &[V
         let table = labels_csv(labels, &source.files())?;
         write_whole(&tables.join(format!("{}.csv", source.name)), table.as_bytes())?;
         match format {
-            Format::Csv => {
+            LabelFormat::Csv => {
                 let path = folder.path().join(format!("{}.csv", source.name));
                 write_whole(&path, track_of_labels(labels).to_csv()?.as_bytes())?;
             }
-            Format::Clips | Format::Cvat => source.copy_pictures(folder.path())?,
+            LabelFormat::Clips | LabelFormat::Cvat => source.copy_pictures(folder.path())?,
         }
     }
     match format {
-        Format::Clips => {
+        LabelFormat::Clips => {
             let clips = sources.iter().map(|source| source.clip.clone()).collect();
             Clips { folder: folder.path().to_path_buf(), clips }.write_index()?;
         }
-        Format::Cvat => {
-            let files: Vec<Vec<String>> = sources.iter().map(Source::files).collect();
+        LabelFormat::Cvat => {
+            let files: Vec<Vec<String>> = sources.iter().map(LabelSource::files).collect();
             let pictures = sources.iter().zip(&files).zip(labels).flat_map(|((source, files), labels)| {
                 let size = source.clip.camera.size();
                 files.iter().zip(labels).map(move |(file, label)| (file.as_str(), size, *label))
             });
             write_whole(&folder.path().join("annotations.xml"), cvat_xml(pictures).as_bytes())?;
         }
-        Format::Csv => {}
+        LabelFormat::Csv => {}
     }
     Ok(())
 }
 
-impl Source {
+impl LabelSource {
     /// The pictures' names in the output, with `/` on any system.
     fn files(&self) -> Vec<String> {
         let name = |frame: &Frame| frame.file.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/");
@@ -229,7 +234,7 @@ impl Source {
     }
 }
 
-fn report(arguments: &Arguments, sources: &[Source], labels: &[Vec<Option<Proposal>>]) -> Result<()> {
+fn report(arguments: &Arguments, sources: &[LabelSource], labels: &[Vec<Option<Proposal>>]) -> Result<()> {
     let counts = |labels: &[Option<Proposal>]| {
         let labelled = labels.iter().flatten().count();
         let doubtful = labels.iter().flatten().filter(|label| label.doubtful).count();

@@ -27,13 +27,13 @@ pub struct Arguments {
     /// The ball's radius, m, for a model that reads sizes.
     #[arg(long, value_name = "M")]
     ball_radius: Option<f64>,
-    /// A scene (scene.json, or the name of a sport): its ball's radius, and where that ball can be.
+    /// A scene (scene.json, or the name of a sport): its ball's radius, and the volume in which that ball can be.
     #[arg(long, value_name = "SCENE.JSON", conflicts_with = "ball_radius")]
     scene: Option<PathBuf>,
-    /// Search this part of the pictures alone: left, top, width and height, px.
+    /// Search region: left, top, width and height, px.
     #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
     region: Option<Region>,
-    /// Also say so many likely places.
+    /// Also print so many candidates.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=100))]
     candidates: u8,
     /// Device to run on.
@@ -121,7 +121,7 @@ fn print(name: Option<String>, found: &Localisation) -> Result<()> {
     }
     let Localisation { image: [u, v], depth, depth_sigma, camera, world, confidence, .. } = found;
     if !found.ball_found {
-        print_line("no ball found; the likeliest place is")?;
+        print_line("no ball found; the likeliest detection is")?;
     }
     let sigma = depth_sigma.map_or(String::new(), |sigma| format!(" ± {sigma:.3}"));
     let point = |[x, y, z]: &[f64; 3]| format!("x {x:8.3}  y {y:8.3}  z {z:8.3} m");

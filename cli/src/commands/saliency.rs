@@ -51,7 +51,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
     let mut saliency = pollster::block_on(localiser.saliency(&picture)).with_context(name)?;
     if saliency.depth.is_none() {
-        // Shares of the depth, to metres.
+        // Fractions of the depth, to metres.
         saliency.values.iter_mut().for_each(|value| *value *= found.depth as f32);
     }
     let (drawn, full) = draw::with_saliency(picture.rgb(), &saliency);
@@ -70,7 +70,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     Ok(print_line(format_args!("full colour {full:.2e} m of depth for a pixel from black to white"))?)
 }
 
-/// Share of all |∂depth/∂brightness| that is within `radius` px of the position found.
+/// Fraction of all |∂depth/∂brightness| that is within `radius` px of the position found.
 fn share_near(saliency: &Saliency, found: &Localisation, size: Size, radius: f64) -> f64 {
     let [width, height] = size.xy();
     let scale = [width / saliency.width as f64, height / saliency.height as f64];

@@ -42,7 +42,7 @@ pub struct Arguments {
     out: PathBuf,
     /// What simulates and draws.
     #[arg(long, value_enum, default_value = "builtin")]
-    engine: Engine,
+    engine: EngineChoice,
     /// Clips for each camera of each environment [default: as in the paper: 100; of rd 251, 34 and 81 over both cameras].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     clips: Option<u32>,
@@ -94,14 +94,14 @@ const DISTURBANCES: [Choice<Disturbance>; 4] = [
 ];
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Engine {
+enum EngineChoice {
     /// The forecaster and a ray-caster.
     Builtin,
     /// The paper's, MuJoCo, in a build by scripts/mujoco.
     Mujoco,
 }
 
-impl Engine {
+impl EngineChoice {
     /// As in a folder's settings.
     fn name(self) -> &'static str {
         match self {
@@ -141,7 +141,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     };
     let out = &arguments.out;
     let shots = set.shots(split);
-    if arguments.disturb.is_some() && !matches!(arguments.engine, Engine::Builtin) {
+    if arguments.disturb.is_some() && !matches!(arguments.engine, EngineChoice::Builtin) {
         bail!("--disturb needs --engine builtin");
     }
     // An engine that cannot work says so before there is a folder.

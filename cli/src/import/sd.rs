@@ -58,10 +58,10 @@ fn id(folder: &Path, format: Format) -> std::result::Result<String, String> {
 /// The scene that the paper made a clip in.
 fn published_scene(id: &str, format: Format) -> Option<Scene> {
     let place = match format {
-        Format::Spring => internal::Place::Spring,
-        _ => internal::Place::Environment(id.split('/').nth(1)?.strip_prefix("env")?.parse().ok()?),
+        Format::Spring => internal::Site::Spring,
+        _ => internal::Site::Environment(id.split('/').nth(1)?.strip_prefix("env")?.parse().ok()?),
     };
-    internal::Shot { place, camera: 1 }.scene().ok()
+    internal::Shot { site: place, camera: 1 }.scene().ok()
 }
 
 fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {

@@ -34,7 +34,7 @@ pub struct Doubt {
 
 /// Which kind of doubt; the worst first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Kind {
+enum DoubtKind {
     Off,
     Unsure,
     Unexplained,
@@ -43,9 +43,9 @@ enum Kind {
 
 /// What is doubtful of `tracked`, by frame: the worst kinds first where there are too many.
 pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
-    let mut found: Vec<(Kind, Doubt)> = Vec::new();
-    let mut add = |kind: Kind, frame: usize, ball: [f64; 3], why: String| {
-        let near = |(other, doubt): &(Kind, Doubt)| {
+    let mut found: Vec<(DoubtKind, Doubt)> = Vec::new();
+    let mut add = |kind: DoubtKind, frame: usize, ball: [f64; 3], why: String| {
+        let near = |(other, doubt): &(DoubtKind, Doubt)| {
             frame == doubt.frame || (*other == kind && frame.abs_diff(doubt.frame) < APART)
         };
         if !found.iter().any(near) {
@@ -63,7 +63,7 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
         for (index, fitted) in fit.frames.iter().enumerate() {
             let frame = stretch.frames.start + index;
             if let Some(ball) = ball(frame).filter(|_| fitted.outlier) {
-                add(Kind::Off, frame, ball, "what was found lies off the flight".into());
+                add(DoubtKind::Off, frame, ball, "what was found lies off the flight".into());
             }
         }
         for (number, flight) in fit.flights.iter().enumerate().filter(|(_, flight)| !flight.explained) {
@@ -74,7 +74,7 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
                 .collect();
             if let Some(&frame) = of.get(of.len() / 2) {
                 let why = flight.reason.clone().unwrap_or_else(|| "its labels are not those of a flight".into());
-                add(Kind::Unexplained, frame, ball(frame).unwrap_or_default(), format!("not explained: {why}"));
+                add(DoubtKind::Unexplained, frame, ball(frame).unwrap_or_default(), format!("not explained: {why}"));
             }
         }
     }
@@ -82,7 +82,7 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
     for &frame in &seen {
         let confidence = tracked.frames[frame].confidence;
         if let Some(ball) = ball(frame).filter(|_| confidence < DOUBTFUL) {
-            add(Kind::Unsure, frame, ball, format!("{:.0} % sure that this is the ball", 100.0 * confidence));
+            add(DoubtKind::Unsure, frame, ball, format!("{:.0} % sure that this is the ball", 100.0 * confidence));
         }
     }
     for pair in seen.windows(2) {
@@ -90,7 +90,7 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
         if let (true, Some(from), Some(to)) = (after - before > GONE, ball(before), ball(after)) {
             let middle = std::array::from_fn(|part| 0.5 * (from[part] + to[part]));
             let why = format!("no ball found from frame {} to {}", before + 1, after - 1);
-            add(Kind::Gone, usize::midpoint(before, after), middle, why);
+            add(DoubtKind::Gone, usize::midpoint(before, after), middle, why);
         }
     }
     found.sort_by_key(|(kind, doubt)| (*kind, doubt.frame));

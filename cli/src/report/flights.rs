@@ -134,11 +134,11 @@ fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
     let frames = shown(fit);
     let way: Vec<Point3<f64>> = frames.iter().map(|frame| frame.world).collect();
     let boxes = edges(flights.scene);
-    let mut paths: Vec<plots::Path<'_>> =
-        boxes.iter().map(|edge| plots::Path { points: edge, colour: QUIET, shadow: false }).collect();
+    let mut paths: Vec<plots::PlottedPath<'_>> =
+        boxes.iter().map(|edge| plots::PlottedPath { points: edge, colour: QUIET, shadow: false }).collect();
     let lines: Vec<Vec<Point3<f64>>> = scene_lines(flights.scene);
-    paths.extend(lines.iter().map(|line| plots::Path { points: line, colour: QUIET, shadow: false }));
-    paths.push(plots::Path { points: &way, colour: FOUND, shadow: true });
+    paths.extend(lines.iter().map(|line| plots::PlottedPath { points: line, colour: QUIET, shadow: false }));
+    paths.push(plots::PlottedPath { points: &way, colour: FOUND, shadow: true });
     let space = plots::space(&paths)?;
     let caption = match (fit.explained, frames.len() < fit.frames.len()) {
         (true, _) => "In space, with its shadow on the ground",
@@ -220,7 +220,7 @@ fn table_of_contacts(fit: &Fit) -> String {
             );
         }
         let place = <[f64; 3]>::from(at).map(|value| format!("{value:.3}"));
-        let within = within.map_or(String::new(), |share| format!("{:.1} %", 100.0 * share));
+        let within = within.map_or(String::new(), |fraction| format!("{:.1} %", 100.0 * fraction));
         (time, [vec![what, format!("{time:.3}")], place.to_vec(), vec![within]].concat())
     };
     let bounce = |it: &FittedImpact| row(it.time, it.surface.to_string(), it.world, it.within_lines, it.explained);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::paper::{Place, Score};
+use super::paper::{PaperCamera, PaperScore};
 use super::plots::{ACCENT, Axis, FOUND, Mark, OTHER, chart};
 use super::{Report, cm, html};
 use gravisight::parts::{ConfidenceKind, Statistic};
@@ -10,7 +10,7 @@ use gravisight::{Metrics, Result, Sample};
 
 /// Bars of the histogram.
 const BARS: usize = 40;
-/// Share of the pictures that the histogram shows; a few far outliers would squeeze all others into one bar.
+/// Fraction of the pictures that the histogram shows; a few far outliers would squeeze all others into one bar.
 const SHOWN: f64 = 0.99;
 
 /// The numbers to read first.
@@ -43,8 +43,8 @@ pub fn accuracy(report: &Report<'_>, metrics: &Metrics) -> Result<String> {
     let shown = dtg[((dtg.len() - 1) as f64 * SHOWN).round() as usize] * 100.0;
     let edges: Vec<f64> = (0..=BARS).map(|edge| (shown * edge as f64 / BARS as f64).max(1e-9 * edge as f64)).collect();
     let within = |low: f64, high: f64| dtg.iter().filter(|&&value| (low..high).contains(&(value * 100.0))).count();
-    let share = |count: usize| 100.0 * count as f64 / dtg.len() as f64;
-    let heights: Vec<f64> = edges.windows(2).map(|side| share(within(side[0], side[1]))).collect();
+    let fraction = |count: usize| 100.0 * count as f64 / dtg.len() as f64;
+    let heights: Vec<f64> = edges.windows(2).map(|side| fraction(within(side[0], side[1]))).collect();
     let beyond = dtg.iter().filter(|&&value| value * 100.0 >= edges[BARS]).count();
     let top = heights.iter().copied().fold(0.0, f64::max) * 1.05;
     let histogram = chart(
@@ -97,25 +97,25 @@ fn cells(statistic: &Statistic) -> Vec<String> {
 /// The table by environment and camera, the paper's numbers beside; nothing where clips name neither.
 pub fn places(report: &Report<'_>) -> String {
     let mut rows = Vec::new();
-    let mut add = |name: &str, samples: &[&Sample], scores: Vec<Score>| {
-        let words = |(model, mean, deviation): &Score| format!("{mean} ± {deviation} ({model})");
+    let mut add = |name: &str, samples: &[&Sample], scores: Vec<PaperScore>| {
+        let words = |(model, mean, deviation): &PaperScore| format!("{mean} ± {deviation} ({model})");
         let theirs: Vec<String> = scores.iter().map(words).collect();
         let ours = Statistic::of(samples.iter().map(|sample| sample.dtg()));
         let theirs = if theirs.is_empty() { "–".into() } else { theirs.join("\n") };
         rows.push([vec![name.to_string()], cells(&ours), vec![theirs]].concat());
     };
-    let place = |samples: &[&Sample]| -> Option<Place> {
-        let mut places = samples.iter().map(|sample| Place::of(&report.clips.clips[sample.place[0]]));
+    let place = |samples: &[&Sample]| -> Option<PaperCamera> {
+        let mut places = samples.iter().map(|sample| PaperCamera::of(&report.clips.clips[sample.place[0]]));
         let first = places.next()??;
         places.all(|place| place.is_some_and(|place| place.same_environment(first))).then_some(first)
     };
     let all: Vec<&Sample> = report.samples.iter().collect();
     for (environment, samples) in grouped(&all, "env") {
         if !environment.is_empty() {
-            add(&environment, &samples, place(&samples).map_or_else(Vec::new, Place::environment_scores));
+            add(&environment, &samples, place(&samples).map_or_else(Vec::new, PaperCamera::environment_scores));
         }
         for (camera, samples) in grouped(&samples, "cam") {
-            let scores = place(&samples).map_or_else(Vec::new, Place::scores);
+            let scores = place(&samples).map_or_else(Vec::new, PaperCamera::scores);
             if !camera.is_empty() || !scores.is_empty() {
                 let name = format!("{environment} {camera}");
                 add(if name.trim().is_empty() { "all" } else { name.trim() }, &samples, scores);

@@ -8,7 +8,7 @@ const SAME_BOX: f64 = 1e-3;
 
 /// Where a clip belongs in the paper's data sets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum PaperCamera {
     /// Synthetic data set: environment and camera.
     Synthetic { environment: usize, camera: usize },
     /// Real data set: camera.
@@ -18,7 +18,7 @@ pub enum Place {
 }
 
 /// DtG of one of the paper's models: which, mean, standard deviation; cm.
-pub type Score = (&'static str, f64, f64);
+pub type PaperScore = (&'static str, f64, f64);
 
 /// Per camera of the first environment (tab. DtG_synthetic_cam_full).
 const SD_M: [(f64, f64); 9] = [
@@ -48,7 +48,7 @@ const SD_L_ENVIRONMENTS: [(f64, f64); 3] = [(18.0, 16.0), (17.0, 16.0), (18.0, 1
 /// Per camera (tab. DtG_real).
 const RD: [(f64, f64); 2] = [(7.0, 4.0), (6.0, 4.0)];
 
-impl Place {
+impl PaperCamera {
     /// The place that the clip's id names (`…/env1/cam2/…`, `…/real/cam1/…`, `…/spring/…`). A synthetic one counts
     /// only if the clip's scene has the boxes of the paper's environment: `env1` is a name that anyone could give.
     pub fn of(clip: &Clip) -> Option<Self> {
@@ -62,7 +62,7 @@ impl Place {
             return Some(Self::Real { camera });
         }
         let environment = number("env")?;
-        let known = Shot { place: internal::Place::Environment(environment), camera }.scene().ok()?.boxes;
+        let known = Shot { site: internal::Site::Environment(environment), camera }.scene().ok()?.boxes;
         let boxes = &clip.scene.as_ref()?.boxes;
         let same = |index: usize| {
             let [ours, theirs] =
@@ -83,7 +83,7 @@ impl Place {
     }
 
     /// What the paper's models scored for this camera.
-    pub fn scores(self) -> Vec<Score> {
+    pub fn scores(self) -> Vec<PaperScore> {
         let of = |table: &[(f64, f64)], camera: usize, name| {
             table.get(camera.wrapping_sub(1)).map(|&(mean, deviation)| (name, mean, deviation))
         };
@@ -99,7 +99,7 @@ impl Place {
     }
 
     /// What they scored for this environment, over all nine cameras.
-    pub fn environment_scores(self) -> Vec<Score> {
+    pub fn environment_scores(self) -> Vec<PaperScore> {
         let Self::Synthetic { environment, .. } = self else { return Vec::new() };
         let sd_m = (environment == 1).then_some(("SD-M", 22.0, 16.0));
         let sd_l = SD_L_ENVIRONMENTS.get(environment.wrapping_sub(1));

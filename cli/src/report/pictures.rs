@@ -12,7 +12,7 @@ const WORST: usize = 6;
 const SALIENCIES: usize = 4;
 /// Pictures of the clip that is shown.
 pub const FRAMES: usize = 6;
-/// Shares of a picture's sides that the ball's picture and the saliency's show.
+/// Fractions of a picture's sides that the ball's picture and the saliency's show.
 const ZOOM: f64 = 0.3;
 const SALIENCY_ZOOM: f64 = 0.6;
 const MARKS: [(&str, &str); 2] = [("found", "found"), ("truth", "true")];
@@ -104,7 +104,7 @@ pub fn saliency(report: &Report<'_>) -> Result<String> {
         let picture = picture(report, sample)?;
         let mut saliency = pollster::block_on(report.localiser.saliency(&picture))?;
         if saliency.depth.is_none() {
-            // Shares of the depth, to metres.
+            // Fractions of the depth, to metres.
             saliency.values.iter_mut().for_each(|value| *value *= sample.found_depth as f32);
         }
         let (drawing, full) = draw::with_saliency(picture.rgb(), &saliency);
@@ -129,9 +129,9 @@ fn picture(report: &Report<'_>, sample: &Sample) -> Result<Picture> {
 }
 
 /// `drawing`, which has its picture's size, with the position found and the true one.
-fn marked(drawing: &RgbImage, sample: &Sample, share: f64) -> Result<String> {
+fn marked(drawing: &RgbImage, sample: &Sample, fraction: f64) -> Result<String> {
     let (found, truth) = (sample.found_image, sample.true_image);
-    let size = f64::from(drawing.width().max(drawing.height())) * share;
+    let size = f64::from(drawing.width().max(drawing.height())) * fraction;
     let (ring, inner, outer) = (size * 0.04, size * 0.025, size * 0.06);
     let strokes = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)].map(|(dx, dy)| {
         let at = |distance: f64| format!("{:.2} {:.2}", found.x + dx * distance, found.y + dy * distance);
@@ -145,18 +145,18 @@ fn marked(drawing: &RgbImage, sample: &Sample, share: f64) -> Result<String> {
         truth.y,
         strokes.concat()
     );
-    part(drawing, sample, share, &marks)
+    part(drawing, sample, fraction, &marks)
 }
 
-/// The part of `drawing` around the positions found and true whose sides are `share` of the whole's, or as large as
+/// The part of `drawing` around the positions found and true whose sides are `fraction` of the whole's, or as large as
 /// both need; `marks` (SVG, in px of the picture) lie over it.
-fn part(drawing: &RgbImage, sample: &Sample, share: f64, marks: &str) -> Result<String> {
+fn part(drawing: &RgbImage, sample: &Sample, fraction: f64, marks: &str) -> Result<String> {
     let (found, truth) = (sample.found_image, sample.true_image);
     let sides = [drawing.width(), drawing.height()];
     let apart = [0, 1].map(|axis| 1.4 * (found[axis] - truth[axis]).abs() / f64::from(sides[axis]));
-    let share = share.max(apart[0]).max(apart[1]).min(1.0);
+    let fraction = fraction.max(apart[0]).max(apart[1]).min(1.0);
     let middle = [0, 1].map(|axis| (found[axis] + truth[axis]) / 2.0);
-    cut(drawing, middle, sides.map(|side| f64::from(side) * share), marks)
+    cut(drawing, middle, sides.map(|side| f64::from(side) * fraction), marks)
 }
 
 /// The part of `drawing` around `middle` of about the size `sides`, px; `marks` (SVG, in px of the picture) lie over it.

@@ -149,7 +149,7 @@ fn bar() -> ShapeStyle {
 }
 
 /// A path in the world frame (m, z up).
-pub struct Path<'a> {
+pub struct PlottedPath<'a> {
     pub points: &'a [Point3<f64>],
     pub colour: RGBColor,
     /// Whether it has a shadow on the ground.
@@ -160,7 +160,7 @@ pub struct Path<'a> {
 ///
 /// # Errors
 /// [`Error::Format`] where it cannot be drawn.
-pub fn space(paths: &[Path<'_>]) -> Result<String> {
+pub fn space(paths: &[PlottedPath<'_>]) -> Result<String> {
     let [x, y, z] = cube(paths);
     let ground = z.start;
     // plotters has y up and z towards the viewer.
@@ -186,11 +186,11 @@ pub fn space(paths: &[Path<'_>]) -> Result<String> {
             .z_formatter(&|y| format!("y {}", number(-y, 1)))
             .draw()
             .map_err(refused)?;
-        for Path { points, colour, .. } in paths.iter().filter(|path| path.shadow) {
+        for PlottedPath { points, colour, .. } in paths.iter().filter(|path| path.shadow) {
             let shadow = points.iter().map(|point| (point.x, ground, -point.y));
             chart.draw_series(LineSeries::new(shadow, colour.mix(0.3).stroke_width(2))).map_err(refused)?;
         }
-        for Path { points, colour, .. } in paths {
+        for PlottedPath { points, colour, .. } in paths {
             let path = points.iter().map(|point| (point.x, point.z, -point.y));
             chart.draw_series(LineSeries::new(path, colour.stroke_width(2))).map_err(refused)?;
         }
@@ -199,7 +199,7 @@ pub fn space(paths: &[Path<'_>]) -> Result<String> {
 }
 
 /// The cube around paths: one scale for all axes.
-fn cube(paths: &[Path<'_>]) -> [Range<f64>; 3] {
+fn cube(paths: &[PlottedPath<'_>]) -> [Range<f64>; 3] {
     let extent = |axis: usize| {
         let values = || paths.iter().flat_map(|path| path.points).map(|point| point[axis]);
         (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max))

@@ -18,7 +18,7 @@ pub fn chapter(report: &Report<'_>) -> Result<String> {
     let path =
         |of: fn(&Sample) -> Point3<f64>| -> Vec<Point3<f64>> { samples.iter().map(|sample| of(sample)).collect() };
     let [truth, found] = [path(|sample| sample.truth), path(|sample| sample.found)];
-    let path = |points, colour| plots::Path { points, colour, shadow: true };
+    let path = |points, colour| plots::PlottedPath { points, colour, shadow: true };
     let space = plots::space(&[path(&truth, TRUTH), path(&found, FOUND)])?;
     let clip = &report.clips.clips[samples[0].place[0]];
     let depths = |of: fn(&Sample) -> Point3<f64>| -> Vec<(f64, f64)> {

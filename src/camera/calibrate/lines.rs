@@ -192,7 +192,7 @@ impl Painted {
 
 /// A sample of a line: what the rules measure to, m; where it and the paint's middle are expected; 1-σ of the latter, px; pixels a
 /// metre across the line.
-struct Sample {
+struct LineSample {
     world: Point3<f64>,
     image: Point2<f64>,
     expected: Expected,
@@ -220,14 +220,14 @@ impl Problem<'_> {
         let sigma = stretch * LINE_SIGMA.hypot(PAINTED_SIGMA * scale * line.width);
         let weight = 1.0 / SAMPLE_SIGMA.hypot(sigma * (found.len() as f64 / PER_LINE).sqrt());
         let seen = found.iter().map(|&(number, offset)| {
-            let Sample { world, image, expected: Expected { across, .. }, .. } = samples[number];
+            let LineSample { world, image, expected: Expected { across, .. }, .. } = samples[number];
             Seen { world, image: image + across * offset, across: Some(across), weight }
         });
         Some(Painted { index, seen: seen.collect(), share: found.len() as f64 / samples.len() as f64, sigma })
     }
 
     /// Samples of what the picture shows of a line; [`None`] of one that is too short or thin there.
-    fn samples(&self, camera: &Refined, line: &CourtLine) -> Option<Vec<Sample>> {
+    fn samples(&self, camera: &Refined, line: &CourtLine) -> Option<Vec<LineSample>> {
         let guess = &camera.guess;
         let covariance = camera.covariance.as_ref()?;
         let range = Range::of(&guess.distortion);
@@ -251,9 +251,9 @@ impl Problem<'_> {
             let row = DVector::from_iterator(derivatives.len(), derivatives.iter().map(|by| across.dot(by)));
             let expected = Expected { share, middle: middle.into(), across, half: width.abs() / 2.0, by_edge };
             let sigma = row.dot(&(covariance * &row)).max(0.0).sqrt();
-            Some(Sample { world, image: image(&world)?, expected, sigma, scale: width.abs() / line.width })
+            Some(LineSample { world, image: image(&world)?, expected, sigma, scale: width.abs() / line.width })
         };
-        let samples: Vec<Sample> = shares.into_iter().filter_map(sample).collect();
+        let samples: Vec<LineSample> = shares.into_iter().filter_map(sample).collect();
         let width = samples.iter().map(|sample| 2.0 * sample.expected.half).sum::<f64>() / samples.len().max(1) as f64;
         (samples.len() >= LEAST_SAMPLES && width >= LEAST_WIDTH).then_some(samples)
     }

@@ -70,7 +70,7 @@ pub(super) struct Expected {
 
 /// What a profile may show: how far the line is from where it is expected, px, and how clearly (0 to 1).
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
+struct PaintCandidate {
     offset: f64,
     clear: f64,
 }
@@ -80,7 +80,7 @@ pub(super) type Found = Vec<(usize, f64)>;
 
 impl Expected {
     /// Strips of paint no farther than `search`, px, from where one is expected; `sign` is −1 for dark paint.
-    fn candidates(&self, grey: &Grey, search: f64, sign: f32) -> Vec<Candidate> {
+    fn candidates(&self, grey: &Grey, search: f64, sign: f32) -> Vec<PaintCandidate> {
         let reach = search + WIDE * self.half + BLUR + 2.0;
         let count = (reach / STEP).ceil() as i64;
         let along = Vector2::new(-self.across.y, self.across.x);
@@ -123,7 +123,7 @@ impl Expected {
                 let half = if seen > THIN { seen / 2.0 } else { self.half.min(seen / 2.0) };
                 let offset = if self.by_edge { middle - half + self.half } else { middle };
                 if offset.abs() <= search {
-                    found.push(Candidate { offset, clear: f64::from((first.min(second) / CLEAR).min(1.0)) });
+                    found.push(PaintCandidate { offset, clear: f64::from((first.min(second) / CLEAR).min(1.0)) });
                 }
             }
         }
@@ -138,12 +138,12 @@ pub(super) fn find(grey: &Grey, expected: &[Expected], search: f64) -> Option<Fo
 }
 
 fn find_signed(grey: &Grey, expected: &[Expected], search: f64, sign: f32) -> Option<Found> {
-    let samples: Vec<(f64, Vec<Candidate>)> =
+    let samples: Vec<(f64, Vec<PaintCandidate>)> =
         expected.iter().map(|place| (place.share, place.candidates(grey, search, sign))).collect();
     let vote = |from: f64, to: f64| -> f64 {
-        let speaks = |(share, candidates): &(f64, Vec<Candidate>)| {
+        let speaks = |(share, candidates): &(f64, Vec<PaintCandidate>)| {
             let at = from + share * (to - from);
-            let weight = |found: &Candidate| found.clear * (1.0 - ((found.offset - at) / NEAR).powi(2)).max(0.0);
+            let weight = |found: &PaintCandidate| found.clear * (1.0 - ((found.offset - at) / NEAR).powi(2)).max(0.0);
             candidates.iter().map(weight).fold(0.0, f64::max)
         };
         samples.iter().map(speaks).sum()
@@ -176,9 +176,9 @@ fn find_signed(grey: &Grey, expected: &[Expected], search: f64, sign: f32) -> Op
         }
     }
     let [from, to] = best.0;
-    let nearest = |(index, (share, candidates)): (usize, &(f64, Vec<Candidate>))| {
+    let nearest = |(index, (share, candidates)): (usize, &(f64, Vec<PaintCandidate>))| {
         let at = from + share * (to - from);
-        let off = |found: &&Candidate| (found.offset - at).abs();
+        let off = |found: &&PaintCandidate| (found.offset - at).abs();
         let found = candidates.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
         (off(&found) < NEAR).then_some((index, found.offset))
     };

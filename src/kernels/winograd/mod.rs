@@ -32,7 +32,7 @@ const LANES_MAX: usize = SLACK;
 
 /// How a kernel is cut up.
 #[derive(Debug, Clone, Copy)]
-struct Plan {
+struct WinogradPlan {
     /// Outputs of a tile in one direction.
     outputs: usize,
     /// Taps of a block in one direction.
@@ -41,7 +41,7 @@ struct Plan {
     blocks: usize,
 }
 
-impl Plan {
+impl WinogradPlan {
     fn of(kernel: usize) -> Option<Self> {
         match kernel {
             3 => Some(Self { outputs: 4, taps: 3, blocks: 1 }),
@@ -63,7 +63,7 @@ fn padded(vectors: Vectors, channels: usize) -> usize {
 
 /// Whether fewer multiplications win over the transforms.
 pub(super) fn pays(kernel: usize, stride: usize, channels: [usize; 2], output: &Extent) -> bool {
-    let Some(plan) = Plan::of(kernel).filter(|_| stride == 1) else { return false };
+    let Some(plan) = WinogradPlan::of(kernel).filter(|_| stride == 1) else { return false };
     let [images, rows, columns] = tiles(output, plan.outputs);
     // Outputs computed beyond the map's edges are wasted.
     let used = (output.height * output.width) as f64 / (rows * columns * plan.outputs * plan.outputs) as f64;
@@ -73,7 +73,7 @@ pub(super) fn pays(kernel: usize, stride: usize, channels: [usize; 2], output: &
 /// Transformed weights.
 #[derive(Debug, Clone)]
 pub struct Winograd {
-    plan: Plan,
+    plan: WinogradPlan,
     channels: [usize; 2],
     /// For each point: `[blocks², input channels]` × output channels.
     points: Vec<Packed>,
@@ -85,7 +85,7 @@ impl Winograd {
     /// # Panics
     /// For a kernel that is not 3 or 7 wide.
     pub(super) fn new(vectors: Vectors, kernel: usize, channels: [usize; 2], dense: &Packed) -> Self {
-        let plan = Plan::of(kernel).unwrap_or_else(|| panic!("no transform for a {kernel}×{kernel} kernel"));
+        let plan = WinogradPlan::of(kernel).unwrap_or_else(|| panic!("no transform for a {kernel}×{kernel} kernel"));
         let points = match plan.taps {
             3 => transform_weights::<3>(vectors, kernel, channels, plan.blocks, dense),
             _ => transform_weights::<4>(vectors, kernel, channels, plan.blocks, dense),

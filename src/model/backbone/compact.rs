@@ -4,7 +4,7 @@ use burn::module::Module;
 use burn::nn::conv::Conv2d;
 use burn::tensor::Device;
 
-use super::{Feature, Outline};
+use super::{BackboneShape, Feature};
 use crate::model::layers::{BasicBlock, ConvNorm, Layers, Slope, Unit, conv};
 
 /// Stride of the first stage, which the pyramid ends at.
@@ -27,8 +27,8 @@ pub(super) struct Stage {
 }
 
 /// What the rest of the network must know of it.
-pub(super) fn outline(stem: usize, stages: [usize; 4], pyramid: usize) -> Outline {
-    Outline {
+pub(super) fn shape(stem: usize, stages: [usize; 4], pyramid: usize) -> BackboneShape {
+    BackboneShape {
         features: vec![Feature { stride: FINEST_STRIDE, channels: pyramid }],
         coarsest_stride: FINEST_STRIDE << (stages.len() - 1),
         sizes: [&[stem, pyramid], &stages[..]].concat(),

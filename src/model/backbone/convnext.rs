@@ -5,7 +5,7 @@ use burn::nn::conv::{Conv2d, Conv2dConfig};
 use burn::nn::{Initializer, LayerNorm, LayerNormConfig};
 use burn::tensor::{Device, Tensor};
 
-use super::{Feature, Outline};
+use super::{BackboneShape, Feature};
 use crate::model::layers::{Layers, ResponseNorm, Slope, Unit, conv};
 
 /// Side of the patches that the stem takes.
@@ -24,18 +24,18 @@ const INITIAL_FACTOR: f64 = 1e-6;
 #[derive(Module, Debug)]
 pub(in crate::model) struct ConvNext {
     stem: (Conv2d, LayerNorm),
-    stages: Vec<Stage>,
+    stages: Vec<ConvNextStage>,
 }
 
 #[derive(Module, Debug)]
-struct Stage {
+struct ConvNextStage {
     downsample: Option<(LayerNorm, Conv2d)>,
-    blocks: Vec<Block>,
+    blocks: Vec<ConvNextBlock>,
 }
 
 /// Depthwise convolution, layer norm, an MLP over channels, and a skip.
 #[derive(Module, Debug)]
-struct Block {
+struct ConvNextBlock {
     gamma: Option<Param<Tensor<1>>>,
     conv_dw: Conv2d,
     norm: LayerNorm,
@@ -50,9 +50,9 @@ struct Mlp {
 }
 
 /// What the rest of the network must know of it.
-pub(super) fn outline(depths: [usize; 4], widths: [usize; 4]) -> Outline {
+pub(super) fn shape(depths: [usize; 4], widths: [usize; 4]) -> BackboneShape {
     let features = widths.iter().enumerate().map(|(stage, &channels)| Feature { stride: PATCH << stage, channels });
-    Outline {
+    BackboneShape {
         features: features.collect(),
         coarsest_stride: PATCH << (widths.len() - 1),
         sizes: [depths, widths].concat(),
@@ -62,10 +62,10 @@ pub(super) fn outline(depths: [usize; 4], widths: [usize; 4]) -> Outline {
 
 impl ConvNext {
     pub(super) fn new(depths: [usize; 4], widths: [usize; 4], response_norm: bool, device: &Device) -> Self {
-        let stages = (0..depths.len()).map(|stage| Stage {
+        let stages = (0..depths.len()).map(|stage| ConvNextStage {
             downsample: (stage > 0)
                 .then(|| (norm(widths[stage - 1], device), patches([widths[stage - 1], widths[stage]], 2, device))),
-            blocks: (0..depths[stage]).map(|_| Block::new(widths[stage], response_norm, device)).collect(),
+            blocks: (0..depths[stage]).map(|_| ConvNextBlock::new(widths[stage], response_norm, device)).collect(),
         });
         let stem = (patches([3, widths[0]], PATCH, device), norm(widths[0], device));
         Self { stem, stages: stages.collect() }
@@ -89,7 +89,7 @@ impl ConvNext {
     }
 }
 
-impl Block {
+impl ConvNextBlock {
     fn new(width: usize, response_norm: bool, device: &Device) -> Self {
         let inner = EXPANSION * width;
         let plain = |channels, kernel| conv(channels, kernel, 1).with_initializer(INITIAL);

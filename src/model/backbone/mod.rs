@@ -61,7 +61,7 @@ fn is_one_picture(channels: &usize) -> bool {
 
 /// What the rest of the network must know of a backbone.
 #[derive(Debug, Clone)]
-pub(super) struct Outline {
+pub(super) struct BackboneShape {
     /// Its feature maps, at least one, the finest first. The network sees them as one map with the channels of all.
     pub features: Vec<Feature>,
     /// Input pixels per cell of the coarsest map inside: the input's sides are multiples of it.
@@ -83,11 +83,11 @@ pub(super) struct Feature {
 
 impl BackboneConfig {
     /// What the rest of the network must know of it. Asked before anybody has checked the numbers.
-    pub(super) fn outline(&self) -> Outline {
+    pub(super) fn shape(&self) -> BackboneShape {
         match *self {
-            Self::ResNet34 { width } => resnet34::outline(width),
-            Self::ConvNext { depths, widths, .. } => convnext::outline(depths, widths),
-            Self::Compact { stem, stages, pyramid, .. } => compact::outline(stem, stages, pyramid),
+            Self::ResNet34 { width } => resnet34::shape(width),
+            Self::ConvNext { depths, widths, .. } => convnext::shape(depths, widths),
+            Self::Compact { stem, stages, pyramid, .. } => compact::shape(stem, stages, pyramid),
         }
     }
 
@@ -101,7 +101,7 @@ impl BackboneConfig {
 
     /// Input pixels per cell of the finest feature.
     pub(super) fn finest_stride(&self) -> usize {
-        self.outline().features[0].stride
+        self.shape().features[0].stride
     }
 }
 
@@ -130,7 +130,7 @@ impl Backbone {
         }
     }
 
-    /// `[batch, height, width, input_channels]` -> the features of its [`Outline`], `[batch, height/stride, width/stride, channels]`.
+    /// `[batch, height, width, input_channels]` -> the features of its [`BackboneShape`], `[batch, height/stride, width/stride, channels]`.
     pub(super) fn forward<L: Layers>(&self, layers: &mut L, picture: &L::Map) -> Vec<L::Map> {
         match self {
             Self::ResNet34(net) => net.forward(layers, picture),

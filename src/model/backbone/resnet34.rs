@@ -5,7 +5,7 @@ use burn::nn::conv::Conv2d;
 use burn::nn::{BatchNorm, BatchNormConfig};
 use burn::tensor::Device;
 
-use super::{Feature, Outline};
+use super::{BackboneShape, Feature};
 use crate::model::layers::{BasicBlock, Layers, Slope, Unit, conv};
 
 /// Blocks in layer1, layer2, layer3 (layer4 is not used by PEN).
@@ -24,10 +24,10 @@ pub(in crate::model) struct ResNet34 {
 }
 
 /// What the rest of the network must know of it.
-pub(super) fn outline(width: usize) -> Outline {
+pub(super) fn shape(width: usize) -> BackboneShape {
     // Nobody has checked the width yet.
     let feature = |[stride, times]: [usize; 2]| Feature { stride, channels: width.saturating_mul(times) };
-    Outline { features: FEATURES.map(feature).to_vec(), coarsest_stride: 16, sizes: vec![width], is_timms: true }
+    BackboneShape { features: FEATURES.map(feature).to_vec(), coarsest_stride: 16, sizes: vec![width], is_timms: true }
 }
 
 impl ResNet34 {

@@ -11,7 +11,7 @@ use rand::RngExt;
 use self::play::Play;
 use self::stage::Person;
 use super::looking;
-use super::random::canvas::{Canvas, Colour, Ellipse};
+use super::random::canvas::{Canvas, Ellipse, PaintColour};
 use super::random::noise::Normals;
 use crate::camera::{Camera, Distortion};
 use crate::error::Result;
@@ -22,7 +22,7 @@ use image::{Rgb, RgbImage};
 
 /// Parts of an exposure.
 const EXPOSURES: usize = 24;
-/// Share of the clips in which another ball lies about, and of those that cut away.
+/// Fraction of the clips in which another ball lies about, and of those that cut away.
 const SECOND_BALL: f64 = 0.3;
 const CUT: f64 = 0.15;
 /// How long a cut is, s.
@@ -72,7 +72,7 @@ pub struct Film {
     play: Play,
     people: Vec<Person>,
     empty: Canvas,
-    paint: Colour,
+    paint: PaintColour,
     light: [f32; 2],
     /// How long the shutter is open, s.
     exposure: f64,
@@ -125,7 +125,7 @@ impl Kind {
         })
     }
 
-    /// Where the camera is and looks, m, its focal length as a share of the width, and the picture's size, px.
+    /// Where the camera is and looks, m, its focal length as a fraction of the width, and the picture's size, px.
     fn view(self, random: &mut Random) -> ([f64; 3], [f64; 3], f64, [u32; 2]) {
         let mut between = |range: std::ops::Range<f64>| random.random_range(range);
         match self {
@@ -197,7 +197,7 @@ impl Film {
                 people.push(Person::draw([random.random_range(-1.5..1.5), side * (length + 0.5)], random));
             }
         }
-        let paints: [Colour; 5] =
+        let paints: [PaintColour; 5] =
             [[0.8, 0.9, 0.2], [0.95, 0.95, 0.93], [0.95, 0.5, 0.1], [0.95, 0.85, 0.2], [0.75, 0.9, 0.25]];
         let paint = match kind {
             Kind::Tennis => paints[0],

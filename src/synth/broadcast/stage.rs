@@ -3,7 +3,7 @@
 use nalgebra::{Point2, Point3};
 use rand::RngExt;
 
-use super::super::random::canvas::{Canvas, Colour, Ellipse, Line, Polygon, mix};
+use super::super::random::canvas::{Canvas, Ellipse, PaintColour, PaintedLine, Polygon, mix};
 use super::super::random::noise::smooth;
 use super::Kind;
 use crate::camera::{Camera, Court};
@@ -29,15 +29,15 @@ pub(super) struct Person {
     rate: f64,
     phase: f64,
     /// Shirt, trousers, skin.
-    colours: [Colour; 3],
+    colours: [PaintColour; 3],
 }
 
-fn colour(random: &mut Random) -> Colour {
+fn colour(random: &mut Random) -> PaintColour {
     std::array::from_fn(|_| random.random_range(0.08..0.9))
 }
 
 /// One before which a ball of the colour `paint` is seen.
-fn unlike(paint: Colour, random: &mut Random) -> Colour {
+fn unlike(paint: PaintColour, random: &mut Random) -> PaintColour {
     loop {
         let found = colour(random);
         if (0..3).map(|channel| (found[channel] - paint[channel]).powi(2)).sum::<f32>() > UNLIKE * UNLIKE {
@@ -93,7 +93,7 @@ impl Person {
         for (from, to, half, of) in parts {
             let (Some(from), Some(to)) = (from, to) else { continue };
             let half = (half * focal / depth) as f32;
-            canvas.fill(&Line { from, to, half }, 1.5, 1.0, |_, _| self.colours[of]);
+            canvas.fill(&PaintedLine { from, to, half }, 1.5, 1.0, |_, _| self.colours[of]);
             hides.extend([
                 [from[0], from[1], half],
                 [(from[0] + to[0]) / 2.0, (from[1] + to[1]) / 2.0, half],
@@ -105,7 +105,7 @@ impl Person {
 }
 
 /// The picture without anything that moves.
-pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: Colour, random: &mut Random) -> Canvas {
+pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: PaintColour, random: &mut Random) -> Canvas {
     let size = camera.size();
     let mut canvas = Canvas::new(size, [0.5; 3]);
     let [inner, outer, far] = std::array::from_fn(|_| unlike(paint, random));
@@ -153,7 +153,7 @@ pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: Colour, r
             let [Some([a, b]), Some([c, d])] = edges else { continue };
             let [from, to] = [nalgebra::center(&a, &b), nalgebra::center(&c, &d)];
             let half = (0.5 * (to - from).normalize().perp(&(b - a)).abs()).max(LEAST_HALF) as f32;
-            let line = Line { from: [from.x as f32, from.y as f32], to: [to.x as f32, to.y as f32], half };
+            let line = PaintedLine { from: [from.x as f32, from.y as f32], to: [to.x as f32, to.y as f32], half };
             canvas.fill(&line, 1.2, 0.9, |_, _| [0.93, 0.93, 0.9]);
         }
     }
@@ -165,7 +165,7 @@ pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: Colour, r
         let corners: Vec<[f32; 2]> = corners.into_iter().flatten().map(|(at, _)| [at.x as f32, at.y as f32]).collect();
         if corners.len() == 4 {
             canvas.fill(&Polygon::new(&corners), 1.5, NET, |_, _| [0.1; 3]);
-            canvas.fill(&Line { from: corners[0], to: corners[1], half: 1.2 }, 1.5, 0.9, |_, _| [0.95; 3]);
+            canvas.fill(&PaintedLine { from: corners[0], to: corners[1], half: 1.2 }, 1.5, 0.9, |_, _| [0.95; 3]);
         }
     }
     canvas
@@ -176,22 +176,22 @@ fn on_plane(camera: &Camera, column: usize, row: usize, height: f64) -> Option<P
     let near = camera.world_from_image(&Point2::new(column as f64, row as f64), 1.0).ok()?;
     let eye = camera.world_from_camera(&Point3::origin());
     let way = near - eye;
-    let share = (height - eye.z) / way.z;
-    (share > 0.0 && share < 1e4).then(|| eye + way * share)
+    let fraction = (height - eye.z) / way.z;
+    (fraction > 0.0 && fraction < 1e4).then(|| eye + way * fraction)
 }
 
 /// Lays the ball over a picture as the shutter saw it: its outlines while that was open.
-pub(super) fn ball(canvas: &mut Canvas, outlines: &[Ellipse], paint: Colour, light: [f32; 2]) {
-    let share = 1.0 / outlines.len() as f32;
+pub(super) fn ball(canvas: &mut Canvas, outlines: &[Ellipse], paint: PaintColour, light: [f32; 2]) {
+    let fraction = 1.0 / outlines.len() as f32;
     let size = Size::new(canvas.width as u32, canvas.height as u32);
-    let mut covered: std::collections::BTreeMap<usize, (f32, Colour)> = std::collections::BTreeMap::new();
+    let mut covered: std::collections::BTreeMap<usize, (f32, PaintColour)> = std::collections::BTreeMap::new();
     for disc in outlines {
         let ([x, y], radius, [cos, sin]) = (disc.centre, disc.semi[0], disc.axis);
         let light = [cos * light[0] + sin * light[1], cos * light[1] - sin * light[0]];
         let within = |at: f32, side: u32| at.clamp(0.0, side as f32) as usize;
         for row in within(y - radius - 1.0, size.height)..within(y + radius + 2.0, size.height) {
             for column in within(x - radius - 1.0, size.width)..within(x + radius + 2.0, size.width) {
-                let cover = share * disc.coverage(column as f32, row as f32);
+                let cover = fraction * disc.coverage(column as f32, row as f32);
                 if cover > 0.0 {
                     let [u, v] = disc.local(column as f32, row as f32);
                     let lit = 0.72 + 0.28 * (u * light[0] + v * light[1]).clamp(-1.0, 1.0);

@@ -5,12 +5,12 @@ use std::f32::consts::TAU;
 use image::RgbImage;
 use rand::RngExt;
 
-use super::canvas::{Canvas, Colour, Ellipse, Line, Polygon, Shape, mix};
+use super::canvas::{Canvas, Ellipse, PaintColour, PaintedLine, PaintedShape, Polygon, mix};
 use super::noise::smooth;
 use crate::random::Random;
 use crate::size::Size;
 
-/// Share of the backgrounds that are photographs, where there are any.
+/// Fraction of the backgrounds that are photographs, where there are any.
 const PHOTOGRAPHS: f64 = 0.55;
 /// Axis ratio above which an ellipse is no ball.
 const NOT_ROUND: f32 = 1.7;
@@ -18,9 +18,9 @@ const NOT_ROUND: f32 = 1.7;
 const CORNERS: f32 = 8.0;
 
 /// A colour like those of painted and dyed things: seldom pure.
-pub fn colour(random: &mut Random) -> Colour {
+pub fn colour(random: &mut Random) -> PaintColour {
     let grey = random.random_range(0.0..1.0_f32);
-    let pure: Colour = std::array::from_fn(|_| random.random_range(0.0..1.0));
+    let pure: PaintColour = std::array::from_fn(|_| random.random_range(0.0..1.0));
     mix([grey; 3], pure, random.random_range(0.0..1.0_f32).powf(0.7))
 }
 
@@ -145,9 +145,9 @@ pub fn lay(canvas: &mut Canvas, photograph: &RgbImage, start: [f32; 2], step: f3
             } else {
                 let (u, v) = (x - x0 as f32, y - y0 as f32);
                 let corners = [value(x0, y0), value(x0 + 1, y0), value(x0, y0 + 1), value(x0 + 1, y0 + 1)];
-                let shares = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
-                for (at, share) in corners.into_iter().zip(shares) {
-                    (0..3).for_each(|channel| found[channel] += share * f32::from(pixels[at + channel]));
+                let fractions = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+                for (at, fraction) in corners.into_iter().zip(fractions) {
+                    (0..3).for_each(|channel| found[channel] += fraction * f32::from(pixels[at + channel]));
                 }
             }
             let index = row * canvas.width + column;
@@ -159,7 +159,7 @@ pub fn lay(canvas: &mut Canvas, photograph: &RgbImage, start: [f32; 2], step: f3
 /// Four colours, one a corner.
 fn gradient(canvas: &mut Canvas, random: &mut Random) {
     let first = colour(random);
-    let corners: [Colour; 4] = std::array::from_fn(|_| {
+    let corners: [PaintColour; 4] = std::array::from_fn(|_| {
         let other = colour(random);
         mix(first, other, random.random_range(0.0..1.0))
     });
@@ -263,8 +263,8 @@ fn ground(canvas: &mut Canvas, random: &mut Random) {
                 mix(surface, line, 0.5 + (odd - 0.5) * fade)
             } else {
                 let near = |at: f32| (wrap(at, spacing) - 0.5 * spacing).abs();
-                let share = |at: f32| ((width - near(at)) / footprint.max(1e-3) + 0.5).clamp(0.0, 1.0);
-                mix(surface, line, share(u).max(share(v)) * fade)
+                let fraction = |at: f32| ((width - near(at)) / footprint.max(1e-3) + 0.5).clamp(0.0, 1.0);
+                mix(surface, line, fraction(u).max(fraction(v)) * fade)
             };
             (0..3).for_each(|channel| canvas.planes[channel][index] = found[channel]);
         }
@@ -303,7 +303,7 @@ pub fn clutter(canvas: &mut Canvas, random: &mut Random) {
         2 => {
             let half = random.random_range(0.3..(0.06 * side).min(reach / NOT_ROUND).max(0.5));
             let to = [at[0] + reach * 2.0 * cos, at[1] + reach * 2.0 * sin];
-            canvas.fill(&Line { from: at, to, half }, softness, opacity, shade);
+            canvas.fill(&PaintedLine { from: at, to, half }, softness, opacity, shade);
         }
         3 => {
             let ratio = random.random_range(NOT_ROUND..5.0);
@@ -319,7 +319,7 @@ pub fn clutter(canvas: &mut Canvas, random: &mut Random) {
 }
 
 /// A few strokes beside each other, as letters and digits have them.
-fn strokes(canvas: &mut Canvas, at: [f32; 2], reach: f32, ink: Colour, random: &mut Random) {
+fn strokes(canvas: &mut Canvas, at: [f32; 2], reach: f32, ink: PaintColour, random: &mut Random) {
     let half = (reach * random.random_range(0.05..0.2_f32)).max(0.4);
     for letter in 0..random.random_range(1..5) {
         for _ in 0..random.random_range(2..4) {
@@ -327,14 +327,14 @@ fn strokes(canvas: &mut Canvas, at: [f32; 2], reach: f32, ink: Colour, random: &
                 let across = at[0] + reach * (1.2 * letter as f32 + [0.0, 0.5, 1.0][random.random_range(0..3)]);
                 [across, at[1] + 1.6 * reach * [0.0, 0.5, 1.0][random.random_range(0..3)]]
             };
-            let shape = Line { from: corner(random), to: corner(random), half };
+            let shape = PaintedLine { from: corner(random), to: corner(random), half };
             canvas.fill(&shape, 1.0, 1.0, |_, _| ink);
         }
     }
 }
 
-/// Something that hides a part of a ball about `centre`: its share of each pixel, and its colours.
-pub fn occluder(centre: [f32; 2], radius: f32, random: &mut Random) -> (Polygon, Colour, Colour) {
+/// Something that hides a part of a ball about `centre`: its fraction of each pixel, and its colours.
+pub fn occluder(centre: [f32; 2], radius: f32, random: &mut Random) -> (Polygon, PaintColour, PaintColour) {
     let (sin, cos) = random.random_range(0.0..TAU).sin_cos();
     let colours = (colour(random), colour(random));
     let shape = if random.random_bool(0.5) {
@@ -352,7 +352,7 @@ pub fn occluder(centre: [f32; 2], radius: f32, random: &mut Random) -> (Polygon,
     (shape, colours.0, colours.1)
 }
 
-/// The share of a pixel that a shape with sharp edges covers.
-pub fn covered(shape: &impl Shape, x: f32, y: f32) -> f32 {
+/// The fraction of a pixel that a shape with sharp edges covers.
+pub fn covered(shape: &impl PaintedShape, x: f32, y: f32) -> f32 {
     (0.5 + shape.inside(x, y)).clamp(0.0, 1.0)
 }

@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_PI_2, PI, TAU};
 use rand::RngExt;
 
 use super::background::colour;
-use super::canvas::{Canvas, Colour, Ellipse, Shape, mix};
+use super::canvas::{Canvas, Ellipse, PaintColour, PaintedShape, mix};
 use crate::random::Random;
 
 /// Focal lengths of the cameras, px.
@@ -19,7 +19,7 @@ pub const STREAK_PX: f32 = 64.0;
 /// Positions of a moving ball that are drawn at most.
 const POSITIONS: f32 = 64.0;
 /// What plain balls of common sports look like: tennis, orange, white, basketball, cricket, brown, teal, pink, blue.
-const SPORTS: [Colour; 9] = [
+const SPORTS: [PaintColour; 9] = [
     [0.80, 0.90, 0.25],
     [0.95, 0.55, 0.15],
     [0.95, 0.95, 0.93],
@@ -102,7 +102,7 @@ enum Pattern {
 /// A ball's look.
 #[derive(Debug, Clone)]
 pub struct Look {
-    colours: [Colour; 2],
+    colours: [PaintColour; 2],
     pattern: Pattern,
     /// Rows: the ball's own axes.
     axes: [[f32; 3]; 3],
@@ -198,7 +198,7 @@ impl Look {
     }
 
     /// The colour of the point whose outward normal is `normal` (camera's axes, z towards the camera).
-    fn shade(&self, normal: [f32; 3]) -> Colour {
+    fn shade(&self, normal: [f32; 3]) -> PaintColour {
         let albedo = match &self.pattern {
             Pattern::Plain => self.colours[0],
             _ => mix(self.colours[0], self.colours[1], self.marked(self.axes.map(|axis| dot(axis, normal)))),
@@ -239,13 +239,13 @@ impl Look {
     }
 }
 
-/// A ball's share of each pixel of a part of a picture, and its colours times that.
+/// A ball's fraction of each pixel of a part of a picture, and its colours times that.
 pub struct Layer {
     pub left: i32,
     pub top: i32,
     pub width: usize,
     pub height: usize,
-    /// Of each pixel: red, green, blue, share.
+    /// Of each pixel: red, green, blue, fraction.
     pub values: Vec<[f32; 4]>,
 }
 
@@ -261,14 +261,14 @@ impl Layer {
         let [cos, sin] = outline.axis;
         for (index, value) in values.iter_mut().enumerate() {
             let (x, y) = ((left + (index % width) as i32) as f32, (top + (index / width) as i32) as f32);
-            let share = outline.coverage(x, y);
-            if share > 0.0 {
+            let fraction = outline.coverage(x, y);
+            if fraction > 0.0 {
                 let [u, v] = outline.local(x, y);
                 let square = (u * u + v * v).min(0.999);
                 let shrink = (square / (u * u + v * v).max(1e-9)).sqrt().min(1.0);
                 let normal = [shrink * (cos * u - sin * v), shrink * (sin * u + cos * v), (1.0 - square).sqrt()];
                 let [r, g, b] = look.shade(normal);
-                *value = [share * r, share * g, share * b, share];
+                *value = [fraction * r, fraction * g, fraction * b, fraction];
             }
         }
         Self { left, top, width, height, values }
@@ -285,8 +285,8 @@ impl Layer {
         let mut values = vec![[0.0_f32; 4]; width * height];
         let count = (1.5 * length).ceil().min(POSITIONS) as usize + 1;
         for position in 0..count {
-            let share = (position as f32 + 0.5) / count as f32 - 0.5;
-            let shift = [0, 1].map(|axis| share * way[axis] + reach[axis] as f32);
+            let fraction = (position as f32 + 0.5) / count as f32 - 0.5;
+            let shift = [0, 1].map(|axis| fraction * way[axis] + reach[axis] as f32);
             let whole = shift.map(|shift| shift.floor() as usize);
             let [u, v] = [0, 1].map(|axis| shift[axis] - whole[axis] as f32);
             for (row, line) in self.values.chunks_exact(self.width).enumerate() {
@@ -306,7 +306,7 @@ impl Layer {
         Self { left: self.left - reach[0] as i32, top: self.top - reach[1] as i32, width, height, values }
     }
 
-    /// Visits the pixels of `canvas` that the ball has a share of.
+    /// Visits the pixels of `canvas` that the ball has a fraction of.
     pub fn over(&self, canvas: &Canvas, mut visit: impl FnMut(usize, usize, usize, [f32; 4])) {
         for (index, &value) in self.values.iter().enumerate().filter(|(_, value)| value[3] > 0.0) {
             let (x, y) = (self.left + (index % self.width) as i32, self.top + (index / self.width) as i32);
@@ -328,17 +328,17 @@ impl Layer {
         });
     }
 
-    /// Its mean difference from `canvas` behind it, shares of full scale.
+    /// Its mean difference from `canvas` behind it, fractions of full scale.
     pub fn contrast(&self, canvas: &Canvas) -> f32 {
-        let (mut sum, mut shares) = (0.0, 0.0);
+        let (mut sum, mut fractions) = (0.0, 0.0);
         self.over(canvas, |index, _, _, value| {
-            shares += 3.0 * value[3];
+            fractions += 3.0 * value[3];
             sum += (0..3).map(|at| (value[at] - value[3] * canvas.planes[at][index]).abs()).sum::<f32>();
         });
-        if shares > 0.0 { sum / shares } else { 0.0 }
+        if fractions > 0.0 { sum / fractions } else { 0.0 }
     }
 
-    /// Its share of all pixels, px².
+    /// Its fraction of all pixels, px².
     pub fn area(&self) -> f32 {
         self.values.iter().map(|value| value[3]).sum()
     }

@@ -1,4 +1,4 @@
-//! A picture in the making, and shapes drawn on it with the share of each pixel that they cover.
+//! A picture in the making, and shapes drawn on it with the fraction of each pixel that they cover.
 
 use rand::RngExt;
 
@@ -10,12 +10,12 @@ const STRAIGHT: f32 = 6.0;
 /// Parts that a pixel's side is cut into at most.
 const MOST_PARTS: f32 = 4.0;
 
-/// Red, green, blue as shares of full scale.
-pub type Colour = [f32; 3];
+/// Red, green, blue as fractions of full scale.
+pub type PaintColour = [f32; 3];
 
 /// Weighted mean of two colours: `a` at 0, `b` at 1.
-pub fn mix(a: Colour, b: Colour, share: f32) -> Colour {
-    std::array::from_fn(|channel| a[channel] + share * (b[channel] - a[channel]))
+pub fn mix(a: PaintColour, b: PaintColour, fraction: f32) -> PaintColour {
+    std::array::from_fn(|channel| a[channel] + fraction * (b[channel] - a[channel]))
 }
 
 /// A picture, one plane a channel, rows from the top.
@@ -27,7 +27,7 @@ pub struct Canvas {
 }
 
 /// What lies where in a shape's own frame.
-pub trait Shape {
+pub trait PaintedShape {
     /// Left, top, right and bottom of all that it covers, px.
     fn bounds(&self) -> [f32; 4];
     /// How far inside its outline a point lies, px; negative outside.
@@ -35,40 +35,46 @@ pub trait Shape {
 }
 
 impl Canvas {
-    pub fn new(size: Size, colour: Colour) -> Self {
+    pub fn new(size: Size, colour: PaintColour) -> Self {
         let (width, height) = (size.width as usize, size.height as usize);
         Self { width, height, planes: colour.map(|value| vec![value; width * height]) }
     }
 
     /// Lays a colour over a pixel.
-    pub fn blend(&mut self, index: usize, colour: Colour, share: f32) {
+    pub fn blend(&mut self, index: usize, colour: PaintColour, fraction: f32) {
         for (plane, value) in self.planes.iter_mut().zip(colour) {
-            plane[index] += share * (value - plane[index]);
+            plane[index] += fraction * (value - plane[index]);
         }
     }
 
-    /// Visits the pixels that `shape` covers, with the share covered: `softness` px wide edges, 1 for a sharp one.
-    pub fn cover(&self, shape: &impl Shape, softness: f32, mut visit: impl FnMut(usize, f32, f32, f32)) {
+    /// Visits the pixels that `shape` covers, with the fraction covered: `softness` px wide edges, 1 for a sharp one.
+    pub fn cover(&self, shape: &impl PaintedShape, softness: f32, mut visit: impl FnMut(usize, f32, f32, f32)) {
         let [left, top, right, bottom] = shape.bounds();
         let within = |at: f32, count: usize| at.clamp(0.0, count as f32) as usize;
         let columns = within(left - softness, self.width)..within(right + softness + 2.0, self.width);
         for row in within(top - softness, self.height)..within(bottom + softness + 2.0, self.height) {
             for column in columns.clone() {
                 let (x, y) = (column as f32, row as f32);
-                let share = (0.5 + shape.inside(x, y) / softness).clamp(0.0, 1.0);
-                if share > 0.0 {
-                    visit(row * self.width + column, x, y, share);
+                let fraction = (0.5 + shape.inside(x, y) / softness).clamp(0.0, 1.0);
+                if fraction > 0.0 {
+                    visit(row * self.width + column, x, y, fraction);
                 }
             }
         }
     }
 
     /// Draws a shape, its colour by place.
-    pub fn fill(&mut self, shape: &impl Shape, softness: f32, opacity: f32, colour: impl Fn(f32, f32) -> Colour) {
+    pub fn fill(
+        &mut self,
+        shape: &impl PaintedShape,
+        softness: f32,
+        opacity: f32,
+        colour: impl Fn(f32, f32) -> PaintColour,
+    ) {
         let mut covered = Vec::new();
-        self.cover(shape, softness, |index, x, y, share| covered.push((index, x, y, share)));
-        for (index, x, y, share) in covered {
-            self.blend(index, colour(x, y), share * opacity);
+        self.cover(shape, softness, |index, x, y, fraction| covered.push((index, x, y, fraction)));
+        for (index, x, y, fraction) in covered {
+            self.blend(index, colour(x, y), fraction * opacity);
         }
     }
 }
@@ -123,7 +129,7 @@ impl Polygon {
     }
 }
 
-impl Shape for Polygon {
+impl PaintedShape for Polygon {
     fn bounds(&self) -> [f32; 4] {
         self.bounds
     }
@@ -144,7 +150,7 @@ pub struct Ellipse {
 }
 
 impl Ellipse {
-    /// A point in the ellipse's frame: shares of the semi-axes.
+    /// A point in the ellipse's frame: fractions of the semi-axes.
     pub fn local(&self, x: f32, y: f32) -> [f32; 2] {
         let [dx, dy] = [x - self.centre[0], y - self.centre[1]];
         let [along, across] = self.semi;
@@ -152,7 +158,7 @@ impl Ellipse {
         [(cos * dx + sin * dy) / along, (cos * dy - sin * dx) / across]
     }
 
-    /// The share of a pixel that it covers. Of a small ellipse, whose outline bends within a pixel, by parts of the pixel.
+    /// The fraction of a pixel that it covers. Of a small ellipse, whose outline bends within a pixel, by parts of the pixel.
     pub fn coverage(&self, x: f32, y: f32) -> f32 {
         let parts = (STRAIGHT / self.semi[0].min(self.semi[1])).ceil().clamp(1.0, MOST_PARTS) as usize;
         if parts == 1 {
@@ -166,7 +172,7 @@ impl Ellipse {
         (0..parts * parts).map(part).sum::<f32>() * side * side
     }
 
-    /// The share of a square of `side` px that the half plane covers which touches the outline next to it, less what that
+    /// The fraction of a square of `side` px that the half plane covers which touches the outline next to it, less what that
     /// has more.
     fn coverage_of(&self, x: f32, y: f32, side: f32) -> f32 {
         let [u, v] = self.local(x, y);
@@ -184,7 +190,7 @@ impl Ellipse {
     }
 }
 
-/// The share of a square that a half plane covers whose edge is `distance` of its sides from its middle; the parts of the edge's normal,
+/// The fraction of a square that a half plane covers whose edge is `distance` of its sides from its middle; the parts of the edge's normal,
 /// the larger first.
 fn half_plane(distance: f32, large: f32, small: f32) -> f32 {
     let corner = 0.5 * (large + small) - distance.abs();
@@ -199,7 +205,7 @@ fn half_plane(distance: f32, large: f32, small: f32) -> f32 {
     if distance < 0.0 { outside } else { 1.0 - outside }
 }
 
-impl Shape for Ellipse {
+impl PaintedShape for Ellipse {
     fn bounds(&self) -> [f32; 4] {
         let [along, across] = self.semi;
         let half = [0, 1].map(|axis| (along * self.axis[axis]).hypot(across * self.axis[1 - axis]));
@@ -222,14 +228,14 @@ impl Shape for Ellipse {
 
 /// A line with round ends.
 #[derive(Debug, Clone, Copy)]
-pub struct Line {
+pub struct PaintedLine {
     pub from: [f32; 2],
     pub to: [f32; 2],
     /// Half its width, px.
     pub half: f32,
 }
 
-impl Shape for Line {
+impl PaintedShape for PaintedLine {
     fn bounds(&self) -> [f32; 4] {
         let ([ax, ay], [bx, by], half) = (self.from, self.to, self.half);
         [ax.min(bx) - half, ay.min(by) - half, ax.max(bx) + half, ay.max(by) + half]
@@ -238,7 +244,7 @@ impl Shape for Line {
     fn inside(&self, x: f32, y: f32) -> f32 {
         let ([ax, ay], [bx, by]) = (self.from, self.to);
         let [dx, dy] = [bx - ax, by - ay];
-        let share = (((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy).max(1e-6)).clamp(0.0, 1.0);
-        self.half - (x - ax - share * dx).hypot(y - ay - share * dy)
+        let fraction = (((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy).max(1e-6)).clamp(0.0, 1.0);
+        self.half - (x - ax - fraction * dx).hypot(y - ay - fraction * dy)
     }
 }

@@ -15,7 +15,7 @@ use rand::RngExt;
 
 pub(crate) use self::background::Spot;
 use self::ball::{Layer, Look};
-use self::canvas::{Canvas, Colour, Ellipse, Polygon, mix};
+use self::canvas::{Canvas, Ellipse, PaintColour, Polygon, mix};
 use self::noise::Normals;
 use crate::random::{Random, Stream};
 use crate::size::Size;
@@ -24,7 +24,7 @@ use crate::size::Size;
 pub const SMALLEST: f64 = 1.5;
 /// Largest radius drawn, px; in small pictures at most a third of the shorter side.
 pub const LARGEST: f64 = 60.0;
-/// Share of a ball that must be seen for it to count as there.
+/// Fraction of a ball that must be seen for it to count as there.
 const LEAST_VISIBLE: f32 = 0.4;
 /// How often something is put before the ball.
 const OCCLUDED: f64 = 0.2;
@@ -34,7 +34,7 @@ const SHADOWED: f64 = 0.4;
 const CLEAR: f32 = 12.0;
 /// How often there is another ball, where there may be.
 const ANOTHER: f64 = 0.6;
-/// Least mean difference between a ball and what is behind it, shares of full scale: nobody sees less. The second is
+/// Least mean difference between a ball and what is behind it, fractions of full scale: nobody sees less. The second is
 /// divided by the radius: of a small ball the noise hides more.
 const LEAST_CONTRAST: [f32; 2] = [0.07, 0.25];
 /// Looks that are tried for one that can be told from what is behind it, and places for one apart from the others.
@@ -47,7 +47,7 @@ pub struct Apparent {
     pub centre: [f64; 2],
     /// Semi-minor axis of its outline at rest, px.
     pub radius: f64,
-    /// Share of it that is seen.
+    /// Fraction of it that is seen.
     pub visible: f64,
     /// Its way during the exposure, px.
     pub streak: f64,
@@ -66,7 +66,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Red, green, blue of each pixel as shares of full scale, row by row.
+    /// Red, green, blue of each pixel as fractions of full scale, row by row.
     pub fn rgb(&self) -> impl Iterator<Item = [f32; 3]> + '_ {
         let [red, green, blue] = &self.canvas.planes;
         red.iter().zip(green).zip(blue).map(|((&red, &green), &blue)| [red, green, blue])
@@ -90,19 +90,19 @@ const DARKER: [f32; 2] = [0.0, 0.15];
 pub struct RandomScenes {
     photographs: Vec<RgbImage>,
     normals: Normals,
-    /// Share of the pictures that show no ball.
+    /// Fraction of the pictures that show no ball.
     empty: f64,
-    /// Share of the scenes that are dark and lit from the camera: a ball's rim fades into what is behind it.
+    /// Fraction of the scenes that are dark and lit from the camera: a ball's rim fades into what is behind it.
     nights: f64,
 }
 
 impl RandomScenes {
-    /// With `photographs` behind some of the balls; a share of `empty` pictures shows no ball.
+    /// With `photographs` behind some of the balls; a fraction of `empty` pictures shows no ball.
     pub fn new(photographs: Vec<RgbImage>, empty: f64) -> Self {
         Self { photographs, normals: Normals::new(&mut Stream::Deviates.of(0)), empty, nights: 0.0 }
     }
 
-    /// With a share of scenes that are dark and lit from the camera.
+    /// With a fraction of scenes that are dark and lit from the camera.
     pub fn with_nights(self, nights: f64) -> Self {
         Self { nights, ..self }
     }
@@ -149,8 +149,8 @@ impl RandomScenes {
     /// The scene before the camera changes it.
     fn scene(&self, size: Size, most: usize, night: Option<f32>, random: &mut Random) -> Drawing {
         let mut canvas = background::draw(size, &self.photographs, random);
-        if let Some(share) = night {
-            canvas.planes.iter_mut().flatten().for_each(|value| *value *= share);
+        if let Some(fraction) = night {
+            canvas.planes.iter_mut().flatten().for_each(|value| *value *= fraction);
         }
         self.with_balls(canvas, most, night.is_some(), random)
     }
@@ -163,10 +163,10 @@ impl RandomScenes {
         let mut balls = vec![];
         for number in 0..most {
             if number == 0 || random.random_bool(ANOTHER) {
-                balls.extend(Ball::random(&canvas, &balls, night, random));
+                balls.extend(DrawnBall::random(&canvas, &balls, night, random));
             }
         }
-        let hidden = |x: usize, y: usize, balls: &[Ball]| {
+        let hidden = |x: usize, y: usize, balls: &[DrawnBall]| {
             let shown = |shape: &Polygon| 1.0 - background::covered(shape, x as f32, y as f32);
             1.0 - balls
                 .iter()
@@ -174,16 +174,16 @@ impl RandomScenes {
                 .map(|(shape, ..)| shown(shape))
                 .product::<f32>()
         };
-        let visible = |ball: &Ball| {
+        let visible = |ball: &DrawnBall| {
             let mut seen = 0.0;
             ball.layer.over(&canvas, |_, x, y, value| seen += value[3] * (1.0 - hidden(x, y, &balls)));
             seen / ball.area
         };
         // Too little of a ball to be told from anything else is neither a ball nor none.
-        let shares: Vec<f32> = balls.iter().map(visible).collect();
-        let mut shares = shares.into_iter();
+        let fractions: Vec<f32> = balls.iter().map(visible).collect();
+        let mut fractions = fractions.into_iter();
         balls.retain_mut(|ball| {
-            ball.visible = shares.next().unwrap_or(0.0);
+            ball.visible = fractions.next().unwrap_or(0.0);
             ball.visible >= LEAST_VISIBLE
         });
         for ball in &balls {
@@ -194,7 +194,7 @@ impl RandomScenes {
         for ball in &balls {
             ball.layer.lay(&mut canvas);
         }
-        for Ball { centre, radius, occluder, .. } in &balls {
+        for DrawnBall { centre, radius, occluder, .. } in &balls {
             if let Some((shape, first, second)) = occluder {
                 let reach = 4.0 * radius;
                 canvas.fill(shape, 1.0, 1.0, |x, _| {
@@ -202,7 +202,7 @@ impl RandomScenes {
                 });
             }
         }
-        let apparent = |ball: &Ball| Apparent {
+        let apparent = |ball: &DrawnBall| Apparent {
             centre: ball.centre.map(f64::from),
             radius: f64::from(ball.radius),
             visible: f64::from(ball.visible),
@@ -215,22 +215,22 @@ impl RandomScenes {
 }
 
 /// A ball before it is drawn.
-struct Ball {
+struct DrawnBall {
     centre: [f32; 2],
     radius: f32,
     streak: f32,
     layer: Layer,
-    /// Its share of all pixels, px².
+    /// Its fraction of all pixels, px².
     area: f32,
     /// What is before it, and its colours.
-    occluder: Option<(Polygon, Colour, Colour)>,
-    /// Share of it that is seen.
+    occluder: Option<(Polygon, PaintColour, PaintColour)>,
+    /// Fraction of it that is seen.
     visible: f32,
     focal: f64,
     principal_point: [f64; 2],
 }
 
-impl Ball {
+impl DrawnBall {
     /// A ball anywhere but on `others`; none where no look of it can be told from what is behind.
     fn random(canvas: &Canvas, others: &[Self], night: bool, random: &mut Random) -> Option<Self> {
         let [width, height] = [canvas.width, canvas.height].map(|side| side as f64);

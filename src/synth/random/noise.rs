@@ -31,7 +31,7 @@ fn add_octave(values: &mut [f32], canvas: &Canvas, cell: f32, strength: f32, ran
     let (columns, rows) = (count(canvas.width), count(canvas.height));
     let grid: Vec<f32> = (0..columns * rows).map(|_| random.random_range(0.0..1.0)).collect();
     let offset: [f32; 2] = std::array::from_fn(|_| random.random_range(0.0..1.0));
-    let ease = |share: f32| share * share * (3.0 - 2.0 * share);
+    let ease = |fraction: f32| fraction * fraction * (3.0 - 2.0 * fraction);
     let mut line = vec![0.0; columns];
     let places: Vec<(usize, f32)> = (0..canvas.width)
         .map(|column| {
@@ -41,13 +41,13 @@ fn add_octave(values: &mut [f32], canvas: &Canvas, cell: f32, strength: f32, ran
         .collect();
     for (row, values) in values.chunks_exact_mut(canvas.width).enumerate() {
         let at = row as f32 / cell + offset[1];
-        let (above, share) = (at as usize * columns, ease(at.fract()));
+        let (above, fraction) = (at as usize * columns, ease(at.fract()));
         for (column, value) in line.iter_mut().enumerate() {
             let upper = grid[above + column];
-            *value = strength * (upper + share * (grid[above + columns + column] - upper));
+            *value = strength * (upper + fraction * (grid[above + columns + column] - upper));
         }
-        for (value, &(left, share)) in values.iter_mut().zip(&places) {
-            *value += line[left] + share * (line[left + 1] - line[left]);
+        for (value, &(left, fraction)) in values.iter_mut().zip(&places) {
+            *value += line[left] + fraction * (line[left + 1] - line[left]);
         }
     }
 }

@@ -6,7 +6,7 @@ use super::canvas::Canvas;
 use super::noise::Normals;
 use crate::random::Random;
 
-/// Largest standard deviation of the noise, shares of full scale: by day, and in a dim hall, where the gain is high.
+/// Largest standard deviation of the noise, fractions of full scale: by day, and in a dim hall, where the gain is high.
 const NOISE: [f32; 2] = [0.04, 0.08];
 /// Largest standard deviation of the lens's blur, px.
 const BLUR: f32 = 1.1;
@@ -41,8 +41,8 @@ pub fn expose(canvas: &mut Canvas, normals: &Normals, random: &mut Random) {
     }
     let dim = random.random_bool(0.1);
     if dim {
-        let share = random.random_range(0.2..0.7_f32);
-        canvas.planes.iter_mut().flatten().for_each(|value| *value *= share);
+        let fraction = random.random_range(0.2..0.7_f32);
+        canvas.planes.iter_mut().flatten().for_each(|value| *value *= fraction);
     }
     develop(canvas, random);
     if random.random_bool(0.3) {
@@ -76,8 +76,8 @@ fn light_mixed(canvas: &mut Canvas, random: &mut Random) {
     for (channel, plane) in canvas.planes.iter_mut().enumerate() {
         for (index, value) in plane.iter_mut().enumerate() {
             let [x, y] = [(index % canvas.width) as f32 / width - 0.5, (index / canvas.width) as f32 / height - 0.5];
-            let share = (0.5 + 0.7 * (cos * x + sin * y)).clamp(0.0, 1.0);
-            *value *= lamps[0][channel] + share * (lamps[1][channel] - lamps[0][channel]);
+            let fraction = (0.5 + 0.7 * (cos * x + sin * y)).clamp(0.0, 1.0);
+            *value *= lamps[0][channel] + fraction * (lamps[1][channel] - lamps[0][channel]);
         }
     }
 }
@@ -127,12 +127,12 @@ pub fn blur(canvas: &mut Canvas, sigma: f32) {
     }
 }
 
-/// Makes the picture `share` as large and as large as before again.
-fn rescale(canvas: &mut Canvas, share: f32) {
+/// Makes the picture `fraction` as large and as large as before again.
+fn rescale(canvas: &mut Canvas, fraction: f32) {
     // A smaller picture's pixels are means: the blur that antialiases, and bilinear interpolation back.
-    blur(canvas, 0.45 / share);
+    blur(canvas, 0.45 / fraction);
     let (width, height) = (canvas.width, canvas.height);
-    let small = [width, height].map(|side| ((side as f32 * share) as usize).max(2));
+    let small = [width, height].map(|side| ((side as f32 * fraction) as usize).max(2));
     for plane in &mut canvas.planes {
         let shrunk = resample(plane, [width, height], small);
         *plane = resample(&shrunk, small, [width, height]);
@@ -218,7 +218,7 @@ fn grey(canvas: &mut Canvas) {
 
 /// How a codec rounds the waves of a block.
 struct Rounding {
-    /// Steps of brightness, shares of full scale, by row.
+    /// Steps of brightness, fractions of full scale, by row.
     steps: [f32; 64],
     /// The same of colour over those of brightness.
     chroma: f32,
@@ -298,8 +298,8 @@ fn quantise(plane: &mut [f32], [width, height]: [usize; 2], offset: [usize; 2], 
     let product = |a: &[[f32; 8]; 8], b: &[[f32; 8]; 8]| -> [[f32; 8]; 8] {
         std::array::from_fn(|row| {
             let mut sums = [0.0; 8];
-            for (share, line) in a[row].iter().zip(b) {
-                sums.iter_mut().zip(line).for_each(|(sum, value)| *sum += share * value);
+            for (fraction, line) in a[row].iter().zip(b) {
+                sums.iter_mut().zip(line).for_each(|(sum, value)| *sum += fraction * value);
             }
             sums
         })

@@ -9,19 +9,19 @@ use super::*;
 /// Parts that a pixel's side is cut into to count what an ellipse covers of it.
 const PARTS: u8 = 40;
 
-/// Area and centre of mass of the pixels by the shares that an ellipse covers of them.
-fn moments(share: impl Fn(f32, f32) -> f32) -> (f64, [f64; 2]) {
+/// Area and centre of mass of the pixels by the fractions that an ellipse covers of them.
+fn moments(fraction: impl Fn(f32, f32) -> f32) -> (f64, [f64; 2]) {
     let (mut area, mut sum) = (0.0, [0.0; 2]);
     for [x, y] in (0..128 * 128).map(|index| [(index % 128) as f32, (index / 128) as f32]) {
-        let share = share(x, y);
-        area += f64::from(share);
-        sum[0] += f64::from(share * x);
-        sum[1] += f64::from(share * y);
+        let fraction = fraction(x, y);
+        area += f64::from(fraction);
+        sum[0] += f64::from(fraction * x);
+        sum[1] += f64::from(fraction * y);
     }
     (area, sum.map(|sum| sum / area))
 }
 
-/// The share of a pixel that an ellipse covers, by counting points.
+/// The fraction of a pixel that an ellipse covers, by counting points.
 fn counted(ellipse: &Ellipse, x: f32, y: f32) -> f32 {
     let distance = (x - ellipse.centre[0]).hypot(y - ellipse.centre[1]);
     let [least, most] = [ellipse.semi[1] - 1.0, ellipse.semi[0] + 1.0];

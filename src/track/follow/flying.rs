@@ -9,7 +9,7 @@ use super::bend::{Falling, Place};
 use super::blobs::Blob;
 use super::chain::{Piece, chain};
 use super::wanted::Words;
-use crate::camera::{Camera, Measured};
+use crate::camera::{Camera, Detection};
 use crate::physics::Scene;
 use crate::statistics::median;
 
@@ -238,13 +238,13 @@ impl<'a> Flying<'a> {
 }
 
 /// A ball as a line of a 2D track, `sigma` (px) that of its place without a network; `nothing` has the frame's number and time.
-fn point(ball: &Followed, sigma: f64, found: Option<&Measured>, nothing: TrackPoint) -> TrackPoint {
+fn point(ball: &Followed, sigma: f64, found: Option<&Detection>, nothing: TrackPoint) -> TrackPoint {
     let at =
         |[x, y]: [f64; 2], sigma| TrackPoint { visibility: 1, x: Some(x), y: Some(y), sigma: Some(sigma), ..nothing };
     let Some(found) = found else { return at(ball.image, sigma) };
     let sized = ball.reach_px < STREAK * ball.radius_px;
-    let [radius, radius_sigma] = [found.outline.radius, found.radius_sigma_px].map(|it| sized.then_some(it));
-    TrackPoint { radius, radius_sigma, ..at(found.outline.centre.coords.into(), found.sigma_px) }
+    let [radius, radius_sigma] = [found.outline.radius, found.radius_sigma_px()].map(|it| sized.then_some(it));
+    TrackPoint { radius, radius_sigma, ..at(found.outline.centre.coords.into(), found.sigma_px()) }
 }
 
 /// Makes the radii of neighbouring frames as unsure together as one of them is: what a network reads wrong in one, it reads

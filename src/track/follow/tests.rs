@@ -4,7 +4,7 @@ use image::{Rgb, RgbImage};
 
 use super::wanted::Wanted;
 use super::*;
-use crate::camera::{Measured, Outline};
+use crate::camera::{Detection, Outline};
 use crate::image::Picture;
 
 const SIZE: [u32; 2] = [320, 200];
@@ -142,7 +142,7 @@ fn a_cut_loses_no_frame() {
 }
 
 /// What a network sees in a frame.
-type Network<'a> = &'a dyn Fn(usize, &Wanted) -> Option<Measured>;
+type Network<'a> = &'a dyn Fn(usize, &Wanted) -> Option<Detection>;
 
 /// A ball and, of it, a shadow; a network, if there is one, that looks at what moves.
 fn with_shadow(network: Option<Network<'_>>) -> (Follower, fn(usize) -> [f64; 2]) {
@@ -192,12 +192,7 @@ fn a_networks_word_tells_the_ball_from_its_shadow_and_finds_it_where_nothing_mov
     let network = |frame: usize, wanted: &Wanted| {
         let [[x, y], [u, v]] = [wanted.image, ball_at(frame)];
         let outline = Outline { centre: [u, v].into(), radius: RADIUS };
-        ((x - u).hypot(y - v) < 3.0).then_some(Measured {
-            outline,
-            radius_sigma_px: 0.1,
-            sigma_px: 0.1,
-            confidence: 0.9,
-        })
+        ((x - u).hypot(y - v) < 3.0).then_some(Detection { outline, log_sigma: 0.1 / RADIUS, confidence: 0.9 })
     };
     let (follower, _) = with_shadow(Some(&network));
     let frames = frames_of(&follower, &[]);

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::Follower;
 use super::arcs::{Arc, LEAST_GAIN};
 use super::blobs::Blob;
-use crate::camera::Measured;
+use crate::camera::Detection;
 use crate::image::Picture;
 
 /// Frames that are held, and those among them that arcs are searched in.
@@ -49,9 +49,9 @@ pub(super) struct Held {
 /// What a network said of the blobs, by frame (of those that are not repeated) and blob: the ball that it measured, or none.
 #[derive(Default)]
 pub(super) struct Words {
-    said: BTreeMap<(usize, usize), Option<Measured>>,
+    said: BTreeMap<(usize, usize), Option<Detection>>,
     /// Balls that were found in frames whose blobs are not known yet.
-    found: Vec<(usize, Measured)>,
+    found: Vec<(usize, Detection)>,
     /// Places that were asked for: blobs, and where arcs lead.
     asked: BTreeSet<(usize, usize)>,
     led: Vec<(usize, [f64; 2])>,
@@ -72,7 +72,7 @@ struct Round {
 }
 
 impl Words {
-    pub fn of(&self, member: (usize, usize)) -> Option<&Option<Measured>> {
+    pub fn of(&self, member: (usize, usize)) -> Option<&Option<Detection>> {
         self.said.get(&member)
     }
 }
@@ -179,7 +179,7 @@ impl Follower {
                 .iter()
                 .map(|&blob| Blob { crowd: Some(search.crowd((place, blob))), ..self.seen[place].blobs[blob] });
             let blobs: Vec<Blob> = blobs.collect();
-            let said: Vec<Option<Option<Measured>>> =
+            let said: Vec<Option<Option<Detection>>> =
                 kept.iter().map(|&blob| self.words.said.remove(&(place, blob))).collect();
             kept.iter().for_each(|&blob| _ = self.words.asked.remove(&(place, blob)));
             for (blob, said) in said.into_iter().enumerate() {
@@ -228,7 +228,7 @@ impl Follower {
 
     /// Takes a network's word: the ball that it measures there
     /// ([`Localiser::measure`](crate::Localiser::measure)), if it sees one.
-    pub fn tell(&mut self, wanted: &Wanted, ball: Option<Measured>) {
+    pub fn tell(&mut self, wanted: &Wanted, ball: Option<Detection>) {
         match wanted.blob {
             Some(blob) => {
                 let ball = ball.filter(|ball| ball.confidence >= SEEN);
@@ -246,7 +246,7 @@ impl Follower {
 
     /// Takes a ball that a network found in a frame (by its number among those that are not repeated), whether anything moves
     /// there or not.
-    pub fn found(&mut self, place: usize, ball: Measured) {
+    pub fn found(&mut self, place: usize, ball: Detection) {
         if ball.confidence < SEEN_ALONE {
             return;
         }
@@ -273,7 +273,7 @@ impl Follower {
 }
 
 /// A ball that a network measured.
-fn blob_of(ball: &Measured) -> Blob {
+fn blob_of(ball: &Detection) -> Blob {
     let radius = ball.outline.radius;
     Blob {
         at: ball.outline.centre.coords.into(),
@@ -283,7 +283,7 @@ fn blob_of(ball: &Measured) -> Blob {
         contrast: 0.0,
         filled: 1.0,
         is_ball: true,
-        sigma: ball.sigma_px.max(LEAST_SIGMA),
+        sigma: ball.sigma_px().max(LEAST_SIGMA),
         crowd: None,
     }
 }

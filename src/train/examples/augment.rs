@@ -8,7 +8,7 @@ use crate::random::Random;
 
 /// Squares that are cut out.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Crop {
+pub struct CropGrid {
     /// Their side, px.
     pub side: u32,
     /// The grid that they are placed on, px: the network's largest stride, so that a crop sees the same pixels in the
@@ -16,10 +16,10 @@ pub struct Crop {
     pub grid: u32,
 }
 
-/// A view of the network's input: a part of it, perhaps moved, turned, magnified or mirrored. All of it is what
+/// A view of the network's input: a part of it, perhaps moved, rotated, magnified or mirrored. All of it is what
 /// another camera at the same place would see: one with another principal point, rolled, or with a longer lens.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct View {
+pub struct AugmentedView {
     /// Width and height, px.
     pub size: [u32; 2],
     /// From an offset in the view to an offset in the input, px.
@@ -30,12 +30,12 @@ pub struct View {
     pub zoom: f64,
 }
 
-impl View {
+impl AugmentedView {
     /// A random view of an input of `size`: with `crop`, a square of that side around `centre`, on a grid; then moved,
-    /// turned, magnified and mirrored within the configuration's bounds; and magnified `magnified` times in any case.
+    /// rotated, magnified and mirrored within the configuration's bounds; and magnified `magnified` times in any case.
     pub fn random(
         size: [u32; 2],
-        crop: Option<Crop>,
+        crop: Option<CropGrid>,
         centre: [f64; 2],
         magnified: f64,
         config: &Augmentation,
@@ -51,10 +51,10 @@ impl View {
             corner += Vector2::from_fn(|_, _| random.random_range(-most..=most) as f64);
         }
         let mut within = |range: f64| if range > 0.0 { random.random_range(-range..range) } else { 0.0 };
-        let turn = Rotation2::new(within(config.roll_degrees.to_radians()));
+        let rotation = Rotation2::new(within(config.roll_degrees.to_radians()));
         let zoom = magnified * (1.0 + config.zoom).powf(within(1.0) * f64::from(config.zoom > 0.0));
         let mirror = if config.flip > 0.0 && random.random_bool(config.flip) { -1.0 } else { 1.0 };
-        let linear = turn.matrix() / zoom * Matrix2::new(mirror, 0.0, 0.0, 1.0);
+        let linear = rotation.matrix() / zoom * Matrix2::new(mirror, 0.0, 0.0, 1.0);
         // Turned and magnified about the ball where there is one to keep in sight, in a crop.
         let about = match crop {
             Some(_) => Vector2::from(centre),
@@ -68,7 +68,7 @@ impl View {
 
     /// Where a point of the input is in the view, px.
     pub fn of_input(&self, point: [f64; 2]) -> [f64; 2] {
-        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a turn times a number is never singular
+        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a rotation times a number is never singular
         (inverse * (Vector2::from(point) - self.origin)).into()
     }
 
@@ -96,7 +96,7 @@ impl View {
                 let at = self.linear * Vector2::new(f64::from(column), f64::from(row)) + self.origin;
                 let (left, right) = neighbours(at.x, width);
                 let (above, below) = neighbours(at.y, height);
-                let [u, v] = [at.x - at.x.floor(), at.y - at.y.floor()].map(|share| share as f32);
+                let [u, v] = [at.x - at.x.floor(), at.y - at.y.floor()].map(|fraction| fraction as f32);
                 for channel in 0..3 {
                     let value = |x: usize, y: usize| values[3 * (y * width + x) + channel];
                     let upper = value(left, above) + u * (value(right, above) - value(left, above));
@@ -109,14 +109,14 @@ impl View {
     }
 }
 
-/// The pixels to both sides of a place, within `0..count`.
+/// The pixels to both sides of a coordinate, within `0..count`.
 fn neighbours(at: f64, count: usize) -> (usize, usize) {
     let within = |at: f64| at.clamp(0.0, (count - 1) as f64) as usize;
     (within(at.floor()), within(at.floor() + 1.0))
 }
 
 /// A random start on the grid such that `[start, start + side)` holds `centre` and lies in `0..size`.
-fn crop_start(centre: f64, size: u32, Crop { side, grid }: Crop, random: &mut Random) -> u32 {
+fn crop_start(centre: f64, size: u32, CropGrid { side, grid }: CropGrid, random: &mut Random) -> u32 {
     let holds = |start: u32| (f64::from(start)..f64::from(start + side)).contains(&(centre + 0.5));
     // Beyond a picture that is smaller its edge goes on.
     let room = size.saturating_sub(side);
@@ -144,12 +144,12 @@ pub fn change_light(values: &mut Vec<f32>, [width, height]: [u32; 2], config: &A
     }
 }
 
-/// Each pixel with `share` of each neighbour, along rows and columns.
-fn blurred(values: &[f32], [width, height]: [usize; 2], share: f32) -> Vec<f32> {
+/// Each pixel with `fraction` of each neighbour, along rows and columns.
+fn blurred(values: &[f32], [width, height]: [usize; 2], fraction: f32) -> Vec<f32> {
     let along = |values: &[f32], step: usize, index: usize, at: usize, count: usize| {
         let before = if at > 0 { values[index - step] } else { values[index] };
         let after = if at + 1 < count { values[index + step] } else { values[index] };
-        values[index] * (1.0 - 2.0 * share) + (before + after) * share
+        values[index] * (1.0 - 2.0 * fraction) + (before + after) * fraction
     };
     let indices = 0..values.len();
     let rows: Vec<f32> = indices.clone().map(|index| along(values, 3, index, index / 3 % width, width)).collect();

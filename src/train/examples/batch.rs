@@ -14,7 +14,7 @@ pub struct Batch {
     pub pictures: Vec<f32>,
     /// Height and width of the pictures, px.
     pub size: [usize; 2],
-    /// Their channels: 3; 6 with what is around a place.
+    /// Their channels: 3; 6 for the verifier, whose input is a crop and its surroundings.
     pub channels: usize,
     /// Their labels.
     pub labels: Labels,
@@ -42,9 +42,9 @@ pub struct Labels {
     pub depth_weight: Vec<f64>,
 }
 
-/// Where a drawn picture lies in the clip's.
+/// The affine map from a drawn picture to the clip's.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Place {
+pub struct PictureTransform {
     /// From an offset in the drawn picture to an offset in the clip's, px.
     pub linear: Matrix2<f64>,
     /// Where the drawn picture's first pixel lies in the clip's, px.
@@ -53,10 +53,10 @@ pub struct Place {
     pub zoom: f64,
 }
 
-impl Place {
+impl PictureTransform {
     /// Where a point of the clip's picture is in the drawn one, px.
-    pub fn of_clip(&self, point: [f64; 2]) -> [f64; 2] {
-        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a turn times a number is never singular
+    pub fn picture_from_clip(&self, point: [f64; 2]) -> [f64; 2] {
+        let inverse = self.linear.try_inverse().unwrap_or_else(Matrix2::identity); // a rotation times a number is never singular
         (inverse * (Vector2::from(point) - self.origin)).into()
     }
 
@@ -66,7 +66,7 @@ impl Place {
     }
 
     /// Where a point of the drawn picture is in the clip's, px.
-    pub fn in_clip(&self, point: [f64; 2]) -> [f64; 2] {
+    pub fn clip_from_picture(&self, point: [f64; 2]) -> [f64; 2] {
         (self.linear * Vector2::from(point) + self.origin).into()
     }
 }
@@ -80,8 +80,8 @@ pub enum Target {
     Predicted {
         /// Index in the batch.
         picture: usize,
-        /// Its place.
-        place: Place,
+        /// Its transform.
+        transform: PictureTransform,
     },
     /// The network's own 2D position in this frame when it last saw it.
     Remembered(FrameId),
@@ -89,8 +89,8 @@ pub enum Target {
     True {
         /// Index in the batch.
         picture: usize,
-        /// Its place.
-        place: Place,
+        /// Its transform.
+        transform: PictureTransform,
         /// Where the ball is.
         position: [f64; 3],
     },
@@ -104,15 +104,15 @@ pub type FrameId = [usize; 2];
 pub enum Start {
     /// Three neighbouring pictures of the batch, from `Window::first` on; the middle one's time is 0.
     Pictures {
-        /// Their places.
-        places: [Place; 3],
+        /// Their transforms.
+        transforms: [PictureTransform; 3],
         /// Their times, s.
         times: [f64; 3],
     },
     /// One picture of the batch, at time 0, and the 2D positions around it.
     Track {
-        /// Its place.
-        place: Place,
+        /// Its transform.
+        transform: PictureTransform,
         /// Which frame it is.
         frame: FrameId,
         /// Times, s, and 2D positions of the frames around and of itself, by time.
@@ -129,7 +129,7 @@ pub struct Window {
     pub first: usize,
     /// Position and velocity at time 0.
     pub start: Start,
-    /// Radius of the ball, m, where the network reads its apparent radius, px, in the place of its depth; else none.
+    /// Radius of the ball, m, where the network reads its apparent radius, px, instead of its depth; else none.
     pub ball_radius: Option<f64>,
     /// From the clip's first frame to time 0, s.
     pub since_start: f64,

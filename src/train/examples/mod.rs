@@ -4,16 +4,16 @@
 mod augment;
 mod batch;
 #[cfg(not(target_arch = "wasm32"))]
+mod candidates;
+#[cfg(not(target_arch = "wasm32"))]
 mod fits;
+#[cfg(not(target_arch = "wasm32"))]
+mod label_mistakes;
 #[cfg(not(target_arch = "wasm32"))]
 mod loader;
 mod pictures;
 #[cfg(not(target_arch = "wasm32"))]
-mod places;
-#[cfg(not(target_arch = "wasm32"))]
 mod prepare;
-#[cfg(not(target_arch = "wasm32"))]
-mod readings;
 #[cfg(not(target_arch = "wasm32"))]
 mod renderings;
 mod sampler;
@@ -23,14 +23,14 @@ mod teacher;
 #[cfg(test)]
 mod tests;
 
-pub use self::batch::{Batch, FrameId, Labels, Place, Start, Target, Window};
+pub use self::batch::{Batch, FrameId, Labels, PictureTransform, Start, Target, Window};
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::candidates::CandidateCrops;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::loader::Loader;
 pub(super) use self::pictures::Pictures;
-#[cfg(not(target_arch = "wasm32"))]
-pub(super) use self::places::Places;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::prepare::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
@@ -47,7 +47,7 @@ use super::recipe::{Recipe, Velocity};
 use crate::clips::{Clip, Clips, Frame};
 use crate::error::{Error, Result};
 
-/// Share of the picture's side by which a label may lie outside (a ball cut by the edge).
+/// Fraction of the picture's side by which a label may lie outside (a ball cut by the edge).
 const LABEL_MARGIN: f64 = 0.05;
 
 /// Fewest frames around one that tell its velocity.

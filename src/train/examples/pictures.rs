@@ -9,9 +9,9 @@ use crate::image::Picture;
 
 /// Frames of which an empty scene is the median.
 const MEDIAN_FRAMES: usize = 15;
-/// Reach of a ball around its label, as a share of the picture's longer side.
+/// Reach of a ball around its label, as a fraction of the picture's longer side.
 const REACH: f64 = 0.08;
-/// Share of the frames that may show the ball at the same place; a median forgets less than half.
+/// Fraction of the frames that may show the ball at the same place; a median forgets less than half.
 const MOST_COVERED: f64 = 0.34;
 
 /// Decoded pictures of some clips.

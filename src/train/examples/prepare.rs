@@ -8,7 +8,7 @@ use rayon::iter::{IntoParallelRefIterator, ParallelExtend, ParallelIterator};
 
 use super::super::recipe::{FitConfig, Recipe, Supervision};
 use super::fits::Fits;
-use super::readings::check_taught;
+use super::label_mistakes::check_taught;
 use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, labelled_2d, teach, true_point};
 use crate::clips::{Clip, Clips};
 use crate::error::Result;
@@ -67,11 +67,11 @@ pub fn prepare(
             labelled_2d(&clips)
         }
         Supervision::PhysicsFit => by_physics(&|_| true)?,
-        Supervision::Rendered | Supervision::Places => unreachable!("renderings are no clips"),
+        Supervision::Rendered | Supervision::Candidates => unreachable!("renderings are no clips"),
         Supervision::Mixed => {
-            let share = recipe.labelled_share;
-            // evenly spread: the clips at which the running share passes a whole number
-            let is_labelled = |clip: usize| ((clip + 1) as f64 * share).floor() > (clip as f64 * share).floor();
+            let fraction = recipe.labelled_fraction;
+            // evenly spread: the clips at which the running fraction passes a whole number
+            let is_labelled = |clip: usize| ((clip + 1) as f64 * fraction).floor() > (clip as f64 * fraction).floor();
             let mut frames = by_physics(&|clip| !is_labelled(clip))?;
             frames.extend(labelled_3d(&clips, is_labelled)?);
             frames
@@ -103,8 +103,8 @@ fn prepared(recipe: &Recipe, folder: &Path) -> Result<Clips> {
         if recipe.camera_off_degrees > 0.0 {
             let mut random = Stream::CameraError.of_named(recipe.seed, group(clip));
             let axis = Unit::new_normalize(Vector3::from_fn(|_, _| normal_pair::<f64>(&mut random)[0]));
-            let turn = Rotation3::from_axis_angle(&axis, recipe.camera_off_degrees.to_radians());
-            clip.camera = clip.camera.turned(&turn);
+            let rotation = Rotation3::from_axis_angle(&axis, recipe.camera_off_degrees.to_radians());
+            clip.camera = clip.camera.turned(&rotation);
         }
     }
     Ok(clips)

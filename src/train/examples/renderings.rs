@@ -17,7 +17,7 @@ use crate::synth::{Apparent, Drawing, RandomScenes};
 const PHOTOGRAPH_SIDE: u32 = 1280;
 /// Ends of the names of photographs' files.
 const EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
-/// Share of the scenes that are dark and lit from the camera.
+/// Fraction of the scenes that are dark and lit from the camera.
 pub(super) const NIGHTS: f64 = 0.05;
 /// Most balls in a picture that is trained with: each teaches as much as one alone.
 const MOST_BALLS: usize = 3;
@@ -44,7 +44,7 @@ impl Renderings {
         let photographs = folder.map(self::read_photographs).transpose()?.unwrap_or_default();
         let count = photographs.len();
         Ok(Self {
-            scenes: RandomScenes::new(photographs, recipe.empty_share).with_nights(NIGHTS),
+            scenes: RandomScenes::new(photographs, recipe.empty_fraction).with_nights(NIGHTS),
             seed: recipe.seed,
             input: recipe.input,
             normalisation: recipe.normalisation,

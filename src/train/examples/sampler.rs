@@ -8,9 +8,11 @@ use rand::RngExt;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe, STARTS, Supervision, Velocity};
-use super::augment::{Crop, View, change_light};
+use super::augment::{AugmentedView, CropGrid, change_light};
 use super::teacher::{forecaster, scene_of};
-use super::{Batch, Example, Examples, Labels, Pictures, Place, Start, Target, Window, distance_of_scene, true_point};
+use super::{
+    Batch, Example, Examples, Labels, PictureTransform, Pictures, Start, Target, Window, distance_of_scene, true_point,
+};
 use crate::camera::Outline;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
@@ -43,7 +45,7 @@ pub struct Sampler {
 
 /// One picture to be drawn.
 #[derive(Debug, Clone, Copy)]
-struct Shot {
+struct SampledFrame {
     clip: usize,
     /// None for the empty scene.
     frame: Option<usize>,
@@ -69,7 +71,7 @@ struct Drawn {
     /// 2D target, px of the drawn picture.
     image: Option<[f64; 2]>,
     depth: [f64; 2],
-    place: Place,
+    transform: PictureTransform,
 }
 
 impl Sampler {
@@ -141,7 +143,7 @@ impl Sampler {
     }
 
     /// What is drawn, and its windows.
-    fn shots(&self, phase: &Phase, step: usize) -> (Vec<Shot>, Vec<Opened>) {
+    fn shots(&self, phase: &Phase, step: usize) -> (Vec<SampledFrame>, Vec<Opened>) {
         let seed = |index: usize| mixed(self.recipe.seed, step as u64, index as u64);
         let mut random = Stream::Batch.of(seed(0));
         if self.windows.is_empty() || self.recipe.future.velocity == Velocity::Labels {
@@ -156,11 +158,11 @@ impl Sampler {
                     }
                     false => starts[random.random_range(0..starts.len())],
                 };
-                let empty = random.random_bool(self.recipe.empty_share);
+                let empty = random.random_bool(self.recipe.empty_fraction);
                 if !starts.is_empty() && !empty {
                     opened.push(Opened { first: index, clip, middle: frame, ahead: vec![] });
                 }
-                Shot { clip, frame: (!empty).then_some(frame), seed: seed(index) }
+                SampledFrame { clip, frame: (!empty).then_some(frame), seed: seed(index) }
             };
             return ((0..phase.batch).map(shot).collect(), opened);
         }
@@ -187,7 +189,11 @@ impl Sampler {
                 }
             };
             let seeds = (first..).map(seed);
-            shots.extend(frames.iter().zip(seeds).map(|(&frame, seed)| Shot { clip, frame: Some(frame), seed }));
+            shots.extend(frames.iter().zip(seeds).map(|(&frame, seed)| SampledFrame {
+                clip,
+                frame: Some(frame),
+                seed,
+            }));
         }
         (shots, opened)
     }
@@ -201,21 +207,21 @@ impl Sampler {
         let (start, ahead) = match self.recipe.future.velocity {
             Velocity::Pictures => {
                 let target = |&(frame, picture): &(usize, usize)| {
-                    let place = drawn[picture].place;
+                    let transform = drawn[picture].transform;
                     let target = match self.recipe.supervision {
                         Supervision::Future2dGt => Target::Label(label(frame)),
                         Supervision::Future3dGt => Target::True {
                             picture,
-                            place,
+                            transform,
                             position: true_position(self.pictures.clips(), clip, frame)?,
                         },
-                        _ => Target::Predicted { picture, place },
+                        _ => Target::Predicted { picture, transform },
                     };
                     Ok((since(frame), target))
                 };
-                let places = [0, 1, 2].map(|number| drawn[first + number].place);
+                let transforms = [0, 1, 2].map(|number| drawn[first + number].transform);
                 let times = [0, 1, 2].map(|number| since(middle + number - 1));
-                (Start::Pictures { places, times }, ahead.iter().map(target).collect::<Result<_>>()?)
+                (Start::Pictures { transforms, times }, ahead.iter().map(target).collect::<Result<_>>()?)
             }
             Velocity::Labels => {
                 let target = |frame: usize| {
@@ -228,7 +234,7 @@ impl Sampler {
                 let around = self.examples.around(clip, middle, self.recipe.future.around);
                 let around = around.into_iter().map(target).collect();
                 let frame = [clip, middle];
-                let start = Start::Track { place: drawn[first].place, frame, around, free: free.clone() };
+                let start = Start::Track { transform: drawn[first].transform, frame, around, free: free.clone() };
                 let ahead = self.examples.before_and_ahead(clip, middle, &self.recipe.future.ahead);
                 (start, ahead.into_iter().map(target).collect())
             }
@@ -244,7 +250,7 @@ impl Sampler {
         })
     }
 
-    fn draw(&self, shot: &Shot, phase: &Phase) -> Result<Drawn> {
+    fn draw(&self, shot: &SampledFrame, phase: &Phase) -> Result<Drawn> {
         let mut random = Stream::Augmentation.of(shot.seed);
         let Some(frame) = shot.frame else {
             // a clip that has no empty scene gives one of its frames instead
@@ -254,10 +260,10 @@ impl Sampler {
                 self.view(picture, [centre[0] * size[0], centre[1] * size[1]], 1.0, phase, &mut random)
             })?;
             return match empty {
-                Some((values, _, place)) => Ok(Drawn { values, image: None, depth: [1.0, 0.0], place }),
+                Some((values, _, transform)) => Ok(Drawn { values, image: None, depth: [1.0, 0.0], transform }),
                 None => {
                     let frame = self.examples.frames.iter().find(|example| example.clip == shot.clip);
-                    self.draw(&Shot { frame: Some(frame.map_or(0, |example| example.frame)), ..*shot }, phase)
+                    self.draw(&SampledFrame { frame: Some(frame.map_or(0, |example| example.frame)), ..*shot }, phase)
                 }
             };
         };
@@ -275,14 +281,19 @@ impl Sampler {
             false => None,
         };
         let magnified = outline.as_ref().map_or(1.0, |outline| as_looked_at_again(outline, &mut random));
-        let (values, image, place) = self
+        let (values, image, transform) = self
             .pictures
             .with(shot.clip, frame, |picture| self.view(picture, example.image, magnified, phase, &mut random))?;
         if let Some(outline) = outline {
-            let image = place.of_clip(outline.centre.into());
-            return Ok(Drawn { values, image: Some(image), depth: [outline.radius / place.scale(), weight], place });
+            let image = transform.picture_from_clip(outline.centre.into());
+            return Ok(Drawn {
+                values,
+                image: Some(image),
+                depth: [outline.radius / transform.scale(), weight],
+                transform,
+            });
         }
-        Ok(Drawn { values, image: Some(image), depth: [depth / place.zoom, weight], place })
+        Ok(Drawn { values, image: Some(image), depth: [depth / transform.zoom, weight], transform })
     }
 
     /// A random view of `picture` around `centre` (px of it), `magnified`: its values, where the centre is in it, and the way back.
@@ -293,7 +304,7 @@ impl Sampler {
         magnified: f64,
         phase: &Phase,
         random: &mut Random,
-    ) -> (Vec<f32>, [f64; 2], Place) {
+    ) -> (Vec<f32>, [f64; 2], PictureTransform) {
         let normalisation = &self.recipe.normalisation;
         // Sizes are read at a picture's own resolution.
         let (input, content, crop) = match self.reads_size {
@@ -312,15 +323,16 @@ impl Sampler {
         let scale = [0, 1].map(|axis| content[axis] / given[axis]);
         let size = [input.size.width, input.size.height];
         let in_input = [0, 1].map(|axis| (centre[axis] + 0.5) * scale[axis] - 0.5);
-        let crop = crop.map(|side| Crop { side, grid: self.grid });
-        let view = View::random(size, crop, in_input, magnified, &self.recipe.augmentation, random);
+        let crop = crop.map(|side| CropGrid { side, grid: self.grid });
+        let view = AugmentedView::random(size, crop, in_input, magnified, &self.recipe.augmentation, random);
         let mut values = view.cut(&input.values, size);
         change_light(&mut values, view.size, &self.recipe.augmentation, random);
         let (linear, origin) = view.to_input();
         let unscale = Matrix2::new(1.0 / scale[0], 0.0, 0.0, 1.0 / scale[1]);
         let half = Vector2::repeat(0.5);
-        let place = Place { linear: unscale * linear, origin: unscale * (origin + half) - half, zoom: view.zoom };
-        (values, view.of_input(in_input), place)
+        let transform =
+            PictureTransform { linear: unscale * linear, origin: unscale * (origin + half) - half, zoom: view.zoom };
+        (values, view.of_input(in_input), transform)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Where a run's batches come from.
 
 use super::super::recipe::Phase;
-use super::{Batch, Places, Renderings, Sampler};
+use super::{Batch, CandidateCrops, Renderings, Sampler};
 use crate::error::Result;
 
 /// What a run draws its batches from.
@@ -10,8 +10,8 @@ pub enum Source {
     Clips(Box<Sampler>),
     /// Random scenes.
     Scenes(Renderings),
-    /// Places in random scenes.
-    Places(Box<Places>),
+    /// Crops around a detector's candidates in random scenes.
+    Candidates(Box<CandidateCrops>),
 }
 
 impl Source {
@@ -23,7 +23,7 @@ impl Source {
         match self {
             Self::Clips(sampler) => sampler.batch(phase, step),
             Self::Scenes(renderings) => Ok(renderings.batch(phase, step)),
-            Self::Places(places) => places.batch(phase, step),
+            Self::Candidates(crops) => crops.batch(phase, step),
         }
     }
 
@@ -31,7 +31,7 @@ impl Source {
     pub fn mean_depth(&self) -> f64 {
         match self {
             Self::Clips(sampler) => sampler.examples().depths()[1],
-            Self::Scenes(_) | Self::Places(_) => 1.0,
+            Self::Scenes(_) | Self::Candidates(_) => 1.0,
         }
     }
 
@@ -40,7 +40,7 @@ impl Source {
         match self {
             Self::Clips(_) => 0,
             Self::Scenes(renderings) => renderings.photographs(),
-            Self::Places(places) => places.photographs(),
+            Self::Candidates(crops) => crops.photographs(),
         }
     }
 
@@ -48,7 +48,7 @@ impl Source {
     pub fn picture_bytes(&self) -> [usize; 2] {
         match self {
             Self::Clips(sampler) => sampler.examples().picture_bytes(),
-            Self::Scenes(_) | Self::Places(_) => [0; 2],
+            Self::Scenes(_) | Self::Candidates(_) => [0; 2],
         }
     }
 }

@@ -67,7 +67,7 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
     let refused = fit.frames.iter().filter(|frame| frame.refused.is_some()).count();
     let labelled = observations.iter().filter(|observation| observation.image.is_some()).count() - refused;
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count() - refused;
-    if outliers as f64 > config.largest_outlier_share * labelled as f64 {
+    if outliers as f64 > config.largest_outlier_fraction * labelled as f64 {
         return refuse(format!("{outliers} of its {labelled} labels do not belong to its trajectory"));
     }
     Ok(fit)

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::super::recipe::Recipe;
 use super::parts::Beside;
 use super::publish::Best;
-use super::trainer::State;
+use super::trainer::TrainerState;
 use crate::error::{Error, Result};
 use crate::files::{read, read_text, write_whole};
 use crate::model::{self, Pen};
@@ -21,7 +21,7 @@ const NAME: [&str; 2] = ["step-", ".safetensors"];
 /// Checkpoints kept: the last and the one before it.
 const KEPT: usize = 2;
 
-impl State {
+impl TrainerState {
     /// Writes the checkpoint under `folder` and removes old ones.
     ///
     /// # Errors

@@ -3,7 +3,7 @@
 use burn::module::{Module, ModuleMapper, Param, ParamId};
 use burn::tensor::{Tensor, container::TensorContainer};
 
-use super::optimiser::Collect;
+use super::optimiser::GradientCollector;
 use crate::model::Pen;
 
 /// A slow copy of the network, the one that is kept.
@@ -31,7 +31,7 @@ impl Ema {
     pub fn update(&mut self, model: &Pen) {
         let warm_up = self.updates.map_or(1.0, |updates| (1 + updates) as f64 / (10 + updates) as f64);
         self.updates = self.updates.map(|updates| updates + 1);
-        let mut current = Collect(TensorContainer::new());
+        let mut current = GradientCollector(TensorContainer::new());
         model.valid().visit(&mut current);
         let mut blend = Blend { current: current.0, decay: self.decay.min(warm_up) };
         self.average = self.average.clone().map(&mut blend);

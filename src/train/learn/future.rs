@@ -50,8 +50,8 @@ pub async fn future(
     let loss = future_loss(&read, windows, options.robust_px, knowledge);
     knowledge.laws.advance(&loss.by_law, options.learning_rate);
     for window in windows {
-        if let Start::Track { place, frame, .. } = &window.start {
-            let found = image_of(window, place, read[window.first]);
+        if let Start::Track { transform, frame, .. } = &window.start {
+            let found = image_of(window, transform, read[window.first]);
             knowledge.own.extend(found.map(|image| (*frame, image.into())));
         }
     }
@@ -173,8 +173,8 @@ fn axes(target: &Target) -> usize {
 fn true_loss(positions: &[[f64; 3]], window: &Window) -> Result<WindowLoss> {
     let mut loss = WindowLoss { value: 0.0, slopes: vec![], errors: vec![] };
     for (_, target) in &window.ahead {
-        let Target::True { picture, place, position } = target else { continue };
-        let (world, slope) = point(window, place, positions[*picture])?;
+        let Target::True { picture, transform, position } = target else { continue };
+        let (world, slope) = point(window, transform, positions[*picture])?;
         let error = window.camera.camera_from_world(&world) - Point3::from(*position);
         loss.value += error.iter().map(|part| part.abs()).sum::<f64>();
         let by_world = window.camera.rotation().transpose() * error.map(f64::signum);

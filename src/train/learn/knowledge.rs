@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::super::examples::FrameId;
 use super::super::recipe::Recipe;
-use super::laws::Laws;
+use super::laws::LearnedLaws;
 
 /// Where the network found the ball when it last saw a frame, px of the clip's picture.
 pub type OwnTrack = BTreeMap<FrameId, [f64; 2]>;
@@ -15,13 +15,13 @@ pub struct Knowledge {
     /// What the network found.
     pub own: OwnTrack,
     /// Physics that is learned.
-    pub laws: Laws,
+    pub laws: LearnedLaws,
 }
 
 impl Knowledge {
     /// Of a run's start.
     pub fn first(recipe: &Recipe) -> Self {
-        Self { own: OwnTrack::new(), laws: Laws::new(&recipe.future.learn) }
+        Self { own: OwnTrack::new(), laws: LearnedLaws::new(&recipe.future.learn) }
     }
 
     /// As text, from which it is read to the bit: the laws' steps, a line a law (logarithm of its factor, moments), then a

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2x6, Matrix3, Matrix6, Point2, Point3, Vector3, Vector6};
 
-use super::super::examples::{Place, Start, Target, Window};
+use super::super::examples::{PictureTransform, Start, Target, Window};
 use super::knowledge::OwnTrack;
 use crate::camera::Outline;
 use crate::error::Result;
@@ -57,9 +57,9 @@ impl Launch {
     /// As [`Camera::world_from_image_with_jacobian`](crate::Camera::world_from_image_with_jacobian).
     pub fn of(window: &Window, positions: &[[f64; 3]], own: &OwnTrack) -> Result<Option<Self>> {
         match &window.start {
-            Start::Pictures { places, times } => Self::of_pictures(window, places, *times, positions).map(Some),
-            Start::Track { place, around, free, .. } => {
-                let (position, slope) = point(window, place, positions[window.first])?;
+            Start::Pictures { transforms, times } => Self::of_pictures(window, transforms, *times, positions).map(Some),
+            Start::Track { transform, around, free, .. } => {
+                let (position, slope) = point(window, transform, positions[window.first])?;
                 let seen = |(time, target): &(f64, Target)| Some((*time, seen(window, *target, positions, own)?));
                 let around: Vec<(f64, Point2<f64>)> = around.iter().filter_map(seen).collect();
                 let Some((flight, residual)) = freest(window, free, &around, position)? else { return Ok(None) };
@@ -76,9 +76,14 @@ impl Launch {
     }
 
     /// The slope at the middle of the parabola through three points: exact in free flight. Paper eq. (3).
-    fn of_pictures(window: &Window, places: &[Place; 3], times: [f64; 3], positions: &[[f64; 3]]) -> Result<Self> {
+    fn of_pictures(
+        window: &Window,
+        transforms: &[PictureTransform; 3],
+        times: [f64; 3],
+        positions: &[[f64; 3]],
+    ) -> Result<Self> {
         let (before, after) = (times[1] - times[0], times[2] - times[1]);
-        let shares = [
+        let fractions = [
             -after / (before * (before + after)),
             (after - before) / (before * after),
             before / (after * (before + after)),
@@ -90,23 +95,27 @@ impl Launch {
             by_metre: 1.0,
             slopes: Vec::new(),
         };
-        for (index, (place, share)) in places.iter().zip(shares).enumerate() {
+        for (index, (transform, fraction)) in transforms.iter().zip(fractions).enumerate() {
             let picture = window.first + index;
-            let (point, slope) = point(window, place, positions[picture])?;
-            launch.velocity += point.coords * share;
+            let (point, slope) = point(window, transform, positions[picture])?;
+            launch.velocity += point.coords * fraction;
             let middle = f64::from(u8::from(index == 1));
             launch.position += point.coords * middle;
-            launch.slopes.push((picture, slope * middle, slope * share));
+            launch.slopes.push((picture, slope * middle, slope * fraction));
         }
         Ok(launch)
     }
 }
 
-/// Where the ball is in the world by what was found in a drawn picture (its place, and its depth or apparent radius), and its
+/// Where the ball is in the world by what was found in a drawn picture (its position there, and its depth or apparent radius), and its
 /// derivative.
-pub fn point(window: &Window, place: &Place, [x, y, third]: [f64; 3]) -> Result<(Point3<f64>, Matrix3<f64>)> {
-    let image = Point2::from(place.in_clip([x, y]));
-    let scale = if window.ball_radius.is_some() { place.scale() } else { place.zoom };
+pub fn point(
+    window: &Window,
+    transform: &PictureTransform,
+    [x, y, third]: [f64; 3],
+) -> Result<(Point3<f64>, Matrix3<f64>)> {
+    let image = Point2::from(transform.clip_from_picture([x, y]));
+    let scale = if window.ball_radius.is_some() { transform.scale() } else { transform.zoom };
     let (point, by_clip) = match window.ball_radius {
         Some(radius) => {
             let outline = Outline { centre: image, radius: third * scale };
@@ -115,7 +124,7 @@ pub fn point(window: &Window, place: &Place, [x, y, third]: [f64; 3]) -> Result<
         None => window.camera.world_from_image_with_jacobian(&image, third * scale)?,
     };
     let mut by_drawn = Matrix3::from_diagonal_element(scale);
-    by_drawn.fixed_view_mut::<2, 2>(0, 0).copy_from(&place.linear);
+    by_drawn.fixed_view_mut::<2, 2>(0, 0).copy_from(&transform.linear);
     Ok((point, by_clip * by_drawn))
 }
 
@@ -129,11 +138,11 @@ fn by_metre(window: &Window, [_, _, third]: [f64; 3], position: &Point3<f64>) ->
 
 /// Where the image of the ball's centre is by what was found in a drawn picture, px of the clip's; none where there is no ball
 /// of such an outline.
-pub fn image_of(window: &Window, place: &Place, found: [f64; 3]) -> Option<Point2<f64>> {
+pub fn image_of(window: &Window, transform: &PictureTransform, found: [f64; 3]) -> Option<Point2<f64>> {
     match window.ball_radius {
         // An outline's centre is a little further out.
-        Some(_) => window.camera.image_from_world(&point(window, place, found).ok()?.0).ok(),
-        None => Some(place.in_clip([found[0], found[1]]).into()),
+        Some(_) => window.camera.image_from_world(&point(window, transform, found).ok()?.0).ok(),
+        None => Some(transform.clip_from_picture([found[0], found[1]]).into()),
     }
 }
 
@@ -141,14 +150,14 @@ pub fn image_of(window: &Window, place: &Place, found: [f64; 3]) -> Option<Point
 pub fn seen(window: &Window, target: Target, positions: &[[f64; 3]], own: &OwnTrack) -> Option<Point2<f64>> {
     match target {
         Target::Label(label) => Some(label.into()),
-        Target::Predicted { picture, place } => image_of(window, &place, positions[picture]),
+        Target::Predicted { picture, transform } => image_of(window, &transform, positions[picture]),
         Target::Remembered(frame) => own.get(&frame).map(|&image| image.into()),
         Target::True { .. } => None,
     }
 }
 
 /// Rays that a ball in free flight passes, as linear equations `a·δ = right` of the change of its state at time 0.
-struct Flight {
+struct FreeFlight {
     /// One row a ray and direction across it.
     rows: Vec<Vector6<f64>>,
     right: Vec<f64>,
@@ -157,7 +166,7 @@ struct Flight {
     velocity: Vector3<f64>,
 }
 
-impl Flight {
+impl FreeFlight {
     /// About `position` and `velocity` at time 0; none where they cannot be forecast.
     fn about(
         window: &Window,
@@ -219,17 +228,17 @@ fn freest(
     free: &Forecaster,
     around: &[(f64, Point2<f64>)],
     position: Point3<f64>,
-) -> Result<Option<(Flight, f64)>> {
+) -> Result<Option<(FreeFlight, f64)>> {
     let before = around.partition_point(|(time, _)| *time <= 0.0);
     let after = around.partition_point(|(time, _)| *time < 0.0);
-    let mut best: Option<(Flight, f64)> = None;
+    let mut best: Option<(FreeFlight, f64)> = None;
     for part in [around, &around[..before], &around[after..]] {
         if part.len() < FEWEST {
             continue;
         }
         let Some((velocity, residual)) = free_flight(window, free, part, position)? else { continue };
         if best.as_ref().is_none_or(|(_, least)| residual < *least)
-            && let Some(flight) = Flight::about(window, free, part, position, velocity)?
+            && let Some(flight) = FreeFlight::about(window, free, part, position, velocity)?
         {
             best = Some((flight, residual));
         }
@@ -250,10 +259,10 @@ fn free_flight(
 ) -> Result<Option<(Vector3<f64>, f64)>> {
     let (mut at, mut velocity, mut here) = (position, Vector3::zeros(), Vector3::zeros());
     for _ in 0..STEPS {
-        let Some(flight) = Flight::about(window, free, around, at, velocity)? else { return Ok(None) };
+        let Some(flight) = FreeFlight::about(window, free, around, at, velocity)? else { return Ok(None) };
         let Some(solved) = flight.solve() else { return Ok(None) };
         (at, velocity) = solved;
-        let Some(flight) = Flight::about(window, free, around, position, here)? else { return Ok(None) };
+        let Some(flight) = FreeFlight::about(window, free, around, position, here)? else { return Ok(None) };
         let Some((next, _)) = flight.velocity(position) else { return Ok(None) };
         here = next;
     }

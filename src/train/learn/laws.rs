@@ -12,7 +12,7 @@ const EPSILON: f64 = 1e-8;
 
 /// The laws of a run, each as a factor of what the scenes say.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Laws {
+pub struct LearnedLaws {
     learned: Vec<Learned>,
     /// Steps made.
     steps: i32,
@@ -27,7 +27,7 @@ struct Learned {
     moments: [f64; 2],
 }
 
-impl Laws {
+impl LearnedLaws {
     /// As the scenes say, `learned` to be learned.
     pub fn new(learned: &[Law]) -> Self {
         let fresh = |&law: &Law| Learned { law, log_factor: 0.0, moments: [0.0; 2] };

@@ -7,7 +7,7 @@ use super::super::recipe::HeatmapLoss;
 use crate::model::{CONFIDENCE_RADIUS, cell_centre, decode, weighted_depth};
 use crate::model::{PenConfig, PenOutput};
 
-/// Added to a logit whose cell is not to count: its share is zero.
+/// Added to a logit whose cell is not to count: its fraction is zero.
 const OUTSIDE: f32 = -1e4;
 
 /// The parts of the loss on the maps, each a scalar tensor `[1]`.
@@ -26,7 +26,7 @@ pub struct Losses {
 ///
 /// Depth is read out with the *target* heatmap's weights, so that it is taught where the ball is
 /// from the first step on. A picture without the ball is to give the same everywhere; one with several balls, the same
-/// share to each.
+/// fraction to each.
 pub fn map_losses(
     output: PenOutput,
     labels: &Labels,
@@ -37,10 +37,10 @@ pub fn map_losses(
 ) -> Losses {
     let device = output.heatmap.device();
     let pictures = output.heatmap.dims()[0];
-    // Of each label its share of its picture.
+    // Of each label its fraction of its picture.
     let mut counts = vec![0.0; pictures];
     labels.picture.iter().for_each(|&picture| counts[picture] += 1.0);
-    let shares: Vec<f64> = labels.picture.iter().map(|&picture| 1.0 / counts[picture]).collect();
+    let fractions: Vec<f64> = labels.picture.iter().map(|&picture| 1.0 / counts[picture]).collect();
     let output = if labels.picture.len() == pictures { output } else { of_labels(output, &labels.picture) };
     let [batch, height, width] = output.heatmap.dims();
     let column = |values: &[f64]| {
@@ -51,24 +51,24 @@ pub fn map_losses(
     let target = gaussians(&labels.image, [height, width], config.output_stride(), loss, &device);
     // [batch, 1, 1]; a Gaussian around a label near the picture never sums to zero, and nothing is divided by 0
     let mass = target.clone().reshape([batch, height * width]).sum_dim(1).reshape([batch, 1, 1]);
-    let share = target.clone() / mass.clamp_min(f32::MIN_POSITIVE);
+    let fraction = target.clone() / mass.clamp_min(f32::MIN_POSITIVE);
     let heatmap = match loss {
         HeatmapLoss::CrossEntropy { .. } => {
             let logits = output.heatmap.mul_scalar(config.heatmap.beta).reshape([batch, height * width]);
             let log_probability = log_softmax(logits, 1).reshape([batch, height, width]);
-            let of_label = weighted_depth(log_probability, share.clone());
-            (of_label * column(&shares)).sum().neg().div_scalar(pictures as f64)
+            let of_label = weighted_depth(log_probability, fraction.clone());
+            (of_label * column(&fractions)).sum().neg().div_scalar(pictures as f64)
         }
         HeatmapLoss::Mse { amplitude, .. } => (output.heatmap - target.mul_scalar(amplitude)).powi_scalar(2).mean(),
     };
     let error = match output.log_scale {
         Some(log_scale) => {
             let log_radii: Vec<f64> = labels.depth.iter().map(|radius| radius.ln()).collect();
-            let log_scale = weighted_depth(log_scale, share.clone());
-            let error = weighted_depth(output.depth.log(), share) - column(&log_radii);
+            let log_scale = weighted_depth(log_scale, fraction.clone());
+            let error = weighted_depth(output.depth.log(), fraction) - column(&log_radii);
             error.abs() * log_scale.clone().neg().exp() + log_scale
         }
-        None => smooth_l1(weighted_depth(output.depth, share) - column(&labels.depth), transition),
+        None => smooth_l1(weighted_depth(output.depth, fraction) - column(&labels.depth), transition),
     };
     let depth = (error * column(&labels.depth_weight)).mean();
     Losses { heatmap, depth, centre }

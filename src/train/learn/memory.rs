@@ -22,7 +22,7 @@ pub(super) fn check_against(free: usize, recipe: &Recipe, pen: &Pen, [frames, em
     };
     let step = recipe.phases.iter().map(of_phase).max().unwrap_or(0);
     // Kept as they are; scaled to the network's input at every look.
-    let pictures = frames.min(recipe.cache_mb << 20) + if recipe.empty_share > 0.0 { empty } else { 0 };
+    let pictures = frames.min(recipe.cache_mb << 20) + if recipe.empty_fraction > 0.0 { empty } else { 0 };
     if step + pictures <= free {
         return Ok(());
     }

@@ -1,5 +1,5 @@
 //! Learning: losses, the step, what it changes (`trainer`), which the loop with its files (`run`) and the one in memory
-//! (`fine_tune`) share; scores, and the model made (`publish`).
+//! (`fine_tune`) fraction; scores, and the model made (`publish`).
 
 #[cfg(not(target_arch = "wasm32"))]
 mod checkpoint;

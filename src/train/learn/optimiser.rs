@@ -34,7 +34,7 @@ impl AdamW {
     /// After `updates` updates, with the `moments` that [`Self::moments`] gave.
     pub fn after(weight_decay: f64, epsilon: f64, updates: usize, moments: &[Pen; 2]) -> Self {
         let moments = [0, 1].map(|order| {
-            let mut collected = Collect(TensorContainer::new());
+            let mut collected = GradientCollector(TensorContainer::new());
             moments[order].visit(&mut collected);
             collected.0
         });
@@ -87,9 +87,9 @@ impl ModuleMapper for Update<'_> {
 }
 
 /// Gathers all float tensors by id.
-pub(super) struct Collect(pub TensorContainer<ParamId>);
+pub(super) struct GradientCollector(pub TensorContainer<ParamId>);
 
-impl ModuleVisitor for Collect {
+impl ModuleVisitor for GradientCollector {
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
         self.0.register(param.id, param.val());
     }

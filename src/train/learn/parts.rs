@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::recipe::Recipe;
 use super::knowledge::Knowledge;
-use super::trainer::{State, Watch};
+use super::trainer::{LossWatch, TrainerState};
 use crate::error::{Error, Result};
 use crate::model::{self, Pen};
 
@@ -26,7 +26,7 @@ pub struct Beside {
     knowledge: String,
 }
 
-impl State {
+impl TrainerState {
     /// Its networks as files, each by its name, and the rest. A GPU is read asynchronously.
     ///
     /// # Errors
@@ -38,7 +38,7 @@ impl State {
         for (name, pen) in [(MODEL, &model), (AVERAGE, average), (MOMENTS[0], first), (MOMENTS[1], second)] {
             parts.push((name, model::save(&model::on_cpu(pen).await?)?));
         }
-        let watch = watch.map(|Watch { mean, lowest }| [mean.to_string(), lowest.to_string()]);
+        let watch = watch.map(|LossWatch { mean, lowest }| [mean.to_string(), lowest.to_string()]);
         Ok((parts, Beside { step: *step, watch, knowledge: knowledge.text() }))
     }
 
@@ -60,7 +60,7 @@ impl State {
             model::load_into(blank, bytes)
         };
         let numbers =
-            |[mean, lowest]: &[String; 2]| Some(Watch { mean: mean.parse().ok()?, lowest: lowest.parse().ok()? });
+            |[mean, lowest]: &[String; 2]| Some(LossWatch { mean: mean.parse().ok()?, lowest: lowest.parse().ok()? });
         let watch = match &beside.watch {
             Some(watch) => Some(numbers(watch).ok_or_else(|| damaged("its watch over the loss is no two numbers"))?),
             None => None,

@@ -12,9 +12,9 @@ use super::score::Score;
 use crate::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::model::DepthFrom;
-#[cfg(not(target_arch = "wasm32"))]
-use crate::model::PenConfig;
 use crate::model::{self, Card, Pen, sha256_hex};
+#[cfg(not(target_arch = "wasm32"))]
+use crate::model::{CARD_VERSION, PenConfig};
 #[cfg(not(target_arch = "wasm32"))]
 use crate::synth::{LARGEST, SMALLEST};
 
@@ -89,7 +89,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
             let data = recipe.data_name.clone().unwrap_or(data);
             format!("{data}: {} frames", sampler.examples().frames.len())
         }
-        Source::Scenes(_) | Source::Places(_) => {
+        Source::Scenes(_) | Source::Candidates(_) => {
             let pictures: usize = recipe.phases.iter().map(|phase| phase.steps * phase.batch).sum();
             let photographs = source.photographs();
             let backgrounds = recipe
@@ -104,21 +104,22 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         Supervision::Future2dPredict => "2D labels and physics, through forecasts (the paper's 2D-predict)".into(),
         Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
         Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
-        Supervision::Places => "crops of renderings of random scenes, around a detector's candidates".into(),
+        Supervision::Candidates => "crops of renderings of random scenes, around a detector's candidates".into(),
         Supervision::Future3dGt => "3D labels, by windows (the paper's 3D-gt)".into(),
         Supervision::Labels3d => "3D labels".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
-            100.0 * recipe.labelled_share
+            100.0 * recipe.labelled_fraction
         ),
     };
     let supervision = format!("Trained with {taught}: {} steps, seed {}.", recipe.steps(), recipe.seed);
     Card {
         name: recipe.name.clone(),
+        version: CARD_VERSION,
         weights: String::new(),
         sha256: String::new(),
         architecture: architecture.clone(),
-        closer: None,
+        verifier: None,
         input: recipe.input,
         normalisation: recipe.normalisation,
         depth_from: architecture.depth.is_size().then_some(DepthFrom::Size),
@@ -148,8 +149,8 @@ pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, recipe: &Re
     let how = if recipe.supervision.is_future() { ", through forecasts" } else { "" };
     Card {
         name: format!("{}-tuned", card.name.trim_end_matches("-tuned")),
-        // It looks again itself: what it has learned of the scene is to count there, too.
-        closer: None,
+        // Its second pass is its own: what it has learned of the scene counts there, too.
+        verifier: None,
         depth_range,
         training_data,
         description: format!("{} Fine-tuned with 2D labels and physics{how}: {steps} steps.", card.description),

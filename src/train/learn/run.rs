@@ -9,14 +9,16 @@ use std::time::Instant;
 use burn::tensor::Device;
 use serde::Serialize;
 
-use super::super::examples::{Fits, LeftOut, Loader, Pictures, Places, Prepared, Renderings, Sampler, Source, prepare};
+use super::super::examples::{
+    CandidateCrops, Fits, LeftOut, Loader, Pictures, Prepared, Renderings, Sampler, Source, prepare,
+};
 use super::super::recipe::{Recipe, RunPaths, Supervision, TrainConfig};
 use super::log::{LOG, log_until, table};
 use super::memory::check_memory;
 use super::publish::{Best, card_of_run, publish};
-use super::score::{Score, SizeScore, score, score_places, score_sizes};
+use super::score::{Score, SizeScore, score, score_sizes, score_verifier};
 use super::step::StepReport;
-use super::trainer::{State, Trainer};
+use super::trainer::{Trainer, TrainerState};
 use crate::clips::Clips;
 use crate::error::{Error, Result};
 use crate::files::{Claim, write_whole};
@@ -96,11 +98,11 @@ pub enum TrainEvent<'a> {
 enum HeldOut {
     Clips(Pictures),
     Scenes(Renderings),
-    Places(Box<Places>),
+    Candidates(Box<CandidateCrops>),
 }
 
 /// A run in progress.
-struct Run<'a> {
+struct RunInProgress<'a> {
     recipe: &'a Recipe,
     paths: &'a RunPaths,
     /// To be kept, where physics teaches.
@@ -136,7 +138,7 @@ impl TrainConfig {
         let config = TrainConfig { recipe, paths };
         let text = config.to_toml()?;
         // A run that cannot start leaves nothing that would have to be resumed.
-        let run = Run::new(&config, device, observe)?;
+        let run = RunInProgress::new(&config, device, observe)?;
         write_whole(&config.paths.run_file(), text.as_bytes())?;
         run.finish(observe)
     }
@@ -148,11 +150,11 @@ impl TrainConfig {
     /// [`Error::Io`], [`Error::Format`] and [`Error::Data`] for missing or damaged files;
     /// [`Error::Diverged`] for a loss that is not finite.
     pub fn resume(out: &Path, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
-        Run::new(&TrainConfig::saved_in(out)?, device, observe)?.finish(observe)
+        RunInProgress::new(&TrainConfig::saved_in(out)?, device, observe)?.finish(observe)
     }
 }
 
-impl<'a> Run<'a> {
+impl<'a> RunInProgress<'a> {
     fn new(config: &'a TrainConfig, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<Self> {
         let TrainConfig { recipe, paths } = config;
         let device = device.clone().autodiff();
@@ -162,10 +164,10 @@ impl<'a> Run<'a> {
                 let held_out = Renderings::new(recipe, paths.validation.as_deref())?;
                 (Source::Scenes(source), HeldOut::Scenes(held_out), None)
             }
-            Supervision::Places => {
-                let source = Places::new(recipe, paths.train.as_deref(), paths.first()?)?;
-                let held_out = Places::new(recipe, paths.validation.as_deref(), paths.first()?)?;
-                (Source::Places(Box::new(source)), HeldOut::Places(Box::new(held_out)), None)
+            Supervision::Candidates => {
+                let source = CandidateCrops::new(recipe, paths.train.as_deref(), paths.detector()?)?;
+                let held_out = CandidateCrops::new(recipe, paths.validation.as_deref(), paths.detector()?)?;
+                (Source::Candidates(Box::new(source)), HeldOut::Candidates(Box::new(held_out)), None)
             }
             _ => {
                 let validation = Pictures::new(Clips::read(paths.validation()?)?, 0);
@@ -178,9 +180,9 @@ impl<'a> Run<'a> {
         device.seed(recipe.seed);
         let blank = Pen::new(&architecture, &device)?;
         check_memory(recipe, &blank, &source)?;
-        let state = match State::load_last(&paths.checkpoints(), &blank, recipe)? {
+        let state = match TrainerState::load_last(&paths.checkpoints(), &blank, recipe)? {
             Some(state) => state,
-            None => State::first(recipe, with_start(blank, paths)?),
+            None => TrainerState::first(recipe, with_start(blank, paths)?),
         };
         let best = Best::load(&paths.checkpoints(), &state.average)?;
         let log = log_until(&paths.log(), state.step)?;
@@ -242,7 +244,7 @@ impl<'a> Run<'a> {
         let scored = pollster::block_on(async {
             Ok::<_, Error>(match &self.validation {
                 HeldOut::Clips(pictures) => Validation::Score(score(&localiser, pictures, Some(frames), laws).await?),
-                HeldOut::Places(places) => Validation::Size(score_places(&localiser, places, frames).await?),
+                HeldOut::Candidates(crops) => Validation::Size(score_verifier(&localiser, crops, frames).await?),
                 HeldOut::Scenes(renderings) => Validation::Size(score_sizes(&localiser, renderings, frames).await?),
             })
         });
@@ -254,7 +256,7 @@ impl<'a> Run<'a> {
             Validation::Score(scored) => Best::keep(&mut self.best, scored, self.recipe.select, average),
             Validation::Size(scored) => {
                 let score = match self.recipe.supervision {
-                    Supervision::Places => scored.confused,
+                    Supervision::Candidates => scored.confused,
                     _ => scored.radius_error,
                 };
                 Best::keep_by(&mut self.best, Some(score), scored.confidence_threshold, average)
@@ -278,8 +280,8 @@ impl<'a> Run<'a> {
     fn publish(self) -> Result<PathBuf> {
         let (mut card, mut weights) =
             pollster::block_on(publish(self.card, self.best.as_ref(), self.trainer.average()))?;
-        if self.recipe.supervision == Supervision::Places {
-            (card, weights) = with_closer(Card::with_weights(self.paths.first()?)?, card, &weights)?;
+        if self.recipe.supervision == Supervision::Candidates {
+            (card, weights) = with_verifier(Card::with_weights(self.paths.detector()?)?, card, &weights)?;
         }
         write_whole(&self.paths.out.join(&card.weights), &weights)?;
         let path = self.paths.out.join(format!("{}.json", card.name));
@@ -298,17 +300,17 @@ fn sampler(recipe: &Recipe, paths: &RunPaths, observe: &mut dyn FnMut(TrainEvent
     Ok((Sampler::new(recipe, examples, pictures)?, fits))
 }
 
-/// A model (its card and weights) with another for its second look.
-fn with_closer((first, own): (Card, Vec<u8>), closer: Card, weights: &[u8]) -> Result<(Card, Vec<u8>)> {
+/// A detector (its card and weights) with a verifier.
+fn with_verifier((detector, own): (Card, Vec<u8>), verifier: Card, weights: &[u8]) -> Result<(Card, Vec<u8>)> {
     let [own, _] = model::parted(&own)?;
     let weights = model::joined(&own, weights)?;
     let card = Card {
         sha256: sha256_hex(&weights),
-        closer: Some(closer.architecture),
-        training_data: format!("{}; the second look: {}", first.training_data, closer.training_data),
-        description: format!("{} The second look: {}", first.description, closer.description),
+        verifier: Some(verifier.architecture),
+        training_data: format!("{}; the verifier: {}", detector.training_data, verifier.training_data),
+        description: format!("{} The verifier: {}", detector.description, verifier.description),
         metrics: serde_json::Value::Null,
-        ..first
+        ..detector
     };
     Ok((card, weights))
 }

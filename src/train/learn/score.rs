@@ -5,8 +5,8 @@ use serde::Serialize;
 
 use super::super::examples::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
-use super::super::examples::{Places, Renderings};
-use super::laws::Laws;
+use super::super::examples::{CandidateCrops, Renderings};
+use super::laws::LearnedLaws;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
@@ -24,8 +24,8 @@ const AHEAD: usize = 15;
 /// Gauss–Newton steps of a state's fit; the first comes within millimetres.
 const FIT_STEPS: usize = 3;
 
-/// Share of the visible balls that may be less sure than the confidence stated.
-const UNSURE: f64 = 0.005;
+/// Fraction of the visible balls whose confidence may be lower than the one stated.
+const BELOW: f64 = 0.005;
 
 /// How good a network is.
 #[derive(Debug, Clone, Serialize)]
@@ -53,7 +53,12 @@ pub struct Score {
 /// # Errors
 /// [`Error::Data`] where no frame has a label, and for a picture that cannot be localised; as
 /// [`Pictures::with`].
-pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<usize>, laws: &Laws) -> Result<Score> {
+pub async fn score(
+    localiser: &Localiser,
+    pictures: &Pictures,
+    frames: Option<usize>,
+    laws: &LearnedLaws,
+) -> Result<Score> {
     let clips = pictures.clips();
     let count = frames.map_or(clips.len(), |frames| clips_with(frames, clips));
     let (mut forecast, mut image, mut dtg, mut confidence) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
@@ -62,8 +67,10 @@ pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<us
         let found = positions(localiser, pictures, clip).await?;
         let clip = &clips[clip];
         for (frame, found) in clip.frames.iter().zip(&found) {
-            let (Some(Found { position, at, confidence: sure }), Some(label)) = (found, frame.image) else { continue };
-            confidence.push(*sure);
+            let (Some(FramePosition { position, at, confidence: of_frame }), Some(label)) = (found, frame.image) else {
+                continue;
+            };
+            confidence.push(*of_frame);
             image.push(distance(at, &Point2::from(label)));
             dtg.extend(frame.world.map(|truth| distance(position, &Point3::from(truth))));
         }
@@ -78,7 +85,7 @@ pub async fn score(localiser: &Localiser, pictures: &Pictures, frames: Option<us
     confidence.sort_by(f64::total_cmp);
     Ok(Score {
         forecast_px: median(forecast),
-        least_confidence: confidence[(UNSURE * confidence.len() as f64) as usize],
+        least_confidence: confidence[(BELOW * confidence.len() as f64) as usize],
         image_error_px: Statistic::of(image),
         dtg: Statistic::of(dtg),
     })
@@ -94,27 +101,27 @@ pub(super) fn clips_with(frames: usize, clips: &[Clip]) -> usize {
 /// How good a network is that reads sizes, on renderings of random scenes.
 #[derive(Debug, Clone, Serialize)]
 pub struct SizeScore {
-    /// Median error of the radius as a share of it: of balls of at least 4 px, wholly seen.
+    /// Median error of the radius as a fraction of it: of balls of at least 4 px, wholly seen.
     pub radius_error: f64,
     /// The same error of all balls.
     pub radius_error_of_all: Statistic,
-    /// Share of all balls whose radius is off by more than 30 %.
+    /// Fraction of all balls whose radius is off by more than 30 %.
     pub gross: f64,
-    /// Shares of all balls whose error is within one and two of the stated standard deviations.
+    /// Fractions of all balls whose error is within one and two of the stated standard deviations.
     pub coverage: [f64; 2],
     /// 2D error, px.
     pub image_error_px: Statistic,
-    /// Confidence that as large a share of the balls (wholly seen, of at least 4 px) stays below as of the pictures without
+    /// Confidence that as large a fraction of the balls (wholly seen, of at least 4 px) stays below as of the pictures without
     /// a ball exceeds.
     pub confidence_threshold: f64,
-    /// That share.
+    /// That fraction.
     pub confused: f64,
 }
 
 /// Smallest radius of the balls whose error counts, px.
 #[cfg(not(target_arch = "wasm32"))]
 const COUNTED_RADIUS: f64 = 4.0;
-/// Share of a ball that must be seen for it to count as wholly seen.
+/// Fraction of a ball that must be seen for it to count as wholly seen.
 #[cfg(not(target_arch = "wasm32"))]
 const WHOLLY: f64 = 0.98;
 /// Error beyond which a radius is grossly wrong.
@@ -124,7 +131,7 @@ const GROSS: f64 = 0.3;
 /// Scores `localiser` on `count` renderings.
 ///
 /// # Errors
-/// As [`Localiser::readings`].
+/// As [`Localiser::search`].
 #[cfg(not(target_arch = "wasm32"))]
 pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: usize) -> Result<SizeScore> {
     let (mut counted, mut errors, mut image) = (vec![], vec![], vec![]);
@@ -133,7 +140,7 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
     for index in 0..count {
         let drawing = renderings.scored(index);
         let found =
-            localiser.readings(&Picture::from_rgb(drawing.picture()), None, None, None, 1, false).await?.readings;
+            localiser.search(&Picture::from_rgb(drawing.picture()), None, None, None, 1, false).await?.detections;
         let Some(found) = found.first() else { continue };
         let Some(ball) = drawing.balls.first() else {
             empty.push(found.confidence);
@@ -166,16 +173,16 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
 /// Scores `localiser`, a verifier, on the candidates in `count` renderings.
 ///
 /// # Errors
-/// As [`Localiser::readings`].
+/// As [`Localiser::search`].
 #[cfg(not(target_arch = "wasm32"))]
-pub async fn score_places(localiser: &Localiser, places: &Places, count: usize) -> Result<SizeScore> {
+pub async fn score_verifier(localiser: &Localiser, crops: &CandidateCrops, count: usize) -> Result<SizeScore> {
     let (mut errors, mut image, mut seen, mut empty) = (vec![], vec![], vec![], vec![]);
     let mut within = [0_usize; 2];
     for index in 0..count {
-        for place in places.scored(index)? {
-            let found = localiser.places_in(&place.views).await?;
+        for crop in crops.scored(index)? {
+            let found = localiser.verifier_detections(&crop.views).await?;
             let Some(found) = found.first() else { continue };
-            let Some(ball) = place.ball() else {
+            let Some(ball) = crop.ball() else {
                 empty.push(found.confidence);
                 continue;
             };
@@ -202,21 +209,21 @@ pub async fn score_places(localiser: &Localiser, places: &Places, count: usize) 
     })
 }
 
-/// The threshold below which as large a share of `seen` lies as of `empty` lies above, and that share.
+/// The threshold below which as large a fraction of `seen` lies as of `empty` lies above, and that fraction.
 #[cfg(not(target_arch = "wasm32"))]
 fn equal_error(seen: &mut [f64], empty: &mut [f64]) -> (f64, f64) {
     seen.sort_by(f64::total_cmp);
     empty.sort_by(f64::total_cmp);
     let below =
         |values: &[f64], at: f64| values.partition_point(|&value| value < at) as f64 / values.len().max(1) as f64;
-    let lost = |at: f64| below(seen, at);
+    let missed = |at: f64| below(seen, at);
     let taken = |at: f64| 1.0 - below(empty, at);
-    let crossing = seen.iter().copied().find(|&at| lost(at) >= taken(at)).unwrap_or(0.5);
-    (crossing, lost(crossing).max(taken(crossing)))
+    let crossing = seen.iter().copied().find(|&at| missed(at) >= taken(at)).unwrap_or(0.5);
+    (crossing, missed(crossing).max(taken(crossing)))
 }
 
 /// What the network finds in a frame.
-struct Found {
+struct FramePosition {
     /// In the world, m.
     position: Point3<f64>,
     /// In the picture, px.
@@ -225,7 +232,7 @@ struct Found {
 }
 
 /// What the network finds in each frame that shows the ball.
-async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) -> Result<Vec<Option<Found>>> {
+async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) -> Result<Vec<Option<FramePosition>>> {
     let clip = &pictures.clips()[number];
     let mut found = Vec::with_capacity(clip.frames.len());
     for (index, frame) in clip.frames.iter().enumerate() {
@@ -240,13 +247,13 @@ async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) ->
         let options = LocaliseOptions { ball_radius, ..LocaliseOptions::default() };
         let ball = localiser.localise(&picture, &clip.camera, options).await.map_err(failed)?;
         let (position, at) = (Point3::from(ball.world), Point2::from(ball.image));
-        found.push(Some(Found { position, at, confidence: ball.confidence }));
+        found.push(Some(FramePosition { position, at, confidence: ball.confidence }));
     }
     Ok(found)
 }
 
 /// Forecast errors of all frames from which a label is within reach, px.
-fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<Found>]) -> Vec<f64> {
+fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<FramePosition>]) -> Vec<f64> {
     let frames = &clip.frames;
     let mut errors = Vec::new();
     for middle in 0..frames.len() {

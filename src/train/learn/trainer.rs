@@ -7,7 +7,7 @@ use super::super::examples::Batch;
 use super::super::recipe::Recipe;
 use super::ema::Ema;
 use super::knowledge::{Knowledge, OwnTrack};
-use super::laws::Laws;
+use super::laws::LearnedLaws;
 use super::optimiser::AdamW;
 use super::step::{StepOptions, StepReport, step};
 use crate::error::{Error, Result};
@@ -19,7 +19,7 @@ const WATCHED: f64 = 50.0;
 const EXPLODED: f64 = 10.0;
 
 /// All that a training needs to go on, besides its recipe.
-pub struct State {
+pub struct TrainerState {
     /// Steps done.
     pub step: usize,
     /// The network.
@@ -29,21 +29,21 @@ pub struct State {
     /// The optimiser's moments, as networks.
     pub moments: [Pen; 2],
     /// Before the first step there is none.
-    pub watch: Option<Watch>,
+    pub watch: Option<LossWatch>,
     /// What is known besides, where forecasts teach.
     pub knowledge: Knowledge,
 }
 
 /// What the loss on the maps was.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Watch {
+pub struct LossWatch {
     /// Its running mean.
     pub mean: f64,
     /// The lowest of that in this phase; infinite in the first steps.
     pub lowest: f64,
 }
 
-impl State {
+impl TrainerState {
     /// The start from `model`.
     pub fn first(recipe: &Recipe, model: Pen) -> Self {
         Self {
@@ -65,14 +65,14 @@ pub struct Trainer {
     model: Pen,
     optimiser: AdamW,
     ema: Ema,
-    watch: Option<Watch>,
+    watch: Option<LossWatch>,
     knowledge: Knowledge,
 }
 
 impl Trainer {
     /// Goes on from `state`; `device` is an autodiff device.
-    pub fn new(recipe: &Recipe, state: State, device: &Device) -> Self {
-        let State { step, model, average, moments, watch, knowledge } = state;
+    pub fn new(recipe: &Recipe, state: TrainerState, device: &Device) -> Self {
+        let TrainerState { step, model, average, moments, watch, knowledge } = state;
         let optimiser = AdamW::after(recipe.weight_decay, recipe.adam_epsilon, step, &moments);
         let ema = Ema::new(average, recipe.ema_decay, recipe.ema_warm_up.then_some(step));
         let model = if recipe.fixed_norms { model.with_fixed_norms() } else { model };
@@ -80,10 +80,10 @@ impl Trainer {
     }
 
     /// What it would go on from.
-    pub fn state(&self) -> State {
+    pub fn state(&self) -> TrainerState {
         let Self { step, watch, .. } = *self;
         let (model, moments) = (self.model.clone(), self.optimiser.moments(&self.model));
-        State { step, model, average: self.average(), moments, watch, knowledge: self.knowledge.clone() }
+        TrainerState { step, model, average: self.average(), moments, watch, knowledge: self.knowledge.clone() }
     }
 
     /// Steps done.
@@ -102,7 +102,7 @@ impl Trainer {
     }
 
     /// Physics that is learned along.
-    pub fn laws(&self) -> &Laws {
+    pub fn laws(&self) -> &LearnedLaws {
         &self.knowledge.laws
     }
 
@@ -142,13 +142,13 @@ impl Trainer {
     /// Whether the loss on the maps, averaged over some steps, has risen far above what it was in this phase; `index`
     /// counts the phase's steps. (The future loss rises by its ramp.)
     fn explodes(&mut self, loss: f64, index: usize) -> bool {
-        let Watch { mean, lowest } = match self.watch {
-            Some(Watch { mean, lowest }) if index > 0 => Watch { mean: mean + (loss - mean) / WATCHED, lowest },
-            _ => Watch { mean: loss, lowest: f64::INFINITY },
+        let LossWatch { mean, lowest } = match self.watch {
+            Some(LossWatch { mean, lowest }) if index > 0 => LossWatch { mean: mean + (loss - mean) / WATCHED, lowest },
+            _ => LossWatch { mean: loss, lowest: f64::INFINITY },
         };
         // the first steps' mean is not one yet
         let lowest = if index as f64 > WATCHED { lowest.min(mean) } else { lowest };
-        self.watch = Some(Watch { mean, lowest });
+        self.watch = Some(LossWatch { mean, lowest });
         mean > EXPLODED * lowest
     }
 }

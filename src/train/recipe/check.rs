@@ -3,7 +3,7 @@
 use super::parts::STARTS;
 use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision, Velocity};
 use crate::error::{Error, Result};
-use crate::model::{CLOSER_SIDE, check_input};
+use crate::model::{VERIFIER_SIDE, check_input};
 use crate::size::Size;
 
 impl Recipe {
@@ -69,8 +69,8 @@ impl Recipe {
             ("augmentation.zoom", zoom),
             ("augmentation.roll_degrees / 180", roll_degrees / 180.0),
             ("weight_decay", self.weight_decay),
-            ("labelled_share", self.labelled_share),
-            ("fit.largest_outlier_share", self.fit.largest_outlier_share),
+            ("labelled_fraction", self.labelled_fraction),
+            ("fit.largest_outlier_fraction", self.fit.largest_outlier_fraction),
         ] {
             if !(0.0..=1.0).contains(&value) {
                 return refuse(field, format!("must be from 0 to 1, not {value}"));
@@ -82,8 +82,8 @@ impl Recipe {
         if shift > largest / 4 {
             return refuse("augmentation.shift", format!("must be at most a quarter of the input, not {shift} px"));
         }
-        if !(0.0..=0.5).contains(&self.empty_share) {
-            return refuse("empty_share", format!("must be from 0 to 0.5, not {}", self.empty_share));
+        if !(0.0..=0.5).contains(&self.empty_fraction) {
+            return refuse("empty_fraction", format!("must be from 0 to 0.5, not {}", self.empty_fraction));
         }
         if !(0.0..=100.0).contains(&self.label_noise_px) {
             return refuse("label_noise_px", format!("must be from 0 to 100 px, not {}", self.label_noise_px));
@@ -100,21 +100,24 @@ impl Recipe {
         if self.supervision.is_rendered() && !self.architecture(1.0).depth.is_size() {
             return refuse(
                 "network",
-                "must read sizes with supervision \"rendered\" or \"places\": take \"compact-size\" or \"closer\""
+                "must read sizes with supervision \"rendered\" or \"candidates\": take \"compact-size\" or \"verifier\""
                     .into(),
             );
         }
         if self.supervision.is_rendered() && matches!(self.heatmap_loss(), HeatmapLoss::Mse { .. }) {
             return refuse(
                 "heatmap_loss",
-                "must be \"cross_entropy\" with supervision \"rendered\" or \"places\"".into(),
+                "must be \"cross_entropy\" with supervision \"rendered\" or \"candidates\"".into(),
             );
         }
-        if self.supervision == Supervision::Places && self.input != Size::square(CLOSER_SIDE) {
-            return refuse("input", format!("must be {CLOSER_SIDE}×{CLOSER_SIDE} px with supervision \"places\""));
+        if self.supervision == Supervision::Candidates && self.input != Size::square(VERIFIER_SIDE) {
+            return refuse(
+                "input",
+                format!("must be {VERIFIER_SIDE}×{VERIFIER_SIDE} px with supervision \"candidates\""),
+            );
         }
-        if self.supervision == Supervision::Mixed && self.labelled_share == 0.0 {
-            return refuse("labelled_share", "must be above 0 with supervision \"mixed\"".into());
+        if self.supervision == Supervision::Mixed && self.labelled_fraction == 0.0 {
+            return refuse("labelled_fraction", "must be above 0 with supervision \"mixed\"".into());
         }
         self.check_future()
     }

@@ -45,16 +45,16 @@ pub struct Recipe {
     pub seed: u64,
     /// What teaches depth.
     pub supervision: Supervision,
-    /// Share of the clips whose 3D labels teach in supervision `mixed`; the physics of the others does.
+    /// Fraction of the clips whose 3D labels teach in supervision `mixed`; the physics of the others does.
     #[serde(default)]
-    pub labelled_share: f64,
+    pub labelled_fraction: f64,
     /// Contact model instead of the scenes' own: for comparisons, or where the scenes name none.
     #[serde(default)]
     pub contact: Option<Contact>,
     /// Standard deviation of noise that is added to every 2D label, px, to see what labels by hand would do.
     #[serde(default)]
     pub label_noise_px: f64,
-    /// By how much the training clips' cameras are turned away from where they were, degrees, to see what a bad calibration
+    /// Angle by which the training clips' cameras are rotated, degrees, to see what a bad calibration
     /// does: each camera once, about a random axis through its centre.
     #[serde(default)]
     pub camera_off_degrees: f64,
@@ -67,10 +67,10 @@ pub struct Recipe {
     /// How forecasts teach (supervision `future-2d-…`).
     #[serde(default)]
     pub future: FutureConfig,
-    /// Share of the pictures of a batch that show the scene without its ball (the clips' median), so that the
+    /// Fraction of the pictures of a batch that show the scene without its ball (the clips' median), so that the
     /// network learns to say that there is none.
-    #[serde(default = "default_empty_share")]
-    pub empty_share: f64,
+    #[serde(default = "default_empty_fraction")]
+    pub empty_fraction: f64,
     /// Network by name; [`Self::architecture`] overrides it.
     #[serde(default = "default_network")]
     pub network: Network,
@@ -146,7 +146,7 @@ fn default_licence() -> String {
 fn default_seed() -> u64 {
     1
 }
-fn default_empty_share() -> f64 {
+fn default_empty_fraction() -> f64 {
     0.04
 }
 fn default_network() -> Network {
@@ -196,14 +196,14 @@ impl Recipe {
             licence: default_licence(),
             seed: default_seed(),
             supervision,
-            labelled_share: 0.0,
+            labelled_fraction: 0.0,
             contact: None,
             label_noise_px: 0.0,
             camera_off_degrees: 0.0,
             clips_per_camera: None,
             fit: FitConfig::default(),
             future: FutureConfig::default(),
-            empty_share: default_empty_share(),
+            empty_fraction: default_empty_fraction(),
             network: default_network(),
             prior_depth: None,
             depth_weight: default_depth_weight(),
@@ -232,7 +232,7 @@ impl Recipe {
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
         self.heatmap_loss.unwrap_or(match self.network {
-            Network::Compact | Network::CompactSize | Network::Closer => HeatmapLoss::CrossEntropy { sigma: 4.0 },
+            Network::Compact | Network::CompactSize | Network::Verifier => HeatmapLoss::CrossEntropy { sigma: 4.0 },
             Network::Paper | Network::ConvNextNano | Network::ConvNextV2Nano => {
                 HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 }
             }
@@ -245,7 +245,7 @@ impl Recipe {
             (Some(architecture), _) => architecture.clone(),
             (None, Network::Compact) => PenConfig::compact(prior_depth),
             (None, Network::CompactSize) => PenConfig::compact_size(),
-            (None, Network::Closer) => PenConfig::closer(),
+            (None, Network::Verifier) => PenConfig::verifier(),
             (None, Network::Paper) => PenConfig::paper(),
             (None, Network::ConvNextNano) => PenConfig::convnext_nano(),
             (None, Network::ConvNextV2Nano) => PenConfig::convnextv2_nano(),

@@ -29,22 +29,22 @@ pub enum Supervision {
     /// 3D labels (`world` of each frame) teach the depth map: a baseline, not the paper's method.
     #[serde(rename = "3d-gt")]
     Labels3d,
-    /// 3D labels on the recipe's `labelled_share` of the clips, `physics-fit` on the others.
+    /// 3D labels on the recipe's `labelled_fraction` of the clips, `physics-fit` on the others.
     #[serde(rename = "mixed")]
     Mixed,
     /// Renderings of random scenes, without any clips: apparent radius for any ball (network `compact-size`).
     #[serde(rename = "rendered")]
     Rendered,
-    /// Crops of such renderings around the candidates of the run's `first` model, for the verifier (network
-    /// `closer`).
-    #[serde(rename = "places")]
-    Places,
+    /// Crops of such renderings around the candidates of the run's `detector`, for the verifier (network
+    /// `verifier`).
+    #[serde(rename = "candidates")]
+    Candidates,
 }
 
 impl Supervision {
     /// Whether it learns from renderings of random scenes, not from clips.
     pub fn is_rendered(self) -> bool {
-        matches!(self, Self::Rendered | Self::Places)
+        matches!(self, Self::Rendered | Self::Candidates)
     }
 
     /// Whether it learns through forecasts.
@@ -63,8 +63,8 @@ pub struct FitConfig {
     pub half_weight_sigma: f64,
     /// Largest standard deviation of a fitted depth that teaches at all, m.
     pub largest_sigma: f64,
-    /// Largest share of outliers among the labels of a clip that teaches at all.
-    pub largest_outlier_share: f64,
+    /// Largest fraction of outliers among the labels of a clip that teaches at all.
+    pub largest_outlier_fraction: f64,
     /// Solve the equations of motion numerically even where there is a closed form, to compare.
     pub numeric: bool,
 }
@@ -72,7 +72,13 @@ pub struct FitConfig {
 impl Default for FitConfig {
     /// Half weight at 5 cm, where a fit is no better than the network is to be; none beyond 30 cm.
     fn default() -> Self {
-        Self { noise_px: None, half_weight_sigma: 0.05, largest_sigma: 0.3, largest_outlier_share: 0.2, numeric: false }
+        Self {
+            noise_px: None,
+            half_weight_sigma: 0.05,
+            largest_sigma: 0.3,
+            largest_outlier_fraction: 0.2,
+            numeric: false,
+        }
     }
 }
 
@@ -181,17 +187,17 @@ pub enum Select {
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Augmentation {
-    /// Half range of contrast and brightness changes, as shares of the channels' deviation.
+    /// Half range of contrast and brightness changes, as fractions of the channels' deviation.
     pub brightness: f32,
     /// Half range of each channel's own contrast and brightness changes, likewise.
     pub colour: f32,
     /// Half range of the noise of every pixel, likewise.
     pub noise: f32,
-    /// Largest share that a pixel takes from its neighbours in each direction.
+    /// Largest fraction that a pixel takes from its neighbours in each direction.
     pub blur: f32,
     /// Largest shift, px of the network's input; the camera's matrix moves along.
     pub shift: u32,
-    /// Largest turn in the picture's plane, degrees: a rolled camera sees the same depths.
+    /// Largest rotation in the picture's plane, degrees: a rolled camera sees the same depths.
     pub roll_degrees: f64,
     /// Largest magnification less one, up or down: a longer lens shows a ball that is as large as a nearer one, and is
     /// taught as that.
@@ -252,9 +258,9 @@ pub enum Network {
     /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
     #[serde(rename = "compact-size")]
     CompactSize,
-    /// [`PenConfig::closer`](crate::model::PenConfig::closer).
-    #[serde(rename = "closer")]
-    Closer,
+    /// [`PenConfig::verifier`](crate::model::PenConfig::verifier).
+    #[serde(rename = "verifier")]
+    Verifier,
     /// [`PenConfig::paper`](crate::model::PenConfig::paper), with ResNet34.
     #[serde(rename = "paper")]
     Paper,
@@ -294,7 +300,7 @@ impl Phase {
             return self.learning_rate * (step + 1) as f64 / self.warm_up as f64;
         }
         let progress = (step - self.warm_up) as f64 / (self.steps - self.warm_up).max(1) as f64;
-        let share = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
-        self.final_learning_rate + (self.learning_rate - self.final_learning_rate) * share
+        let fraction = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
+        self.final_learning_rate + (self.learning_rate - self.final_learning_rate) * fraction
     }
 }

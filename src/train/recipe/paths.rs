@@ -28,8 +28,8 @@ pub struct RunPaths {
     pub out: PathBuf,
     /// The card of a model whose weights the network starts from; architecture and input are then that model's.
     pub start_from: Option<PathBuf>,
-    /// The card of the model whose verifier is trained, with supervision `places`: the result is that model with its verifier.
-    pub first: Option<PathBuf>,
+    /// The card of the model whose verifier is trained, with supervision `candidates`: the result is that model with its verifier.
+    pub detector: Option<PathBuf>,
     /// A file with timm weights (ImageNet, say) for the backbone to start from.
     pub backbone_weights: Option<PathBuf>,
 }
@@ -70,7 +70,7 @@ fn needed(field: &'static str) -> Error {
 
 impl RunPaths {
     /// The names of the fields.
-    pub(super) const FIELDS: [&str; 6] = ["train", "validation", "out", "start_from", "first", "backbone_weights"];
+    pub(super) const FIELDS: [&str; 6] = ["train", "validation", "out", "start_from", "detector", "backbone_weights"];
 
     /// The run's configuration.
     pub fn run_file(&self) -> PathBuf {
@@ -109,9 +109,9 @@ impl RunPaths {
     ///
     /// # Errors
     /// [`Error::Value`] where none is given.
-    pub fn first(&self) -> Result<&Path> {
+    pub fn detector(&self) -> Result<&Path> {
         let missing = "is missing: the card of the model whose verifier is trained";
-        self.first.as_deref().ok_or_else(|| Error::value("run configuration", "first", missing))
+        self.detector.as_deref().ok_or_else(|| Error::value("run configuration", "detector", missing))
     }
 
     /// The clips to score with.
@@ -141,7 +141,7 @@ impl RunPaths {
             validation,
             out: absolute(self.out)?,
             start_from: self.start_from.map(absolute).transpose()?,
-            first: self.first.map(absolute).transpose()?,
+            detector: self.detector.map(absolute).transpose()?,
             backbone_weights: self.backbone_weights.map(absolute).transpose()?,
         })
     }

@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 /// The recipes of the published models and of the paper, and a short one, by name.
 const PRESETS: [(&str, &str); 10] = [
     ("any", include_str!("../../../models/any.toml")),
-    ("any-closer", include_str!("../../../models/any-closer.toml")),
+    ("any-verifier", include_str!("../../../models/any-verifier.toml")),
     ("quick", include_str!("../../../models/quick.toml")),
     ("sd-s", include_str!("../../../models/sd-s.toml")),
     ("sd-s-future", include_str!("../../../models/sd-s-future.toml")),

@@ -85,7 +85,7 @@ backbone_weights = "/weights.safetensors"
 [fit]
 half_weight_sigma = 0.05
 largest_sigma = 0.3
-largest_outlier_share = 0.2
+largest_outlier_fraction = 0.2
 numeric = false
 
 [input]

@@ -6,7 +6,7 @@ import type { Subject } from "./subject";
 const AXES = ["x", "y", "z"] as const;
 const NOTHING = "–";
 const HEADING = "Position in the world, in metres";
-const UNFOUND = "No ball found. The likeliest place in the world, in metres";
+const UNFOUND = "No ball found. The likeliest detection, in the world, in metres";
 
 export class ResultPanel {
   readonly #heading = make("h2", { text: HEADING });

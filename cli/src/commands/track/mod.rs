@@ -48,7 +48,7 @@ pub struct Arguments {
     fps: Option<f64>,
     /// The ball as you see it, in one frame: its number from 0, and px. May be given several times.
     #[arg(long, value_name = "FRAME,X,Y", value_parser = seed)]
-    seed_label: Vec<Seed>,
+    seed_label: Vec<SeedArgument>,
     /// Most hits of a racket, a foot or a hand between two pauses.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = hits)]
     hits: Hits,
@@ -74,14 +74,14 @@ pub struct Arguments {
 
 /// A frame and a place in it, px.
 #[derive(Debug, Clone, Copy)]
-struct Seed(usize, [f64; 2]);
+struct SeedArgument(usize, [f64; 2]);
 
-fn seed(text: &str) -> Result<Seed, String> {
+fn seed(text: &str) -> Result<SeedArgument, String> {
     let wrong = || format!("`{text}` is not FRAME,X,Y, such as 12,640.5,360");
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let &[frame, x, y] = parts.as_slice() else { return Err(wrong()) };
     let number = |text: &str| text.parse::<f64>().ok().filter(|value| value.is_finite()).ok_or_else(wrong);
-    Ok(Seed(frame.parse().map_err(|_| wrong())?, [number(x)?, number(y)?]))
+    Ok(SeedArgument(frame.parse().map_err(|_| wrong())?, [number(x)?, number(y)?]))
 }
 
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
@@ -96,7 +96,8 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let camera = place.as_ref().map(|place| place.camera.clone());
     let tracker =
         watched(&footage, VideoTracker::new(Arc::new(localiser), camera), &mut progress).with_context(name)?;
-    let seeds: Vec<(usize, [f64; 2])> = arguments.seed_label.iter().map(|Seed(frame, at)| (*frame, *at)).collect();
+    let seeds: Vec<(usize, [f64; 2])> =
+        arguments.seed_label.iter().map(|SeedArgument(frame, at)| (*frame, *at)).collect();
     let known = place.as_ref().map(|place| (&place.camera, place.forecaster.scene()));
     let mut tracked = tracker.track(&seeds, known)?;
     if let Some(out) = &arguments.out {
@@ -142,13 +143,13 @@ fn circle(point: &TrackPoint) -> Option<[f64; 3]> {
 }
 
 /// What is known of the place.
-struct Place {
+struct SceneOfTrack {
     camera: Camera,
     cameras: Vec<Camera>,
     forecaster: Forecaster,
 }
 
-fn place(arguments: &Arguments) -> Result<Option<Place>> {
+fn place(arguments: &Arguments) -> Result<Option<SceneOfTrack>> {
     let (Some(camera), Some(scene)) = (&arguments.camera, &arguments.scene) else {
         ensure!(arguments.ball.is_none(), "--ball is for metres: give --camera and --scene");
         ensure!(arguments.report.is_none(), "--report shows flights in metres: give --camera and --scene");
@@ -166,7 +167,7 @@ fn place(arguments: &Arguments) -> Result<Option<Place>> {
         }
     }
     let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
-    Ok(Some(Place { camera: Camera::from_file(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
+    Ok(Some(SceneOfTrack { camera: Camera::from_file(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
 }
 
 /// Once through the footage.
@@ -181,7 +182,7 @@ fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress
     Ok(tracker)
 }
 
-fn report(out: &Path, footage: &Footage, place: &Place, tracked: &TrackedVideo) -> Result<()> {
+fn report(out: &Path, footage: &Footage, place: &SceneOfTrack, tracked: &TrackedVideo) -> Result<()> {
     let name = footage.name();
     let flights: Vec<Flights<'_>> = (tracked.stretches)
         .iter()

@@ -6,13 +6,13 @@ use std::path::Path;
 
 use nalgebra::{Point2, Point3};
 
-use super::places::missed;
+use super::candidates::missed;
 use super::renderings::NIGHTS;
-use super::{Example, Examples, Fits, Pictures, Places, Prepared, Sampler, Start, Target, prepare, teach};
+use super::{CandidateCrops, Example, Examples, Fits, Pictures, Prepared, Sampler, Start, Target, prepare, teach};
 use crate::camera::Outline;
 use crate::clips::{Clip, Clips};
 use crate::localise::Localiser;
-use crate::model::CLOSER_RADIUS;
+use crate::model::VERIFIER_RADIUS;
 use crate::random::Stream;
 use crate::synth::RandomScenes;
 use crate::testing::{formula, root, scratch};
@@ -159,7 +159,7 @@ fn of_windows(name: &str, supervision: &str, extra: &str) -> (TrainConfig, Sampl
             clip.frames[3].visible = false;
         }
     });
-    let extra = format!("augmentation = {{ brightness = 0.0, noise = 0.0 }}\nempty_share = 0.0\n{extra}");
+    let extra = format!("augmentation = {{ brightness = 0.0, noise = 0.0 }}\nempty_fraction = 0.0\n{extra}");
     let mut settings = TrainSettings::read(&on(&format!("{name}-run"), &folder, supervision, &extra)).unwrap();
     settings.set("phases=[{steps=4,batch=40,crop=32,learning_rate=1e-3}]").unwrap();
     let config = settings.config().unwrap();
@@ -205,10 +205,10 @@ fn with_true_positions_a_window_meets_those_of_its_frames_ahead() {
     assert_eq!((batch.count(), batch.windows.len()), (10, 2));
     for (number, window) in batch.windows.iter().enumerate() {
         for (index, (_, target)) in window.ahead.iter().enumerate() {
-            let &Target::True { picture, position, place } = target else { panic!("meets the truth") };
+            let &Target::True { picture, position, transform } = target else { panic!("meets the truth") };
             assert_eq!(picture, 5 * number + 3 + index);
             let seen = window.camera.image_from_camera(&Point3::from(position)).unwrap();
-            let label = Point2::from(place.in_clip(batch.labels.image[picture].unwrap()));
+            let label = Point2::from(transform.clip_from_picture(batch.labels.image[picture].unwrap()));
             assert!((seen - label).norm() < 1e-6, "the truth is where the picture's label is");
         }
     }
@@ -232,23 +232,23 @@ fn a_turned_camera_sees_the_scene_from_the_same_place() {
     assert_eq!(turned[0].rotation(), turned[1].rotation(), "one camera, one error");
 }
 
-fn places_of_any() -> (Recipe, Places) {
-    let mut settings = TrainSettings::preset("any-closer").unwrap();
+fn crops_of_any() -> (Recipe, CandidateCrops) {
+    let mut settings = TrainSettings::preset("any-verifier").unwrap();
     settings.set("out=/nowhere").unwrap();
     let recipe = settings.config().unwrap().recipe;
     recipe.check().unwrap();
-    let places = Places::new(&recipe, None, &root().join("models/any.json")).unwrap();
-    (recipe, places)
+    let crops = CandidateCrops::new(&recipe, None, &root().join("models/any.json")).unwrap();
+    (recipe, crops)
 }
 
 #[test]
-fn a_batch_is_drawn_from_its_step_and_every_ball_lies_in_its_view() {
-    let (recipe, places) = places_of_any();
+fn a_batch_is_drawn_from_its_step_and_every_ball_lies_in_its_crop() {
+    let (recipe, crops) = crops_of_any();
     let phase = Phase { batch: 30, ..recipe.phases[0] };
-    let batch = places.batch(&phase, 7).unwrap();
-    let again = places.batch(&phase, 7).unwrap();
+    let batch = crops.batch(&phase, 7).unwrap();
+    let again = crops.batch(&phase, 7).unwrap();
     assert_eq!((&batch.pictures, &batch.labels.image), (&again.pictures, &again.labels.image));
-    assert_ne!(batch.pictures, places.batch(&phase, 8).unwrap().pictures);
+    assert_ne!(batch.pictures, crops.batch(&phase, 8).unwrap().pictures);
     assert_eq!(batch.pictures.len(), 30 * 6 * 64 * 64);
     assert_eq!(batch.labels.picture.iter().max(), Some(&29));
     let (mut balls, mut none) = (0, 0);
@@ -265,29 +265,29 @@ fn a_batch_is_drawn_from_its_step_and_every_ball_lies_in_its_view() {
 }
 
 #[test]
-fn a_dark_scene_says_nothing_of_which_balls_are_missed() {
+fn which_balls_are_missed_does_not_depend_on_darkness() {
     let scenes = RandomScenes::new(vec![], 0.0).with_nights(NIGHTS);
     let ball = Outline { centre: Point2::origin(), radius: 5.0 };
     let dark: Vec<u64> = (0..4000).filter(|&seed| scenes.night(seed).is_some()).collect();
-    let missed = dark.iter().filter(|&&seed| !missed(&[ball], &mut Stream::Places.of(seed)).is_empty()).count();
+    let missed = dark.iter().filter(|&&seed| !missed(&[ball], &mut Stream::Candidates.of(seed)).is_empty()).count();
     // Half of about 200; 30 are four standard deviations.
     assert!((150..250).contains(&dark.len()) && missed.abs_diff(dark.len() / 2) < 30, "{missed} of {}", dark.len());
 }
 
-/// The published model's judge, which never saw these places, knows which are balls; and where they lie.
+/// The published verifier tells balls from other candidates in crops that it was not trained on.
 #[test]
-fn the_published_judge_tells_balls_from_what_is_none() {
-    let (_, places) = places_of_any();
+fn the_published_verifier_tells_balls_from_other_candidates() {
+    let (_, crops) = crops_of_any();
     let (mut right, mut all) = (0, 0);
-    for seen in (0..40).flat_map(|index| places.scored(index).unwrap()) {
-        let middle = Outline { centre: Point2::from([31.5; 2]), radius: CLOSER_RADIUS };
-        let outline = seen.ball().copied().unwrap_or(middle);
-        let judge = places.first.judge().expect("`any` has a judge");
-        let found = pollster::block_on(judge.places_in(&seen.views)).unwrap();
-        let sure = Localiser::sure_of(&found, &outline, outline.radius);
-        right += usize::from((sure > 0.5) == seen.ball().is_some());
+    for crop in (0..40).flat_map(|index| crops.scored(index).unwrap()) {
+        let middle = Outline { centre: Point2::from([31.5; 2]), radius: VERIFIER_RADIUS };
+        let outline = crop.ball().copied().unwrap_or(middle);
+        let verifier = crops.detector.verifier().expect("`any` has a verifier");
+        let found = pollster::block_on(verifier.verifier_detections(&crop.views)).unwrap();
+        let probability = Localiser::ball_probability(&found, &outline, outline.radius);
+        right += usize::from((probability > 0.5) == crop.ball().is_some());
         all += 1;
     }
-    println!("{right} of {all} places judged rightly");
+    println!("{right} of {all} crops classified correctly");
     assert!(right * 100 >= all * 85, "{right} of {all}");
 }

@@ -19,7 +19,7 @@ const EVERY: usize = 6;
 const ROUNDING: f64 = 1e-6;
 
 #[derive(Deserialize)]
-struct Track {
+struct LabelledTrack {
     id: String,
     fps: f64,
     camera: serde_json::Value,
@@ -30,13 +30,13 @@ struct Track {
 
 /// What the solver of a version says of some tracks.
 #[derive(Serialize, Deserialize)]
-struct Golden {
+struct GoldenTracks {
     generator: String,
     solver_version: u32,
     clips: Vec<Vec<Option<[f64; 4]>>>,
 }
 
-fn clip(track: &Track) -> Clip {
+fn clip(track: &LabelledTrack) -> Clip {
     let noise = formula(&track.id, 2 * track.image.len());
     let frames = track.image.iter().zip(&track.visible).enumerate().map(|(index, (&[x, y], &visible))| Frame {
         file: format!("{index:03}.png").into(),
@@ -55,7 +55,7 @@ fn clip(track: &Track) -> Clip {
 }
 
 /// 2D target (px), depth and its standard deviation (m) of some frames.
-fn fitted(track: &Track) -> Vec<Option<[f64; 4]>> {
+fn fitted(track: &LabelledTrack) -> Vec<Option<[f64; 4]>> {
     let taught = teach(&clip(track), &FitConfig::default());
     assert_eq!(taught.left_out, None, "{}", track.id);
     let numbers = taught.frames.iter().step_by(EVERY);
@@ -64,10 +64,10 @@ fn fitted(track: &Track) -> Vec<Option<[f64; 4]>> {
 
 #[test]
 fn a_solver_that_fits_otherwise_has_another_version() {
-    let tracks: Vec<Track> = serde_json::from_slice(&golden("tracks.json")).unwrap();
+    let tracks: Vec<LabelledTrack> = serde_json::from_slice(&golden("tracks.json")).unwrap();
     let of = |name: &&str| fitted(tracks.iter().find(|track| track.id.contains(*name)).unwrap());
     let clips: Vec<_> = TRACKS.iter().map(of).collect();
-    let before: Option<Golden> = serde_json::from_slice(&golden("fits.json")).ok();
+    let before: Option<GoldenTracks> = serde_json::from_slice(&golden("fits.json")).ok();
     let far = |a: &Option<[f64; 4]>, b: &Option<[f64; 4]>| match (a, b) {
         (Some(a), Some(b)) => a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max),
         (None, None) => 0.0,
@@ -81,7 +81,7 @@ fn a_solver_that_fits_otherwise_has_another_version() {
         assert!(differs > ROUNDING, "the solver fits as it did: there is nothing to write");
         assert!(version != SOLVER_VERSION, "raise `SOLVER_VERSION` (src/track/fit/mod.rs) first");
         let generator = "MAKE_REF=1 cargo test --lib solver_that_fits; from tests/golden/tracks.json".into();
-        let text = serde_json::to_string(&Golden { generator, solver_version: SOLVER_VERSION, clips }).unwrap();
+        let text = serde_json::to_string(&GoldenTracks { generator, solver_version: SOLVER_VERSION, clips }).unwrap();
         std::fs::write(root().join("tests/golden/fits.json"), text).unwrap();
         panic!("tests/golden/fits.json is written; run again without MAKE_REF");
     }

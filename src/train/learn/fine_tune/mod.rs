@@ -19,7 +19,7 @@ use super::knowledge::OwnTrack;
 use super::publish::{Best, card_of_fine_tuning, publish};
 use super::score::{Score, score};
 use super::step::StepReport;
-use super::trainer::{State, Trainer};
+use super::trainer::{Trainer, TrainerState};
 use crate::clips::{Clip, Clips};
 use crate::error::{Error, Result};
 use crate::image::Picture;
@@ -102,12 +102,16 @@ impl FineTuner {
         let [own, _] = model::parted(&weights)?;
         let options = serde_json::to_string(options).map_err(Error::format("options"))?;
         Self::of([card.to_json()?, options], device, |recipe, blank| {
-            Ok(State::first(recipe, model::load_into(blank.clone(), own)?))
+            Ok(TrainerState::first(recipe, model::load_into(blank.clone(), own)?))
         })
     }
 
     /// In the state that `state` makes of the recipe and a blank network.
-    fn of(origin: [String; 2], device: &Device, state: impl FnOnce(&Recipe, &Pen) -> Result<State>) -> Result<Self> {
+    fn of(
+        origin: [String; 2],
+        device: &Device,
+        state: impl FnOnce(&Recipe, &Pen) -> Result<TrainerState>,
+    ) -> Result<Self> {
         let card = Card::from_json(&origin[0], "model card")?;
         let options: FineTuneOptions = serde_json::from_str(&origin[1]).map_err(Error::format("options"))?;
         let recipe = recipe(&card, &options)?;

@@ -6,7 +6,7 @@ use super::super::super::recipe::{FutureConfig, Phase, Recipe, Supervision};
 use crate::error::Result;
 use crate::model::Card;
 
-/// Share of the steps that see crops; the others see whole pictures, as the model will.
+/// Fraction of the steps that see crops; the others see whole pictures, as the model will.
 const CROPPED: f64 = 0.9;
 /// How many times the pixels of a crop's batch a batch of whole pictures has at most.
 const WHOLE: f64 = 1.5;

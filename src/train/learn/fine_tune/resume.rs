@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::parts::Beside;
 use super::super::publish::Best;
-use super::super::trainer::State;
+use super::super::trainer::TrainerState;
 use super::FineTuner;
 use super::given::{ClipKey, Given};
 use crate::error::{Error, Result};
@@ -25,12 +25,12 @@ struct About {
     origin: [String; 2],
     clips: Vec<ClipKey>,
     state: Beside,
-    best: Option<BestScore>,
+    best: Option<SavedScore>,
 }
 
 /// Text, from which numbers are read to the bit.
 #[derive(Serialize, Deserialize)]
-struct BestScore {
+struct SavedScore {
     score: Option<String>,
     confidence_threshold: String,
 }
@@ -47,7 +47,7 @@ impl FineTuner {
                 // A copy: a clone would take the statistics of its norms along to the CPU.
                 parts.push((BEST, model::save(&model::on_cpu(&average.valid()).await?)?));
                 let score = score.map(|score| score.to_string());
-                Some(BestScore { score, confidence_threshold: confidence_threshold.to_string() })
+                Some(SavedScore { score, confidence_threshold: confidence_threshold.to_string() })
             }
             None => None,
         };
@@ -66,7 +66,7 @@ impl FineTuner {
         let damaged = |reason: &str| Error::Data { what: CHECKPOINT.into(), reason: reason.into() };
         let mut kept = None;
         let mut tuner = Self::of(origin, device, |recipe, blank| {
-            if let Some(BestScore { score, confidence_threshold }) = best {
+            if let Some(SavedScore { score, confidence_threshold }) = best {
                 let number = |text: &str| text.parse::<f64>().map_err(|_| damaged("its best score is no number"));
                 let weights = parts.remove(BEST).ok_or_else(|| damaged("holds no best weights"))?;
                 kept = Some(Best {
@@ -75,7 +75,7 @@ impl FineTuner {
                     average: model::load_into(blank.valid(), weights)?,
                 });
             }
-            State::of_parts(parts, &state, blank, recipe, CHECKPOINT)
+            TrainerState::of_parts(parts, &state, blank, recipe, CHECKPOINT)
         })?;
         tuner.clips = Given::awaited(clips);
         tuner.best = kept;

@@ -258,7 +258,7 @@ fn the_model_for_any_ball_learns_one_by_physics_and_through_forecasts() {
         // Forecasts need more steps than a test has: they tell a little of depth each.
         assert!(!is_fit || is < 0.8 * was, "{was} -> {is} m");
         let (card, weights) = pollster::block_on(tuner.export()).unwrap();
-        assert!(card.name == "any-tuned" && card.closer.is_none());
+        assert!(card.name == "any-tuned" && card.verifier.is_none());
         Localiser::new(card, weights, &Device::flex()).unwrap();
     }
 }

@@ -9,13 +9,13 @@ use pollster::block_on;
 use super::super::future::{future, future_loss};
 use super::super::knowledge::{Knowledge, OwnTrack};
 use super::super::launch::Launch;
-use super::super::laws::Laws;
+use super::super::laws::LearnedLaws;
 use super::super::step::StepOptions;
 use super::step::options;
 use crate::clips::Clips;
 use crate::physics::{Forecaster, Scene};
 use crate::testing::root;
-use crate::train::examples::{Place, Start, Target, Window};
+use crate::train::examples::{PictureTransform, Start, Target, Window};
 use crate::train::recipe::Law;
 
 /// Three balls' windows in a batch of twelve pictures (three of the start, one ahead): one flies, one bounces, one is
@@ -25,8 +25,9 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
     let scene =
         r#"{"gravity": [0, 0, -1], "ball": {"radius": 0.2}, "contact": {"model": "spring"}, "floor": {"height": 0}}"#;
     let forecaster = Arc::new(Forecaster::new(&Scene::from_json(scene, "scene").unwrap()).unwrap());
-    let plain = Place { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
-    let mirrored = Place { linear: Matrix2::new(-1.9, 0.3, 0.2, 2.0), origin: Vector2::new(200.0, 7.0), zoom: 1.2 };
+    let plain = PictureTransform { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
+    let mirrored =
+        PictureTransform { linear: Matrix2::new(-1.9, 0.3, 0.2, 2.0), origin: Vector2::new(200.0, 7.0), zoom: 1.2 };
     let starts = [
         ([0.4, 0.3, 2.0], [0.2, -0.3, 0.6]),
         ([-0.3, 0.2, 0.6], [0.4, 0.1, -0.5]),
@@ -35,7 +36,7 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
     let mut positions = Vec::new();
     let mut windows = Vec::new();
     for (number, (position, velocity)) in starts.into_iter().enumerate() {
-        let place = if number == 2 { mirrored } else { plain };
+        let transform = if number == 2 { mirrored } else { plain };
         let state = forecaster.scene().start(Point3::from(position), Vector3::from(velocity));
         let times = [-1.0 / 15.0, 0.0, 1.0 / 15.0, 1.0];
         let forecast = forecaster.forecast(&state, &times);
@@ -44,16 +45,16 @@ fn windows() -> (Vec<[f64; 3]>, Vec<Window>) {
             let image = camera.image_from_world(&state.position).unwrap();
             let depth = camera.camera_from_world(&state.position).z;
             let off = 0.3 * (number as f64 + 1.0) * (index as f64 - 1.3);
-            let drawn = place.linear.try_inverse().unwrap() * (image.coords - place.origin);
-            positions.push([drawn[0] + off, drawn[1] - 0.5 * off, depth / place.zoom + 0.02 * off]);
+            let drawn = transform.linear.try_inverse().unwrap() * (image.coords - transform.origin);
+            positions.push([drawn[0] + off, drawn[1] - 0.5 * off, depth / transform.zoom + 0.02 * off]);
         }
         let target = match number {
             1 => Target::Label([100.0, 120.0]),
-            _ => Target::Predicted { picture: first + 3, place },
+            _ => Target::Predicted { picture: first + 3, transform },
         };
         windows.push(Window {
             first,
-            start: Start::Pictures { places: [place; 3], times: [times[0], times[1], times[2]] },
+            start: Start::Pictures { transforms: [transform; 3], times: [times[0], times[1], times[2]] },
             ball_radius: None,
             since_start: 0.0,
             camera: camera.clone(),
@@ -98,12 +99,12 @@ fn the_loss_against_true_positions_is_what_the_paper_prints_and_has_its_gradient
     let off = [0.2, -0.1, 0.3];
     let truths = windows.iter().map(|window| {
         let picture = window.first + 3;
-        let Start::Pictures { places, .. } = window.start else { panic!() };
+        let Start::Pictures { transforms, .. } = window.start else { panic!() };
         let [x, y, depth] = positions[picture];
-        let image = places[0].in_clip([x, y]).into();
-        let found = window.camera.camera_from_image(&image, depth * places[0].zoom).unwrap();
+        let image = transforms[0].clip_from_picture([x, y]).into();
+        let found = window.camera.camera_from_image(&image, depth * transforms[0].zoom).unwrap();
         let position = [0, 1, 2].map(|axis| found[axis] - off[axis]);
-        Window { ahead: vec![(1.0, Target::True { picture, place: places[0], position })], ..window.clone() }
+        Window { ahead: vec![(1.0, Target::True { picture, transform: transforms[0], position })], ..window.clone() }
     });
     let truths: Vec<Window> = truths.collect();
     let loss = future_loss(&positions, &truths, None, &Knowledge::default());
@@ -135,15 +136,16 @@ fn lone_windows() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
         r#""spring": {"anchor": [0, 0, 2], "stiffness": 3.0}"#,
     ];
     let scene = |rest: &str| format!(r#"{{"gravity": [0, 0, -1], "ball": {{"radius": 0.2}}, {rest}}}"#);
-    let plain = Place { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
-    let mirrored = Place { linear: Matrix2::new(-1.9, 0.3, 0.2, 2.0), origin: Vector2::new(200.0, 7.0), zoom: 1.2 };
+    let plain = PictureTransform { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
+    let mirrored =
+        PictureTransform { linear: Matrix2::new(-1.9, 0.3, 0.2, 2.0), origin: Vector2::new(200.0, 7.0), zoom: 1.2 };
     let starts = [
         ([0.4, 0.3, 2.0], [0.2, -0.3, 0.6], plain, floor),
         ([-0.3, 0.2, 0.34], [0.4, 0.1, 0.7], plain, floor),
         ([0.1, 0.5, 1.5], [-0.2, 0.3, 0.1], mirrored, spring),
     ];
     let (mut positions, mut windows, mut velocities) = (vec![], vec![], vec![]);
-    for (first, (position, velocity, place, rest)) in starts.into_iter().enumerate() {
+    for (first, (position, velocity, transform, rest)) in starts.into_iter().enumerate() {
         let read = |rest: &str| Arc::new(Forecaster::new(&Scene::from_json(&scene(rest), "scene").unwrap()).unwrap());
         let forecaster = read(rest);
         let free = if rest == spring { forecaster.clone() } else { read(r#""contact": {"model": "spring"}"#) };
@@ -156,12 +158,12 @@ fn lone_windows() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
             times.iter().copied().zip(images.map(|image| Target::Label(image.into()))).collect()
         };
         let image = camera.image_from_world(&state.position).unwrap();
-        let drawn = place.linear.try_inverse().unwrap() * (image.coords - place.origin);
-        positions.push([drawn[0], drawn[1], camera.camera_from_world(&state.position).z / place.zoom]);
+        let drawn = transform.linear.try_inverse().unwrap() * (image.coords - transform.origin);
+        positions.push([drawn[0], drawn[1], camera.camera_from_world(&state.position).z / transform.zoom]);
         velocities.push(state.velocity);
         windows.push(Window {
             first,
-            start: Start::Track { place, frame: [0, first], around: seen(&times), free },
+            start: Start::Track { transform, frame: [0, first], around: seen(&times), free },
             ball_radius: None,
             since_start: 0.0,
             camera: camera.clone(),
@@ -176,13 +178,16 @@ fn lone_windows() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
 fn by_size() -> (Vec<[f64; 3]>, Vec<Window>, Vec<Vector3<f64>>) {
     let (mut positions, mut windows, velocities) = lone_windows();
     for (window, position) in windows.iter_mut().zip(&mut positions) {
-        let Start::Track { place, .. } = &window.start else { panic!("not a track") };
+        let Start::Track { transform, .. } = &window.start else { panic!("not a track") };
         let radius = window.forecaster.scene().ball.radius;
-        let depth = position[2] * place.zoom;
-        let centre = window.camera.camera_from_image(&place.in_clip([position[0], position[1]]).into(), depth).unwrap();
+        let depth = position[2] * transform.zoom;
+        let centre = window
+            .camera
+            .camera_from_image(&transform.clip_from_picture([position[0], position[1]]).into(), depth)
+            .unwrap();
         let outline = window.camera.outline(&centre, radius).unwrap();
-        let [x, y] = place.of_clip(outline.centre.into());
-        *position = [x, y, outline.radius / place.scale()];
+        let [x, y] = transform.picture_from_clip(outline.centre.into());
+        *position = [x, y, outline.radius / transform.scale()];
         window.ball_radius = Some(radius);
     }
     (positions, windows, velocities)
@@ -234,7 +239,7 @@ fn the_derivatives_of_a_start_from_one_picture_equal_central_differences() {
 fn the_future_losss_gradient_by_laws_equals_central_differences() {
     let (mut positions, windows, _) = lone_windows();
     positions.iter_mut().for_each(|position| position[2] *= 1.03);
-    let laws = Laws::new(&[Law::Gravity]).nudged(0, 0.1);
+    let laws = LearnedLaws::new(&[Law::Gravity]).nudged(0, 0.1);
     let loss = |by: f64| {
         let knowledge = Knowledge { laws: laws.nudged(0, by), ..Knowledge::default() };
         future_loss(&positions, &windows[..1], Some(5.0), &knowledge)
@@ -259,9 +264,9 @@ fn what_the_network_has_not_seen_yet_teaches_nothing_and_what_it_has_teaches_as_
             (time, Target::Remembered([1, number]))
         };
         let change = |window: &Window| {
-            let Start::Track { place, frame, around, free } = window.start.clone() else { panic!("not a track") };
+            let Start::Track { transform, frame, around, free } = window.start.clone() else { panic!("not a track") };
             let around = around.iter().map(&mut keep).collect();
-            let start = Start::Track { place, frame, around, free };
+            let start = Start::Track { transform, frame, around, free };
             Window { start, ahead: window.ahead.iter().map(&mut keep).collect(), ..window.clone() }
         };
         windows.iter().map(change).collect()
@@ -288,11 +293,11 @@ fn a_window_in_the_middle_of_a_flight_is_forecast_with_the_spin_of_then() {
     let positions: Vec<[f64; 3]> = (0..3)
         .map(|index| [seen(index).x, seen(index).y, camera.camera_from_world(&truth[index].position).z])
         .collect();
-    let place = Place { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
+    let transform = PictureTransform { linear: Matrix2::identity(), origin: Vector2::zeros(), zoom: 1.0 };
     let error = |since_start: f64| {
         let window = Window {
             first: 0,
-            start: Start::Pictures { places: [place; 3], times: [-step, 0.0, step] },
+            start: Start::Pictures { transforms: [transform; 3], times: [-step, 0.0, step] },
             ball_radius: None,
             since_start,
             camera: camera.clone(),
@@ -308,8 +313,8 @@ fn a_window_in_the_middle_of_a_flight_is_forecast_with_the_spin_of_then() {
 /// The window with its targets as they are at `positions`.
 fn detached(window: &Window, positions: &[[f64; 3]]) -> Window {
     let fixed = |target: Target| match target {
-        Target::Predicted { picture, place } => {
-            Target::Label(place.in_clip([positions[picture][0], positions[picture][1]]))
+        Target::Predicted { picture, transform } => {
+            Target::Label(transform.clip_from_picture([positions[picture][0], positions[picture][1]]))
         }
         label => label,
     };

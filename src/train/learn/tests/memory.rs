@@ -42,5 +42,5 @@ fn pictures_count_as_they_are_kept_not_as_the_network_sees_them() {
     let least = (1 << 20) + 2 * bytes + pen.training_bytes(1, small.input);
     check(least, &small).unwrap();
     check(least - 1, &small).unwrap_err();
-    check(least - 2 * bytes, &Recipe { empty_share: 0.0, ..small }).unwrap();
+    check(least - 2 * bytes, &Recipe { empty_fraction: 0.0, ..small }).unwrap();
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 
-use super::super::laws::Laws;
+use super::super::laws::LearnedLaws;
 use super::super::score::score;
 use crate::clips::{Clips, Frame};
 use crate::error::Error;
@@ -95,11 +95,11 @@ fn a_frame_without_3d_label_is_refused_by_name() {
 fn every_supervision_runs_and_resumes_to_the_same_weights() {
     let _alone = alone();
     let folder = synthetic("supervised", 2, 45, |clip| clip.frames.truncate(45));
-    let extra = "empty_share = 0.3\nvalidate_every = 2\naugmentation = { shift = 4, flip = 0.5, blur = 0.1, colour = 0.1, zoom = 0.1, roll_degrees = 5.0 }";
+    let extra = "empty_fraction = 0.3\nvalidate_every = 2\naugmentation = { shift = 4, flip = 0.5, blur = 0.1, colour = 0.1, zoom = 0.1, roll_degrees = 5.0 }";
     let pictures = "future = { velocity = \"pictures\" }";
     for (number, (supervision, more)) in [
         ("physics-fit", ""),
-        ("mixed", "labelled_share = 0.5"),
+        ("mixed", "labelled_fraction = 0.5"),
         ("future-2d-predict", ""),
         ("future-2d-predict", pictures),
         ("future-2d-gt", "future = { learn = [\"gravity\"] }"),
@@ -167,7 +167,7 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
         &localiser,
         &Pictures::new(Clips::read(&folder).unwrap(), 0),
         Some(2),
-        &Laws::default(),
+        &LearnedLaws::default(),
     ))
     .unwrap();
     let published = published.forecast_px.unwrap();

@@ -3,7 +3,7 @@
 use burn::tensor::Device;
 use pollster::block_on;
 
-use super::super::trainer::{State, Trainer};
+use super::super::trainer::{Trainer, TrainerState};
 use super::step::{batch, tiny};
 use crate::error::Error;
 use crate::model::Pen;
@@ -45,14 +45,14 @@ fn a_training_that_explodes_after_a_stop_is_stopped_at_the_same_step() {
             ..Recipe::new("t".into(), Supervision::PhysicsFit, input, vec![phase(30), phase(200)])
         };
         let blank = Pen::new(&tiny(), &device).unwrap();
-        let mut trainer = Trainer::new(&recipe, State::first(&recipe, blank.clone()), &device);
+        let mut trainer = Trainer::new(&recipe, TrainerState::first(&recipe, blank.clone()), &device);
         for _ in 0..30 + before {
             block_on(trainer.advance(batch())).unwrap();
         }
         let folder = scratch(&format!("watch-{before}"));
         let state = trainer.state();
         state.save(&folder).unwrap();
-        let read = State::load_last(&folder, &blank, &recipe).unwrap().unwrap();
+        let read = TrainerState::load_last(&folder, &blank, &recipe).unwrap().unwrap();
         assert_eq!(read.watch, state.watch);
         if before > 50 {
             assert_eq!(stops_at(Trainer::new(&recipe, read, &device)), stops_at(trainer));
@@ -68,6 +68,6 @@ fn a_checkpoint_of_an_earlier_version_is_refused_rather_than_passed_over() {
     let phase = Phase { steps: 3, batch: 2, crop: None, learning_rate: 1e-3, final_learning_rate: 0.0, warm_up: 0 };
     let recipe = Recipe::new("t".into(), Supervision::PhysicsFit, Size::square(64), vec![phase]);
     let blank = Pen::new(&tiny(), &Device::flex().autodiff()).unwrap();
-    let error = State::load_last(&folder, &blank, &recipe).err().unwrap().to_string();
+    let error = TrainerState::load_last(&folder, &blank, &recipe).err().unwrap().to_string();
     assert!(error.contains("step-00000100") && error.contains("earlier version"), "{error}");
 }

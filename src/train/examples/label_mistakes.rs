@@ -1,26 +1,26 @@
-//! What may be wrong with labels that physics does not explain.
+//! Frequent mistakes in labels, tried where physics explains too few clips.
 
 use super::super::recipe::FitConfig;
 use super::{TaughtClip, teach};
 use crate::clips::Clip;
 use crate::error::{Error, Result};
 
-/// Clips that are tried under another reading of their labels, where hardly any can be explained.
+/// Clips that each mistake is tried on.
 const DIAGNOSED: usize = 3;
 
-/// How labels may have been written otherwise than the clip says.
+/// A mistake in how labels were written.
 #[derive(Debug, Clone, Copy)]
-enum Reading {
+enum LabelMistake {
     Swapped,
     Faster,
     Slower,
     Upward,
 }
 
-impl Reading {
+impl LabelMistake {
     const ALL: [Self; 4] = [Self::Swapped, Self::Faster, Self::Slower, Self::Upward];
 
-    fn of(self, clip: &Clip) -> Clip {
+    fn corrected(self, clip: &Clip) -> Clip {
         let mut clip = clip.clone();
         let height = f64::from(clip.camera.size().height);
         for frame in &mut clip.frames {
@@ -44,8 +44,8 @@ impl Reading {
     }
 }
 
-/// Refuses clips of which physics explains less than half, with what may be wrong: other readings of the labels
-/// are tried on some.
+/// Refuses clips of which physics explains less than half, with the mistake that explains most of them, if
+/// one does.
 ///
 /// # Errors
 /// [`Error::Data`].
@@ -57,12 +57,13 @@ pub fn check_taught(clips: &[Clip], taught: &[TaughtClip], config: &FitConfig, w
         return Ok(());
     }
     let tried: Vec<&Clip> = left_out.iter().take(DIAGNOSED).map(|&(clip, _)| clip).collect();
-    let fits =
-        |reading: Reading| tried.iter().filter(|clip| teach(&reading.of(clip), config).left_out.is_none()).count();
-    let hint = Reading::ALL.into_iter().map(|reading| (fits(reading), reading)).max_by_key(|&(count, _)| count);
+    let fits = |mistake: LabelMistake| {
+        tried.iter().filter(|clip| teach(&mistake.corrected(clip), config).left_out.is_none()).count()
+    };
+    let hint = LabelMistake::ALL.into_iter().map(|mistake| (fits(mistake), mistake)).max_by_key(|&(count, _)| count);
     let advice = match hint {
-        Some((count, reading)) if 2 * count > tried.len() => {
-            format!("but {count} of {} tried are explained if {}", tried.len(), reading.hint())
+        Some((count, mistake)) if 2 * count > tried.len() => {
+            format!("but {count} of {} tried are explained if {}", tried.len(), mistake.hint())
         }
         _ => {
             let (clip, reason) = left_out[0];

@@ -1,0 +1,224 @@
+//! Fits the weights that `src/localise` holds as constants, and prints them. `scripts/fit-weights` runs it:
+//!
+//! - `cargo bench --bench weights -- confidence FOLDER [CARD]`: `BALL_LOG_ODDS` of `verifier.rs`, by logistic regression on the candidates
+//!   in the photographs without a ball in FOLDER, which the model must not have been trained with: as they are and with a drawn
+//!   ball, half each.
+//! - `cargo bench --bench weights -- edge [FOLDER] [CARD]`: `EDGE_LOG_ODDS`, `LOG_SIGMA` and `NETWORK_SIGMA_FACTOR` of
+//!   `edge_refinement.rs`, by maximum likelihood on random renderings (with the photographs of FOLDER behind, if given): the error of
+//!   log(radius) is Laplace-distributed, its location the mean of edge and network that the first weights give, its scale by the
+//!   second. The likelihood of today's constants stands beside that of the fitted ones, on other renderings than were fitted.
+
+mod common;
+
+use std::path::Path;
+
+use gravisight::internal::{Apparent, RandomScenes, read_photographs};
+use gravisight::{Camera, Card, Device, Localiser, Picture, Size};
+use nalgebra::{SMatrix, SVector};
+use pollster::block_on;
+
+/// Drawings of each photograph that the confidence is fitted to; every other one shows a ball.
+const DRAWINGS: u64 = 8;
+/// Largest distance of a detection from the ball's centre, px, or half the radius.
+const NEAR_PX: f64 = 3.0;
+/// Newton's steps of the logistic regression; it has converged after a few.
+const NEWTON_STEPS: usize = 30;
+/// Strength of the prior that keeps the weights finite where the classes can be separated.
+const RIDGE: f64 = 1e-3;
+
+/// Renderings that the edge's weights are fitted to, and those that the result is scored on; the seed of the first (a training's seeds come
+/// from a hash, `benches/random.rs` takes those from 2⁴⁰ on).
+const FITTED: u64 = 12_000;
+const SCORED: u64 = 3_000;
+const FIRST_SEED: u64 = 1 << 41;
+/// Side of the renderings, px.
+const SIDE: u32 = 256;
+/// Steps of the descent (Adam), its learning rate at the start; it falls to zero.
+const DESCENT_STEPS: usize = 4_000;
+const LEARNING_RATE: f64 = 0.03;
+/// Standard deviation over the scale of a Laplace distribution such that 68 % lie within it.
+const SIGMA_OF_SCALE: f64 = 1.15;
+/// Today's constants, to compare with: `EDGE_LOG_ODDS`, `LOG_SIGMA`.
+const TODAY: [[f64; 5]; 2] = [[-4.45, 0.0, -2.03, -3.66, -0.71], [1.77, 1.01, 0.75, 1.76, 0.22]];
+/// The log-odds do not depend on the network's σ by itself, only by the disagreement: this weight stays 0.
+const FIXED: usize = 1;
+
+fn localiser(card: Option<&String>) -> Localiser {
+    let card = card.map_or(concat!(env!("CARGO_MANIFEST_DIR"), "/models/any.json"), String::as_str);
+    let (card, weights) = Card::with_weights(Path::new(card)).unwrap();
+    Localiser::new(card, weights, &Device::flex()).unwrap()
+}
+
+fn is_near(ball: &Apparent, x: f64, y: f64) -> bool {
+    (x - ball.centre[0]).hypot(y - ball.centre[1]) <= NEAR_PX.max(ball.radius / 2.0)
+}
+
+fn listed(weights: &[f64], digits: usize) -> String {
+    weights.iter().map(|weight| format!("{weight:.digits$}")).collect::<Vec<_>>().join(", ")
+}
+
+/// Fits the weights of the confidence.
+fn fit_confidence(folder: &Path, localiser: &Localiser, drawings: u64) {
+    let photographs = read_photographs(folder).unwrap();
+    let scenes = [1.0, 0.0].map(|empty| RandomScenes::new(vec![], empty));
+    let of_photograph = |number: usize| {
+        let mut rows = vec![];
+        for drawing in 0..drawings {
+            let seed = DRAWINGS * number as u64 + drawing;
+            let drawing = scenes[(drawing % 2) as usize].draw_before(&photographs[number], seed, 1);
+            for found in block_on(localiser.evidence(&Picture::from_rgb(drawing.picture()))).unwrap() {
+                let [first, crop, verifier, cells] = found.features;
+                let is_ball =
+                    drawing.balls.iter().any(|ball| is_near(ball, found.outline.centre.x, found.outline.centre.y));
+                rows.push((SVector::from([1.0, first, crop, verifier, cells]), f64::from(u8::from(is_ball))));
+            }
+        }
+        rows
+    };
+    let rows: Vec<_> = (0..photographs.len()).flat_map(of_photograph).collect();
+    let mut weights = SVector::<f64, 5>::zeros();
+    for _ in 0..NEWTON_STEPS {
+        let (mut gradient, mut hessian) = (weights * -RIDGE, SMatrix::identity() * RIDGE);
+        for (row, label) in &rows {
+            let probability = 1.0 / (1.0 + (-weights.dot(row)).exp());
+            gradient += row * (label - probability);
+            hessian += row * row.transpose() * probability * (1.0 - probability);
+        }
+        weights += hessian.cholesky().unwrap().solve(&gradient);
+    }
+    let balls: f64 = rows.iter().map(|(_, label)| label).sum();
+    println!("{} photographs, {} candidates, {balls} of them balls", photographs.len(), rows.len());
+    println!("BALL_LOG_ODDS: [{}]", listed(weights.as_slice(), 3));
+}
+
+/// A detected ball: the errors of network and edge.
+struct BallError {
+    /// True log(radius) less the network's.
+    error: f64,
+    /// The network's standard deviation of log(radius).
+    log_sigma: f64,
+    /// The edge's log(radius) less the network's, the features, and the σ of a fading rim.
+    edge: Option<(f64, [f64; 5], f64)>,
+}
+
+/// The camera that sees the ball so.
+fn camera(ball: &Apparent) -> Camera {
+    let (focal, [x, y]) = (ball.focal, ball.principal_point);
+    let camera = format!(
+        r#"{{"intrinsic": [[{focal}, 0, {x}], [0, {focal}, {y}], [0, 0, 1]], "width": {SIDE}, "height": {SIDE},
+            "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
+    );
+    Camera::from_json(&camera, "camera").unwrap()
+}
+
+/// The detected balls of `count` renderings.
+fn ball_errors(scenes: &RandomScenes, localiser: &Localiser, first: u64, count: u64) -> Vec<BallError> {
+    let of_seed = |seed: u64| {
+        let drawing = scenes.draw(Size::square(SIDE), seed, 1);
+        let ball = drawing.balls.first()?;
+        let found = block_on(localiser.edge_evidence(&Picture::from_rgb(drawing.picture()), &camera(ball))).unwrap();
+        let found = found.into_iter().find(|found| is_near(ball, found.outline.centre.x, found.outline.centre.y))?;
+        let error = (ball.radius / found.outline.radius).ln();
+        Some(BallError { error, log_sigma: found.log_sigma, edge: found.edge })
+    };
+    (first..first + count).filter_map(of_seed).collect()
+}
+
+fn dot(row: &[f64; 5], weights: &[f64; 5]) -> f64 {
+    row.iter().zip(weights).map(|(a, b)| a * b).sum()
+}
+
+/// The negative log-likelihood of a ball with an edge, and its gradient by both rows of `weights`.
+fn loss((difference, row, inside): &(f64, [f64; 5], f64), error: f64, weights: &[[f64; 5]; 2]) -> (f64, [[f64; 5]; 2]) {
+    let weight = 1.0 / (1.0 + (-dot(row, &weights[0])).exp());
+    let residual = error - weight * difference;
+    let own = dot(row, &weights[1]).exp();
+    let sigma = own.hypot(*inside);
+    let scale = sigma / SIGMA_OF_SCALE;
+    let value = residual.abs() / scale + (2.0 * scale).ln();
+    let by_log_odds = -residual.signum() / scale * difference * weight * (1.0 - weight);
+    let by_log_sigma = (1.0 - residual.abs() / scale) * (own / sigma).powi(2);
+    (value, [row.map(|feature| by_log_odds * feature), row.map(|feature| by_log_sigma * feature)])
+}
+
+/// Mean negative log-likelihood, median error and the fractions within 1 and 2 σ.
+fn scores(balls: &[&BallError], weights: &[[f64; 5]; 2]) -> String {
+    let count = balls.len() as f64;
+    let (mut total, mut errors, mut within) = (0.0, vec![], [0.0; 2]);
+    for ball in balls {
+        let Some(edge) = &ball.edge else { continue };
+        total += loss(edge, ball.error, weights).0;
+        let (difference, row, inside) = edge;
+        let error = (ball.error - difference / (1.0 + (-dot(row, &weights[0])).exp())).abs();
+        let sigma = dot(row, &weights[1]).exp().hypot(*inside);
+        within[0] += f64::from(u8::from(error <= sigma));
+        within[1] += f64::from(u8::from(error <= 2.0 * sigma));
+        errors.push(error);
+    }
+    errors.sort_by(f64::total_cmp);
+    format!(
+        "negative log-likelihood {:.3}, median error {:.2} %, within 1 / 2 σ {:.0} / {:.0} %",
+        total / count,
+        100.0 * errors[errors.len() / 2],
+        100.0 * within[0] / count,
+        100.0 * within[1] / count
+    )
+}
+
+/// Fits the weights of edge refinement.
+fn fit_edge(photographs: Option<&Path>, localiser: &Localiser, [fitted, scored]: [u64; 2]) {
+    let photographs = photographs.map_or(vec![], |folder| read_photographs(folder).unwrap());
+    let scenes = RandomScenes::new(photographs, 0.0);
+    let all = ball_errors(&scenes, localiser, FIRST_SEED, fitted);
+    let held_out = ball_errors(&scenes, localiser, FIRST_SEED + FITTED, scored);
+    let with_edge = |all: &[BallError]| all.iter().filter(|ball| ball.edge.is_some()).count();
+    println!("{} balls detected in {fitted} renderings, {} with an edge", all.len(), with_edge(&all));
+
+    let mut weights = [[0.0; 5]; 2];
+    let (mut mean, mut square) = ([[0.0; 5]; 2], [[0.0; 5]; 2]);
+    for step in 0..DESCENT_STEPS {
+        let mut gradient = [[0.0; 5]; 2];
+        for (edge, error) in all.iter().filter_map(|ball| Some((ball.edge.as_ref()?, ball.error))) {
+            let (_, of_ball) = loss(edge, error, &weights);
+            (0..10).for_each(|at| gradient[at / 5][at % 5] += of_ball[at / 5][at % 5] / all.len() as f64);
+        }
+        let rate = LEARNING_RATE * (1.0 - step as f64 / DESCENT_STEPS as f64);
+        let steps = 1 + step as i32;
+        for at in 0..10 {
+            let (row, column) = (at / 5, at % 5);
+            let slope = gradient[row][column];
+            mean[row][column] = 0.9 * mean[row][column] + 0.1 * slope;
+            square[row][column] = 0.999 * square[row][column] + 0.001 * slope * slope;
+            let corrected = mean[row][column] / (1.0 - 0.9_f64.powi(steps));
+            let size = (square[row][column] / (1.0 - 0.999_f64.powi(steps))).sqrt() + 1e-12;
+            weights[row][column] -= if (row, column) == (0, FIXED) { 0.0 } else { rate * corrected / size };
+        }
+    }
+    println!("EDGE_LOG_ODDS: [{}]", listed(&weights[0], 2));
+    println!("LOG_SIGMA: [{}]", listed(&weights[1], 2));
+    let alone: Vec<f64> = all.iter().filter(|it| it.edge.is_none()).map(|it| it.error.abs() / it.log_sigma).collect();
+    let factor = SIGMA_OF_SCALE * alone.iter().sum::<f64>() / alone.len().max(1) as f64;
+    println!("NETWORK_SIGMA_FACTOR: {factor:.1} ({} balls without an edge)", alone.len());
+    let held_out: Vec<&BallError> = held_out.iter().filter(|ball| ball.edge.is_some()).collect();
+    println!("on {} other balls with an edge:", held_out.len());
+    println!("  fitted: {}", scores(&held_out, &weights));
+    println!("  today:  {}", scores(&held_out, &TODAY));
+}
+
+fn main() {
+    let arguments = common::arguments();
+    if common::is_check() {
+        let folder = common::scratch("weights");
+        RandomScenes::new(vec![], 1.0).draw(Size::square(SIDE), 0, 1).picture().save(folder.join("0.png")).unwrap();
+        fit_confidence(&folder, &localiser(None), 4);
+        fit_edge(None, &localiser(None), [60, 60]);
+        return std::fs::remove_dir_all(folder).unwrap();
+    }
+    match arguments.iter().map(String::as_str).collect::<Vec<_>>().as_slice() {
+        ["confidence", folder, ..] => fit_confidence(Path::new(folder), &localiser(arguments.get(2)), DRAWINGS),
+        ["edge", ..] => {
+            fit_edge(arguments.get(1).map(Path::new), &localiser(arguments.get(2)), [FITTED, SCORED]);
+        }
+        _ => println!("usage: cargo bench --bench weights -- confidence FOLDER [CARD] | edge [FOLDER] [CARD]"),
+    }
+}

@@ -1,0 +1,138 @@
+//! The network on its device: a runner for each size of input, its read-back, and the comparison of two devices.
+
+use std::sync::{Arc, PoisonError};
+
+use burn::tensor::{Device, Transaction};
+
+use super::{Localiser, Maps};
+use crate::error::{Error, Result};
+use crate::model::{self, PenRunner};
+use crate::size::Size;
+
+/// Largest difference between two devices' maps that rounding explains: of a probability, and of a
+/// depth as a fraction of the largest in the training data.
+const DEVICE_TOLERANCE: f32 = 1e-2;
+
+/// Sizes of input for which a runner is kept.
+const MAX_RUNNERS: usize = 4;
+
+impl Localiser {
+    /// The network, ready for inputs of `size`.
+    pub(super) fn runner(&self, size: Size) -> Arc<PenRunner> {
+        let mut runners = self.runners.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = runners.iter().position(|(known, _)| *known == size);
+        let (_, runner) = match known {
+            Some(index) => runners.remove(index),
+            None => (size, Arc::new(self.pen.clone().runner(size, &self.device))),
+        };
+        runners.push((size, runner.clone()));
+        if runners.len() > MAX_RUNNERS {
+            runners.remove(0);
+        }
+        runner
+    }
+
+    /// Runs the network once on an empty picture, so that the first real one pays for nothing
+    /// (memory, and on a GPU the compilation of its kernels).
+    ///
+    /// # Errors
+    /// [`Error::OutputNotFinite`], [`Error::Device`].
+    pub async fn warm_up(&self) -> Result<()> {
+        for network in [Some(self), self.verifier.as_deref()].into_iter().flatten() {
+            network.run(network.test_pattern()).await?;
+        }
+        Ok(())
+    }
+
+    /// Refuses a device whose maps differ from those of `reference`, the same model on another
+    /// device, on a test pattern. Warms up both.
+    ///
+    /// # Errors
+    /// [`Error::Device`] with the difference; else as [`Self::warm_up`].
+    pub async fn check_against(&self, reference: &Self) -> Result<()> {
+        self.check_network(reference).await?;
+        match (&self.verifier, &reference.verifier) {
+            (Some(verifier), Some(reference)) => verifier.check_network(reference).await,
+            _ => Ok(()),
+        }
+    }
+
+    async fn check_network(&self, reference: &Self) -> Result<()> {
+        let found = self.run(self.test_pattern()).await?;
+        let expected = reference.run(self.test_pattern()).await?;
+        let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+        let heatmap = largest(&found.probability, &expected.probability);
+        let most = expected.depth_map.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+        let depth = largest(&found.depth_map, &expected.depth_map) / most;
+        if heatmap.max(depth) <= DEVICE_TOLERANCE {
+            return Ok(());
+        }
+        let reason = format!(
+            "its output is wrong (off by {heatmap:.1e} in the heatmap, {depth:.1e} of the largest depth \
+             from the CPU's), so it is not used"
+        );
+        Err(Error::Device { device: device_name(&self.device), reason })
+    }
+
+    /// An input's worth of values with every frequency in it.
+    fn test_pattern(&self) -> Vec<f32> {
+        let count = self.config.input_channels() * self.card.input.pixels();
+        (0..count).map(|index| ((index as f64).powf(1.5) * 0.01).sin() as f32).collect()
+    }
+
+    /// Runs the network on one normalised picture `[height, width, 3]` and reads its maps back.
+    pub(super) async fn run(&self, values: Vec<f32>) -> Result<RawOutput> {
+        let output = self.runner(self.card.input).run(values);
+        let [_, _, cells] = output.depth.dims();
+        let depth_map = output.depth.clone();
+        let decoded = model::decode(output, &self.config);
+        let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };
+        let data = Transaction::default()
+            .register(decoded.image)
+            .register(decoded.depth)
+            .register(decoded.probability)
+            .register(depth_map)
+            .execute_async()
+            .await
+            .map_err(|error| failed(error.to_string()))?;
+        let parts: Vec<Vec<f32>> = data.iter().map(|part| part.iter::<f32>().collect()).collect();
+        let Ok([image, depth, probability, depth_map]) = <[Vec<f32>; 4]>::try_from(parts) else {
+            return Err(failed("the read-back returned another number of tensors than were registered".into()));
+        };
+        if [&image, &depth, &probability, &depth_map].into_iter().flatten().any(|value| !value.is_finite()) {
+            return Err(Error::OutputNotFinite { device: device_name(&self.device) });
+        }
+        Ok(RawOutput {
+            image: [f64::from(image[0]), f64::from(image[1])],
+            depth: f64::from(depth[0]),
+            probability,
+            depth_map,
+            width: cells,
+        })
+    }
+}
+
+/// The decoded output of the network for one picture, px of its input.
+pub(super) struct RawOutput {
+    pub(super) image: [f64; 2],
+    pub(super) depth: f64,
+    pub(super) probability: Vec<f32>,
+    pub(super) depth_map: Vec<f32>,
+    pub(super) width: usize,
+}
+
+impl RawOutput {
+    /// The cells that cover the `content` part of the input.
+    pub(super) fn maps(&self, content: Size, stride: usize) -> Maps {
+        let [width, height] = [content.width, content.height].map(|side| (side as usize).div_ceil(stride));
+        let part = |map: &[f32]| -> Vec<f32> {
+            map.chunks_exact(self.width).take(height).flat_map(|row| &row[..width]).copied().collect()
+        };
+        Maps { width, height, heatmap: part(&self.probability), depth: part(&self.depth_map) }
+    }
+}
+
+/// Name of a device for messages.
+pub(super) fn device_name(device: &Device) -> String {
+    format!("{device:?}")
+}

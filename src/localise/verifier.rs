@@ -1,0 +1,123 @@
+//! The verifier, a second-stage classifier: from a candidate's crop and its surroundings, the log-odds that it is a ball. A
+//! logistic regression combines them with those of the two passes of the detector.
+
+use std::f64::consts::PI;
+
+use image::RgbImage;
+
+use super::Localiser;
+use super::crop::{Crop, VERIFIER_CROP};
+#[cfg(not(target_arch = "wasm32"))]
+use super::search::FirstPass;
+#[cfg(not(target_arch = "wasm32"))]
+use super::second_pass::MAX_CANDIDATES;
+use super::second_pass::{detections_in_crop, is_same_ball};
+use crate::camera::{Detection, Outline};
+use crate::error::Result;
+use crate::image::Normalisation;
+#[cfg(not(target_arch = "wasm32"))]
+use crate::image::Picture;
+use crate::model::{CONFIDENCE_RADIUS, PICTURE_CHANNELS};
+use crate::size::Size;
+
+/// Weights of the log-odds that a candidate is a ball: the bias, then one for each of [`Evidence::features`].
+///
+/// `scripts/fit-weights confidence FOLDER` fits and prints them. These are of 58 photographs without a ball on which neither network was
+/// trained, each in eight drawings of which every other one has a ball: the 45 of the split `validation` of `scripts/photographs` and 13
+/// wallpapers that were not kept. On the 45 alone it prints -1.494, 0.829, 0.486, 0.595, -0.111; `docs/experiments.md` compares the two.
+const BALL_LOG_ODDS: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
+/// Cells of the heatmap at which the last feature is 0: those of a picture of 256×256 px.
+const REFERENCE_CELLS: f64 = 4096.0;
+/// Least probability whose log-odds enter the regression; the largest is as far from 1.
+const MIN_PROBABILITY: f64 = 1e-3;
+
+/// The features of the logistic regression that gives a candidate's probability.
+#[doc(hidden)]
+#[derive(Debug, Clone, Copy)]
+pub struct Evidence {
+    /// The candidate's outline.
+    pub outline: Outline,
+    /// The log-odds of the first pass, of the second pass and of the verifier, and the logarithm of the number of cells searched
+    /// (over [`REFERENCE_CELLS`]).
+    pub features: [f64; 4],
+}
+
+impl Evidence {
+    /// From the three confidences (first pass, second pass, verifier; 0 to 1 each) and the cells searched.
+    pub(super) fn new(outline: Outline, confidences: [f64; 3], cells: usize) -> Self {
+        let log_odds = |probability: f64| {
+            let probability = probability.clamp(MIN_PROBABILITY, 1.0 - MIN_PROBABILITY);
+            (probability / (1.0 - probability)).ln()
+        };
+        let [first, crop, verifier] = confidences.map(log_odds);
+        Self { outline, features: [first, crop, verifier, (cells.max(1) as f64 / REFERENCE_CELLS).ln()] }
+    }
+
+    /// The probability that the candidate is a ball.
+    pub(super) fn probability(&self) -> f64 {
+        let [bias, weights @ ..] = BALL_LOG_ODDS;
+        let sum: f64 = self.features.iter().zip(weights).map(|(value, weight)| weight * value).sum();
+        1.0 / (1.0 + (-(bias + sum)).exp())
+    }
+}
+
+impl Localiser {
+    /// The features of the likeliest candidates in a picture, of a model with a verifier: what [`BALL_LOG_ODDS`] is fitted to.
+    ///
+    /// # Errors
+    /// As [`Localiser::detect_near`].
+    #[doc(hidden)]
+    #[cfg(not(target_arch = "wasm32"))]
+    pub async fn evidence(&self, picture: &Picture) -> Result<Vec<Evidence>> {
+        let FirstPass { candidates, cells, .. } = self.first_pass(picture, None, MAX_CANDIDATES, false).await?;
+        let mut found = vec![];
+        for candidate in candidates.iter().take(MAX_CANDIDATES) {
+            found.extend(self.evidence_of(picture.rgb(), cells, candidate).await?.1);
+        }
+        Ok(found)
+    }
+
+    /// The verifier, where there is one.
+    #[cfg(test)]
+    pub(crate) fn verifier(&self) -> Option<&Self> {
+        self.verifier.as_deref()
+    }
+
+    /// The probability that `outline` is a ball's, 0 to 1, by this network, a verifier, alone.
+    pub(super) async fn verify(&self, rgb: &RgbImage, outline: &Outline) -> Result<f64> {
+        let crop = Crop::around(outline, outline.radius, rgb, VERIFIER_CROP);
+        let found = self.verifier_detections(&crop.with_surroundings(rgb)).await?;
+        let outline = crop.crop_from_picture(outline);
+        Ok(Self::ball_probability(&found, &outline, outline.radius))
+    }
+
+    /// The probability of the ball of `outline`, at most `reach` px away, by what a verifier detected.
+    pub(crate) fn ball_probability(found: &[Detection], outline: &Outline, reach: f64) -> f64 {
+        let found = found.iter().find(|detection| is_same_ball(detection, outline, reach));
+        // A flat heatmap has this fraction of its mass around any point.
+        let chance = PI * CONFIDENCE_RADIUS.powi(2) / f64::from(VERIFIER_CROP.side).powi(2);
+        found.map_or(0.0, |found| ((found.confidence - chance) / (1.0 - chance)).max(0.0))
+    }
+
+    /// The balls that this network, a verifier, detects in a crop (the first of `views`; the second shows its surroundings), px of
+    /// the crop.
+    pub(crate) async fn verifier_detections(&self, views: &[RgbImage; 2]) -> Result<Vec<Detection>> {
+        let count = self.config.input_channels() / PICTURE_CHANNELS;
+        let size = Size::new(views[0].width(), views[0].height());
+        let maps = self.output_maps_of(stacked(&views[..count], &self.card.normalisation), size).await?;
+        Ok(detections_in_crop(&maps))
+    }
+}
+
+/// Pictures of one size as a network's input, `[height, width, 3 · pictures]`, normalised.
+pub(crate) fn stacked(pictures: &[RgbImage], Normalisation { mean, std }: &Normalisation) -> Vec<f32> {
+    let count = pictures.first().map_or(0, |first| first.as_raw().len() / PICTURE_CHANNELS);
+    let mut values = Vec::with_capacity(PICTURE_CHANNELS * pictures.len() * count);
+    for pixel in 0..count {
+        for picture in pictures {
+            let pixel = &picture.as_raw()[PICTURE_CHANNELS * pixel..][..PICTURE_CHANNELS];
+            values.extend((0..PICTURE_CHANNELS).map(|at| (f32::from(pixel[at]) / 255.0 - mean[at]) / std[at]));
+        }
+    }
+    values
+}
