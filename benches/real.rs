@@ -1,6 +1,7 @@
-//! `fit` on recordings with 3D truth: `cargo bench --bench real -- FOLDER FPS [even|odd|spoilt]`. The folder holds `camera.json`,
+//! `fit` on recordings with 3D truth: `cargo bench --bench real -- FOLDER FPS [even|odd|spoilt|constants]`. The folder holds `camera.json`,
 //! `scene.json`, and of each shot `NNN.csv` (Frame,Visibility,X,Y) and `NNN.truth.csv` (Frame,x,y,z). `spoilt`: every sixth shot from the
-//! second on, with what people get wrong.
+//! second on, with what people get wrong. `constants`: which numbers of the estimator make the tracks of every sixth shot most probable (their
+//! truth is not read).
 
 mod common;
 
@@ -8,6 +9,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use gravisight::parts::EstimatorConfig;
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Observation, Scene, Track};
 use nalgebra::{Point2, Point3, distance};
 use rayon::prelude::*;
@@ -46,6 +48,37 @@ fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     values.get(index.min(values.len().saturating_sub(1))).copied().unwrap_or(f64::NAN)
 }
 
+/// Factors by which each number is tried.
+const FACTORS: [f64; 4] = [0.5, 0.71, 1.41, 2.0];
+
+/// Prints how much more probable (2 ln of the evidence) the tracks are with each of the estimator's numbers smaller or larger: what maximises
+/// it is the number that they ask for (empirical Bayes).
+fn constants(folder: &Path, fps: f64, names: &[String], camera: &Camera, forecaster: &Forecaster) {
+    let tracks: Vec<Vec<Observation>> = names
+        .iter()
+        .map(|name| Track::from_file(&folder.join(format!("{name}.csv"))).unwrap().observations(Some(fps)).unwrap().1)
+        .collect();
+    let evidence = |config: EstimatorConfig| -> f64 {
+        let options = FitOptions { config: Some(config), ..FitOptions::default() };
+        let fit = |track: &Vec<Observation>| forecaster.fit(camera, track, &options);
+        tracks.par_iter().filter_map(|track| fit(track).ok()).map(|fit| 2.0 * fit.summary.log_evidence).sum()
+    };
+    let config = EstimatorConfig::of(forecaster.scene());
+    let serde_json::Value::Object(fields) = serde_json::to_value(config).unwrap() else { unreachable!() };
+    let as_it_is = evidence(config);
+    println!("{} tracks; 2 ln of the evidence, over {as_it_is:.1}, with each number times", tracks.len());
+    println!("{:<18} {:>10} {}", "", "value", FACTORS.map(|factor| format!("{factor:>9}")).join(""));
+    for (name, value) in fields.iter().filter_map(|(name, value)| Some((name, value.as_f64()?))) {
+        let changed = |factor: f64| {
+            let mut fields = fields.clone();
+            fields[name] = (factor * value).into();
+            evidence(serde_json::from_value(fields.into()).unwrap()) - as_it_is
+        };
+        let gains = FACTORS.map(|factor| format!("{:>9.1}", changed(factor)));
+        println!("{name:<18} {value:>10.4} {}", gains.join(""));
+    }
+}
+
 fn truth_of(path: &Path) -> BTreeMap<u64, Point3<f64>> {
     let text = std::fs::read_to_string(path).unwrap();
     let line = |line: &str| {
@@ -62,7 +95,7 @@ fn main() {
         arguments = vec![folder.to_string_lossy().into(), fps.to_string()];
     }
     let [folder, fps, rest @ ..] = arguments.as_slice() else {
-        return println!("usage: cargo bench --bench real -- FOLDER FPS [even|odd|spoilt]");
+        return println!("usage: cargo bench --bench real -- FOLDER FPS [even|odd|spoilt|constants]");
     };
     let (folder, fps): (&Path, f64) = (Path::new(folder), fps.parse().unwrap());
     let wanted = |index: usize| match rest.first().map(String::as_str) {
@@ -79,6 +112,10 @@ fn main() {
     if rest.first().is_some_and(|it| it == "spoilt") {
         let names: Vec<String> = names.into_iter().skip(1).step_by(6).collect();
         return spoilt(folder, fps, &names, &camera, &scene);
+    }
+    if rest.first().is_some_and(|it| it == "constants") {
+        let names: Vec<String> = names.into_iter().step_by(6).collect();
+        return constants(folder, fps, &names, &camera, &forecaster);
     }
     let names: Vec<String> =
         names.into_iter().enumerate().filter(|(index, _)| wanted(*index)).map(|(_, name)| name).collect();

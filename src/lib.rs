@@ -109,8 +109,8 @@ pub mod parts {
     pub use crate::model::ConfidenceKind;
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{
-        Elsewhere, Estimate, FittedFrame, FittedImpact, Flight, Followed, FollowedFrame, Hit, OtherView, Proposal,
-        Stretch, TrackedFrame,
+        Elsewhere, Estimate, EstimatorConfig, FitSummary, FittedFrame, FittedImpact, Flight, Followed, FollowedFrame,
+        Hit, OtherView, Proposal, Stretch, TrackedFrame,
     };
     pub use crate::train::{Added, ClipKey, Score, Tuned};
 }

@@ -287,6 +287,28 @@ fn fit_finds_the_trajectory_of_a_track_with_gaps() {
 }
 
 #[test]
+fn fit_takes_the_numbers_that_it_says_it_judged_by() {
+    let (folder, _) = track_files("fit-config");
+    let config = folder.join("config.json");
+    let as_it_is = json(&fit(&folder, &["--json"]));
+    std::fs::write(&config, as_it_is["config"].to_string()).unwrap();
+    assert_eq!(json(&fit(&folder, &["--json", "--config", text(&config)])), as_it_is);
+    let mut changed = as_it_is["config"].clone();
+    changed["noise_px"] = 4.0.into();
+    std::fs::write(&config, changed.to_string()).unwrap();
+    let noisier = json(&fit(&folder, &["--json", "--config", text(&config)]));
+    assert_eq!(noisier["config"], changed);
+    let evidence = |fit: &Value| fit["summary"]["log_evidence"].as_f64().unwrap();
+    assert!(evidence(&noisier) < evidence(&as_it_is), "{} {}", noisier["summary"], as_it_is["summary"]);
+    for (value, words) in [(Value::from(-1.0), "config: `noise_px` must be positive"), (Value::Null, "config.json")] {
+        changed["noise_px"] = value;
+        std::fs::write(&config, changed.to_string()).unwrap();
+        let message = String::from_utf8(fit(&folder, &["--config", text(&config)]).stderr).unwrap();
+        assert!(message.contains(words), "{message}");
+    }
+}
+
+#[test]
 fn fit_refuses_in_one_line() {
     let (folder, _) = track_files("fit-refused");
     let refused = |output: Output, words: &str| {

@@ -12,7 +12,9 @@ pub use self::estimate::EstimatorConfig;
 pub use self::file::{Track, TrackPoint};
 pub use self::find::{LabelOptions, Proposal, propose_labels};
 pub(crate) use self::fit::SOLVER_VERSION;
-pub use self::fit::{Estimate, Fit, FitOptions, FittedFrame, FittedImpact, Flight, Hit, Observation, Parameter};
+pub use self::fit::{
+    Estimate, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, Flight, Hit, Observation, Parameter,
+};
 #[doc(hidden)]
 pub use self::follow::Follower;
 pub use self::follow::{Elsewhere, Followed, FollowedFrame};

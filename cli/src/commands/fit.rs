@@ -10,7 +10,7 @@ use super::print_line;
 use crate::choice::{Choice, one_of};
 use crate::report::{Flights, write_flights};
 use gravisight::internal::{read_text, write_whole};
-use gravisight::parts::Flight;
+use gravisight::parts::{EstimatorConfig, Flight};
 use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
 
 /// Exit status where some flight is not explained.
@@ -54,6 +54,9 @@ pub struct Arguments {
     /// any.
     #[arg(long, value_delimiter = ',', value_parser = one_of(&PARAMETERS))]
     estimate: Vec<Parameter>,
+    /// Judge trajectories by these numbers: `config` of what `--json` prints, changed.
+    #[arg(long, value_name = "CONFIG.JSON")]
+    config: Option<PathBuf>,
     /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).
     #[arg(long, value_name = "TRAJECTORY.CSV")]
     out: Option<PathBuf>,
@@ -116,6 +119,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         noise_px: arguments.noise_px,
         estimate,
         hits: arguments.hits.most(),
+        config: arguments.config.as_deref().map(config).transpose()?,
         ..FitOptions::default()
     };
     let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?.numbered(&frames);
@@ -137,6 +141,13 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let rate = if own_times { "the column Time" } else { "--fps" };
     eprintln!("gravisight: note: {}; check the scene, the camera and {rate}", fit.verdict);
     Ok(ExitCode::from(PARTLY))
+}
+
+/// The numbers that trajectories are judged by, of a file.
+fn config(path: &Path) -> Result<EstimatorConfig> {
+    let text = read_text(path)?;
+    serde_json::from_str(&text)
+        .with_context(|| format!("{}: is no object as `config` of what `gravisight fit --json` prints", path.display()))
 }
 
 /// The cameras that are off by one standard deviation, of what `calibrate --json` prints.

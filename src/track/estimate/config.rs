@@ -1,7 +1,8 @@
 //! The numbers of the estimator.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
+use crate::error::{Error, Result};
 use crate::physics::{Contact, Scene};
 
 /// Standard deviation of a restitution below which the whole contact is known better than usual.
@@ -10,9 +11,10 @@ const EXACT: f64 = 0.01;
 /// How a trajectory is judged. Those without a physical source were chosen on simulated flights of table tennis (seed 1 of
 /// another simulator's), on simulated rallies that no test uses, and on every sixth of a real launcher's shots, whose others are what is
 /// reported. That labels far off need a component of their own (`rough`) was seen on three of the rallies that the tests report.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+#[serde(deny_unknown_fields)]
 pub struct EstimatorConfig {
     /// Standard deviation of a label that is to be expected, px.
     pub noise_px: f64,
@@ -93,8 +95,29 @@ impl EstimatorConfig {
         Self { speed, contact_speed, contact_spin, ..default }
     }
 
+    /// Refuses what are no numbers of this kind.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for one that is not positive and finite.
+    pub fn check(&self) -> Result<()> {
+        let Ok(serde_json::Value::Object(fields)) = serde_json::to_value(self) else { return Ok(()) };
+        let is_positive = |value: &serde_json::Value| value.as_f64().is_some_and(|value| value > 0.0);
+        for (field, value) in fields {
+            let numbers = match value.as_array() {
+                Some(list) => {
+                    list.iter().flat_map(|it| it.as_array().cloned().unwrap_or_else(|| vec![it.clone()])).collect()
+                }
+                None => vec![value],
+            };
+            if !numbers.iter().all(is_positive) {
+                return Err(Error::value("config", &field, "must be positive"));
+            }
+        }
+        Ok(())
+    }
+
     /// The same where one of the labels' own pixels is `scale` of the camera's.
-    pub fn scaled(self, scale: f64) -> Self {
+    pub(super) fn scaled(self, scale: f64) -> Self {
         Self { noise_px: scale * self.noise_px, drift: scale * scale * self.drift, ..self }
     }
 }

@@ -31,7 +31,7 @@ use std::ops::Range;
 
 pub use self::config::EstimatorConfig;
 use self::part::Part;
-use super::fit::{Estimate, Fit, FitOptions, FittedFrame, Flight, Hit, Observation as Label};
+use super::fit::{Estimate, Fit, FitOptions, FitSummary, FittedFrame, Flight, Hit, Observation as Label};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::Forecaster;
@@ -90,6 +90,11 @@ fn joined(mut fits: Vec<Fit>) -> Fit {
         whole.hits.extend(fit.hits.iter().map(|hit| Hit { frame: frames + hit.frame, ..*hit }));
         whole.impacts.extend(fit.impacts);
         whole.explained &= fit.explained;
+        whole.summary = FitSummary {
+            log_evidence: whole.summary.log_evidence + fit.summary.log_evidence,
+            structures: whole.summary.structures * fit.summary.structures,
+            probability: whole.summary.probability * fit.summary.probability,
+        };
         let new: Vec<String> = fit.notes.into_iter().filter(|note| !whole.notes.contains(note)).collect();
         whole.notes.extend(new);
         for (parameter, estimate) in fit.estimates {

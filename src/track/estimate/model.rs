@@ -83,6 +83,7 @@ impl<'a> Model<'a> {
         observations: &'a [Observation],
         [area, smooth, scale, clock]: [f64; 4],
         noise: Option<f64>,
+        config: Option<EstimatorConfig>,
     ) -> Self {
         let scene = forecaster.scene();
         let (lasting, [restitution, friction], [restitution_sigma, friction_sigma]) = match scene.contact {
@@ -96,7 +97,7 @@ impl<'a> Model<'a> {
         forecaster.scale_sigmas().zip(&mut scale_sigmas).for_each(|((_, sigma), out)| *out = sigma);
         let hit_spin = ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius);
         let spin_sigma = if ball.spin == [0.0; 3] { hit_spin } else { KNOWN_SPIN };
-        let config = EstimatorConfig::of(scene).scaled(scale);
+        let config = config.unwrap_or_else(|| EstimatorConfig::of(scene)).scaled(scale);
         let labelled = observations.iter().filter(|it| it.ray.is_some()).map(|it| it.time);
         Self {
             forecaster,

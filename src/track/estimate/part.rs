@@ -82,7 +82,8 @@ impl Part<'_> {
     }
 
     fn model<'b>(&'b self, observations: &'b [Observation], noise: Option<f64>) -> Model<'b> {
-        Model::new(self.forecaster, observations, [self.area(), self.smooth(), self.scale, self.clock], noise)
+        let numbers = [self.area(), self.smooth(), self.scale, self.clock];
+        Model::new(self.forecaster, observations, numbers, noise, self.options.config)
     }
 
     /// Px².

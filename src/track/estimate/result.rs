@@ -11,7 +11,7 @@ use super::part::Outcome;
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, OF_SEGMENT, Trajectory};
 use crate::physics::{FORCES, Impact, State, part};
-use crate::track::fit::{Estimate, Fit, FittedFrame, FittedImpact, Flight, Hit, Parameter};
+use crate::track::fit::{Estimate, Fit, FitSummary, FittedFrame, FittedImpact, Flight, Hit, Parameter};
 
 /// Residual, in standard deviations, of an outlier.
 const OUTLIER: f64 = 4.0;
@@ -54,6 +54,13 @@ impl Model<'_> {
     /// `cameras`.
     pub fn result(&self, found: &[Hypothesis], cameras: &[Vec<Observation>]) -> Option<Outcome> {
         let (weighed, cost) = self.weighed(found);
+        let least = found.first()?.cost;
+        let weights = found.iter().map(|it| (-0.5 * (it.cost - least)).exp()).filter(|weight| *weight >= NEGLIGIBLE);
+        let summary = FitSummary {
+            log_evidence: -0.5 * cost,
+            structures: weights.clone().count(),
+            probability: weights.sum::<f64>().recip(),
+        };
         let all: f64 = weighed.iter().map(|it| it.weight).sum();
         let chosen = least_risk(&weighed)?;
         let whole = &chosen.trajectory;
@@ -156,6 +163,7 @@ impl Model<'_> {
             flights,
             estimates: self.estimates(whole, &marginals, inflation),
             spin: part(&whole.segments[0].state, 2).into(),
+            summary,
             config: self.config,
             frames,
             ..Fit::default()

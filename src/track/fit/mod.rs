@@ -13,11 +13,11 @@ use serde::Deserialize;
 
 use self::checks::{check, check_inside, check_seen, within_lens};
 pub use self::labels::{noise_of, trusted};
-pub use self::outcome::{Estimate, Fit, FittedFrame, FittedImpact, Flight, Hit, Parameter};
+pub use self::outcome::{Estimate, Fit, FitSummary, FittedFrame, FittedImpact, Flight, Hit, Parameter};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 use crate::physics::Forecaster;
-use crate::track::estimate::estimated;
+use crate::track::estimate::{EstimatorConfig, estimated};
 
 /// Fewest observations that determine a flight: six numbers, two an observation, and one to spare.
 const FEWEST: usize = 4;
@@ -54,6 +54,8 @@ pub struct FitOptions {
     /// The camera moved by one standard deviation along each independent direction of its uncertainty
     /// ([`Calibration::one_sigma`](crate::Calibration::one_sigma)): what that changes enters σ. Empty: the camera is right.
     pub cameras: Vec<Camera>,
+    /// The numbers that trajectories are judged by; the scene's ([`EstimatorConfig::of`]) where `None`.
+    pub config: Option<EstimatorConfig>,
     /// Whether the observations' times are right, as a video's own are: no lost frames are looked for then.
     pub times_known: bool,
 }
@@ -92,7 +94,7 @@ impl Forecaster {
     ///
     /// # Errors
     /// [`Error::Fit`] for times that do not ascend, fewer than four observations, a track that no trajectory in front of the
-    /// camera explains, or where `options` name a restitution that the scene's contact has not. A label outside the camera's lens
+    /// camera explains, or where `options` name a restitution that the scene's contact has not. [`Error::Value`] for a `config` of what is not positive. A label outside the camera's lens
     /// model costs itself alone (its `refused`).
     ///
     /// The forecaster's options hold for contacts that last; what flies freely is integrated with a step of its own.
@@ -110,6 +112,7 @@ impl Forecaster {
 
     fn fit_labels(&self, camera: &Camera, observations: &[Observation], options: &FitOptions) -> Result<Fit> {
         check(observations)?;
+        options.config.map_or(Ok(()), |config| config.check())?;
         check_inside(camera, observations)?;
         let (mut usable, mut refused) = within_lens(camera, observations);
         let mut notes = vec![];

@@ -41,8 +41,24 @@ pub struct Fit {
     pub verdict: String,
     /// What is odd about the track, in words.
     pub notes: Vec<String>,
+    /// How probable it is among what else was found.
+    pub summary: FitSummary,
     /// The numbers that it was judged by.
     pub config: EstimatorConfig,
+}
+
+/// How probable a fit is.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct FitSummary {
+    /// ln of the evidence: of the density (px⁻² a label) of the labels, given that there are these contacts, hits and lost frames. To be
+    /// compared between fits of the same labels.
+    pub log_evidence: f64,
+    /// Structures (which contacts, hits and lost frames there are) that count, and the probability of the one that is told among them.
+    pub structures: usize,
+    /// See `structures`.
+    pub probability: f64,
 }
 
 /// The fitted ball at one frame.
