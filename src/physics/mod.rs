@@ -24,7 +24,7 @@ pub(crate) use self::contact::Rigid;
 pub(crate) use self::force::FORCES;
 pub use self::force::Potential;
 pub(crate) use self::forecast::columns::{Column, column, part};
-pub(crate) use self::forecast::flight::{Flight, Sensitivity};
+pub(crate) use self::forecast::flight::{FreeFlight, Sensitivity};
 pub use self::forecast::{Forecast, ForecastOptions, Forecaster, Impact, Integrator, Moved, Status};
 pub(crate) use self::obstacle::Obstacle;
 pub use self::obstacle::Surface;

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::Model;
 use crate::physics::force::{Forces, Partials};
-use crate::physics::forecast::arc::Arc;
+use crate::physics::forecast::closed_form::ClosedForm;
 use crate::physics::forecast::columns::Columns;
 use crate::physics::forecast::guard::Depth;
 use crate::physics::forecast::integrate::{Flow, Integrator};
@@ -183,7 +183,7 @@ impl Model for Penalty {
             && let Some(linear) = run.closed_form()
         {
             // where no soft wall is felt, an arc
-            let arc = Arc { linear, spin_decay: run.forces.spin_decay(), press: None };
+            let arc = ClosedForm { linear, spin_decay: run.forces.spin_decay(), press: None };
             if run.follow(&arc, &[], felt, run.time_left()).obstacle.is_none() {
                 return;
             }

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::Model;
 use crate::physics::force::Forces;
 use crate::physics::forecast::approach::{TOUCH, first_contact};
-use crate::physics::forecast::arc::{Arc, Press};
+use crate::physics::forecast::closed_form::{ClosedForm, Press};
 use crate::physics::forecast::columns::{Columns, part};
 use crate::physics::forecast::guard::Depth;
 use crate::physics::forecast::integrate::Flow;
@@ -120,7 +120,7 @@ impl Elastic {
         }
         let level = near.normal.dot(&r) - near.distance + self.radius;
         let press = Press { normal: near.normal, stiffness: self.stiffness, level };
-        let arc = Arc { linear, spin_decay: run.forces.spin_decay(), press: Some(press) };
+        let arc = ClosedForm { linear, spin_decay: run.forces.spin_decay(), press: Some(press) };
         let head = run.y.head();
         let (release, depth) = arc.release(&head, &press);
         if depth >= self.radius {

@@ -16,7 +16,7 @@ pub(crate) type Sensitivity = SMatrix<f64, 3, { 9 + FORCES }>;
 
 /// A ball in free flight.
 #[derive(Debug, Clone)]
-pub(crate) struct Flight<'a> {
+pub(crate) struct FreeFlight<'a> {
     forces: &'a Forces,
     /// Whether the derivatives are followed; else they are those of the start.
     derivatives: bool,
@@ -53,10 +53,10 @@ struct DenseStep {
 
 impl Forecaster {
     /// A free flight from `start`, its forces `exp(log_scales)` times the scene's; with `derivatives` or without, which is faster.
-    pub(crate) fn flight(&self, start: &Column, log_scales: &[f64; FORCES], derivatives: bool) -> Flight<'_> {
+    pub(crate) fn flight(&self, start: &Column, log_scales: &[f64; FORCES], derivatives: bool) -> FreeFlight<'_> {
         let unit = |first: usize| Sensitivity::from_fn(|row, column| f64::from(u8::from(column == first + row)));
         let (forces, scales) = (&self.forwards.forces, log_scales.map(f64::exp));
-        Flight {
+        FreeFlight {
             forces,
             derivatives,
             scales,
@@ -74,7 +74,7 @@ impl Forecaster {
     }
 }
 
-impl Flight<'_> {
+impl FreeFlight<'_> {
     /// Slope of the state, m/s and m/s².
     pub fn slope(&self) -> (Vector3<f64>, Vector3<f64>) {
         let v = part(&self.state, 1);

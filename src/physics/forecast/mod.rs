@@ -1,7 +1,7 @@
 //! The forecaster (PAF): where a ball will be, and how that depends on its start.
 
 pub(crate) mod approach;
-pub(crate) mod arc;
+pub(crate) mod closed_form;
 pub(crate) mod columns;
 pub(crate) mod flight;
 pub(crate) mod guard;

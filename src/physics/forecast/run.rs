@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::approach::{Reached, first_contact};
-use super::arc::{Arc, Course};
+use super::closed_form::{ClosedForm, Course};
 use super::columns::{Columns, WITH_JACOBIAN, part};
 use super::integrate::{Flow, Step};
 use super::outcome::{ForecastOptions, Impact, Status};
@@ -172,7 +172,7 @@ impl<'a, const M: usize> Run<'a, M> {
     }
 
     /// Follows an arc for `duration` s, or to where a ball of `radius` touches an obstacle not in `skip`.
-    pub fn follow(&mut self, arc: &Arc, skip: &[usize], radius: f64, duration: f64) -> Reached {
+    pub fn follow(&mut self, arc: &ClosedForm, skip: &[usize], radius: f64, duration: f64) -> Reached {
         let (start, begin) = (self.y, self.t);
         let course = Course { arc, start: start.head() };
         let reached = first_contact(self.obstacles, skip, radius, &course, duration);
@@ -189,7 +189,7 @@ impl<'a, const M: usize> Run<'a, M> {
     pub fn fly(&mut self, radius: f64) -> Option<usize> {
         let forces = self.forces;
         if let Some(linear) = self.closed_form() {
-            let arc = Arc { linear, spin_decay: forces.spin_decay(), press: None };
+            let arc = ClosedForm { linear, spin_decay: forces.spin_decay(), press: None };
             return self.follow(&arc, &[], radius, self.time_left()).obstacle;
         }
         let step = self.trial(forces, f64::INFINITY)?;

@@ -32,7 +32,7 @@ pub struct ChangePoint {
 }
 
 /// A polynomial in time for each coordinate.
-pub struct Piece {
+pub struct PolynomialPiece {
     middle: f64,
     scale: f64,
     /// Rows: powers of time; columns: x, y. Zero beyond its degree.
@@ -41,7 +41,7 @@ pub struct Piece {
     pub cost: f64,
 }
 
-impl Piece {
+impl PolynomialPiece {
     fn at(&self, time: f64) -> Vector2<f64> {
         let t = (time - self.middle) / self.scale;
         (0..POWERS).rev().fold(Vector2::zeros(), |sum, power| sum * t + self.coefficients.row(power).transpose())
@@ -103,7 +103,7 @@ pub fn change_points<const N: usize>(
         let mut found = [(f64::INFINITY, end.saturating_sub(1)); N];
         // A piece that costs more by itself than all so far is too long, and so are longer ones.
         for start in (end.saturating_sub(LONGEST)..=end.saturating_sub(SHORTEST)).rev() {
-            let Some(piece) = Piece::of(&labels[start..end], sigma, MOST) else { continue };
+            let Some(piece) = PolynomialPiece::of(&labels[start..end], sigma, MOST) else { continue };
             for ((found, before), price) in found.iter_mut().zip(best[start]).zip(prices) {
                 let cost = before.0 + piece.cost + price;
                 if cost < found.0 {
@@ -131,8 +131,8 @@ pub fn change_points<const N: usize>(
 /// Where the pieces meet that end at these labels.
 fn between(labels: &[(f64, Point2<f64>)], sigma: f64, ends: &[usize]) -> Vec<ChangePoint> {
     let count = labels.len();
-    let pieces: Vec<Option<Piece>> =
-        ends.windows(2).map(|pair| Piece::of(&labels[pair[0]..pair[1]], sigma, MOST)).collect();
+    let pieces: Vec<Option<PolynomialPiece>> =
+        ends.windows(2).map(|pair| PolynomialPiece::of(&labels[pair[0]..pair[1]], sigma, MOST)).collect();
     let mut found = Vec::new();
     for (index, pair) in pieces.windows(2).enumerate() {
         let [Some(before), Some(after)] = pair else { continue };

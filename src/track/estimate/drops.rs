@@ -2,7 +2,7 @@
 
 use nalgebra::Point2;
 
-use super::change_points::{MOST, Piece};
+use super::change_points::{MOST, PolynomialPiece};
 
 /// Labels on each side of a gap that tell how the ball moves.
 const REACHES: [usize; 2] = [12, 20];
@@ -40,7 +40,7 @@ pub fn drops(labels: &[(f64, Point2<f64>)], interval: f64, sigma: f64) -> Vec<Dr
                 let mut moved = labels[around.clone()].to_vec();
                 moved[label - around.start..].iter_mut().for_each(|(time, _)| *time += shift);
                 let rising = moved.windows(2).all(|pair| pair[0].0 <= pair[1].0 + 1e-9);
-                rising.then(|| Piece::of(&moved, sigma, MOST).map(|piece| piece.cost)).flatten()
+                rising.then(|| PolynomialPiece::of(&moved, sigma, MOST).map(|piece| piece.cost)).flatten()
             };
             let as_it_is = cost(0.0)?;
             let cheapest = |from: f64, to: f64, step: f64| {

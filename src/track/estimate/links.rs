@@ -3,9 +3,9 @@
 use nalgebra::{Matrix3, SMatrix, SVector, Vector1, Vector3};
 
 use super::model::{LAW_STEP, Loss, Model, START_HELD, huber};
-use super::normal::Sums;
+use super::normal::BlockNormal;
 use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Span, Trajectory};
-use crate::physics::{Column, FORCES, Flight, Obstacle, Sensitivity, part};
+use crate::physics::{Column, FORCES, FreeFlight, Obstacle, Sensitivity, part};
 
 /// Weight of a gain of energy, which no contact has: two standard deviations of any speed's are as odd as one case in a thousand.
 const GAINED: f64 = 1.5;
@@ -25,7 +25,7 @@ pub struct ContactNoise {
 /// A segment's end.
 pub(super) struct Arrival<'a> {
     pub segment: usize,
-    pub flight: Flight<'a>,
+    pub flight: FreeFlight<'a>,
     /// When its free flight ends, s.
     pub end: f64,
 }
@@ -103,7 +103,7 @@ impl Model<'_> {
         arrival: &Arrival,
         next: &Segment,
         (span, noise, loss): (&Span, Option<ContactNoise>, Loss),
-        sums: &mut Sums,
+        sums: &mut BlockNormal,
     ) -> Option<()> {
         if next.begin == Begin::LastingContact {
             return self.add_lasting_contact(arrival, next, (span, noise?, loss), sums);
@@ -181,7 +181,7 @@ impl Model<'_> {
         arrival: &Arrival,
         next: &Segment,
         (span, noise, loss): (&Span, ContactNoise, Loss),
-        sums: &mut Sums,
+        sums: &mut BlockNormal,
     ) -> Option<()> {
         let flight = &arrival.flight;
         let (velocity, acceleration) = flight.slope();
@@ -295,7 +295,7 @@ impl Blocks {
 
     fn add<const R: usize>(
         &self,
-        sums: &mut Sums,
+        sums: &mut BlockNormal,
         residual: &SVector<f64, R>,
         before: SMatrix<f64, R, OF_SEGMENT>,
         after: SMatrix<f64, R, OF_SEGMENT>,
@@ -308,7 +308,7 @@ impl Blocks {
     fn add_weighed<const R: usize>(
         &self,
         (cost, weight): (f64, f64),
-        sums: &mut Sums,
+        sums: &mut BlockNormal,
         residual: &SVector<f64, R>,
         (before, after, shared): (SMatrix<f64, R, OF_SEGMENT>, SMatrix<f64, R, OF_SEGMENT>, SMatrix<f64, R, SHARED>),
     ) {
@@ -322,7 +322,12 @@ impl Blocks {
         sums.add(cost, weight, residual, parts, &shared);
     }
 
-    fn alone<const R: usize>(&self, sums: &mut Sums, residual: &SVector<f64, R>, after: SMatrix<f64, R, OF_SEGMENT>) {
+    fn alone<const R: usize>(
+        &self,
+        sums: &mut BlockNormal,
+        residual: &SVector<f64, R>,
+        after: SMatrix<f64, R, OF_SEGMENT>,
+    ) {
         if let Some(block) = self.after {
             sums.add(residual.norm_squared(), 1.0, residual, &[(block, after)], &SMatrix::zeros());
         }

@@ -6,10 +6,10 @@ use nalgebra::{Matrix3, SMatrix, Vector1, Vector3};
 use super::config::EstimatorConfig;
 use super::links::{Arrival, ContactNoise};
 use super::net::Net;
-use super::normal::Sums;
-use super::observation::{Observation, interval};
+use super::normal::BlockNormal;
+use super::observation::{RayObservation, interval};
 use super::trajectory::{Begin, OF_SEGMENT, SHARED, Segment, Span, Trajectory};
-use crate::physics::{Column, Contact, FORCES, Flight, Forecaster, Obstacle, Rigid, Scene, part};
+use crate::physics::{Column, Contact, FORCES, Forecaster, FreeFlight, Obstacle, Rigid, Scene, part};
 
 /// Step of the differences of a contact's law: m, m/s, rad/s.
 pub(super) const LAW_STEP: [f64; 3] = [1e-6, 1e-5, 1e-3];
@@ -52,7 +52,7 @@ pub struct Model<'a> {
     pub nets: Vec<Net>,
     /// Whether contacts take time, and the forecaster leads through them.
     pub lasting: bool,
-    pub observations: &'a [Observation],
+    pub observations: &'a [RayObservation],
     /// Of the picture, px².
     pub area: f64,
     /// Standard deviation of the labels where it was given, px.
@@ -80,7 +80,7 @@ impl<'a> Model<'a> {
     /// their own pixels is `scale` of the camera's, and one of their clock's seconds `clock` of the observations'.
     pub fn new(
         forecaster: &'a Forecaster,
-        observations: &'a [Observation],
+        observations: &'a [RayObservation],
         [area, smooth, scale, clock]: [f64; 4],
         noise: Option<f64>,
         config: Option<EstimatorConfig>,
@@ -123,7 +123,7 @@ impl<'a> Model<'a> {
     }
 
     /// The same of other observations.
-    pub fn with_observations<'b>(&self, observations: &'b [Observation]) -> Model<'b>
+    pub fn with_observations<'b>(&self, observations: &'b [RayObservation]) -> Model<'b>
     where
         'a: 'b,
     {
@@ -202,7 +202,7 @@ impl<'a> Model<'a> {
         trajectory: &Trajectory,
         (span, loss): (&Span, Loss),
         noises: &[Option<ContactNoise>],
-        sums: &mut Sums,
+        sums: &mut BlockNormal,
         squares: &mut Vec<(f64, f64)>,
     ) -> Option<()> {
         let segments = &trajectory.segments;
@@ -242,7 +242,7 @@ impl<'a> Model<'a> {
     }
 
     /// Adds that a ball is no faster than its sport's.
-    fn add_speed_limit(&self, segment: &Segment, block: usize, sums: &mut Sums) {
+    fn add_speed_limit(&self, segment: &Segment, block: usize, sums: &mut BlockNormal) {
         let velocity = segment.velocity();
         let speed = velocity.norm();
         if speed > self.speed_max {
@@ -255,7 +255,7 @@ impl<'a> Model<'a> {
     }
 
     /// Adds that a ball does not go through a net on its way from `before`.
-    fn add_nets(&self, before: &Vector3<f64>, flight: &Flight, block: usize, sums: &mut Sums) {
+    fn add_nets(&self, before: &Vector3<f64>, flight: &FreeFlight, block: usize, sums: &mut BlockNormal) {
         for through in self.nets.iter().filter_map(|net| net.through(before, &part(&flight.state, 0))) {
             let excess = through.below - self.config.depth;
             if excess > 0.0 {
@@ -273,14 +273,14 @@ impl<'a> Model<'a> {
         &self,
         trajectory: &Trajectory,
         frame: usize,
-        flight: &Flight,
+        flight: &FreeFlight,
         block: usize,
         loss: Loss,
-        sums: &mut Sums,
+        sums: &mut BlockNormal,
         squares: &mut Vec<(f64, f64)>,
     ) -> Option<()> {
         let (observation, position) = (&self.observations[frame], part(&flight.state, 0));
-        let barrier = |sums: &mut Sums, excess: f64, slope: Vector3<f64>, sigma: f64| {
+        let barrier = |sums: &mut BlockNormal, excess: f64, slope: Vector3<f64>, sigma: f64| {
             let residual = Vector1::new(excess / sigma);
             let (cost, weight) = huber(residual.norm_squared(), BARRIER);
             let (own, shared) = by_numbers(flight, &slope.transpose().scale(sigma.recip()));
@@ -335,7 +335,7 @@ impl<'a> Model<'a> {
         (-2.0 * (all / met).ln(), (good + (all - good) * slow) / all)
     }
 
-    fn add_priors(&self, trajectory: &Trajectory, from: usize, sums: &mut Sums) {
+    fn add_priors(&self, trajectory: &Trajectory, from: usize, sums: &mut BlockNormal) {
         let first = &trajectory.segments[0];
         if from == 0 {
             let block = |at: usize, sigma: f64| {
@@ -418,7 +418,7 @@ impl<'a> Model<'a> {
 
 /// Where a ball is before anything is seen: about what the scene describes, mean and standard deviations, m; about the camera where it
 /// describes nothing.
-fn place_of(scene: &Scene, observations: &[Observation]) -> (Vector3<f64>, Vector3<f64>) {
+fn place_of(scene: &Scene, observations: &[RayObservation]) -> (Vector3<f64>, Vector3<f64>) {
     let mut corners: Vec<Vector3<f64>> = scene.landmarks().iter().map(|point| point.coords).collect();
     for cuboid in &scene.boxes {
         let (turn, half) = (cuboid.world_from_box(), Vector3::from(cuboid.half_size));
@@ -451,7 +451,7 @@ pub(super) fn huber(square: f64, limit: f64) -> (f64, f64) {
 
 /// By what a segment's numbers, and the shared ones, change something that changes with the position by `slope`.
 fn by_numbers<const R: usize>(
-    flight: &Flight,
+    flight: &FreeFlight,
     slope: &SMatrix<f64, R, 3>,
 ) -> (SMatrix<f64, R, OF_SEGMENT>, SMatrix<f64, R, SHARED>) {
     let by_start = slope * flight.position;

@@ -11,7 +11,7 @@ type Corner = SMatrix<f64, SHARED, SHARED>;
 
 /// Sum of the residuals' squares, and JᵀJ and Jᵀr.
 #[derive(Debug, Clone)]
-pub struct Sums {
+pub struct BlockNormal {
     pub cost: f64,
     /// Whether the cost alone is asked for.
     cost_only: bool,
@@ -43,7 +43,7 @@ struct Eliminated {
     schur: Cholesky<f64, Const<SHARED>>,
 }
 
-impl Sums {
+impl BlockNormal {
     pub fn new(segments: usize, cost_only: bool) -> Self {
         let count = if cost_only { 0 } else { segments };
         Self {

@@ -10,7 +10,7 @@ use crate::track::fit::Observation as Label;
 
 /// One frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Observation {
+pub struct RayObservation {
     /// s.
     pub time: f64,
     /// Through the ball's centre, where it was seen.
@@ -32,7 +32,7 @@ pub struct Ray {
     px_from_tangent: Matrix2<f64>,
 }
 
-impl Observation {
+impl RayObservation {
     /// Of a label in the picture of `camera`, of a ball of this `radius` (m).
     ///
     /// # Errors

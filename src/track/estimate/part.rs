@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use nalgebra::{Point2, Vector3};
 
-use super::change_points::Piece;
+use super::change_points::PolynomialPiece;
 use super::drops;
 use super::input_checks;
 use super::model::{Loss, Model};
-use super::observation::{Observation, interval};
+use super::observation::{RayObservation, interval};
 use super::rays::Plane;
 use super::search::Search;
 use super::solve::Hypothesis;
@@ -76,12 +76,12 @@ pub type Found = (Vec<Hypothesis>, Vec<(usize, i32)>);
 
 impl Part<'_> {
     /// Its observations by a camera.
-    fn observations(&self, camera: &Camera) -> Option<Vec<Observation>> {
+    fn observations(&self, camera: &Camera) -> Option<Vec<RayObservation>> {
         let radius = self.forecaster.scene().ball.radius;
-        self.labels.iter().map(|label| Observation::of(label, camera, radius).ok()).collect()
+        self.labels.iter().map(|label| RayObservation::of(label, camera, radius).ok()).collect()
     }
 
-    fn model<'b>(&'b self, observations: &'b [Observation], noise: Option<f64>) -> Model<'b> {
+    fn model<'b>(&'b self, observations: &'b [RayObservation], noise: Option<f64>) -> Model<'b> {
         let numbers = [self.area(), self.smooth(), self.scale, self.clock];
         Model::new(self.forecaster, observations, numbers, noise, self.options.config)
     }
@@ -217,7 +217,7 @@ impl Part<'_> {
         let labels: Vec<(f64, Point2<f64>)> =
             frames.iter().filter_map(|&frame| Some((self.labels[frame].time, self.labels[frame].image?))).collect();
         let noise = self.noise().max(START_NOISE[0]);
-        let even = Piece::of(&labels, noise, if labels.len() > 2 { 1 } else { 0 })?;
+        let even = PolynomialPiece::of(&labels, noise, if labels.len() > 2 { 1 } else { 0 })?;
         let count = labels.len() as f64;
         let constant = 2.0 * (std::f64::consts::TAU * noise * noise).ln();
         // A place anywhere in the picture, and a velocity of up to a picture's side a second.
@@ -300,7 +300,7 @@ fn dropped(times: &[f64], drops: &[(usize, i32)]) -> Vec<f64> {
 
 /// That the ball's apparent size says another distance than all else, in words.
 fn sizes(model: &Model, fit: &Fit) -> Option<String> {
-    let off = |(observation, frame): (&Observation, &FittedFrame)| {
+    let off = |(observation, frame): (&RayObservation, &FittedFrame)| {
         let own = (frame.world.coords - observation.ray.as_ref()?.origin).norm();
         Some(observation.log_distance?[0].exp() / own - 1.0)
     };

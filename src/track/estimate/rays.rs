@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, Point2, RowVector3, SMatrix, SVector, Vector3};
 
 use super::model::Model;
-use super::observation::{Observation, Ray};
+use super::observation::{Ray, RayObservation};
 use crate::physics::{FORCES, column};
 
 /// Nearest and farthest that a ball is looked for, m.
@@ -35,7 +35,7 @@ pub struct Plane {
 
 impl Plane {
     /// About the middle of the rays; none where there are none.
-    pub fn of(observations: &[Observation]) -> Option<Self> {
+    pub fn of(observations: &[RayObservation]) -> Option<Self> {
         let rays = || observations.iter().filter_map(|seen| seen.ray.as_ref());
         let axis = rays().map(|ray| ray.direction).sum::<Vector3<f64>>().try_normalize(1e-3)?;
         let first = axis.cross(&Vector3::ith(axis.iamin(), 1.0)).normalize();
@@ -56,8 +56,8 @@ impl Plane {
     }
 
     /// The labels in it, px, with their frames.
-    pub fn labels(&self, observations: &[Observation]) -> Vec<(usize, Point2<f64>)> {
-        let of = |(frame, seen): (usize, &Observation)| Some((frame, self.point(&seen.ray.as_ref()?.direction)?));
+    pub fn labels(&self, observations: &[RayObservation]) -> Vec<(usize, Point2<f64>)> {
+        let of = |(frame, seen): (usize, &RayObservation)| Some((frame, self.point(&seen.ray.as_ref()?.direction)?));
         observations.iter().enumerate().filter_map(of).collect()
     }
 

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Point3, SMatrix, Vector2, Vector3};
 
 use super::model::{Loss, Model};
 use super::normal::Marginals;
-use super::observation::Observation;
+use super::observation::RayObservation;
 use super::part::Outcome;
 use super::solve::Hypothesis;
 use super::trajectory::{Begin, OF_SEGMENT, Trajectory};
@@ -52,7 +52,7 @@ struct Weighed {
 impl Model<'_> {
     /// What the hypotheses `found` say, the most probable first. The camera may as well be one by which the observations are one of
     /// `cameras`.
-    pub fn result(&self, found: &[Hypothesis], cameras: &[Vec<Observation>]) -> Option<Outcome> {
+    pub fn result(&self, found: &[Hypothesis], cameras: &[Vec<RayObservation>]) -> Option<Outcome> {
         let (weighed, cost) = self.weighed(found);
         let least = found.first()?.cost;
         let weights = found.iter().map(|it| (-0.5 * (it.cost - least)).exp()).filter(|weight| *weight >= NEGLIGIBLE);
@@ -76,7 +76,7 @@ impl Model<'_> {
         let hits: Vec<usize> =
             (1..whole.segments.len()).filter(|&index| whole.segments[index].begin == Begin::Hit).collect();
         // Where each frame is by a camera that is off.
-        let moved = |observations: &Vec<Observation>| {
+        let moved = |observations: &Vec<RayObservation>| {
             let model = self.with_observations(observations);
             let trajectory = model.refined(best, &best.all(), Loss::Mixture, PROFILE_STEPS)?.trajectory;
             Some(self.states(&self.whole(&trajectory)).iter().map(|state| part(state, 0)).collect::<Vec<_>>())

@@ -6,7 +6,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::links::ContactNoise;
 use super::model::{Loss, Model};
-use super::normal::{Marginals, Sums};
+use super::normal::{BlockNormal, Marginals};
 use super::trajectory::{OF_SEGMENT, SHARED, Span, Trajectory};
 use crate::least_squares::{Damping, LeastSquares, minimised};
 
@@ -18,7 +18,7 @@ const DAMPING: Damping =
     Damping { first: 1e-3, relax: 0.2, least: 1e-9, stiffen: 5.0, most: 1e6, steps: 0, converged: 1e-4 };
 
 /// A trajectory on its way to the least cost.
-struct Search<'a> {
+struct Refinement<'a> {
     model: &'a Model<'a>,
     trajectory: Trajectory,
     /// The segments that are searched; the others stay.
@@ -39,9 +39,9 @@ pub struct Hypothesis {
     pub cost: f64,
 }
 
-impl Search<'_> {
-    fn sums(&self, cost_only: bool) -> Option<(Sums, Vec<(f64, f64)>)> {
-        let mut sums = Sums::new(self.span.len(), cost_only);
+impl Refinement<'_> {
+    fn sums(&self, cost_only: bool) -> Option<(BlockNormal, Vec<(f64, f64)>)> {
+        let mut sums = BlockNormal::new(self.span.len(), cost_only);
         // What is shared is searched with all segments only.
         if self.span != self.trajectory.all() {
             sums.hold_shared();
@@ -52,8 +52,8 @@ impl Search<'_> {
     }
 }
 
-impl LeastSquares for Search<'_> {
-    type Normal = Sums;
+impl LeastSquares for Refinement<'_> {
+    type Normal = BlockNormal;
     type Step = (Vec<SVector<f64, OF_SEGMENT>>, [f64; SHARED]);
     type Error = Infallible;
 
@@ -61,7 +61,7 @@ impl LeastSquares for Search<'_> {
         self.cost
     }
 
-    fn linearised(&mut self) -> Result<Option<Sums>, Infallible> {
+    fn linearised(&mut self) -> Result<Option<BlockNormal>, Infallible> {
         self.noises = self.model.contact_noises(&self.trajectory, &self.span);
         // The noise goes with it, one step of expectation and maximisation at a time.
         self.trajectory.noise = self.model.noise_of(&self.squares);
@@ -70,7 +70,7 @@ impl LeastSquares for Search<'_> {
         Ok(sums)
     }
 
-    fn step(&self, sums: &Sums, damping: f64) -> Option<Self::Step> {
+    fn step(&self, sums: &BlockNormal, damping: f64) -> Option<Self::Step> {
         let (mut segments, mut shared) = sums.step(damping)?;
         let own = segments.iter().flat_map(|step| step.iter().zip(UNITS)).map(|(by, unit)| by.abs() / LONGEST[unit]);
         let longest = own.chain(shared.iter().map(|by| by.abs() / LONGEST[4])).fold(1.0, f64::max);
@@ -79,7 +79,7 @@ impl LeastSquares for Search<'_> {
         Some((segments, shared))
     }
 
-    fn moved(&self, _: &Sums, (segments, shared): &Self::Step) -> Result<Option<Self>, Infallible> {
+    fn moved(&self, _: &BlockNormal, (segments, shared): &Self::Step) -> Result<Option<Self>, Infallible> {
         let trajectory = self.trajectory.moved(&self.span, segments, shared);
         if !trajectory.is_in_order() {
             return Ok(None);
@@ -101,7 +101,7 @@ impl Model<'_> {
         let noises = self.contact_noises(trajectory, span);
         let trajectory = trajectory.clone();
         let span = span.clone();
-        let mut start = Search { model: self, trajectory, span, loss, noises, cost: 0.0, squares: vec![] };
+        let mut start = Refinement { model: self, trajectory, span, loss, noises, cost: 0.0, squares: vec![] };
         let (sums, squares) = start.sums(true)?;
         (start.cost, start.squares) = (sums.cost, squares);
         let Ok(found) = minimised(start, &Damping { steps, ..DAMPING });
@@ -112,9 +112,10 @@ impl Model<'_> {
     pub fn judged(&self, trajectory: Trajectory, span: &Span) -> Option<Hypothesis> {
         let noises = self.contact_noises(&trajectory, span);
         let span = span.clone();
-        let search = Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
+        let search =
+            Refinement { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         let (sums, squares) = search.sums(false)?;
-        let Search { trajectory, span, noises, .. } = search;
+        let Refinement { trajectory, span, noises, .. } = search;
         let labels = squares.len() as f64 * self.label_constant(trajectory.noise) + self.noise_cost(trajectory.noise);
         let cost = sums.cost + labels + sums.log_determinant()? + self.structure_cost(&trajectory, &span, &noises);
         cost.is_finite().then_some(Hypothesis { trajectory, cost })
@@ -135,7 +136,8 @@ impl Model<'_> {
         let mut slope = SMatrix::<f64, 3, OF_SEGMENT>::zeros();
         slope.fixed_view_mut::<3, 9>(0, 1).copy_from(&flight.position.fixed_view::<3, 9>(0, 0));
         let trajectory = trajectory.clone();
-        let search = Search { model: self, trajectory, span, loss: Loss::Growing, noises, cost: 0.0, squares: vec![] };
+        let search =
+            Refinement { model: self, trajectory, span, loss: Loss::Growing, noises, cost: 0.0, squares: vec![] };
         let (mut sums, _) = search.sums(false)?;
         sums.hold_shared();
         let response = sums.response(segment, &slope.transpose())?;
@@ -152,7 +154,8 @@ impl Model<'_> {
         let span = trajectory.all();
         let noises = self.contact_noises(trajectory, &span);
         let trajectory = trajectory.clone();
-        let search = Search { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
+        let search =
+            Refinement { model: self, trajectory, span, loss: Loss::Mixture, noises, cost: 0.0, squares: vec![] };
         search.sums(false)?.0.marginals()
     }
 }

@@ -13,7 +13,7 @@ const PERPENDICULAR: f64 = 1e-12;
 
 /// `r̈ = pull − stiffness·r`, solved; where the ball presses on a face, with that face's force.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Arc {
+pub(crate) struct ClosedForm {
     pub linear: Linear,
     pub spin_decay: f64,
     pub press: Option<Press>,
@@ -52,7 +52,7 @@ impl Weights {
     }
 }
 
-impl Arc {
+impl ClosedForm {
     /// State and sensitivities after `t` s.
     pub fn at<const M: usize>(&self, start: &Columns<M>, t: f64) -> Columns<M> {
         let Linear { pull, stiffness } = self.linear;
@@ -98,7 +98,7 @@ impl Arc {
 
 /// An arc from a state on.
 pub(crate) struct Course<'a> {
-    pub arc: &'a Arc,
+    pub arc: &'a ClosedForm,
     pub start: Columns<1>,
 }
 
@@ -109,7 +109,7 @@ impl Path for Course<'_> {
     }
 
     fn acceleration(&self) -> Vector3<f64> {
-        let (Arc { linear, press, .. }, r) = (self.arc, self.start.position());
+        let (ClosedForm { linear, press, .. }, r) = (self.arc, self.start.position());
         let pressed = |press: &Press| press.stiffness * (press.level - press.normal.dot(&r)) * press.normal;
         linear.pull - linear.stiffness * r + press.as_ref().map_or(Vector3::zeros(), pressed)
     }
