@@ -63,7 +63,7 @@ fn constants(folder: &Path, fps: f64, names: &[String], camera: &Camera, forecas
         let fit = |track: &Vec<Observation>| forecaster.fit(camera, track, &options);
         tracks.par_iter().filter_map(|track| fit(track).ok()).map(|fit| 2.0 * fit.summary.log_evidence).sum()
     };
-    let config = EstimatorConfig::of(forecaster.scene());
+    let config = EstimatorConfig::of(forecaster.scene(), camera.size());
     let serde_json::Value::Object(fields) = serde_json::to_value(config).unwrap() else { unreachable!() };
     let as_it_is = evidence(config);
     println!("{} tracks; 2 ln of the evidence, over {as_it_is:.1}, with each number times", tracks.len());

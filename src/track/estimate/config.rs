@@ -4,9 +4,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::physics::{Contact, Scene};
+use crate::size::Size;
 
 /// Standard deviation of a restitution below which the whole contact is known better than usual.
 const EXACT: f64 = 0.01;
+/// Larger side of the pictures on which the labels' errors were chosen, px.
+const PICTURE: f64 = 1280.0;
 
 /// How a trajectory is judged. Those without a physical source were chosen on simulated flights of table tennis (seed 1 of
 /// another simulator's), on simulated rallies that no test uses, and on every sixth of a real launcher's shots, whose others are what is
@@ -80,9 +83,9 @@ impl Default for EstimatorConfig {
 }
 
 impl EstimatorConfig {
-    /// For a scene. Speeds go with the speed at which the ball falls steadily through the air, beyond which it is slowed by more than its
+    /// For a scene and pictures of a size. Labels' errors go with the picture's, up to that of the pictures on which they were chosen. Speeds go with the speed at which the ball falls steadily through the air, beyond which it is slowed by more than its
     /// weight; by which factor was chosen on table tennis.
-    pub fn of(scene: &Scene) -> Self {
+    pub fn of(scene: &Scene, picture: Size) -> Self {
         let terminal = scene.terminal_speed();
         let default = Self::default();
         let speed = if terminal.is_finite() { (0.8 * terminal).clamp(4.0, 25.0) } else { default.speed };
@@ -92,7 +95,8 @@ impl EstimatorConfig {
             _ => 1.0,
         };
         let [contact_speed, contact_spin] = [default.contact_speed, default.contact_spin].map(|own| contact * own);
-        Self { speed, contact_speed, contact_spin, ..default }
+        let [width, height] = picture.xy();
+        Self { speed, contact_speed, contact_spin, ..default }.scaled((width.max(height) / PICTURE).min(1.0))
     }
 
     /// Refuses what are no numbers of this kind.

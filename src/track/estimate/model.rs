@@ -76,14 +76,14 @@ pub struct Model<'a> {
 }
 
 impl<'a> Model<'a> {
-    /// The picture has an `area` (px²), labels are noisy by `smooth` px by themselves, one of
-    /// their own pixels is `scale` of the camera's, and one of their clock's seconds `clock` of the observations'.
+    /// The picture has an `area` (px²), labels are noisy by `smooth` px by themselves, and one of their clock's seconds is `clock` of the
+    /// observations'.
     pub fn new(
         forecaster: &'a Forecaster,
         observations: &'a [RayObservation],
-        [area, smooth, scale, clock]: [f64; 4],
+        [area, smooth, clock]: [f64; 3],
         noise: Option<f64>,
-        config: Option<EstimatorConfig>,
+        config: EstimatorConfig,
     ) -> Self {
         let scene = forecaster.scene();
         let (lasting, [restitution, friction], [restitution_sigma, friction_sigma]) = match scene.contact {
@@ -97,7 +97,6 @@ impl<'a> Model<'a> {
         forecaster.scale_sigmas().zip(&mut scale_sigmas).for_each(|((_, sigma), out)| *out = sigma);
         let hit_spin = ball.spin_sigma.unwrap_or(SPIN_SPEED / ball.radius);
         let spin_sigma = if ball.spin == [0.0; 3] { hit_spin } else { KNOWN_SPIN };
-        let config = config.unwrap_or_else(|| EstimatorConfig::of(scene)).scaled(scale);
         let labelled = observations.iter().filter(|it| it.ray.is_some()).map(|it| it.time);
         Self {
             forecaster,

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Point2, Vector3};
 
 use super::change_points::PolynomialPiece;
+use super::config::EstimatorConfig;
 use super::drops;
 use super::input_checks;
 use super::model::{Loss, Model};
@@ -82,8 +83,10 @@ impl Part<'_> {
     }
 
     fn model<'b>(&'b self, observations: &'b [RayObservation], noise: Option<f64>) -> Model<'b> {
-        let numbers = [self.area(), self.smooth(), self.scale, self.clock];
-        Model::new(self.forecaster, observations, numbers, noise, self.options.config)
+        let numbers = [self.area(), self.smooth(), self.clock];
+        let config =
+            self.options.config.unwrap_or_else(|| EstimatorConfig::of(self.forecaster.scene(), self.camera.size()));
+        Model::new(self.forecaster, observations, numbers, noise, config.scaled(self.scale))
     }
 
     /// Px².
