@@ -26,6 +26,9 @@ const NEWTON_STEPS: usize = 30;
 /// Strength of the prior that keeps the weights finite where the classes can be separated.
 const RIDGE: f64 = 1e-3;
 
+/// Today's constant, to compare with.
+const TODAY_OF_BALL: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
+
 /// Renderings that the edge's weights are fitted to, and those that the result is scored on; the seed of the first (a training's seeds come
 /// from a hash, `benches/random.rs` takes those from 2⁴⁰ on).
 const FITTED: u64 = 12_000;
@@ -89,6 +92,18 @@ fn fit_confidence(folder: &Path, localiser: &Localiser, drawings: u64) {
     let balls: f64 = rows.iter().map(|(_, label)| label).sum();
     println!("{} photographs, {} candidates, {balls} of them balls", photographs.len(), rows.len());
     println!("BALL_LOG_ODDS: [{}]", listed(weights.as_slice(), 3));
+    let log_loss = |weights: &SVector<f64, 5>| {
+        let of = |(row, label): &(SVector<f64, 5>, f64)| {
+            let log_odds = weights.dot(row);
+            log_odds.max(0.0) + (-log_odds.abs()).exp().ln_1p() - label * log_odds
+        };
+        rows.iter().map(of).sum::<f64>() / rows.len() as f64
+    };
+    println!(
+        "mean log-loss of these candidates: fitted {:.4}, today {:.4}",
+        log_loss(&weights),
+        log_loss(&SVector::from(TODAY_OF_BALL))
+    );
 }
 
 /// A detected ball: the errors of network and edge.

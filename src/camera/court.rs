@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::courts::{TABLES, Table};
+use super::courts::{CourtTable, TABLES};
 use crate::error::{Error, Result};
 
 /// A court's named points. World frame: origin on the floor in the court's middle, x to the right and y away as seen
@@ -42,7 +42,7 @@ pub struct CourtLine {
 
 /// Every court, by name.
 static COURTS: LazyLock<BTreeMap<&'static str, Court>> = LazyLock::new(|| {
-    let court = |table: &Table| Court {
+    let court = |table: &CourtTable| Court {
         about: table.about.into(),
         points: table.points.iter().map(|&(name, at)| (name.into(), at)).collect(),
         lines: table.lines.to_vec(),

@@ -3,7 +3,7 @@
 use super::court::CourtLine;
 
 /// A court, as [`super::court::Court`] describes it.
-pub(super) struct Table {
+pub(super) struct CourtTable {
     pub name: &'static str,
     pub about: &'static str,
     pub points: &'static [(&'static str, [f64; 3])],
@@ -20,8 +20,8 @@ const fn edge(from: [f64; 3], to: [f64; 3], width: f64, paint: [f64; 3]) -> Cour
     CourtLine { from, to, width, paint: Some(paint) }
 }
 
-pub(super) const TABLES: [Table; 12] = [
-    Table {
+pub(super) const TABLES: [CourtTable; 12] = [
+    CourtTable {
         name: "tennis",
         about: "ITF court, 23.77 x 10.97 m",
         points: &[
@@ -63,7 +63,7 @@ pub(super) const TABLES: [Table; 12] = [
             middle([0.0, -6.4, 0.0], [0.0, 6.4, 0.0], 0.05),
         ],
     },
-    Table {
+    CourtTable {
         name: "table-tennis",
         about: "ITTF table, 2.74 x 1.525 m, 0.76 m high; the floor is z = 0",
         points: &[
@@ -91,7 +91,7 @@ pub(super) const TABLES: [Table; 12] = [
             middle([0.0, -1.37, 0.76], [0.0, 1.37, 0.76], 0.003),
         ],
     },
-    Table {
+    CourtTable {
         name: "basketball-fiba",
         about: "FIBA court, 28 x 15 m, inner edges",
         points: &[
@@ -142,7 +142,7 @@ pub(super) const TABLES: [Table; 12] = [
             edge([-2.45, 8.2, 0.0], [2.45, 8.2, 0.0], 0.05, [0.0, 1.0, 0.0]),
         ],
     },
-    Table {
+    CourtTable {
         name: "basketball-nba",
         about: "NBA court, 94 x 50 ft",
         points: &[
@@ -181,7 +181,7 @@ pub(super) const TABLES: [Table; 12] = [
         ],
         lines: &[],
     },
-    Table {
+    CourtTable {
         name: "volleyball",
         about: "FIVB court, 18 x 9 m, outer edges; net 2.43 m (men), 2.24 m (women)",
         points: &[
@@ -214,7 +214,7 @@ pub(super) const TABLES: [Table; 12] = [
             middle([-4.5, 0.0, 0.0], [4.5, 0.0, 0.0], 0.05),
         ],
     },
-    Table {
+    CourtTable {
         name: "badminton",
         about: "BWF court, 13.40 x 6.10 m, outer edges",
         points: &[
@@ -259,7 +259,7 @@ pub(super) const TABLES: [Table; 12] = [
             middle([0.0, 1.98, 0.0], [0.0, 6.7, 0.0], 0.04),
         ],
     },
-    Table {
+    CourtTable {
         name: "squash",
         about: "WSF court, 9.75 x 6.40 m; the front wall is the far one",
         points: &[
@@ -288,7 +288,7 @@ pub(super) const TABLES: [Table; 12] = [
         ],
         lines: &[],
     },
-    Table {
+    CourtTable {
         name: "football",
         about: "IFAB pitch of 105 x 68 m (pitches differ: measure yours)",
         points: &[
@@ -332,7 +332,7 @@ pub(super) const TABLES: [Table; 12] = [
         ],
         lines: &[],
     },
-    Table {
+    CourtTable {
         name: "pickleball",
         about: "USA Pickleball court, 44 x 20 ft, outer edges",
         points: &[
@@ -369,7 +369,7 @@ pub(super) const TABLES: [Table; 12] = [
             middle([0.0, 2.1336, 0.0], [0.0, 6.7056, 0.0], 0.0508),
         ],
     },
-    Table {
+    CourtTable {
         name: "padel",
         about: "FIP court, 20 x 10 m between the walls; back walls 3 m of glass or concrete under 1 m of fence",
         points: &[
@@ -413,7 +413,7 @@ pub(super) const TABLES: [Table; 12] = [
             middle([0.0, -7.15, 0.0], [0.0, 7.15, 0.0], 0.05),
         ],
     },
-    Table {
+    CourtTable {
         name: "basketball-high-school",
         about: "US high-school (NFHS) court, 84 x 50 ft, key 12 ft wide",
         points: &[
@@ -452,7 +452,7 @@ pub(super) const TABLES: [Table; 12] = [
         ],
         lines: &[],
     },
-    Table {
+    CourtTable {
         name: "cricket",
         about: "MCC pitch, 20.12 m between the wickets, 3.05 m wide",
         points: &[

@@ -24,7 +24,7 @@ use crate::size::Size;
 ///
 /// `scripts/fit-weights confidence FOLDER` fits and prints them. These are of 58 photographs without a ball on which neither network was
 /// trained, each in eight drawings of which every other one has a ball: the 45 of the split `validation` of `scripts/photographs` and 13
-/// wallpapers that were not kept. On the 45 alone it prints -1.494, 0.829, 0.486, 0.595, -0.111; `docs/experiments.md` compares the two.
+/// wallpapers that were not kept. On the 45 alone it prints -1.494, 0.829, 0.486, 0.595, -0.111, which is no better (`docs/experiments.md`).
 const BALL_LOG_ODDS: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
 /// Cells of the heatmap at which the last feature is 0: those of a picture of 256×256 px.
 const REFERENCE_CELLS: f64 = 4096.0;

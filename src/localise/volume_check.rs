@@ -17,7 +17,7 @@ pub(crate) struct VolumeCheck<'a> {
 }
 
 /// Why a detection cannot be the ball.
-enum Refusal {
+enum VolumeRefusal {
     /// No ball of this radius has such an outline.
     Outline,
     /// Its ray does not pass through the volume.
@@ -26,7 +26,7 @@ enum Refusal {
     Depth { depth: f64, near: f64, far: f64 },
 }
 
-impl Refusal {
+impl VolumeRefusal {
     fn reason(&self) -> String {
         match *self {
             Self::Outline => "no ball of this radius has such an outline".into(),
@@ -56,16 +56,16 @@ impl VolumeCheck<'_> {
     }
 
     /// Why `detection` cannot be the ball; [`None`] where it can.
-    fn refusal(&self, detection: &Detection) -> Option<Refusal> {
+    fn refusal(&self, detection: &Detection) -> Option<VolumeRefusal> {
         let outline = &detection.outline;
         let Some([near, far]) = self.camera.depths_within(&self.volume, &outline.centre) else {
-            return Some(Refusal::Ray);
+            return Some(VolumeRefusal::Ray);
         };
         let Ok(centre) = self.camera.ball_from_outline(outline, self.ball_radius) else {
-            return Some(Refusal::Outline);
+            return Some(VolumeRefusal::Outline);
         };
         let spread = (TOLERANCE_SIGMAS * detection.log_sigma).exp();
         let depth = centre.z;
-        (depth / spread > far || depth * spread < near).then_some(Refusal::Depth { depth, near, far })
+        (depth / spread > far || depth * spread < near).then_some(VolumeRefusal::Depth { depth, near, far })
     }
 }

@@ -62,7 +62,7 @@ impl Play {
 }
 
 /// What a flight must be.
-struct Wanted {
+struct FlightVolume {
     /// Velocity across, along (towards the other side) and up, m/s.
     across: Range<f64>,
     along: Range<f64>,
@@ -94,11 +94,11 @@ impl Kind {
         at: Point3<f64>,
         random: &mut Random,
     ) -> Result<(State, Forecast, f64)> {
-        let Wanted { across, along, up } = match self {
-            Self::Tennis => Wanted { across: -5.0..5.0, along: 16.0..38.0, up: -2.0..7.0 },
-            Self::TableTennis => Wanted { across: -1.5..1.5, along: 3.5..11.0, up: -1.0..3.0 },
-            Self::Volleyball => Wanted { across: -4.0..4.0, along: -3.0..12.0, up: 2.0..9.0 },
-            Self::Toss => Wanted { across: -1.5..1.5, along: -1.5..1.5, up: 2.0..5.5 },
+        let FlightVolume { across, along, up } = match self {
+            Self::Tennis => FlightVolume { across: -5.0..5.0, along: 16.0..38.0, up: -2.0..7.0 },
+            Self::TableTennis => FlightVolume { across: -1.5..1.5, along: 3.5..11.0, up: -1.0..3.0 },
+            Self::Volleyball => FlightVolume { across: -4.0..4.0, along: -3.0..12.0, up: 2.0..9.0 },
+            Self::Toss => FlightVolume { across: -1.5..1.5, along: -1.5..1.5, up: 2.0..5.5 },
         };
         let sigma = SPIN * forecaster.scene().ball.spin_sigma.unwrap_or(0.0);
         let times: Vec<f64> = (1..=LONGEST).map(|step| STEP * step as f64).collect();
