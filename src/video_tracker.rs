@@ -37,7 +37,7 @@ const ALIKE: f64 = 1.3;
 /// tracker.end().await?;
 /// let mut tracked = tracker.track(&[], Some((&camera, &scene)))?;
 /// tracked.fit(&Forecaster::new(&scene)?, &camera, &FitOptions::default(), |_, _| {})?;
-/// println!("seen in {} frames: {}", tracked.found(), tracked.verdict());
+/// println!("seen in {} frames: {}", tracked.found(), tracked.verdict);
 /// # Ok(())
 /// # }
 /// ```

@@ -121,7 +121,7 @@ impl Score {
 
 #[test]
 fn exact_labels_give_whole_clips_to_two_millimetres() {
-    score(&tracks(), 0.0, 0.0, &FitOptions::default()).check([0.22, 0.11]);
+    score(&tracks(), 0.0, 0.0, &FitOptions::default()).check([0.18, 0.10]);
 }
 
 #[test]
