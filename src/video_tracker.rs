@@ -90,6 +90,7 @@ impl VideoTracker {
             return Ok(());
         }
         self.ended = true;
+        self.follower.settle();
         self.search_whole().await?;
         self.follower.end();
         self.verify_regions().await

@@ -43,6 +43,14 @@ const MOST_RADIUS: f64 = 1.0 / 8.0;
 const SAME: f64 = 0.7;
 /// Share of the pixels that differ from the frame before, of what usually do, below which a frame is that one again.
 const REPEATED: f64 = 0.02;
+/// A frame that is repeated and then encoded again differs a little everywhere and hardly anywhere much: change of a level that it does not
+/// reach, the share of the pixels that do all the same of those in the frames before and after it (on broadcasts of 25 frames a second shown as
+/// 30: up to 0.06, other frames from 0.7 on), and fewest of those.
+const STRONG_CHANGE: u8 = 12;
+const REPEATED_STRONG: f64 = 0.15;
+const FEWEST_STRONG: f64 = 50.0;
+/// Frames after one that tell whether it is repeated.
+const AFTER: usize = 2;
 /// Share of a picture's pixels that differ from the background where the camera moved, or another took over.
 const MOVED: f64 = 0.35;
 /// Such frames in a row after which the background is made anew.
@@ -59,6 +67,11 @@ const FEWEST_FRAMES: usize = 5;
 
 /// Follows the ball through frames that come one after the other.
 pub struct Follower {
+    /// Frames that wait for the next ones, and the planes of the last frame of all.
+    coming: VecDeque<Coming>,
+    latest: Option<Arc<Planes>>,
+    /// Share of the pixels that changed much in the last frame that is not repeated.
+    strong: f64,
     /// Frames that wait for a background, with their times.
     waiting: Vec<(Arc<Planes>, f64)>,
     background: Option<Background>,
@@ -86,6 +99,16 @@ pub struct Follower {
     spare: Spare,
 }
 
+/// A frame of which is not known yet whether it is a repeated one.
+struct Coming {
+    picture: Picture,
+    planes: Arc<Planes>,
+    time: f64,
+    /// Its differences from the frame before, and the share of the pixels that changed much.
+    since: Option<Vec<u8>>,
+    strong: f64,
+}
+
 /// A frame that waits for the next one.
 struct Now {
     planes: Arc<Planes>,
@@ -111,6 +134,9 @@ impl Follower {
     /// Without any frame yet.
     pub fn new() -> Self {
         Self {
+            coming: VecDeque::new(),
+            latest: None,
+            strong: 0.0,
             waiting: vec![],
             background: None,
             before: None,
@@ -136,39 +162,63 @@ impl Follower {
     pub fn watch(&mut self, picture: Picture, time: f64) -> Result<()> {
         let planes = Arc::new(Planes::of(picture.rgb(), &mut self.spare));
         let size = [planes.width, planes.height];
-        if self.kept.is_empty() {
+        if self.latest.is_none() {
             self.size = size;
         }
         if size != self.size {
             let [[width, height], [first_width, first_height]] = [size, self.size];
             let reason =
                 format!("is {width}×{height} px, the first {first_width}×{first_height}: a video has one size");
-            return Err(Error::Data { what: format!("frame {}", self.kept.len()), reason });
+            return Err(Error::Data { what: format!("frame {}", self.kept.len() + self.coming.len()), reason });
         }
-        let since = self.before.as_ref().map(|before| before.difference(&planes, &mut self.spare));
-        let repeated = since.as_ref().is_some_and(|since| self.is_repeated(since));
+        let since = self.latest.replace(planes.clone()).map(|before| before.difference(&planes, &mut self.spare));
+        let strong = since.as_deref().map_or(0.0, |since| planes::share_above(since, STRONG_CHANGE));
+        self.coming.push_back(Coming { picture, planes, time, since, strong });
+        if self.coming.len() > AFTER {
+            self.take();
+        }
+        Ok(())
+    }
+
+    /// Takes the first of the coming frames.
+    fn take(&mut self) {
+        let Some(Coming { picture, planes, time, mut since, mut strong }) = self.coming.pop_front() else { return };
+        // Between it and the last that was another there may be repeated ones.
+        if self.kept.last().is_some_and(|last| last.repeated)
+            && let Some(before) = &self.before
+        {
+            since.into_iter().for_each(|bytes| self.spare.give(bytes));
+            let differences = before.difference(&planes, &mut self.spare);
+            strong = planes::share_above(&differences, STRONG_CHANGE);
+            since = Some(differences);
+        }
+        let after = self.coming.iter().map(|coming| coming.strong).fold(0.0, f64::max);
+        let usual = self.strong.min(after);
+        let is_still = usual * (self.size[0] * self.size[1]) as f64 >= FEWEST_STRONG && strong < REPEATED_STRONG * usual;
+        let repeated = since.as_ref().is_some_and(|since| self.is_repeated(since, is_still));
         self.kept.push(Kept { time, repeated });
         if repeated {
-            return Ok(());
+            since.into_iter().for_each(|bytes| self.spare.give(bytes));
+            return;
         }
+        self.strong = strong;
         self.hold(picture);
         self.before = Some(planes.clone());
         if self.background.is_some() {
             self.step(planes, time, since);
-            return Ok(());
+            return;
         }
         self.waiting.push((planes, time));
         if self.waiting.len() == FIRST_FRAMES {
             self.begin();
         }
-        Ok(())
     }
 
-    /// Whether a frame that differs so from the one before shows it again.
-    fn is_repeated(&mut self, differences: &[u8]) -> bool {
+    /// Whether a frame that differs so from the one before shows it again; it does where it `is_still`.
+    fn is_repeated(&mut self, differences: &[u8], is_still: bool) -> bool {
         let share = planes::share_above(differences, LEAST_CHANGE);
         let usual = median(self.changed.iter().copied()).unwrap_or(0.0);
-        let repeated = self.changed.len() > 2 && share < REPEATED * usual;
+        let repeated = is_still || self.changed.len() > 2 && share < REPEATED * usual;
         if !repeated {
             self.changed.push(share);
             if self.changed.len() > USUAL_FRAMES {
@@ -294,8 +344,16 @@ impl Follower {
         }
     }
 
+    /// No frame comes soon: those that waited for it are taken.
+    pub fn settle(&mut self) {
+        while !self.coming.is_empty() {
+            self.take();
+        }
+    }
+
     /// There are no more frames: the last ones are looked at, which waited for the next.
     pub fn end(&mut self) {
+        self.settle();
         if self.background.is_none() && self.waiting.len() >= FEWEST_FRAMES {
             self.begin();
         }

@@ -122,6 +122,28 @@ fn repeated_frames_are_told_and_cost_nothing() {
 }
 
 #[test]
+fn repeated_frames_that_were_encoded_again_are_told() {
+    let mut follower = Follower::new();
+    let mut source = 0;
+    for frame in 0..FRAMES {
+        if frame % 6 != 5 {
+            source += 1;
+        }
+        let mut rgb = ground(source);
+        disc(&mut rgb, ball_at(source), RADIUS, YELLOW);
+        // Each time every third pixel is encoded a little otherwise.
+        for (index, level) in rgb.iter_mut().enumerate().filter(|(index, _)| (index / 3 + frame).is_multiple_of(3)) {
+            *level = level.saturating_add((index / 7 % 5) as u8);
+        }
+        follower.watch(Picture::from_rgb(rgb), frame as f64 / FPS).unwrap();
+    }
+    follower.end();
+    let frames = frames_of(&follower, &[]);
+    let repeated: Vec<usize> = (0..FRAMES).filter(|&frame| frames[frame].repeated).collect();
+    assert_eq!(repeated, [5, 11, 17, 23, 29, 35]);
+}
+
+#[test]
 fn a_cut_loses_no_frame() {
     let at = |frame: usize| if frame < 30 { ball_at(frame) } else { ball_at(frame - 30) };
     let mut follower = Follower::new();
