@@ -16,6 +16,7 @@ mod blobs;
 mod chain;
 mod flying;
 mod planes;
+mod rhythm;
 mod steady;
 mod stretches;
 #[cfg(test)]
@@ -29,6 +30,7 @@ use self::arcs::{Search, Seen};
 use self::blobs::Blob;
 pub use self::flying::{Elsewhere, Flying, Followed, FollowedFrame};
 use self::planes::{Background, FIRST_FRAMES, Planes, Spare, contrast_of};
+use self::rhythm::Rhythm;
 use self::steady::{Steady, View};
 pub use self::stretches::stretches;
 use self::wanted::{Held, Words};
@@ -70,6 +72,8 @@ pub struct Follower {
     /// Frames that wait for the next ones, and the planes of the last frame of all.
     coming: VecDeque<Coming>,
     latest: Option<Arc<Planes>>,
+    /// In which frames are repeated, once that is known: times are the true ones then.
+    rhythm: Option<Rhythm>,
     /// Share of the pixels that changed much in the last frame that is not repeated.
     strong: f64,
     /// Frames that wait for a background, with their times.
@@ -136,6 +140,7 @@ impl Follower {
         Self {
             coming: VecDeque::new(),
             latest: None,
+            rhythm: None,
             strong: 0.0,
             waiting: vec![],
             background: None,
@@ -194,10 +199,13 @@ impl Follower {
         }
         let after = self.coming.iter().map(|coming| coming.strong).fold(0.0, f64::max);
         let usual = self.strong.min(after);
-        let is_still = usual * (self.size[0] * self.size[1]) as f64 >= FEWEST_STRONG && strong < REPEATED_STRONG * usual;
+        let is_still =
+            usual * (self.size[0] * self.size[1]) as f64 >= FEWEST_STRONG && strong < REPEATED_STRONG * usual;
         let repeated = since.as_ref().is_some_and(|since| self.is_repeated(since, is_still));
+        let time = self.rhythm.map_or(time, |rhythm| rhythm.time(self.kept.len()));
         self.kept.push(Kept { time, repeated });
         if repeated {
+            self.keep_time();
             since.into_iter().for_each(|bytes| self.spare.give(bytes));
             return;
         }
@@ -212,6 +220,21 @@ impl Follower {
         if self.waiting.len() == FIRST_FRAMES {
             self.begin();
         }
+    }
+
+    /// Gives the frames so far their true times, once the repeated ones show a rhythm.
+    fn keep_time(&mut self) {
+        if self.rhythm.is_some() {
+            return;
+        }
+        let frames: Vec<(f64, bool)> = self.kept.iter().map(|kept| (kept.time, kept.repeated)).collect();
+        let Some(rhythm) = Rhythm::of(&frames) else { return };
+        self.rhythm = Some(rhythm);
+        self.kept.iter_mut().enumerate().for_each(|(index, kept)| kept.time = rhythm.time(index));
+        let seen = self.seen.iter_mut().map(|seen| &mut seen.time);
+        let later = self.now.iter_mut().map(|now| &mut now.time).chain(self.waiting.iter_mut().map(|(_, time)| time));
+        let shown = self.kept.iter().filter(|kept| !kept.repeated);
+        seen.chain(later).zip(shown).for_each(|(time, kept)| *time = kept.time);
     }
 
     /// Whether a frame that differs so from the one before shows it again; it does where it `is_still`.
