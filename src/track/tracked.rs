@@ -5,12 +5,18 @@ use std::ops::Range;
 use nalgebra::{Point2, Point3};
 use serde::Serialize;
 
+use super::estimate::EstimatorConfig;
 use super::file::Track;
 use super::fit::{Fit, FitOptions, FittedImpact, Flight, Hit, Observation};
 use super::follow::{Elsewhere, Flying, FollowedFrame, stretches};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
+use crate::statistics::median;
+
+/// Standard deviation of what the radii that are read in a video are off by in common, px: compression, sharpening and streaks make small balls
+/// larger (a tennis ball of 3.5 px in a broadcast by 0.8 px).
+const RADIUS_BIAS: f64 = 0.6;
 
 /// The ball in a video ([`VideoTracker::track`](crate::VideoTracker::track)): in each frame, and its flights.
 #[derive(Debug, Default, Serialize)]
@@ -133,8 +139,16 @@ impl TrackedVideo {
     ) -> Result<()> {
         // Of a rate that was raised, a video's own times are no longer those of the frames.
         let times_known = options.times_known && !self.frames.iter().any(|frame| frame.repeated);
-        let options = FitOptions { times_known, ..options.clone() };
         let (_, mut observations) = self.track().observations(None)?;
+        let radius = median(observations.iter().filter_map(|seen| Some(seen.radius?[0])));
+        let config = options.config.unwrap_or_else(|| {
+            let own = EstimatorConfig::of(forecaster.scene(), camera.size());
+            EstimatorConfig {
+                size_sigma: radius.map_or(own.size_sigma, |px| own.size_sigma.hypot(RADIUS_BIAS / px)),
+                ..own
+            }
+        });
+        let options = FitOptions { times_known, config: Some(config), ..options.clone() };
         // What another view shows is not where this camera would put it.
         for (observation, frame) in observations.iter_mut().zip(&self.frames) {
             if frame.followed.elsewhere.is_some() {
