@@ -337,7 +337,9 @@ impl<'a> Problem<'a> {
         };
         let centre = |camera: &Camera| Ok(camera.world_from_camera(&Point3::origin()).coords);
         let distance = calibration.camera.camera_from_world(&Point3::from(self.centre())).coords.norm();
-        if calibration.sigma_of(centre)?.norm() > distance {
+        let vagueness = calibration.sigma_of(centre)?.norm();
+        // What overflows (points a thousand kilometres apart) is no camera either.
+        if vagueness > distance || !vagueness.is_finite() || !calibration.rms_px.is_finite() {
             return Err(vague());
         }
         calibration.covariance = unit * variance;
