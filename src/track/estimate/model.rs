@@ -394,6 +394,18 @@ impl<'a> Model<'a> {
         cost
     }
 
+    /// −2 ln of what normalises the priors of the noise (inverse gamma), the first speed and the sizes: the same for all hypotheses, but not for
+    /// all configurations.
+    pub fn prior_constant(&self) -> f64 {
+        let config = &self.config;
+        let weight = 2.0 * config.noise_weight;
+        let noise = match self.noise {
+            Some(_) => 0.0,
+            None => 4.0 * config.noise_px.ln() - weight * (weight / 2.0).ln() + 2.0 * libm::lgamma(weight / 2.0),
+        };
+        noise + 6.0 * config.speed.ln() + 2.0 * config.size_sigma.ln()
+    }
+
     /// What the time of a start, which is no unknown, adds to a logarithm of a determinant.
     pub fn start_constant(&self) -> f64 {
         2.0 * START_HELD.ln()

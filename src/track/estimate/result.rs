@@ -57,7 +57,7 @@ impl Model<'_> {
         let least = found.first()?.cost;
         let weights = found.iter().map(|it| (-0.5 * (it.cost - least)).exp()).filter(|weight| *weight >= NEGLIGIBLE);
         let summary = FitSummary {
-            log_evidence: -0.5 * cost,
+            log_evidence: -0.5 * (cost + self.prior_constant()),
             structures: weights.clone().count(),
             probability: weights.sum::<f64>().recip(),
         };
