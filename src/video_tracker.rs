@@ -67,6 +67,7 @@ impl VideoTracker {
             let reason = "comes after the last: track another video with another tracker";
             return Err(Error::value("video", "frame", reason));
         }
+        self.localiser.must_read_sizes()?;
         if let Some(camera) = &self.camera
             && camera.size() != picture.size()
         {

@@ -93,7 +93,7 @@ impl Localiser {
         Ok(found.collect())
     }
 
-    fn must_read_sizes(&self) -> Result<()> {
+    pub(crate) fn must_read_sizes(&self) -> Result<()> {
         if self.reads_size() {
             return Ok(());
         }
