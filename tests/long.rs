@@ -1,5 +1,6 @@
 //! Tracks of hundreds of labels, of a ball that nobody hits: what `fit` makes of them must not depend on how it goes through
 //! them.
+#![cfg(not(target_arch = "wasm32"))]
 
 mod common;
 // Other tests take more of it.

@@ -4,6 +4,7 @@
 //! The rallies are simulated by the forecaster that fits them, so its laws hold to the digit: what is tested is the search, the labels'
 //! noise and σ. The flights of another simulator, whose laws are others, are in
 //! [`flights_of_a_simulator_that_shares_no_code_are_found`].
+#![cfg(not(target_arch = "wasm32"))]
 
 #![cfg(not(target_arch = "wasm32"))]
 
