@@ -5,7 +5,7 @@ mod estimate;
 mod file;
 mod find;
 mod fit;
-mod follow;
+mod video;
 mod tracked;
 
 pub use self::estimate::EstimatorConfig;
@@ -16,6 +16,6 @@ pub use self::fit::{
     Estimate, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, Flight, Hit, Observation, Parameter,
 };
 #[doc(hidden)]
-pub use self::follow::Follower;
-pub use self::follow::{Elsewhere, Followed, FollowedFrame};
+pub use self::video::Follower;
+pub use self::video::{Elsewhere, Followed, FollowedFrame};
 pub use self::tracked::{OtherView, Stretch, TrackedFrame, TrackedVideo};

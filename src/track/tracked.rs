@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::estimate::EstimatorConfig;
 use super::file::Track;
 use super::fit::{Fit, FitOptions, FittedImpact, Flight, Hit, Observation};
-use super::follow::{Elsewhere, Flying, FollowedFrame, stretches};
+use super::video::{Elsewhere, Flying, FollowedFrame, stretches};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
@@ -149,10 +149,17 @@ impl TrackedVideo {
             }
         });
         let options = FitOptions { times_known, config: Some(config), ..options.clone() };
-        // What another view shows is not where this camera would put it.
+        // The camera is that of the first view: so are the rays of what other views show, where those are known.
         for (observation, frame) in observations.iter_mut().zip(&self.frames) {
-            if frame.followed.elsewhere.is_some() {
-                (observation.image, observation.radius) = (None, None);
+            match (frame.followed.elsewhere, frame.followed.view) {
+                (Some(Elsewhere::Moved(_)), Some(view)) => {
+                    let Some(image) = observation.image else { continue };
+                    let scale = view.scale(image.into());
+                    observation.image = Some(view.first(image.into()).into());
+                    observation.radius = observation.radius.map(|radius| radius.map(|px| px * scale));
+                }
+                (Some(_), _) => (observation.image, observation.radius) = (None, None),
+                (None, _) => {}
             }
         }
         let ranges = stretches(&observations);

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use image::RgbImage;
+use nalgebra::Matrix3;
 use rayon::prelude::*;
 
 use crate::kernels::{Vectors, pixels};
@@ -53,6 +54,23 @@ impl Planes {
         Self { width, height, levels: [brightness, colour] }
     }
 
+    /// The same as another view shows it: `own_from_other` maps that view's pixels to these. What is not in the picture is as `beyond`
+    /// has it.
+    pub fn warped(&self, own_from_other: &Matrix3<f64>, beyond: Option<&Self>, spare: &mut Spare) -> Self {
+        let (width, height) = (self.width, self.height);
+        let levels = [0, 1].map(|plane| {
+            let mut warped = spare.take(width * height);
+            let from = &self.levels[plane];
+            let beyond = beyond.map(|beyond| &beyond.levels[plane]);
+            warped.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+                let beyond = beyond.map(|beyond| &beyond[y * width..][..width]);
+                warp_row(from, [width, height], own_from_other, y, beyond, row);
+            });
+            warped
+        });
+        Self { width, height, levels }
+    }
+
     /// The largest difference of each pixel's levels in two pictures of one size.
     pub fn difference(&self, other: &Self, spare: &mut Spare) -> Vec<u8> {
         let mut differences = spare.take(self.width * self.height);
@@ -63,6 +81,40 @@ impl Planes {
         });
         differences
     }
+}
+
+/// A row of a plane of `size` as another view shows it, interpolated between pixels.
+fn warp_row(
+    from: &[u8],
+    [width, height]: [usize; 2],
+    own_from_other: &Matrix3<f64>,
+    y: usize,
+    beyond: Option<&[u8]>,
+    row: &mut [u8],
+) {
+    let column = |index: usize| own_from_other.column(index).map(|value| value as f32);
+    let (along, start) = (column(0), column(1) * y as f32 + column(2));
+    for (x, out) in row.iter_mut().enumerate() {
+        let at = start + along * x as f32;
+        let (u, v) = (at.x / at.z, at.y / at.z);
+        if !(u >= 0.0 && v >= 0.0 && u < (width - 1) as f32 && v < (height - 1) as f32) {
+            *out = beyond.map_or(0, |beyond| beyond[x]);
+            continue;
+        }
+        let (column, line) = (u as usize, v as usize);
+        // Parts of 256.
+        let [right, below] = [u - column as f32, v - line as f32].map(|part| (part * 256.0) as u32);
+        let pixel = line * width + column;
+        let between = |at: usize| u32::from(from[at]) * (256 - right) + u32::from(from[at + 1]) * right;
+        *out = ((between(pixel) * (256 - below) + between(pixel + width) * below + (1 << 15)) >> 16) as u8;
+    }
+}
+
+/// Takes `less` from each of `values`, down to zero.
+pub(super) fn subtract(values: &mut [u8], less: &[u8]) {
+    values.par_chunks_mut(PART).zip(less.par_chunks(PART)).for_each(|(values, less)| {
+        values.iter_mut().zip(less).for_each(|(value, less)| *value = value.saturating_sub(*less));
+    });
 }
 
 /// What stands still.
@@ -87,6 +139,34 @@ impl Background {
             });
         }
         Some(Self(background))
+    }
+
+    /// Another one in its place, made of it.
+    pub fn replace(&mut self, moved: &mut impl FnMut(&Planes) -> Arc<Planes>) {
+        let planes = moved(&self.0);
+        self.0 = Planes { levels: planes.levels.clone(), ..*planes };
+    }
+
+    /// A fraction of the range of brightness in the 3×3 pixels about each.
+    pub fn edges(&self, fraction: f64, spare: &mut Spare) -> Vec<u8> {
+        let Planes { width, height, levels: [levels, _] } = &self.0;
+        let (width, height) = (*width, *height);
+        let mut edges = spare.take(width * height);
+        edges.par_chunks_mut(width.max(1)).enumerate().for_each(|(y, row)| {
+            let lines = [y.saturating_sub(1), y, (y + 1).min(height - 1)].map(|line| &levels[line * width..][..width]);
+            let extremes = |x: usize| {
+                let of = lines.map(|line| line[x]);
+                (of[0].min(of[1]).min(of[2]), of[0].max(of[1]).max(of[2]))
+            };
+            let mut columns = [extremes(0), extremes(0), extremes(1.min(width - 1))];
+            for (x, edge) in row.iter_mut().enumerate() {
+                let least = columns[0].0.min(columns[1].0).min(columns[2].0);
+                let most = columns[0].1.max(columns[1].1).max(columns[2].1);
+                *edge = (f64::from(most - least) * fraction) as u8;
+                columns = [columns[1], columns[2], extremes((x + 2).min(width - 1))];
+            }
+        });
+        edges
     }
 
     /// How much a frame's pixels are not the background's, which then follows light that changes slowly: a level a frame.

@@ -1,7 +1,9 @@
 //! Connected parts of a picture that differ, as discs and streaks.
 
+use nalgebra::Matrix3;
 use rayon::prelude::*;
 
+use super::view::{mapped, scale};
 use crate::kernels::Vectors;
 use crate::kernels::pixels::largest;
 
@@ -38,6 +40,25 @@ pub(super) struct Blob {
     pub sigma: f64,
     /// How crowded its place is, once the blobs about it are forgotten.
     pub crowd: Option<f64>,
+}
+
+impl Blob {
+    /// The same in the pixels of another view.
+    pub fn mapped(&self, homography: &Matrix3<f64>) -> Self {
+        let at = mapped(homography, self.at);
+        let ahead = [self.at[0] + self.direction.cos(), self.at[1] + self.direction.sin()];
+        let ahead = mapped(homography, ahead);
+        let direction = ((ahead[1] - at[1]) / (ahead[0] - at[0])).atan();
+        let scale = scale(homography, self.at);
+        Self {
+            at,
+            radius: self.radius * scale,
+            reach: self.reach * scale,
+            direction: if direction.is_finite() { direction } else { 0.0 },
+            sigma: self.sigma * scale,
+            ..*self
+        }
+    }
 }
 
 /// Rows that a thread looks at, at least, and pixels of one that are looked at together.

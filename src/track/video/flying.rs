@@ -8,6 +8,7 @@ use super::arcs::{Arc, Seen, alike};
 use super::bend::{Falling, Place};
 use super::blobs::Blob;
 use super::chain::{Piece, chain};
+use super::view::View;
 use super::wanted::Words;
 use crate::camera::{Camera, Detection};
 use crate::physics::Scene;
@@ -81,6 +82,8 @@ pub struct FollowedFrame {
     pub confidence: f64,
     /// Where the camera looks, if not where it did at first: then a camera that was calibrated there makes no metres here.
     pub elsewhere: Option<Elsewhere>,
+    /// Its view; none of a repeated frame.
+    pub(in crate::track) view: Option<View>,
 }
 
 /// All that flew in a video.
@@ -92,6 +95,7 @@ pub struct Flying<'a> {
     /// Numbers of the frames of which `seen` tells.
     numbers: Vec<usize>,
     cuts: Vec<usize>,
+    views: &'a [View],
     elsewhere: &'a [Option<Elsewhere>],
 }
 
@@ -102,12 +106,13 @@ impl<'a> Flying<'a> {
         arcs: Vec<Arc>,
         words: &'a Words,
         cuts: &[usize],
+        views: &'a [View],
         elsewhere: &'a [Option<Elsewhere>],
     ) -> Self {
         let numbers: Vec<usize> =
             kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
         let cuts = cuts.iter().map(|&place| numbers[place]).collect();
-        Self { kept, seen, arcs, words, numbers, cuts, elsewhere }
+        Self { kept, seen, arcs, words, numbers, cuts, views, elsewhere }
     }
 
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
@@ -119,11 +124,11 @@ impl<'a> Flying<'a> {
     pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> Vec<FollowedFrame> {
         let frame = |(number, kept): (usize, &Kept)| {
             let point = TrackPoint { frame: number as u64, time: Some(kept.time), ..TrackPoint::default() };
-            FollowedFrame { point, repeated: kept.repeated, ball: None, confidence: 0.0, elsewhere: None }
+            FollowedFrame { point, repeated: kept.repeated, ..FollowedFrame::default() }
         };
         let mut frames: Vec<FollowedFrame> = self.kept.iter().enumerate().map(frame).collect();
-        for (&number, &elsewhere) in self.numbers.iter().zip(self.elsewhere) {
-            frames[number].elsewhere = elsewhere;
+        for (&number, (&view, &elsewhere)) in self.numbers.iter().zip(self.views.iter().zip(self.elsewhere)) {
+            (frames[number].view, frames[number].elsewhere) = (Some(view), elsewhere);
         }
         let falling = place.map(|(camera, scene)| Falling { camera, scene });
         let pieces = (0..self.arcs.len()).flat_map(|arc| self.pieces(arc, falling.as_ref())).collect();
@@ -216,8 +221,8 @@ impl<'a> Flying<'a> {
             seen += f64::from(u8::from(ball.is_some()));
             Place {
                 time: self.seen[place].time,
-                at: ball.map_or(blob.at.into(), |ball| ball.outline.centre),
-                radius: ball.map_or(blob.radius, |ball| ball.outline.radius),
+                at: blob.at.into(),
+                radius: blob.radius,
                 sigma: blob.sigma,
             }
         };
@@ -232,7 +237,7 @@ impl<'a> Flying<'a> {
     }
 
     fn followed(&self, (frame, index): (usize, usize)) -> Followed {
-        let blob = &self.seen[frame].blobs[index];
+        let blob = self.seen[frame].blobs[index].mapped(&self.views[frame].frame_from_first);
         Followed { image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
     }
 }

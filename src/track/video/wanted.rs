@@ -146,7 +146,7 @@ impl Follower {
                     last = Some(number);
                     probes -= usize::from(!is_ball);
                     self.words.asked.insert(member);
-                    let Blob { at, radius, reach, .. } = self.seen[place].blobs[blob];
+                    let Blob { at, radius, reach, .. } = self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
                     wanted.push(Wanted { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
                 }
             }
@@ -199,7 +199,11 @@ impl Follower {
         let after = last + 1..(last + 1 + BEYOND).min(search.frames.len());
         let within = (first..last).filter(|frame| arc.members.binary_search_by_key(frame, |member| member.0).is_err());
         let wanted = before.chain(within).chain(after).filter_map(|frame| {
-            let (image, unsure, radius_px) = search.leads(arc, frame)?;
+            let (at, unsure, radius) = search.leads(arc, frame)?;
+            let view = &self.views[from + frame];
+            let image = view.frame(at);
+            let larger = view.scale(image).recip();
+            let [unsure, radius_px] = [unsure, radius].map(|px| px * larger);
             let inside = (0..2).all(|axis| (0.0..self.size[axis] as f64).contains(&image[axis]));
             let near = |&(place, at): &(usize, [f64; 2])| {
                 place == from + frame && (at[0] - image[0]).hypot(at[1] - image[1]) < radius_px.max(2.0)
@@ -233,10 +237,11 @@ impl Follower {
             Some(blob) => {
                 let ball = ball.filter(|ball| ball.confidence >= SEEN);
                 if let Some(ball) = &ball {
+                    let own = blob_of(ball).mapped(&self.views[wanted.place].first_from_frame);
                     // Better than the middle of what differs; a streak keeps its length.
                     let blob = &mut self.seen[wanted.place].blobs[blob];
                     let reach = if blob.reach < STREAK * blob.radius { 0.0 } else { blob.reach };
-                    *blob = Blob { reach: reach.max(ball.outline.radius), direction: blob.direction, ..blob_of(ball) };
+                    *blob = Blob { reach: reach.max(own.radius), direction: blob.direction, ..own };
                 }
                 self.words.said.insert((wanted.place, blob), ball);
             }
@@ -253,7 +258,7 @@ impl Follower {
         let Some(seen) = self.seen.get_mut(place) else {
             return self.words.found.push((place, ball));
         };
-        let own = blob_of(&ball);
+        let own = blob_of(&ball).mapped(&self.views[place].first_from_frame);
         let Blob { at, radius, .. } = own;
         // What moves within it is a part of it.
         let is_part = |blob: &Blob| {

@@ -17,7 +17,8 @@ mod chain;
 mod flying;
 mod planes;
 mod rhythm;
-mod steady;
+mod registration;
+mod view;
 mod stretches;
 #[cfg(test)]
 mod tests;
@@ -31,7 +32,8 @@ use self::blobs::Blob;
 pub use self::flying::{Elsewhere, Flying, Followed, FollowedFrame};
 use self::planes::{Background, FIRST_FRAMES, Planes, Spare, contrast_of};
 use self::rhythm::Rhythm;
-use self::steady::{Steady, View};
+use self::registration::Registration;
+use self::view::{View, displacement, is_still, scale};
 pub use self::stretches::stretches;
 use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
@@ -60,8 +62,16 @@ const MOVING_FRAMES: usize = 3;
 /// Change of a level that is counted to find repeated frames, and frames that tell how much usually changes.
 const LEAST_CHANGE: u8 = 2;
 const USUAL_FRAMES: usize = 50;
-/// Frames between two looks at whether the camera still stands where it did.
-const STEADY_EVERY: usize = 4;
+/// Mean displacement of the picture from which a frame is said to show another view than the first, px.
+const ELSEWHERE_PX: f64 = 1.5;
+/// Displacement, as a fraction of the width, and change of size from which on frames are stabilised about another one.
+const CANVAS_MOVED: f64 = 0.25;
+const CANVAS_SCALED: f64 = 1.3;
+/// Frames between searches for the first view while another one is shown.
+const RETURN_EVERY: usize = 4;
+/// Half the range of the levels about a pixel is what a registration that is half a pixel off makes of an edge: fraction of it that a
+/// difference must exceed while the camera moves.
+const EDGE_TOLERANCE: f64 = 0.5;
 /// Gain from which what an arc has taken starts no other.
 const STRONG_GAIN: f64 = 20.0;
 /// Fewest frames of which a background is made.
@@ -77,7 +87,7 @@ pub struct Follower {
     /// Share of the pixels that changed much in the last frame that is not repeated.
     strong: f64,
     /// Frames that wait for a background, with their times.
-    waiting: Vec<(Arc<Planes>, f64)>,
+    waiting: Vec<(Stabilised, f64)>,
     background: Option<Background>,
     /// The last frame that was not a repeated one.
     before: Option<Arc<Planes>>,
@@ -91,9 +101,18 @@ pub struct Follower {
     moving: usize,
     /// From where on the background was another, of `seen`.
     cuts: Vec<usize>,
-    /// What stood still at first, if that can be found again.
-    steady: Option<Steady>,
-    /// Of each of `seen`, whether the camera looks elsewhere than at first.
+    /// Of the frames to the first view, if that can be found again; and to the first after a cut, while that view is shown.
+    registration: Option<Registration>,
+    other: Option<Registration>,
+    /// Whether another view than the registered one is shown, since a cut.
+    is_cut: bool,
+    /// In whose pixels frames are stabilised: those of the first view, until the camera has moved far.
+    canvas: View,
+    /// The last stabilised frame, and the one before [`Self::now`].
+    stabilised: Option<Stabilised>,
+    previous: Option<Arc<Planes>>,
+    /// Of each frame that is not repeated, its view, and whether the camera looks elsewhere than at first.
+    views: Vec<View>,
     elsewhere: Vec<Option<Elsewhere>>,
     size: [usize; 2],
     /// The last frames that are not repeated.
@@ -119,6 +138,16 @@ struct Now {
     time: f64,
     /// Its differences from the frame before.
     since: Option<Vec<u8>>,
+    /// Whether it is as it was taken.
+    as_taken: bool,
+}
+
+/// A frame in the canvas's pixels.
+#[derive(Clone)]
+struct Stabilised {
+    planes: Arc<Planes>,
+    /// Whether it is the frame as it was taken.
+    as_taken: bool,
 }
 
 /// What a frame was like besides its blobs.
@@ -151,7 +180,13 @@ impl Follower {
             changed: vec![],
             moving: 0,
             cuts: vec![],
-            steady: None,
+            registration: None,
+            other: None,
+            is_cut: false,
+            canvas: View::FIRST,
+            stabilised: None,
+            previous: None,
+            views: vec![],
             elsewhere: vec![],
             size: [0; 2],
             held: VecDeque::new(),
@@ -212,11 +247,12 @@ impl Follower {
         self.strong = strong;
         self.hold(picture);
         self.before = Some(planes.clone());
+        let (frame, since) = self.stabilise(planes, since);
         if self.background.is_some() {
-            self.step(planes, time, since);
+            self.step(frame, time, since);
             return;
         }
-        self.waiting.push((planes, time));
+        self.waiting.push((frame, time));
         if self.waiting.len() == FIRST_FRAMES {
             self.begin();
         }
@@ -254,32 +290,31 @@ impl Follower {
     /// Looks at the frames that waited for a background.
     fn begin(&mut self) {
         let waiting = std::mem::take(&mut self.waiting);
-        let (planes, times): (Vec<Arc<Planes>>, Vec<f64>) = waiting.into_iter().unzip();
+        let planes: Vec<Arc<Planes>> = waiting.iter().map(|(frame, _)| frame.planes.clone()).collect();
         self.background = Background::of(&planes);
-        if self.seen.is_empty()
-            && let [first, .., last] = planes.as_slice()
-        {
-            self.steady = Steady::of(&[first, &planes[planes.len() / 2], last]);
-        }
-        self.now = None;
-        for (planes, time) in planes.into_iter().zip(times) {
-            let since = self.now.as_ref().map(|now| now.planes.difference(&planes, &mut self.spare));
-            self.step(planes, time, since);
+        drop(planes);
+        (self.now, self.previous) = (None, None);
+        for (frame, time) in waiting {
+            let since = self.now.as_ref().map(|now| now.planes.difference(&frame.planes, &mut self.spare));
+            self.step(frame, time, since);
         }
     }
 
     /// Looks at the frame before this one, which is its next; `since` is their difference.
-    fn step(&mut self, next: Arc<Planes>, time: f64, since: Option<Vec<u8>>) {
+    fn step(&mut self, next: Stabilised, time: f64, since: Option<Vec<u8>>) {
         let until = self.now.is_some().then_some(since).flatten();
         if let Some(now) = self.now.take() {
             self.look(&now, until.as_deref());
             now.since.into_iter().for_each(|bytes| self.spare.give(bytes));
-            if let Some(planes) = Arc::into_inner(now.planes) {
+            if let Some(planes) = self.previous.replace(now.planes).and_then(Arc::into_inner) {
                 planes.levels.into_iter().for_each(|bytes| self.spare.give(bytes));
             }
         }
         match self.background {
-            Some(_) => self.now = Some(Now { planes: next, time, since: until }),
+            Some(_) => {
+                let Stabilised { planes, as_taken } = next;
+                self.now = Some(Now { planes, time, since: until, as_taken });
+            }
             // The look found another camera's picture: this frame is the first that waits for a new background.
             None => self.waiting.push((next, time)),
         }
@@ -288,14 +323,14 @@ impl Follower {
     /// The blobs of a frame that has one before and one after it; without either they are what differs from the background.
     fn look(&mut self, now: &Now, until: Option<&[u8]>) {
         let Some(background) = &mut self.background else { return };
-        let differences = background.follow(&now.planes, &mut self.spare);
+        let mut differences = background.follow(&now.planes, &mut self.spare);
+        let tolerance = (!now.as_taken).then(|| background.edges(EDGE_TOLERANCE, &mut self.spare));
         let contrast = contrast_of(now.since.as_deref().or(until).unwrap_or(&differences));
         let shorter = self.size[0].min(self.size[1]) as f64;
         let radii = [LEAST_RADIUS, MOST_RADIUS * shorter];
         if planes::share_above(&differences, contrast) > MOVED {
             self.moving += 1;
             self.seen.push(Seen { time: now.time, blobs: vec![] });
-            self.look_where(&now.planes);
             if self.moving >= MOVING_FRAMES {
                 self.cut();
             }
@@ -303,6 +338,9 @@ impl Follower {
         }
         self.moving = 0;
         let width = self.size[0];
+        if let Some(tolerance) = &tolerance {
+            planes::subtract(&mut differences, tolerance);
+        }
         let mut found = blobs::blobs(&differences, width, contrast, radii);
         if let (Some(since), Some(until)) = (&now.since, until) {
             let moves = |blob: &Blob| {
@@ -318,7 +356,10 @@ impl Follower {
                 })
             };
             found.retain(moves);
-            let both = planes::less_of(since, until, &mut self.spare);
+            let mut both = planes::less_of(since, until, &mut self.spare);
+            if let Some(tolerance) = &tolerance {
+                planes::subtract(&mut both, tolerance);
+            }
             for blob in blobs::blobs(&both, width, contrast, radii) {
                 let known = |other: &Blob| {
                     let off = (other.at[0] - blob.at[0]).hypot(other.at[1] - blob.at[1]);
@@ -331,40 +372,106 @@ impl Follower {
             self.spare.give(both);
         }
         self.spare.give(differences);
+        tolerance.into_iter().for_each(|bytes| self.spare.give(bytes));
+        let canvas = self.canvas;
+        if canvas != View::FIRST {
+            found.iter_mut().for_each(|blob| *blob = blob.mapped(&canvas.first_from_frame));
+        }
         self.seen.push(Seen { time: now.time, blobs: found });
-        self.look_where(&now.planes);
     }
 
-    /// Whether the camera still looks where it did, of the last frame that was seen.
-    fn look_where(&mut self, planes: &Planes) {
-        let mut now = self.elsewhere.last().copied().flatten();
-        if self.elsewhere.len().is_multiple_of(STEADY_EVERY)
-            && let Some(steady) = &mut self.steady
+    /// A frame as the canvas shows it, and its differences from the frame before as that shows that; `since` are those of the frames as
+    /// they were taken.
+    fn stabilise(&mut self, planes: Arc<Planes>, since: Option<Vec<u8>>) -> (Stabilised, Option<Vec<u8>>) {
+        let view = self.view(&planes);
+        self.views.push(view);
+        let away = view.frame_from_first * self.canvas.first_from_frame;
+        let middle = self.size.map(|side| side as f64 / 2.0);
+        let size = scale(&away, middle);
+        if displacement(&away, self.size) > CANVAS_MOVED * self.size[0] as f64
+            || !(CANVAS_SCALED.recip()..CANVAS_SCALED).contains(&size)
         {
-            let before = now;
-            now = match steady.view(planes) {
-                View::First => None,
-                View::Moved(px) => Some(Elsewhere::Moved(px)),
-                View::Unknown => now,
-            };
-            // When between the two looks it began to move, nobody saw.
-            if before.is_none() && now.is_some() {
-                let since = self.elsewhere.len().saturating_sub(STEADY_EVERY - 1);
-                self.elsewhere[since..].fill(now);
-            }
+            self.move_canvas(view, &planes);
         }
-        self.elsewhere.push(now);
+        let frame_from_canvas = view.frame_from_first * self.canvas.first_from_frame;
+        let as_taken = is_still(&frame_from_canvas, self.size);
+        let before = self.stabilised.take();
+        let stabilised = match as_taken {
+            true => planes,
+            false => {
+                let beyond = before.as_ref().map(|before| &*before.planes);
+                Arc::new(planes.warped(&frame_from_canvas, beyond, &mut self.spare))
+            }
+        };
+        let since = match &before {
+            Some(before) if !(as_taken && before.as_taken) => {
+                since.into_iter().for_each(|bytes| self.spare.give(bytes));
+                Some(before.planes.difference(&stabilised, &mut self.spare))
+            }
+            _ => since,
+        };
+        let stabilised = Stabilised { planes: stabilised, as_taken };
+        self.stabilised = Some(stabilised.clone());
+        (stabilised, since)
+    }
+
+    /// The view of the next frame, by what stands still in it.
+    fn view(&mut self, planes: &Planes) -> View {
+        if self.registration.is_none() && self.views.len() < FIRST_FRAMES {
+            self.registration = Registration::of(planes);
+        }
+        let due = !self.is_cut || self.views.len().is_multiple_of(RETURN_EVERY);
+        let found = self.registration.as_mut().filter(|_| due).and_then(|registration| registration.view(planes));
+        if let Some(view) = found {
+            (self.is_cut, self.other) = (false, None);
+            let moved = displacement(&view.frame_from_first, self.size);
+            self.elsewhere.push((moved > ELSEWHERE_PX).then_some(Elsewhere::Moved(moved)));
+            return view;
+        }
+        let last = self.views.last().copied().unwrap_or(View::FIRST);
+        if self.is_cut {
+            self.elsewhere.push(Some(Elsewhere::Cut));
+            return self.other.as_mut().and_then(|other| other.view(planes)).unwrap_or(last);
+        }
+        // Too little is found again: of a camera that stood still, because something is before it.
+        let is_still = is_still(&last.frame_from_first, self.size);
+        self.elsewhere.push((!is_still).then_some(Elsewhere::Cut));
+        last
+    }
+
+    /// Stabilises about another view from now on.
+    fn move_canvas(&mut self, view: View, planes: &Planes) {
+        let old_from_new = self.canvas.frame_from_first * view.first_from_frame;
+        self.canvas = view;
+        let mut moved = |old: &Planes| Arc::new(old.warped(&old_from_new, Some(planes), &mut self.spare));
+        if let Some(background) = &mut self.background {
+            background.replace(&mut moved);
+        }
+        self.waiting.iter_mut().for_each(|(frame, _)| *frame = Stabilised { planes: moved(&frame.planes), as_taken: false });
+        self.previous = self.previous.take().map(|previous| moved(&previous));
+        if let Some(now) = &mut self.now {
+            (now.planes, now.as_taken) = (moved(&now.planes), false);
+        }
+        if let Some(stabilised) = &mut self.stabilised {
+            *stabilised = Stabilised { planes: moved(&stabilised.planes), as_taken: false };
+        }
+        if let (Some(now), Some(previous)) = (&mut self.now, &self.previous) {
+            now.since = Some(previous.difference(&now.planes, &mut self.spare));
+        }
     }
 
     /// From some frames ago on it is another picture.
     fn cut(&mut self) {
-        self.cuts.push(self.seen.len() - MOVING_FRAMES);
+        let from = self.seen.len() - MOVING_FRAMES;
+        self.cuts.push(from);
         (self.background, self.moving) = (None, 0);
-        if let Some(steady) = &mut self.steady {
-            steady.start_again();
-            let from = self.seen.len() - MOVING_FRAMES;
+        if let Some(registration) = &mut self.registration {
+            registration.start_again();
             self.elsewhere[from..].fill(Some(Elsewhere::Cut));
+            self.is_cut = true;
+            self.other = self.stabilised.as_ref().and_then(|last| Registration::of(&last.planes));
         }
+        self.canvas = View::FIRST;
     }
 
     /// No frame comes soon: those that waited for it are taken.
@@ -385,7 +492,6 @@ impl Follower {
         }
         // Frames that nothing could be compared with.
         self.seen.extend(self.waiting.drain(..).map(|(_, time)| Seen { time, blobs: vec![] }));
-        self.elsewhere.resize(self.seen.len(), self.elsewhere.last().copied().flatten());
     }
 
     /// What flew in the frames that were watched until [`Self::end`]. `seeds` are frames and places (px) in which a person saw it:
@@ -396,7 +502,13 @@ impl Follower {
     pub fn flying(&self, seeds: &[(usize, [f64; 2])]) -> Result<Flying<'_>> {
         let seeds = self.seeds(seeds)?;
         let arcs = self.search(0, 1.0, STRONG_GAIN, &seeds).arcs();
-        Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts, &self.elsewhere))
+        Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts, &self.views, &self.elsewhere))
+    }
+
+    /// DEBUG
+    pub fn blobs(&self) -> Vec<(usize, Vec<[f64; 4]>)> {
+        let numbers = self.kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number);
+        numbers.zip(self.seen.iter().zip(&self.views)).map(|(number, (seen, view))| (number, seen.blobs.iter().map(|b| b.mapped(&view.frame_from_first)).map(|b| [b.at[0], b.at[1], b.radius, b.reach]).collect())).collect()
     }
 
     /// Arcs are searched from a frame on, of those that are not repeated.
@@ -422,8 +534,8 @@ impl Follower {
             if !((0.0..width).contains(&x) && (0.0..height).contains(&y)) {
                 return refuse(format!("({x}, {y}) px is outside the picture of {width}×{height} px"));
             }
-            let before = self.kept[..=frame].iter().filter(|kept| !kept.repeated).count();
-            Ok((before.saturating_sub(1), [x, y]))
+            let before = self.kept[..=frame].iter().filter(|kept| !kept.repeated).count().saturating_sub(1);
+            Ok((before, self.views[before].first([x, y])))
         };
         seeds.iter().map(seed).collect()
     }
