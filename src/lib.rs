@@ -131,8 +131,8 @@ pub mod internal {
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
     pub use crate::synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use crate::table::{Row, Table};
-    pub use crate::track::{Follower, TrackPoint};
+    pub use crate::track::{Follower, Query, Stack, TrackPoint};
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
-    pub use crate::train::read_photographs;
     pub use crate::train::{Supervision, TrainProgress, Validation};
+    pub use crate::train::{read_photographs, stack_record};
 }

@@ -107,6 +107,12 @@ impl VideoTracker {
         Ok(TrackedVideo::new(&self.follower.flying(seeds)?, place))
     }
 
+    /// What the weights of the log-odds of paths are fitted to: of each path its features, and its frames and places (px).
+    #[doc(hidden)]
+    pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<(Vec<f64>, Vec<(usize, [f64; 2])>)> {
+        self.follower.flying(&[]).map(|flying| flying.evidence(place)).unwrap_or_default()
+    }
+
     /// Runs the detector in the search regions that the follower proposes.
     async fn verify_regions(&mut self) -> Result<()> {
         let camera = self.camera.as_ref();
@@ -116,6 +122,14 @@ impl VideoTracker {
                 return Ok(());
             }
             for wanted in wanted {
+                if let Some(stack) = self.follower.stack(&wanted)
+                    && wanted.is_of_blob()
+                    && let Some(probability) = self.localiser.moves_as_a_ball(&stack.pictures).await?
+                    && !self.follower.tell_motion(&wanted, probability)
+                {
+                    self.follower.tell(&wanted, None);
+                    continue;
+                }
                 let Some(picture) = self.follower.picture(&wanted) else { continue };
                 let found = self
                     .localiser

@@ -5,7 +5,6 @@
 //! noise and σ. The flights of another simulator, whose laws are others, are in
 //! [`flights_of_a_simulator_that_shares_no_code_are_found`].
 #![cfg(not(target_arch = "wasm32"))]
-
 #![cfg(not(target_arch = "wasm32"))]
 
 mod common;

@@ -52,6 +52,8 @@ pub struct Localiser {
     pen: Pen,
     /// The verifier, where there is one.
     verifier: Option<Box<Localiser>>,
+    /// The motion network, where there is one.
+    motion: Option<Box<Localiser>>,
     /// The last used comes last.
     runners: Mutex<Vec<(Size, Arc<PenRunner>)>>,
     config: PenConfig,
@@ -201,16 +203,18 @@ impl Localiser {
     /// [`Error::WeightsNotFinite`].
     pub fn new(card: Card, weights: Vec<u8>, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
-        let Some(architecture) = card.verifier.clone() else {
-            let pen = model::load(&card.architecture, weights, device)?;
-            return Ok(Self::from_pen(pen, card, device));
+        let [own, verifier, motion] = model::parted(&weights)?;
+        let second = |architecture: &Option<PenConfig>, weights: Vec<u8>, side: u32| {
+            let Some(architecture) = architecture.clone() else { return Ok(None) };
+            let pen = model::load(&architecture, weights, device)?;
+            let input = Size::square(side);
+            let card = Card { architecture, verifier: None, motion: None, input, ..card.clone() };
+            Ok::<_, Error>(Some(Box::new(Self::from_pen(pen, card, device))))
         };
-        let [own, verifier] = model::parted(&weights)?;
+        let verifier = second(&card.verifier, verifier, model::VERIFIER_SIDE)?;
+        let motion = second(&card.motion, motion, model::MOTION_SIDE)?;
         let pen = model::load(&card.architecture, own, device)?;
-        let verifier = model::load(&architecture, verifier, device)?;
-        let input = Size::square(model::VERIFIER_SIDE);
-        let verifier = Self::from_pen(verifier, Card { architecture, verifier: None, input, ..card.clone() }, device);
-        Ok(Self { verifier: Some(Box::new(verifier)), ..Self::from_pen(pen, card, device) })
+        Ok(Self { verifier, motion, ..Self::from_pen(pen, card, device) })
     }
 
     /// A localiser from a network already in memory.
@@ -218,7 +222,7 @@ impl Localiser {
     pub fn from_pen(pen: Pen, card: Card, device: &Device) -> Self {
         let config = pen.config().clone();
         let runners = Mutex::new(vec![(card.input, Arc::new(pen.clone().runner(card.input, device)))]);
-        Self { pen, verifier: None, runners, config, card, device: device.clone() }
+        Self { pen, verifier: None, motion: None, runners, config, card, device: device.clone() }
     }
 
     /// Whether the model reads apparent sizes, and needs the ball's radius.

@@ -4,6 +4,7 @@
 use std::f64::consts::PI;
 
 use image::RgbImage;
+use nalgebra::{Point2, distance};
 
 use super::Localiser;
 use super::crop::{Crop, VERIFIER_CROP};
@@ -17,7 +18,7 @@ use crate::error::Result;
 use crate::image::Normalisation;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::image::Picture;
-use crate::model::{CONFIDENCE_RADIUS, PICTURE_CHANNELS};
+use crate::model::{CONFIDENCE_RADIUS, MOTION_SIDE, PICTURE_CHANNELS};
 use crate::size::Size;
 
 /// Weights of the log-odds that a candidate is a ball: the bias, then one for each of [`Evidence::features`].
@@ -28,6 +29,8 @@ use crate::size::Size;
 const BALL_LOG_ODDS: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
 /// Cells of the heatmap at which the last feature is 0: those of a picture of 256×256 px.
 const REFERENCE_CELLS: f64 = 4096.0;
+/// Distance of a ball from the middle of a stack up to which it is the candidate's, px of the stack.
+pub(crate) const STACK_REACH: f64 = 5.0;
 /// Least probability whose log-odds enter the regression; the largest is as far from 1.
 const MIN_PROBABILITY: f64 = 1e-3;
 
@@ -97,6 +100,22 @@ impl Localiser {
         // A flat heatmap has this fraction of its mass around any point.
         let chance = PI * CONFIDENCE_RADIUS.powi(2) / f64::from(VERIFIER_CROP.side).powi(2);
         found.map_or(0.0, |found| ((found.confidence - chance) / (1.0 - chance)).max(0.0))
+    }
+
+    /// The probability that a ball is in the middle of a stack of frames, 0 to 1, by the motion network; none where there is none.
+    ///
+    /// # Errors
+    /// [`Error::OutputNotFinite`](crate::Error::OutputNotFinite) and [`Error::Device`](crate::Error::Device).
+    pub(crate) async fn moves_as_a_ball(&self, pictures: &[RgbImage; 2]) -> Result<Option<f64>> {
+        let Some(motion) = &self.motion else { return Ok(None) };
+        Ok(Some(Self::probability_in_stack(&motion.verifier_detections(pictures).await?)))
+    }
+
+    /// The probability of a ball in the middle of a stack by what the motion network detected.
+    pub(crate) fn probability_in_stack(found: &[Detection]) -> f64 {
+        let middle = Point2::from([f64::from(MOTION_SIDE - 1) / 2.0; 2]);
+        let found = found.iter().filter(|detection| distance(&detection.outline.centre, &middle) < STACK_REACH);
+        found.map(|detection| detection.confidence).fold(0.0, f64::max)
     }
 
     /// The balls that this network, a verifier, detects in a crop (the first of `views`; the second shows its surroundings), px of

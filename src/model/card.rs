@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::backbone::PICTURE_CHANNELS;
-use super::config::{PenConfig, VERIFIER_SIDE};
+use super::config::{MOTION_SIDE, PenConfig, VERIFIER_SIDE};
 use crate::error::{Error, Result, json_refusal};
 use crate::image::Normalisation;
 use crate::size::Size;
@@ -41,6 +41,11 @@ pub struct Card {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
     pub verifier: Option<PenConfig>,
+    /// Architecture of the motion network, which [`VideoTracker`](crate::VideoTracker) uses; its tensors are in the same file with the
+    /// prefix `motion.`. Absent where there is none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[cfg_attr(target_arch = "wasm32", tsify(type = "Record<string, unknown>"))]
+    pub motion: Option<PenConfig>,
     /// Size of the network's input.
     pub input: Size,
     /// Normalisation of the network's input.
@@ -115,10 +120,15 @@ impl Card {
             let reason = "must be 3: a model is given one picture (its verifier two)";
             return Err(Error::value(what, "architecture.backbone.input_channels", reason));
         }
-        if let Some(verifier) = &card.verifier {
-            check_input(verifier, Size::square(VERIFIER_SIDE), &card.normalisation, what)?;
-            if !verifier.depth.is_size() {
-                return Err(Error::value(what, "verifier.depth.activation", "must be \"radius\""));
+        let second = [
+            (&card.verifier, VERIFIER_SIDE, "verifier.depth.activation"),
+            (&card.motion, MOTION_SIDE, "motion.depth.activation"),
+        ];
+        for (network, side, field) in second {
+            let Some(network) = network else { continue };
+            check_input(network, Size::square(side), &card.normalisation, what)?;
+            if !network.depth.is_size() {
+                return Err(Error::value(what, field, "must be \"radius\""));
             }
         }
         let is_size = card.depth_from == Some(DepthFrom::Size);

@@ -15,6 +15,10 @@ pub(crate) const VERIFIER_RADIUS: f64 = 12.0;
 /// Side of that input, px.
 pub(crate) const VERIFIER_SIDE: u32 = 64;
 
+/// Radius that a ball has in the motion network's input, px, and that input's side: those of a stack of frames (`track/video/stack.rs`).
+pub(crate) const MOTION_RADIUS: f64 = 3.0;
+pub(crate) const MOTION_SIDE: u32 = 64;
+
 /// Architecture of a [`super::Pen`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -136,6 +140,14 @@ impl PenConfig {
         let (stages, input_channels) = ([24, 48, 72, 96], 2 * PICTURE_CHANNELS);
         let backbone = BackboneConfig::Compact { stem: 16, stages, pyramid: 32, input_channels };
         Self { backbone, depth, ..Self::compact(VERIFIER_RADIUS) }
+    }
+
+    /// The motion network: 0.2 M parameters, balls of about 3 px radius in stacks of five frames.
+    pub fn motion() -> Self {
+        let depth = DepthConfig { activation: DepthActivation::Radius, scale: MOTION_RADIUS };
+        let (stages, input_channels) = ([16, 32, 48, 64], 2 * PICTURE_CHANNELS);
+        let backbone = BackboneConfig::Compact { stem: 16, stages, pyramid: 24, input_channels };
+        Self { backbone, depth, ..Self::compact(MOTION_RADIUS) }
     }
 
     /// Channels of the input: 3 a picture.

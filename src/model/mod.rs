@@ -30,7 +30,7 @@ pub(crate) use self::card::check_input;
 pub use self::card::sha256_hex;
 pub use self::card::{Card, ConfidenceKind, DepthFrom};
 pub use self::config::{DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
-pub(crate) use self::config::{VERIFIER_RADIUS, VERIFIER_SIDE};
+pub(crate) use self::config::{MOTION_SIDE, VERIFIER_RADIUS, VERIFIER_SIDE};
 pub(crate) use self::decode::weighted_depth;
 pub(crate) use self::decode::{CONFIDENCE_RADIUS, Decoded, Peak, SizeMaps, cell_centre, confidence, decode, peaks};
 #[doc(hidden)]

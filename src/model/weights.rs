@@ -185,42 +185,43 @@ fn written_with(tensors: &[Entry<'_>], [key, value]: [&str; 2]) -> Result<Vec<u8
     safetensors::serialize(views.collect::<Result<Vec<_>>>()?, Some(metadata)).map_err(refuse)
 }
 
-/// Prefix of the verifier's tensors in a file of two networks.
-const VERIFIER_PREFIX: &str = "verifier.";
+/// Prefixes of the tensors of the second networks in a file of several: the verifier's and the motion network's.
+const PREFIXES: [&str; 2] = ["verifier.", "motion."];
 
-/// The two networks of a weights file, each as a file: the detector's, and the verifier's, which is empty where there is
-/// none.
+/// The networks of a weights file, each as a file: the detector's, the verifier's and the motion network's, which are empty where there
+/// are none.
 ///
 /// # Errors
 /// [`Error::WeightsFile`] for bytes that are no whole safetensors file.
-pub fn parted(bytes: &[u8]) -> Result<[Vec<u8>; 2]> {
+pub fn parted(bytes: &[u8]) -> Result<[Vec<u8>; 3]> {
     let file = opened(bytes)?;
-    let (mut own, mut verifier) = (vec![], vec![]);
+    let mut parts = [vec![], vec![], vec![]];
     for (name, view) in file.iter() {
         let entry = |name: &str| (name.to_string(), view.dtype(), view.shape().to_vec(), Cow::Borrowed(view.data()));
-        match name.strip_prefix(VERIFIER_PREFIX) {
-            Some(name) => verifier.push(entry(name)),
-            None => own.push(entry(name)),
-        }
+        let second =
+            PREFIXES.iter().enumerate().find_map(|(index, prefix)| Some((index + 1, name.strip_prefix(prefix)?)));
+        let (part, name) = second.unwrap_or((0, name));
+        parts[part].push(entry(name));
     }
-    Ok([written(&own)?, written(&verifier)?])
+    let [own, verifier, motion] = parts;
+    Ok([written(&own)?, written(&verifier)?, written(&motion)?])
 }
 
-/// The file of two networks: `own`, and `verifier`, the verifier.
+/// The file of several networks, as [`parted`] gives them.
 ///
 /// # Errors
 /// As [`parted`].
 #[cfg(not(target_arch = "wasm32"))]
-pub fn joined(own: &[u8], verifier: &[u8]) -> Result<Vec<u8>> {
-    let [own, verifier] = [opened(own)?, opened(verifier)?];
-    let entry = |(name, view): (String, TensorView<'_>)| {
-        (name, view.dtype(), view.shape().to_vec(), Cow::Owned(view.data().to_vec()))
-    };
-    let named = |name: &str| format!("{VERIFIER_PREFIX}{name}");
-    let entries = (own.iter().map(|(name, view)| (name.to_string(), view)))
-        .chain(verifier.iter().map(|(name, view)| (named(name), view)))
-        .map(entry);
-    written(&entries.collect::<Vec<_>>())
+pub fn joined(parts: [&[u8]; 3]) -> Result<Vec<u8>> {
+    let mut entries = vec![];
+    for (bytes, prefix) in parts.into_iter().zip(["", PREFIXES[0], PREFIXES[1]]) {
+        let file = opened(bytes)?;
+        let named = file.iter().map(|(name, view)| {
+            (format!("{prefix}{name}"), view.dtype(), view.shape().to_vec(), Cow::Owned(view.data().to_vec()))
+        });
+        entries.extend(named.collect::<Vec<_>>());
+    }
+    written(&entries)
 }
 
 /// The entry of a bundle that holds its text.

@@ -5,8 +5,8 @@ mod estimate;
 mod file;
 mod find;
 mod fit;
-mod video;
 mod tracked;
+mod video;
 
 pub use self::estimate::EstimatorConfig;
 pub use self::file::{Track, TrackPoint};
@@ -15,7 +15,9 @@ pub(crate) use self::fit::SOLVER_VERSION;
 pub use self::fit::{
     Estimate, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, Flight, Hit, Observation, Parameter,
 };
-#[doc(hidden)]
-pub use self::video::Follower;
-pub use self::video::{Elsewhere, Followed, FollowedFrame};
 pub use self::tracked::{OtherView, Stretch, TrackedFrame, TrackedVideo};
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) use self::video::STACK_SIDE;
+pub use self::video::{Elsewhere, Followed, FollowedFrame};
+#[doc(hidden)]
+pub use self::video::{Follower, Query, Stack};

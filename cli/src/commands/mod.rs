@@ -11,6 +11,7 @@ mod label;
 mod localise;
 mod saliency;
 mod scene;
+mod stacks;
 mod synth;
 mod track;
 mod train;
@@ -44,6 +45,8 @@ enum Command {
     Fit(fit::Arguments),
     Forecast(forecast::Arguments),
     Batch(batch::Arguments),
+    #[command(hide = true)]
+    Stacks(stacks::Arguments),
 }
 
 impl Arguments {
@@ -63,6 +66,7 @@ impl Arguments {
             Command::Synth(arguments) => synth::run(arguments),
             Command::Import(arguments) => import::run(arguments),
             Command::Label(arguments) => label::run(arguments),
+            Command::Stacks(arguments) => stacks::run(arguments),
         };
         done.map(|()| ExitCode::SUCCESS)
     }

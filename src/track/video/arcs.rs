@@ -3,12 +3,24 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::blobs::Blob;
+use super::clutter::Clutter;
 
-/// Largest way between two frames, a share of the picture's width.
-const FASTEST: f64 = 0.12;
-/// Change of the way from one frame to the next that is possible, a share of it and px.
-const TURN_SHARE: f64 = 0.2;
-const TURN_PX: f64 = 3.0;
+/// Fastest ball, its radii a second: a tennis ball of 73 m/s (a served 263 km/h).
+const FASTEST: f64 = 2200.0;
+/// Largest acceleration of a slow ball, radii/s²: a table tennis ball's weight and half as much by its spin. A ball that is faster is braked by
+/// the air besides: by so many parts of its own radius a radius of way (a table tennis ball, 0.14 a metre).
+const ACCELERATION: f64 = 750.0;
+const DRAG: f64 = 0.0028;
+/// What a measured step may be off besides: px, and a fraction of it for a streak whose ends are not seen.
+const STEP_PX: f64 = 3.0;
+const STEP_FRACTION: f64 = 0.05;
+/// By how much a blob's radius may be too small, and the least that is assumed, px.
+const RADIUS_SLACK: f64 = 1.4;
+const LEAST_RADIUS: f64 = 1.5;
+/// Standard deviation of a ball's acceleration where that is unknown yet, radii/s²: a tennis ball's weight.
+const USUAL_ACCELERATION: f64 = 290.0;
+/// How far from its line a parabola goes on, of its acceleration times the square of the time from one of three places to the next.
+const BEYOND_LINE: f64 = 5.0 / 3.0;
 /// Largest ratio of the radii of one ball's blobs.
 const ALIKE: f64 = 2.2;
 /// The same to the mean of those before it.
@@ -57,8 +69,9 @@ pub(super) struct Arc {
 /// What arcs are searched in.
 pub(super) struct Search<'a> {
     pub frames: &'a [Seen],
-    /// Of the picture, px, and its pixels.
-    pub width: f64,
+    /// Where something always moves.
+    pub clutter: &'a Clutter,
+    /// The picture's pixels.
     pub area: f64,
     /// Share of the least way that an arc must go: where few frames are looked at it cannot go far.
     pub least_way: f64,
@@ -106,21 +119,24 @@ impl Search<'_> {
     /// Three blobs in frames that follow one another (one may be left out) that may be one thing's.
     fn seeds(&self, frame: usize) -> Vec<[(usize, usize); 3]> {
         let mut seeds = Vec::new();
-        let most = FASTEST * self.width;
         for (a, first) in self.frames[frame].blobs.iter().enumerate() {
             for second_frame in frame + 1..(frame + 3).min(self.frames.len()) {
+                let before = self.frames[second_frame].time - self.frames[frame].time;
                 let steps = (second_frame - frame) as f64;
                 for (b, second) in self.frames[second_frame].blobs.iter().enumerate() {
                     let way = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
                     let length = (way[0] * way[0] + way[1] * way[1]).sqrt();
-                    let possible = length <= most * steps && length >= 0.5 * steps;
+                    let radius = RADIUS_SLACK * first.radius.max(second.radius).max(LEAST_RADIUS);
+                    let possible = length <= FASTEST * radius * before && length >= 0.5 * steps;
                     if !(possible && alike(first, second) && along(first, way) && along(second, way)) {
                         continue;
                     }
-                    let before = self.frames[second_frame].time - self.frames[frame].time;
                     for third_frame in second_frame + 1..(second_frame + 3).min(self.frames.len()) {
-                        let share = (self.frames[third_frame].time - self.frames[second_frame].time) / before;
-                        let allowed = TURN_PX + TURN_SHARE * length * share;
+                        let after = self.frames[third_frame].time - self.frames[second_frame].time;
+                        let share = after / before;
+                        let step = length * share;
+                        let bend = ACCELERATION * radius * after * (before + after) / 2.0 + DRAG * step * step / radius;
+                        let allowed = STEP_PX + STEP_FRACTION * step + bend;
                         let to = [second.at[0] + share * way[0], second.at[1] + share * way[1]];
                         for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
                             let off = [third.at[0] - to[0], third.at[1] - to[1]];
@@ -269,7 +285,8 @@ impl Search<'_> {
             near.count().saturating_sub(1)
         };
         let others: usize = self.frames[frames].iter().map(near).sum();
-        others as f64 / count / (std::f64::consts::PI * CROWD_PX * CROWD_PX) + 1.0 / self.area
+        let always = self.clutter.density(self.frames, frame, at);
+        others as f64 / count / (std::f64::consts::PI * CROWD_PX * CROWD_PX) + always + 1.0 / self.area
     }
 }
 
@@ -308,6 +325,8 @@ struct Way {
     /// Of a blob's place, px.
     sigma: f64,
     is_line: bool,
+    /// Standard deviation of the acceleration times the square of the time between two places, px.
+    bend: f64,
 }
 
 impl Way {
@@ -329,7 +348,12 @@ impl Way {
             normal[(2, 2)] = 1.0;
         }
         let covariance = normal.try_inverse()?;
-        Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line })
+        let radius = members.iter().map(|&member| search.blob(member).radius).sum::<f64>() / count;
+        let times = members.iter().map(time);
+        let (first, last) = (times.clone().fold(f64::INFINITY, f64::min), times.fold(f64::NEG_INFINITY, f64::max));
+        let interval = (last - first) / (count - 1.0).max(1.0);
+        let bend = USUAL_ACCELERATION * radius * interval * interval;
+        Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, bend })
     }
 
     /// Where it is at a time, px, and how far that may be off.
@@ -337,7 +361,7 @@ impl Way {
         let powers = powers(time - self.middle, self.is_line);
         let spread = powers.dot(&(self.covariance * powers));
         // A line is not yet a flight: what bends it is unknown.
-        let bend = if self.is_line { TURN_PX } else { 0.0 };
+        let bend = if self.is_line { STEP_PX.hypot(BEYOND_LINE * self.bend) } else { 0.0 };
         ([0, 1].map(|axis| self.of[axis].dot(&powers)), (self.sigma * spread.sqrt()).hypot(bend))
     }
 }

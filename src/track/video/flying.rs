@@ -44,6 +44,8 @@ struct Weights {
 
 const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 1.2, seen: [1.5, 0.6] };
 const UNTOLD: Weights = Weights { constant: -1.5, gain: 1.6, small: -2.5, bend: 1.0, seen: [0.0; 2] };
+/// Weights of [`Flying::features`].
+const MOTION_WEIGHTS: [f64; 7] = [-1.5, 0.8, 1.2, -0.5, 0.7, 0.3, 0.8];
 /// Log of odds of what a person pointed at.
 const SEEDED: f64 = 20.0;
 
@@ -207,33 +209,68 @@ impl<'a> Flying<'a> {
         pieces
     }
 
+    /// Of all parts of arcs that the motion network has seen, what tells whether they are the ball's (`Flying::features`), and the frames
+    /// and places (px) in which they are: what [`MOTION_WEIGHTS`] are fitted to.
+    pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<(Vec<f64>, Vec<(usize, [f64; 2])>)> {
+        let falling = place.map(|(camera, scene)| Falling { camera, scene });
+        let pieces = (0..self.arcs.len())
+            .flat_map(|arc| self.pieces(arc, falling.as_ref()).into_iter().map(move |it| (arc, it)));
+        let evidence = pieces.filter_map(|(arc, piece)| {
+            let features = self.features_of(&self.arcs[arc], &piece.members, falling.as_ref()).ok()?;
+            let places = piece.members.iter().map(|&member| (self.numbers[member.0], self.followed(member).image));
+            Some((features.to_vec(), places.collect()))
+        });
+        evidence.collect()
+    }
+
     /// That a part of an arc is the ball, log of odds.
     fn odds(&self, arc: &Arc, members: &[(usize, usize)], falling: Option<&Falling>) -> f64 {
         if arc.seeded {
             return SEEDED;
         }
+        match self.features_of(arc, members, falling) {
+            Ok(features) => features.iter().zip(MOTION_WEIGHTS).map(|(value, weight)| value * weight).sum(),
+            Err(odds) => odds,
+        }
+    }
+
+    /// The features of a part of an arc; where the motion network has not seen it, the log of odds without that.
+    fn features_of(&self, arc: &Arc, members: &[(usize, usize)], falling: Option<&Falling>) -> Result<[f64; 7], f64> {
         let (mut told, mut seen) = (0.0, 0.0);
+        let motion: Vec<f64> = members.iter().filter_map(|&member| self.words.motion(member)).collect();
         let place = |&(place, index): &(usize, usize)| {
             let blob = &self.seen[place].blobs[index];
             let word = self.words.of((place, index));
             told += f64::from(u8::from(word.is_some()));
             let ball = word.copied().flatten();
             seen += f64::from(u8::from(ball.is_some()));
-            Place {
-                time: self.seen[place].time,
-                at: blob.at.into(),
-                radius: blob.radius,
-                sigma: blob.sigma,
-            }
+            Place { time: self.seen[place].time, at: blob.at.into(), radius: blob.radius, sigma: blob.sigma }
         };
         let way: Vec<Place> = members.iter().map(place).collect();
         let weights = if told > 0.0 { TOLD } else { UNTOLD };
         let small = median(way.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
-        weights.constant
+        if let Some(features) =
+            self.features(arc, &motion, [told, seen], small, falling.map_or(0.0, |it| it.odds(&way)))
+        {
+            return Ok(features);
+        }
+        Err(weights.constant
             + weights.gain * (arc.gain / USUAL_GAIN).ln()
             + if small { weights.small } else { 0.0 }
             + weights.seen[usize::from(small)] * ((seen + 1.0) / (told - seen + 1.0)).ln()
-            + weights.bend * falling.map_or(0.0, |falling| falling.odds(&way))
+            + weights.bend * falling.map_or(0.0, |falling| falling.odds(&way)))
+    }
+
+    /// What tells whether a part of an arc is the ball, where the motion network has seen it: 1, the logarithm of its gain over the usual one, the
+    /// mean of the motion network's log-odds, whether it is small, the log-odds of the detector, of a large ball and of a small one, and those of
+    /// the bend.
+    fn features(&self, arc: &Arc, motion: &[f64], [told, seen]: [f64; 2], small: bool, bend: f64) -> Option<[f64; 7]> {
+        let count = motion.len() as f64;
+        let mean = motion.iter().sum::<f64>() / count;
+        let detector = ((seen + 1.0) / (told - seen + 1.0)).ln();
+        let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
+        let gain = (arc.gain.max(1.0) / USUAL_GAIN).ln();
+        (count > 0.0).then(|| [1.0, gain, mean, f64::from(u8::from(small)), large, little, bend])
     }
 
     fn followed(&self, (frame, index): (usize, usize)) -> Followed {

@@ -14,14 +14,16 @@ mod arcs;
 mod bend;
 mod blobs;
 mod chain;
+mod clutter;
 mod flying;
 mod planes;
-mod rhythm;
 mod registration;
-mod view;
+mod rhythm;
+mod stack;
 mod stretches;
 #[cfg(test)]
 mod tests;
+mod view;
 mod wanted;
 
 use std::collections::VecDeque;
@@ -29,12 +31,17 @@ use std::sync::Arc;
 
 use self::arcs::{Search, Seen};
 use self::blobs::Blob;
+use self::clutter::Clutter;
 pub use self::flying::{Elsewhere, Flying, Followed, FollowedFrame};
 use self::planes::{Background, FIRST_FRAMES, Planes, Spare, contrast_of};
-use self::rhythm::Rhythm;
 use self::registration::Registration;
-use self::view::{View, displacement, is_still, scale};
+use self::rhythm::Rhythm;
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) use self::stack::STACK_SIDE;
+pub use self::stack::Stack;
 pub use self::stretches::stretches;
+use self::view::{View, displacement, is_still, scale};
+pub use self::wanted::Query;
 use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
 use crate::image::Picture;
@@ -93,8 +100,9 @@ pub struct Follower {
     before: Option<Arc<Planes>>,
     now: Option<Now>,
     kept: Vec<Kept>,
-    /// Blobs of the frames that are not repeated.
+    /// Blobs of the frames that are not repeated, and where they keep being.
     seen: Vec<Seen>,
+    clutter: Clutter,
     /// Shares of the pixels that changed from frame to frame, lately.
     changed: Vec<f64>,
     /// Frames in a row that hardly show the background.
@@ -177,6 +185,7 @@ impl Follower {
             now: None,
             kept: vec![],
             seen: vec![],
+            clutter: Clutter::default(),
             changed: vec![],
             moving: 0,
             cuts: vec![],
@@ -377,7 +386,9 @@ impl Follower {
         if canvas != View::FIRST {
             found.iter_mut().for_each(|blob| *blob = blob.mapped(&canvas.first_from_frame));
         }
-        self.seen.push(Seen { time: now.time, blobs: found });
+        let seen = Seen { time: now.time, blobs: found };
+        self.clutter.add(&seen);
+        self.seen.push(seen);
     }
 
     /// A frame as the canvas shows it, and its differences from the frame before as that shows that; `since` are those of the frames as
@@ -447,7 +458,9 @@ impl Follower {
         if let Some(background) = &mut self.background {
             background.replace(&mut moved);
         }
-        self.waiting.iter_mut().for_each(|(frame, _)| *frame = Stabilised { planes: moved(&frame.planes), as_taken: false });
+        self.waiting
+            .iter_mut()
+            .for_each(|(frame, _)| *frame = Stabilised { planes: moved(&frame.planes), as_taken: false });
         self.previous = self.previous.take().map(|previous| moved(&previous));
         if let Some(now) = &mut self.now {
             (now.planes, now.as_taken) = (moved(&now.planes), false);
@@ -508,7 +521,19 @@ impl Follower {
     /// DEBUG
     pub fn blobs(&self) -> Vec<(usize, Vec<[f64; 4]>)> {
         let numbers = self.kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number);
-        numbers.zip(self.seen.iter().zip(&self.views)).map(|(number, (seen, view))| (number, seen.blobs.iter().map(|b| b.mapped(&view.frame_from_first)).map(|b| [b.at[0], b.at[1], b.radius, b.reach]).collect())).collect()
+        numbers
+            .zip(self.seen.iter().zip(&self.views))
+            .map(|(number, (seen, view))| {
+                (
+                    number,
+                    seen.blobs
+                        .iter()
+                        .map(|b| b.mapped(&view.frame_from_first))
+                        .map(|b| [b.at[0], b.at[1], b.radius, b.reach])
+                        .collect(),
+                )
+            })
+            .collect()
     }
 
     /// Arcs are searched from a frame on, of those that are not repeated.
@@ -520,7 +545,14 @@ impl Follower {
         seeds: &'a [(usize, [f64; 2])],
     ) -> Search<'a> {
         let [width, height] = self.size.map(|side| side as f64);
-        Search { frames: &self.seen[from..], width, area: width * height, least_way, strong_gain, seeds }
+        Search {
+            frames: &self.seen[from..],
+            clutter: &self.clutter,
+            area: width * height,
+            least_way,
+            strong_gain,
+            seeds,
+        }
     }
 
     /// The seeds by the frames that are not repeated.

@@ -185,10 +185,9 @@ impl Key {
 
     /// The homography to a frame from this one near a `predicted` one, and the deviation of the places that it maps, px.
     fn registered(&self, now: &Planes, predicted: &Matrix3<f64>, reach: i64) -> Option<(Matrix3<f64>, f64)> {
-        let inside = |[x, y]: [f64; 2]| {
-            (0.0..now.width as f64).contains(&x) && (0.0..now.height as f64).contains(&y)
-        };
-        let in_view = self.patches.iter().map(|patch| (patch, mapped(predicted, patch.xy()))).filter(|(_, at)| inside(*at));
+        let inside = |[x, y]: [f64; 2]| (0.0..now.width as f64).contains(&x) && (0.0..now.height as f64).contains(&y);
+        let in_view =
+            self.patches.iter().map(|patch| (patch, mapped(predicted, patch.xy()))).filter(|(_, at)| inside(*at));
         let in_view: Vec<(&Patch, [f64; 2])> = in_view.collect();
         let found: Vec<[Vector2<f64>; 2]> =
             in_view.iter().filter_map(|(patch, at)| patch.found(now, Vector2::from(*at), reach)).collect();
@@ -254,7 +253,8 @@ impl Reduced {
             }
             let line = |row: i64| {
                 let there = &other.values[row as usize * self.width + columns.start as usize..][..wide as usize];
-                let here = &self.values[(row - y) as usize * self.width + (columns.start - x) as usize..][..wide as usize];
+                let here =
+                    &self.values[(row - y) as usize * self.width + (columns.start - x) as usize..][..wide as usize];
                 // Some of it moves, which must not decide.
                 here.iter().zip(there).map(|(a, b)| i64::from((a - b).abs().min(40))).sum::<i64>()
             };
@@ -435,9 +435,8 @@ mod tests {
         let off = |view: Option<View>, shift: [f64; 2], zoom: f64| {
             let view = view.unwrap();
             let points = [[40.0, 30.0], [160.0, 100.0], [250.0, 160.0]];
-            let truth = |[x, y]: [f64; 2]| {
-                [(x - 160.0 + shift[0]) * zoom + 160.0, (y - 100.0 + shift[1]) * zoom + 100.0]
-            };
+            let truth =
+                |[x, y]: [f64; 2]| [(x - 160.0 + shift[0]) * zoom + 160.0, (y - 100.0 + shift[1]) * zoom + 100.0];
             let off = points.map(|at| {
                 let ([x, y], [u, v]) = (view.frame(at), truth(at));
                 (x - u).hypot(y - v)

@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-use super::wanted::Wanted;
+use super::wanted::Query;
 use super::*;
 use crate::camera::{Detection, Outline};
 use crate::image::Picture;
@@ -164,7 +164,7 @@ fn a_cut_loses_no_frame() {
 }
 
 /// What a network sees in a frame.
-type Network<'a> = &'a dyn Fn(usize, &Wanted) -> Option<Detection>;
+type Network<'a> = &'a dyn Fn(usize, &Query) -> Option<Detection>;
 
 /// A ball and, of it, a shadow; a network, if there is one, that looks at what moves.
 fn with_shadow(network: Option<Network<'_>>) -> (Follower, fn(usize) -> [f64; 2]) {
@@ -211,7 +211,7 @@ const HIDDEN: std::ops::Range<usize> = 14..17;
 
 #[test]
 fn a_networks_word_tells_the_ball_from_its_shadow_and_finds_it_where_nothing_moves() {
-    let network = |frame: usize, wanted: &Wanted| {
+    let network = |frame: usize, wanted: &Query| {
         let [[x, y], [u, v]] = [wanted.image, ball_at(frame)];
         let outline = Outline { centre: [u, v].into(), radius: RADIUS };
         ((x - u).hypot(y - v) < 3.0).then_some(Detection { outline, log_sigma: 0.1 / RADIUS, confidence: 0.9 })

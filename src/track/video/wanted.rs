@@ -5,6 +5,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::Follower;
 use super::arcs::{Arc, LEAST_GAIN};
 use super::blobs::Blob;
+use super::stack::{NEIGHBOURS, Stack};
+use nalgebra::Matrix3;
+
 use crate::camera::Detection;
 use crate::image::Picture;
 
@@ -27,6 +30,9 @@ const FEWEST_SEEN: usize = 3;
 /// Confidence of a network from which it sees a ball: where something flies, and where nothing is told from its background.
 pub(super) const SEEN: f64 = 0.3;
 const SEEN_ALONE: f64 = 0.5;
+/// Probability by the motion network from which a blob is measured, and the least that counts (the largest is as far from 1).
+const WORTH_MEASURING: f64 = 0.05;
+const LEAST_PROBABILITY: f64 = 0.01;
 /// Frames after which what was in no arc is forgotten.
 const FORGOTTEN: usize = 2000;
 /// Distance of a blob's middle from what a network finds, in radii, and ratio of the radii, up to which it is a part of it.
@@ -50,6 +56,8 @@ pub(super) struct Held {
 #[derive(Default)]
 pub(super) struct Words {
     said: BTreeMap<(usize, usize), Option<Detection>>,
+    /// Log-odds that a blob is a ball, by the motion network.
+    motion: BTreeMap<(usize, usize), f64>,
     /// Balls that were found in frames whose blobs are not known yet.
     found: Vec<(usize, Detection)>,
     /// Places that were asked for: blobs, and where arcs lead.
@@ -75,11 +83,16 @@ impl Words {
     pub fn of(&self, member: (usize, usize)) -> Option<&Option<Detection>> {
         self.said.get(&member)
     }
+
+    /// Log-odds that a blob is a ball, by the motion network.
+    pub fn motion(&self, member: (usize, usize)) -> Option<f64> {
+        self.motion.get(&member).copied()
+    }
 }
 
 /// Something that a network is to look at.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wanted {
+pub struct Query {
     place: usize,
     /// None where nothing moves that is told from the background.
     blob: Option<usize>,
@@ -91,8 +104,15 @@ pub struct Wanted {
     pub reach_px: f64,
 }
 
+impl Query {
+    /// Whether it is about something that moves.
+    pub fn is_of_blob(&self) -> bool {
+        self.blob.is_some()
+    }
+}
+
 #[cfg(test)]
-impl Wanted {
+impl Query {
     /// The frame, of those that are not repeated.
     pub(super) fn frame(&self) -> usize {
         self.place
@@ -111,7 +131,7 @@ impl Follower {
 
     /// What a network may look at now: ask after each frame, and after [`Self::end`], until nothing is left. To tell what it
     /// sees is worth much, but may be left out.
-    pub fn wanted(&mut self) -> Vec<Wanted> {
+    pub fn wanted(&mut self) -> Vec<Query> {
         if self.words.round.is_none() {
             let ended = self.now.is_none() && self.waiting.is_empty();
             let due = self.seen.len() >= self.words.searched + STEP || (ended && self.seen.len() > self.words.searched);
@@ -146,8 +166,9 @@ impl Follower {
                     last = Some(number);
                     probes -= usize::from(!is_ball);
                     self.words.asked.insert(member);
-                    let Blob { at, radius, reach, .. } = self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
-                    wanted.push(Wanted { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
+                    let Blob { at, radius, reach, .. } =
+                        self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
+                    wanted.push(Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
                 }
             }
             if seen >= FEWEST_SEEN {
@@ -179,12 +200,15 @@ impl Follower {
                 .iter()
                 .map(|&blob| Blob { crowd: Some(search.crowd((place, blob))), ..self.seen[place].blobs[blob] });
             let blobs: Vec<Blob> = blobs.collect();
-            let said: Vec<Option<Option<Detection>>> =
-                kept.iter().map(|&blob| self.words.said.remove(&(place, blob))).collect();
+            let said: Vec<(Option<Option<Detection>>, Option<f64>)> = kept
+                .iter()
+                .map(|&blob| (self.words.said.remove(&(place, blob)), self.words.motion.remove(&(place, blob))))
+                .collect();
             kept.iter().for_each(|&blob| _ = self.words.asked.remove(&(place, blob)));
-            for (blob, said) in said.into_iter().enumerate() {
+            for (blob, (said, motion)) in said.into_iter().enumerate() {
                 self.words.asked.insert((place, blob));
                 said.map(|said| self.words.said.insert((place, blob), said));
+                motion.map(|motion| self.words.motion.insert((place, blob), motion));
             }
             self.seen[place].blobs = blobs;
             self.words.forgotten = place + 1;
@@ -192,7 +216,7 @@ impl Follower {
     }
 
     /// Where the ball of an arc may be in the frames before and after it.
-    fn beyond(&self, from: usize, arc: &Arc) -> Vec<Wanted> {
+    fn beyond(&self, from: usize, arc: &Arc) -> Vec<Query> {
         let search = self.search(from, SHORT_WAY, LEAST_GAIN, &[]);
         let (first, last) = (arc.members[0].0, arc.members[arc.members.len() - 1].0);
         let before = first.saturating_sub(BEYOND)..first;
@@ -209,14 +233,14 @@ impl Follower {
                 place == from + frame && (at[0] - image[0]).hypot(at[1] - image[1]) < radius_px.max(2.0)
             };
             let wanted =
-                Wanted { place: from + frame, blob: None, image, radius_px, reach_px: radius_px + 2.0 * unsure };
+                Query { place: from + frame, blob: None, image, radius_px, reach_px: radius_px + 2.0 * unsure };
             (inside && unsure < MOST_UNSURE * radius_px && !self.words.led.iter().any(near)).then_some(wanted)
         });
         wanted.collect()
     }
 
     /// The picture in which that is to be looked for; none where it is too old.
-    pub fn picture(&self, wanted: &Wanted) -> Option<&Picture> {
+    pub fn picture(&self, wanted: &Query) -> Option<&Picture> {
         self.held(wanted.place)
     }
 
@@ -230,9 +254,49 @@ impl Follower {
         self.held.iter().find(|held| held.place == place).map(|held| &held.picture)
     }
 
+    /// All candidates of a frame, by its number among those that are not repeated.
+    pub fn candidates(&self, place: usize) -> Vec<Query> {
+        let Some(seen) = self.seen.get(place) else { return vec![] };
+        let query = |(blob, it): (usize, &Blob)| {
+            let Blob { at, radius, reach, .. } = it.mapped(&self.views[place].frame_from_first);
+            Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach }
+        };
+        seen.blobs.iter().enumerate().map(query).collect()
+    }
+
+    /// The index in the video of the frame that a query is about.
+    pub fn number(&self, query: &Query) -> usize {
+        let shown = self.kept.iter().enumerate().filter(|(_, kept)| !kept.repeated);
+        shown.map(|(number, _)| number).nth(query.place).unwrap_or(self.kept.len())
+    }
+
+    /// The stack about a blob; none where its frame is too old.
+    pub fn stack(&self, wanted: &Query) -> Option<Stack> {
+        let own = self.held(wanted.place)?;
+        let own_view = &self.views[wanted.place];
+        let frames = std::array::from_fn(|index| {
+            let place = (wanted.place + index).saturating_sub(NEIGHBOURS);
+            // At either end of the video, and after a cut, there is no other: as if nothing moved.
+            match (self.held(place), self.views.get(place)) {
+                (Some(picture), Some(view)) => (picture, view.frame_from_first * own_view.first_from_frame),
+                _ => (own, Matrix3::identity()),
+            }
+        });
+        Some(Stack::of(wanted.image, wanted.radius_px, &frames))
+    }
+
+    /// Takes the motion network's probability that the blob of a query is a ball; whether it is worth while to measure it.
+    pub fn tell_motion(&mut self, query: &Query, probability: f64) -> bool {
+        let probability = probability.clamp(LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY);
+        if let Some(blob) = query.blob {
+            self.words.motion.insert((query.place, blob), (probability / (1.0 - probability)).ln());
+        }
+        probability > WORTH_MEASURING
+    }
+
     /// Takes a network's word: the ball that it measures there
     /// ([`Localiser::measure`](crate::Localiser::measure)), if it sees one.
-    pub fn tell(&mut self, wanted: &Wanted, ball: Option<Detection>) {
+    pub fn tell(&mut self, wanted: &Query, ball: Option<Detection>) {
         match wanted.blob {
             Some(blob) => {
                 let ball = ball.filter(|ball| ball.confidence >= SEEN);

@@ -19,13 +19,15 @@ mod renderings;
 mod sampler;
 #[cfg(not(target_arch = "wasm32"))]
 mod source;
+#[cfg(not(target_arch = "wasm32"))]
+mod stacks;
 mod teacher;
 #[cfg(test)]
 mod tests;
 
 pub use self::batch::{Batch, FrameId, Labels, PictureTransform, Start, Target, Window};
 #[cfg(not(target_arch = "wasm32"))]
-pub(super) use self::candidates::CandidateCrops;
+pub(super) use self::candidates::{CandidateCrops, LabelledCrop};
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
@@ -42,6 +44,10 @@ pub use self::renderings::read_photographs;
 pub(super) use self::sampler::Sampler;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::source::Source;
+#[cfg(not(target_arch = "wasm32"))]
+pub(super) use self::stacks::Stacks;
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::stacks::stack_record;
 pub(super) use self::teacher::{TaughtClip, teach};
 use super::recipe::{Recipe, Velocity};
 use crate::clips::{Clip, Clips, Frame};

@@ -67,7 +67,9 @@ pub fn prepare(
             labelled_2d(&clips)
         }
         Supervision::PhysicsFit => by_physics(&|_| true)?,
-        Supervision::Rendered | Supervision::Candidates => unreachable!("renderings are no clips"),
+        Supervision::Rendered | Supervision::Candidates | Supervision::Motion => {
+            unreachable!("renderings are no clips")
+        }
         Supervision::Mixed => {
             let fraction = recipe.labelled_fraction;
             // evenly spread: the clips at which the running fraction passes a whole number

@@ -1,7 +1,7 @@
 //! Where a run's batches come from.
 
 use super::super::recipe::Phase;
-use super::{Batch, CandidateCrops, Renderings, Sampler};
+use super::{Batch, CandidateCrops, Renderings, Sampler, Stacks};
 use crate::error::Result;
 
 /// What a run draws its batches from.
@@ -12,6 +12,8 @@ pub enum Source {
     Scenes(Renderings),
     /// Crops around a detector's candidates in random scenes.
     Candidates(Box<CandidateCrops>),
+    /// Stacks of frames around what moves in videos.
+    Motion(Stacks),
 }
 
 impl Source {
@@ -24,6 +26,7 @@ impl Source {
             Self::Clips(sampler) => sampler.batch(phase, step),
             Self::Scenes(renderings) => Ok(renderings.batch(phase, step)),
             Self::Candidates(crops) => crops.batch(phase, step),
+            Self::Motion(stacks) => Ok(stacks.batch(phase, step)),
         }
     }
 
@@ -31,14 +34,14 @@ impl Source {
     pub fn mean_depth(&self) -> f64 {
         match self {
             Self::Clips(sampler) => sampler.examples().depths()[1],
-            Self::Scenes(_) | Self::Candidates(_) => 1.0,
+            Self::Scenes(_) | Self::Candidates(_) | Self::Motion(_) => 1.0,
         }
     }
 
     /// Photographs among the backgrounds of what is rendered.
     pub fn photographs(&self) -> usize {
         match self {
-            Self::Clips(_) => 0,
+            Self::Clips(_) | Self::Motion(_) => 0,
             Self::Scenes(renderings) => renderings.photographs(),
             Self::Candidates(crops) => crops.photographs(),
         }
@@ -48,7 +51,7 @@ impl Source {
     pub fn picture_bytes(&self) -> [usize; 2] {
         match self {
             Self::Clips(sampler) => sampler.examples().picture_bytes(),
-            Self::Scenes(_) | Self::Candidates(_) => [0; 2],
+            Self::Scenes(_) | Self::Candidates(_) | Self::Motion(_) => [0; 2],
         }
     }
 }

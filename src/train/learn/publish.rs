@@ -89,6 +89,9 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
             let data = recipe.data_name.clone().unwrap_or(data);
             format!("{data}: {} frames", sampler.examples().frames.len())
         }
+        Source::Motion(stacks) => {
+            format!("{}: {} stacks of frames", recipe.data_name.clone().unwrap_or(data), stacks.count())
+        }
         Source::Scenes(_) | Source::Candidates(_) => {
             let pictures: usize = recipe.phases.iter().map(|phase| phase.steps * phase.batch).sum();
             let photographs = source.photographs();
@@ -105,6 +108,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
         Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
         Supervision::Candidates => "crops of renderings of random scenes, around a detector's candidates".into(),
+        Supervision::Motion => "stacks of frames around what moves in videos".into(),
         Supervision::Future3dGt => "3D labels, by windows (the paper's 3D-gt)".into(),
         Supervision::Labels3d => "3D labels".into(),
         Supervision::Mixed => format!(
@@ -120,6 +124,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         sha256: String::new(),
         architecture: architecture.clone(),
         verifier: None,
+        motion: None,
         input: recipe.input,
         normalisation: recipe.normalisation,
         depth_from: architecture.depth.is_size().then_some(DepthFrom::Size),
@@ -151,6 +156,7 @@ pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, recipe: &Re
         name: format!("{}-tuned", card.name.trim_end_matches("-tuned")),
         // Its second pass is its own: what it has learned of the scene counts there, too.
         verifier: None,
+        motion: None,
         depth_range,
         training_data,
         description: format!("{} Fine-tuned with 2D labels and physics{how}: {steps} steps.", card.description),

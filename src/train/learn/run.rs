@@ -10,13 +10,13 @@ use burn::tensor::Device;
 use serde::Serialize;
 
 use super::super::examples::{
-    CandidateCrops, Fits, LeftOut, Loader, Pictures, Prepared, Renderings, Sampler, Source, prepare,
+    CandidateCrops, Fits, LeftOut, Loader, Pictures, Prepared, Renderings, Sampler, Source, Stacks, prepare,
 };
 use super::super::recipe::{Recipe, RunPaths, Supervision, TrainConfig};
 use super::log::{LOG, log_until, table};
 use super::memory::check_memory;
 use super::publish::{Best, card_of_run, publish};
-use super::score::{Score, SizeScore, score, score_sizes, score_verifier};
+use super::score::{Score, SizeScore, score, score_crops, score_sizes};
 use super::step::StepReport;
 use super::trainer::{Trainer, TrainerState};
 use crate::clips::Clips;
@@ -99,6 +99,7 @@ enum HeldOut {
     Clips(Pictures),
     Scenes(Renderings),
     Candidates(Box<CandidateCrops>),
+    Motion(Stacks),
 }
 
 /// A run in progress.
@@ -168,6 +169,10 @@ impl<'a> RunInProgress<'a> {
                 let source = CandidateCrops::new(recipe, paths.train.as_deref(), paths.detector()?)?;
                 let held_out = CandidateCrops::new(recipe, paths.validation.as_deref(), paths.detector()?)?;
                 (Source::Candidates(Box::new(source)), HeldOut::Candidates(Box::new(held_out)), None)
+            }
+            Supervision::Motion => {
+                let held_out = Stacks::new(recipe, paths.validation()?)?;
+                (Source::Motion(Stacks::new(recipe, paths.train()?)?), HeldOut::Motion(held_out), None)
             }
             _ => {
                 let validation = Pictures::new(Clips::read(paths.validation()?)?, 0);
@@ -244,7 +249,12 @@ impl<'a> RunInProgress<'a> {
         let scored = pollster::block_on(async {
             Ok::<_, Error>(match &self.validation {
                 HeldOut::Clips(pictures) => Validation::Score(score(&localiser, pictures, Some(frames), laws).await?),
-                HeldOut::Candidates(crops) => Validation::Size(score_verifier(&localiser, crops, frames).await?),
+                HeldOut::Candidates(crops) => {
+                    Validation::Size(score_crops(&localiser, &|index| crops.scored(index), frames).await?)
+                }
+                HeldOut::Motion(stacks) => {
+                    Validation::Size(score_crops(&localiser, &|index| Ok(stacks.scored(index)), frames).await?)
+                }
                 HeldOut::Scenes(renderings) => Validation::Size(score_sizes(&localiser, renderings, frames).await?),
             })
         });
@@ -256,7 +266,7 @@ impl<'a> RunInProgress<'a> {
             Validation::Score(scored) => Best::keep(&mut self.best, scored, self.recipe.select, average),
             Validation::Size(scored) => {
                 let score = match self.recipe.supervision {
-                    Supervision::Candidates => scored.confused,
+                    Supervision::Candidates | Supervision::Motion => scored.confused,
                     _ => scored.radius_error,
                 };
                 Best::keep_by(&mut self.best, Some(score), scored.confidence_threshold, average)
@@ -280,8 +290,9 @@ impl<'a> RunInProgress<'a> {
     fn publish(self) -> Result<PathBuf> {
         let (mut card, mut weights) =
             pollster::block_on(publish(self.card, self.best.as_ref(), self.trainer.average()))?;
-        if self.recipe.supervision == Supervision::Candidates {
-            (card, weights) = with_verifier(Card::with_weights(self.paths.detector()?)?, card, &weights)?;
+        if matches!(self.recipe.supervision, Supervision::Candidates | Supervision::Motion) {
+            let is_motion = self.recipe.supervision == Supervision::Motion;
+            (card, weights) = with_second(Card::with_weights(self.paths.detector()?)?, card, &weights, is_motion)?;
         }
         write_whole(&self.paths.out.join(&card.weights), &weights)?;
         let path = self.paths.out.join(format!("{}.json", card.name));
@@ -300,15 +311,30 @@ fn sampler(recipe: &Recipe, paths: &RunPaths, observe: &mut dyn FnMut(TrainEvent
     Ok((Sampler::new(recipe, examples, pictures)?, fits))
 }
 
-/// A detector (its card and weights) with a verifier.
-fn with_verifier((detector, own): (Card, Vec<u8>), verifier: Card, weights: &[u8]) -> Result<(Card, Vec<u8>)> {
-    let [own, _] = model::parted(&own)?;
-    let weights = model::joined(&own, weights)?;
+/// A detector (its card and weights) with a second network: a verifier, or a motion network.
+fn with_second(
+    (detector, own): (Card, Vec<u8>),
+    second: Card,
+    weights: &[u8],
+    is_motion: bool,
+) -> Result<(Card, Vec<u8>)> {
+    let [own, verifier, motion] = model::parted(&own)?;
+    let parts: [&[u8]; 3] = if is_motion { [&own, &verifier, weights] } else { [&own, weights, &motion] };
+    let weights = model::joined(parts)?;
+    let (of_verifier, of_motion) = match is_motion {
+        true => (detector.verifier.clone(), Some(second.architecture)),
+        false => (Some(second.architecture), detector.motion.clone()),
+    };
+    let name = if is_motion { "motion network" } else { "verifier" };
+    // Trained again, it takes the place of the one before.
+    let before = |text: &str, name: &str| text.split(name).next().unwrap_or_default().to_string();
+    let (data, said) = (format!("; the {name}: "), format!(" The {name}: "));
     let card = Card {
         sha256: sha256_hex(&weights),
-        verifier: Some(verifier.architecture),
-        training_data: format!("{}; the verifier: {}", detector.training_data, verifier.training_data),
-        description: format!("{} The verifier: {}", detector.description, verifier.description),
+        verifier: of_verifier,
+        motion: of_motion,
+        training_data: format!("{}{data}{}", before(&detector.training_data, &data), second.training_data),
+        description: format!("{}{said}{}", before(&detector.description, &said), second.description),
         metrics: serde_json::Value::Null,
         ..detector
     };
@@ -320,7 +346,7 @@ fn with_start(pen: Pen, paths: &RunPaths) -> Result<Pen> {
     if let Some(path) = &paths.start_from {
         let (card, weights) = Card::with_weights(path)?;
         card.check_weights(&weights)?;
-        let [weights, _] = model::parted(&weights)?;
+        let [weights, ..] = model::parted(&weights)?;
         return model::load_into(pen, weights);
     }
     let Some(path) = &paths.backbone_weights else { return Ok(pen) };

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::super::examples::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
-use super::super::examples::{CandidateCrops, Renderings};
+use super::super::examples::{LabelledCrop, Renderings};
 use super::laws::LearnedLaws;
 use crate::clips::Clip;
 use crate::error::{Error, Result};
@@ -170,16 +170,20 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
     })
 }
 
-/// Scores `localiser`, a verifier, on the candidates in `count` renderings.
+/// Scores `localiser`, a verifier or a motion network, on `count` groups of crops.
 ///
 /// # Errors
 /// As [`Localiser::search`].
 #[cfg(not(target_arch = "wasm32"))]
-pub async fn score_verifier(localiser: &Localiser, crops: &CandidateCrops, count: usize) -> Result<SizeScore> {
+pub async fn score_crops(
+    localiser: &Localiser,
+    crops: &dyn Fn(usize) -> Result<Vec<LabelledCrop>>,
+    count: usize,
+) -> Result<SizeScore> {
     let (mut errors, mut image, mut seen, mut empty) = (vec![], vec![], vec![], vec![]);
     let mut within = [0_usize; 2];
     for index in 0..count {
-        for crop in crops.scored(index)? {
+        for crop in crops(index)? {
             let found = localiser.verifier_detections(&crop.views).await?;
             let Some(found) = found.first() else { continue };
             let Some(ball) = crop.ball() else {

@@ -3,7 +3,7 @@
 use super::parts::STARTS;
 use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision, Velocity};
 use crate::error::{Error, Result};
-use crate::model::{VERIFIER_SIDE, check_input};
+use crate::model::{MOTION_SIDE, VERIFIER_SIDE, check_input};
 use crate::size::Size;
 
 impl Recipe {
@@ -110,11 +110,12 @@ impl Recipe {
                 "must be \"cross_entropy\" with supervision \"rendered\" or \"candidates\"".into(),
             );
         }
-        if self.supervision == Supervision::Candidates && self.input != Size::square(VERIFIER_SIDE) {
-            return refuse(
-                "input",
-                format!("must be {VERIFIER_SIDE}×{VERIFIER_SIDE} px with supervision \"candidates\""),
-            );
+        let crops =
+            [(Supervision::Candidates, VERIFIER_SIDE, "candidates"), (Supervision::Motion, MOTION_SIDE, "motion")];
+        for (supervision, side, name) in crops {
+            if self.supervision == supervision && self.input != Size::square(side) {
+                return refuse("input", format!("must be {side}×{side} px with supervision \"{name}\""));
+            }
         }
         if self.supervision == Supervision::Mixed && self.labelled_fraction == 0.0 {
             return refuse("labelled_fraction", "must be above 0 with supervision \"mixed\"".into());

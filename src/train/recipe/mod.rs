@@ -232,7 +232,9 @@ impl Recipe {
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
         self.heatmap_loss.unwrap_or(match self.network {
-            Network::Compact | Network::CompactSize | Network::Verifier => HeatmapLoss::CrossEntropy { sigma: 4.0 },
+            Network::Compact | Network::CompactSize | Network::Verifier | Network::Motion => {
+                HeatmapLoss::CrossEntropy { sigma: 4.0 }
+            }
             Network::Paper | Network::ConvNextNano | Network::ConvNextV2Nano => {
                 HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 }
             }
@@ -246,6 +248,7 @@ impl Recipe {
             (None, Network::Compact) => PenConfig::compact(prior_depth),
             (None, Network::CompactSize) => PenConfig::compact_size(),
             (None, Network::Verifier) => PenConfig::verifier(),
+            (None, Network::Motion) => PenConfig::motion(),
             (None, Network::Paper) => PenConfig::paper(),
             (None, Network::ConvNextNano) => PenConfig::convnext_nano(),
             (None, Network::ConvNextV2Nano) => PenConfig::convnextv2_nano(),

@@ -39,12 +39,15 @@ pub enum Supervision {
     /// `verifier`).
     #[serde(rename = "candidates")]
     Candidates,
+    /// Stacks of frames around what moves in videos, for the motion network (network `motion`) of the run's `detector`.
+    #[serde(rename = "motion")]
+    Motion,
 }
 
 impl Supervision {
     /// Whether it learns from renderings of random scenes, not from clips.
     pub fn is_rendered(self) -> bool {
-        matches!(self, Self::Rendered | Self::Candidates)
+        matches!(self, Self::Rendered | Self::Candidates | Self::Motion)
     }
 
     /// Whether it learns through forecasts.
@@ -258,6 +261,9 @@ pub enum Network {
     /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
     #[serde(rename = "compact-size")]
     CompactSize,
+    /// [`PenConfig::motion`](crate::model::PenConfig::motion).
+    #[serde(rename = "motion")]
+    Motion,
     /// [`PenConfig::verifier`](crate::model::PenConfig::verifier).
     #[serde(rename = "verifier")]
     Verifier,

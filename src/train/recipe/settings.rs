@@ -6,8 +6,9 @@ use super::{Recipe, RunPaths, TrainConfig};
 use crate::error::{Error, Result};
 
 /// The recipes of the published models and of the paper, and a short one, by name.
-const PRESETS: [(&str, &str); 10] = [
+const PRESETS: [(&str, &str); 11] = [
     ("any", include_str!("../../../models/any.toml")),
+    ("any-motion", include_str!("../../../models/any-motion.toml")),
     ("any-verifier", include_str!("../../../models/any-verifier.toml")),
     ("quick", include_str!("../../../models/quick.toml")),
     ("sd-s", include_str!("../../../models/sd-s.toml")),

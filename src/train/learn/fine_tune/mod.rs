@@ -99,7 +99,7 @@ impl FineTuner {
     /// As [`Localiser::new`]; [`Error::Value`] for options that cannot train.
     pub fn new(card: Card, weights: Vec<u8>, options: &FineTuneOptions, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
-        let [own, _] = model::parted(&weights)?;
+        let [own, ..] = model::parted(&weights)?;
         let options = serde_json::to_string(options).map_err(Error::format("options"))?;
         Self::of([card.to_json()?, options], device, |recipe, blank| {
             Ok(TrainerState::first(recipe, model::load_into(blank.clone(), own)?))

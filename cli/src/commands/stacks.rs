@@ -1,0 +1,95 @@
+//! `gravisight stacks`: the motion network's training data.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use gravisight::Track;
+use gravisight::internal::{Follower, Query, TrackPoint, stack_record, write_whole};
+
+use super::print_line;
+use crate::footage::Footage;
+
+/// Distance of a candidate's centre from the ball's within which it is the ball, px: labels made by hand are good to 2 px.
+const NEAR_PX: f64 = 4.0;
+/// Other candidates of a frame that are kept besides those that lie on paths of a ball: every so manieth.
+const OTHERS_EVERY: usize = 16;
+/// Of the candidates on such paths that are no ball, one of so many is kept.
+const WANTED_EVERY: usize = 2;
+
+/// Cut the stacks of frames that the motion network of a model is trained on from footage with labels.
+#[derive(Args)]
+pub struct Arguments {
+    /// A video (needs ffmpeg) or a folder of frames.
+    #[arg(value_name = "VIDEO")]
+    input: PathBuf,
+    /// The ball in its frames (Frame,Visibility,X,Y, optionally Radius); frames without a line are left out.
+    #[arg(value_name = "LABELS.CSV")]
+    labels: PathBuf,
+    /// File to write (`*.stacks`).
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Frames a second [default: the video's].
+    #[arg(long, value_name = "F")]
+    fps: Option<f64>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// What is wrong with the input, in words.
+pub fn run(arguments: Arguments) -> Result<()> {
+    let Arguments { input, labels, out, fps } = arguments;
+    let labels = Track::from_file(&labels)?;
+    let labels: HashMap<usize, TrackPoint> =
+        labels.points.into_iter().map(|point| (point.frame as usize, point)).collect();
+    let stacks = cut(&input, &labels, fps).with_context(|| input.display().to_string())?;
+    write_whole(Path::new(&out), &stacks.concat())?;
+    Ok(print_line(format_args!("{} stacks in {}", stacks.len(), out.display()))?)
+}
+
+/// The records of the stacks of a video.
+fn cut(input: &Path, labels: &HashMap<usize, TrackPoint>, fps: Option<f64>) -> Result<Vec<Vec<u8>>> {
+    let footage = Footage::open(&[input.to_path_buf()], fps)?;
+    let times = footage.times().to_vec();
+    let mut follower = Follower::new();
+    let (mut stacks, mut done, mut count) = (vec![], 0, 0);
+    let mut take = |follower: &mut Follower, stacks: &mut Vec<Vec<u8>>, margin: usize| {
+        let mut queries: Vec<(Query, bool)> = follower.wanted().into_iter().map(|query| (query, true)).collect();
+        let newest = follower.newest().unwrap_or(0);
+        while done + margin <= newest {
+            queries.extend(follower.candidates(done).into_iter().map(|query| (query, false)));
+            done += 1;
+        }
+        for (query, is_wanted) in queries {
+            let Some(label) = labels.get(&follower.number(&query)) else { continue };
+            let Some(stack) = follower.stack(&query) else { continue };
+            let ball = label.image().map(|ball| {
+                let [x, y] = stack.stack_from_frame([ball.x, ball.y]);
+                let radius = label.radius.unwrap_or(query.radius_px);
+                let off = (ball.x - query.image[0]).hypot(ball.y - query.image[1]);
+                ([x, y, radius * stack.magnification], off < NEAR_PX.max(radius))
+            });
+            let is_ball = ball.is_some_and(|(_, is_ball)| is_ball);
+            count += 1;
+            let every = if is_wanted { WANTED_EVERY } else { OTHERS_EVERY };
+            // The ball's are in the second list anyway.
+            if (is_ball && is_wanted) || (!is_ball && count % every != 0) {
+                continue;
+            }
+            stacks.push(stack_record(&stack.pictures, ball.map(|(ball, _)| ball)));
+        }
+    };
+    footage.each(0..times.len(), &mut |frame, picture| {
+        follower.watch(picture, times[frame])?;
+        take(&mut follower, &mut stacks, MARGIN);
+        Ok(())
+    })?;
+    follower.end();
+    take(&mut follower, &mut stacks, 0);
+    Ok(stacks)
+}
+
+/// Frames that a candidate waits for those after it, and for its own to be compared with the next.
+const MARGIN: usize = 4;
