@@ -9,7 +9,7 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Instant;
 
-use gravisight::internal::Follower;
+use gravisight::internal::BallTracker;
 use gravisight::{Card, Device, Localiser, Picture, VideoTracker};
 
 /// The command's.
@@ -85,7 +85,7 @@ fn time(frames: &[image::RgbImage], fps: f64, model: &str) {
         });
         step.collect()
     };
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     print("what moves", timed(Box::new(|number, picture| follower.watch(picture, number as f64 / fps).unwrap())));
     let card = Card::from_json(&std::fs::read_to_string(model).expect("a model's card"), model).expect("a card");
     let weights = std::fs::read(Path::new(model).with_file_name(&card.weights)).expect("its weights");

@@ -109,8 +109,8 @@ pub mod parts {
     pub use crate::model::ConfidenceKind;
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{
-        Elsewhere, Estimate, EstimatorConfig, FitSummary, FittedFrame, FittedImpact, Flight, Followed, FollowedFrame,
-        Hit, OtherView, Proposal, Stretch, TrackedFrame,
+        CameraMotion, Estimate, EstimatorConfig, FitSummary, FittedFrame, FittedImpact, FittedSegment, Flight,
+        FollowedFrame, Hit, OtherView, Proposal, TrackedBlob, TrackedFrame,
     };
     pub use crate::train::{Added, ClipKey, Score, Tuned};
 }
@@ -131,7 +131,7 @@ pub mod internal {
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
     pub use crate::synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use crate::table::{Row, Table};
-    pub use crate::track::{Follower, Query, Stack, TrackPoint};
+    pub use crate::track::{BallTracker, Query, Stack, TrackPoint};
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
     pub use crate::train::{Supervision, TrainProgress, Validation};
     pub use crate::train::{read_photographs, stack_record};

@@ -1,4 +1,4 @@
-//! A video's frames in, its ball out: what moves ([`Follower`]), verified by a network ([`Localiser`]).
+//! A video's frames in, its ball out: what moves ([`BallTracker`]), verified by a network ([`Localiser`]).
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::physics::Scene;
-use crate::track::{Follower, TrackedVideo};
+use crate::track::{BallTracker, TrackedVideo};
 
 /// Frames between searches of the whole picture, while no ball is known, for a ball that hardly moves: it is part of its own
 /// background.
@@ -44,7 +44,7 @@ const ALIKE: f64 = 1.3;
 pub struct VideoTracker {
     localiser: Arc<Localiser>,
     camera: Option<Camera>,
-    follower: Follower,
+    follower: BallTracker,
     /// The number of the last frame that was searched whole, and the balls found in it.
     searched: Option<(usize, Vec<Detection>)>,
     ended: bool,
@@ -54,7 +54,7 @@ impl VideoTracker {
     /// Without any frame yet; `localiser` reads sizes, as `any` does. The `camera` that films, if it is known, tells how balls
     /// away from the middle are drawn out.
     pub fn new(localiser: Arc<Localiser>, camera: Option<Camera>) -> Self {
-        Self { localiser, camera, follower: Follower::new(), searched: None, ended: false }
+        Self { localiser, camera, follower: BallTracker::new(), searched: None, ended: false }
     }
 
     /// Takes the next frame, of `time` s.
@@ -104,20 +104,20 @@ impl VideoTracker {
     /// # Errors
     /// [`Error::Value`] for a seed in a frame that was not given, or outside the picture.
     pub fn track(&self, seeds: &[(usize, [f64; 2])], place: Option<(&Camera, &Scene)>) -> Result<TrackedVideo> {
-        Ok(TrackedVideo::new(&self.follower.flying(seeds)?, place))
+        Ok(TrackedVideo::new(&self.follower.hypotheses(seeds)?, place))
     }
 
     /// What the weights of the log-odds of paths are fitted to: of each path its features, and its frames and places (px).
     #[doc(hidden)]
     pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<(Vec<f64>, Vec<(usize, [f64; 2])>)> {
-        self.follower.flying(&[]).map(|flying| flying.evidence(place)).unwrap_or_default()
+        self.follower.hypotheses(&[]).map(|flying| flying.evidence(place)).unwrap_or_default()
     }
 
     /// Runs the detector in the search regions that the follower proposes.
     async fn verify_regions(&mut self) -> Result<()> {
         let camera = self.camera.as_ref();
         loop {
-            let wanted = self.follower.wanted();
+            let wanted = self.follower.queries();
             if wanted.is_empty() {
                 return Ok(());
             }

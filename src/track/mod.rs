@@ -15,9 +15,9 @@ pub(crate) use self::fit::SOLVER_VERSION;
 pub use self::fit::{
     Estimate, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, Flight, Hit, Observation, Parameter,
 };
-pub use self::tracked::{OtherView, Stretch, TrackedFrame, TrackedVideo};
+pub use self::tracked::{FittedSegment, OtherView, TrackedFrame, TrackedVideo};
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::video::STACK_SIDE;
-pub use self::video::{Elsewhere, Followed, FollowedFrame};
 #[doc(hidden)]
-pub use self::video::{Follower, Query, Stack};
+pub use self::video::{BallTracker, Query, Stack};
+pub use self::video::{CameraMotion, FollowedFrame, TrackedBlob};

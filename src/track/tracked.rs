@@ -1,4 +1,4 @@
-//! A video's ball: where it is in each frame, and the flights of each stretch of them.
+//! A video's ball: where it is in each frame, and the flights of each segment of them.
 
 use std::ops::Range;
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::estimate::EstimatorConfig;
 use super::file::Track;
 use super::fit::{Fit, FitOptions, FittedImpact, Flight, Hit, Observation};
-use super::video::{Elsewhere, Flying, FollowedFrame, stretches};
+use super::video::{CameraMotion, FollowedFrame, Hypotheses, segments};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
@@ -44,7 +44,7 @@ pub struct TrackedVideo {
     pub notes: Vec<String>,
     /// The frames between pauses; none without [`Self::fit`].
     #[serde(skip)]
-    pub stretches: Vec<Stretch>,
+    pub segments: Vec<FittedSegment>,
 }
 
 /// The ball in a frame of a video.
@@ -95,9 +95,9 @@ pub struct OtherView {
     pub moved_px: Option<f64>,
 }
 
-/// What was fitted of a stretch of frames.
+/// What was fitted of a segment of frames.
 #[derive(Debug)]
-pub struct Stretch {
+pub struct FittedSegment {
     /// By index.
     pub frames: Range<usize>,
     /// The labels of these frames.
@@ -108,7 +108,7 @@ pub struct Stretch {
 
 impl TrackedVideo {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
-    pub(crate) fn new(flying: &Flying<'_>, place: Option<(&Camera, &Scene)>) -> Self {
+    pub(crate) fn new(flying: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
         let frames = flying.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
         let mut video = Self { frames, cuts: flying.cuts().to_vec(), ..Self::default() };
         video.elsewhere = video.other_views();
@@ -126,10 +126,10 @@ impl TrackedVideo {
         self.frames.iter().filter(|frame| frame.followed.point.visibility > 0).count()
     }
 
-    /// Finds the flights, stretch by stretch; `progress` hears how many are done, and of how many.
+    /// Finds the flights, segment by segment; `progress` hears how many are done, and of how many.
     ///
     /// # Errors
-    /// As [`Track::observations`]. That a stretch cannot be fitted is a result ([`Stretch::fit`]).
+    /// As [`Track::observations`]. That a segment cannot be fitted is a result ([`FittedSegment::fit`]).
     pub fn fit(
         &mut self,
         forecaster: &Forecaster,
@@ -152,7 +152,7 @@ impl TrackedVideo {
         // The camera is that of the first view: so are the rays of what other views show, where those are known.
         for (observation, frame) in observations.iter_mut().zip(&self.frames) {
             match (frame.followed.elsewhere, frame.followed.view) {
-                (Some(Elsewhere::Moved(_)), Some(view)) => {
+                (Some(CameraMotion::Moved(_)), Some(view)) => {
                     let Some(image) = observation.image else { continue };
                     let scale = view.scale(image.into());
                     observation.image = Some(view.first(image.into()).into());
@@ -162,7 +162,7 @@ impl TrackedVideo {
                 (None, _) => {}
             }
         }
-        let ranges = stretches(&observations);
+        let ranges = segments(&observations);
         let count = ranges.len();
         self.forget();
         for (number, frames) in ranges.into_iter().enumerate() {
@@ -171,10 +171,10 @@ impl TrackedVideo {
             if let Ok(fit) = &fit {
                 self.add(frames.start, fit);
             }
-            self.stretches.push(Stretch { frames, observations, fit });
+            self.segments.push(FittedSegment { frames, observations, fit });
             progress(number + 1, count);
         }
-        self.explained = Some(self.found() > 0 && self.stretches.iter().all(Stretch::explained));
+        self.explained = Some(self.found() > 0 && self.segments.iter().all(FittedSegment::explained));
         self.verdict = self.in_words();
         Ok(())
     }
@@ -184,7 +184,7 @@ impl TrackedVideo {
         for (number, frame) in self.frames.iter_mut().enumerate() {
             *frame = TrackedFrame::new((number, frame.followed));
         }
-        (self.flights, self.hits, self.impacts, self.notes, self.stretches) = Default::default();
+        (self.flights, self.hits, self.impacts, self.notes, self.segments) = Default::default();
     }
 
     /// Adds the fit of the frames from `first` on. Its flights count on from those before.
@@ -215,17 +215,17 @@ impl TrackedVideo {
             0 => format!("no ball: nothing flies in these {all} frames{repeated}"),
             found => format!("the ball is seen in {found} of {all} frames{repeated}"),
         };
-        let said = match self.stretches.as_slice() {
+        let said = match self.segments.as_slice() {
             _ if self.explained.is_none() || self.found() == 0 => seen,
             [] => format!("{seen}, nowhere long enough to say more"),
-            [stretch] => format!("{}; {seen}", stretch.verdict()),
-            stretches => {
-                let wrong = stretches.iter().enumerate().filter(|(_, stretch)| !stretch.explained());
+            [segment] => format!("{}; {seen}", segment.verdict()),
+            segments => {
+                let wrong = segments.iter().enumerate().filter(|(_, segment)| !segment.explained());
                 let wrong: String =
-                    wrong.map(|(number, stretch)| format!("; stretch {}: {}", number + 1, stretch.verdict())).collect();
+                    wrong.map(|(number, segment)| format!("; segment {}: {}", number + 1, segment.verdict())).collect();
                 let head = if wrong.is_empty() { "explained" } else { "not all explained" };
-                let explained = stretches.iter().filter(|stretch| stretch.explained()).count();
-                format!("{head}: {explained} of {} stretches; {seen}{wrong}", stretches.len())
+                let explained = segments.iter().filter(|segment| segment.explained()).count();
+                format!("{head}: {explained} of {} segments; {seen}{wrong}", segments.len())
             }
         };
         said + &self.cuts_in_words() + &self.moved_in_words()
@@ -241,8 +241,8 @@ impl TrackedVideo {
                     goes_on = false;
                     continue;
                 }
-                Some(Elsewhere::Moved(px)) => Some(px),
-                Some(Elsewhere::Cut) => None,
+                Some(CameraMotion::Moved(px)) => Some(px),
+                Some(CameraMotion::Cut) => None,
             };
             match views.last_mut().filter(|_| goes_on) {
                 Some(view) => {
@@ -291,7 +291,7 @@ impl TrackedFrame {
     }
 }
 
-impl Stretch {
+impl FittedSegment {
     /// Whether physics explains it.
     pub fn explained(&self) -> bool {
         self.fit.as_ref().is_ok_and(|fit| fit.explained)

@@ -53,7 +53,7 @@ impl JsVideoTracker {
     }
 
     /// The ball in all frames, of which no more will come. `known` (JSON): camera, scene, hits, seeds, timesKnown.
-    /// `on_progress` hears how many stretches are fitted, and of how many.
+    /// `on_progress` hears how many segments are fitted, and of how many.
     pub async fn track(
         &mut self,
         known: String,

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::Args;
 use gravisight::Track;
-use gravisight::internal::{Follower, Query, TrackPoint, stack_record, write_whole};
+use gravisight::internal::{BallTracker, Query, TrackPoint, stack_record, write_whole};
 
 use super::print_line;
 use crate::footage::Footage;
@@ -53,10 +53,10 @@ pub fn run(arguments: Arguments) -> Result<()> {
 fn cut(input: &Path, labels: &HashMap<usize, TrackPoint>, fps: Option<f64>) -> Result<Vec<Vec<u8>>> {
     let footage = Footage::open(&[input.to_path_buf()], fps)?;
     let times = footage.times().to_vec();
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     let (mut stacks, mut done, mut count) = (vec![], 0, 0);
-    let mut take = |follower: &mut Follower, stacks: &mut Vec<Vec<u8>>, margin: usize| {
-        let mut queries: Vec<(Query, bool)> = follower.wanted().into_iter().map(|query| (query, true)).collect();
+    let mut take = |follower: &mut BallTracker, stacks: &mut Vec<Vec<u8>>, margin: usize| {
+        let mut queries: Vec<(Query, bool)> = follower.queries().into_iter().map(|query| (query, true)).collect();
         let newest = follower.newest().unwrap_or(0);
         while done + margin <= newest {
             queries.extend(follower.candidates(done).into_iter().map(|query| (query, false)));

@@ -58,10 +58,10 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
         let radius = followed.ball.as_ref().map_or(LEAST_SIDE / SIDE, |ball| ball.radius_px);
         Some([at.x, at.y, followed.point.radius.unwrap_or(radius)])
     };
-    for stretch in &tracked.stretches {
-        let Ok(fit) = &stretch.fit else { continue };
+    for segment in &tracked.segments {
+        let Ok(fit) = &segment.fit else { continue };
         for (index, fitted) in fit.frames.iter().enumerate() {
-            let frame = stretch.frames.start + index;
+            let frame = segment.frames.start + index;
             if let Some(ball) = ball(frame).filter(|_| fitted.outlier) {
                 add(DoubtKind::Off, frame, ball, "what was found lies off the flight".into());
             }
@@ -69,7 +69,7 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
         for (number, flight) in fit.flights.iter().enumerate().filter(|(_, flight)| !flight.explained) {
             let of: Vec<usize> = (fit.frames.iter().enumerate())
                 .filter(|(_, fitted)| fitted.flight == number)
-                .map(|(index, _)| stretch.frames.start + index)
+                .map(|(index, _)| segment.frames.start + index)
                 .filter(|&frame| ball(frame).is_some())
                 .collect();
             if let Some(&frame) = of.get(of.len() / 2) {

@@ -11,9 +11,9 @@ use crate::kernels::pixels::largest;
 const FEWEST_PIXELS: usize = 4;
 /// Longest streak, in its widths.
 const LONGEST: f64 = 12.0;
-/// Least share of the ellipse with its moments that a part fills.
+/// Least fraction of the ellipse with its moments that a part fills.
 const LEAST_FILLED: f64 = 0.6;
-/// Standard deviation of a part's place, px, and a share of its reach.
+/// Standard deviation of a part's place, px, and a fraction of its reach.
 const PLACE_PX: f64 = 0.7;
 const PLACE_OF_REACH: f64 = 0.08;
 /// Most parts of a frame that are kept.

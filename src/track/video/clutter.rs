@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::arcs::Seen;
+use super::tracklets::Candidates;
 
 /// Side of a cell, px.
 const CELL: f64 = 4.0;
@@ -18,7 +18,7 @@ pub(super) struct Clutter {
 
 impl Clutter {
     /// Adds a frame's candidates.
-    pub fn add(&mut self, seen: &Seen) {
+    pub fn add(&mut self, seen: &Candidates) {
         self.frames += 1;
         for blob in &seen.blobs {
             *self.counts.entry(cell(blob.at)).or_default() += 1;
@@ -26,7 +26,7 @@ impl Clutter {
     }
 
     /// Candidates a px² and frame about a place in all frames but those about `frame` of `near`, which are all or the last ones.
-    pub fn density(&self, near: &[Seen], frame: usize, at: [f64; 2]) -> f64 {
+    pub fn density(&self, near: &[Candidates], frame: usize, at: [f64; 2]) -> f64 {
         let [column, row] = cell(at);
         let cells = || (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [column + x, row + y]));
         let all: u32 = cells().filter_map(|cell| self.counts.get(&cell)).sum();
@@ -61,8 +61,8 @@ mod tests {
             sigma: 1.0,
             crowd: None,
         };
-        let frames: Vec<Seen> = (0..200)
-            .map(|frame| Seen {
+        let frames: Vec<Candidates> = (0..200)
+            .map(|frame| Candidates {
                 time: f64::from(frame) / 25.0,
                 blobs: vec![blob([100.0 + f64::from(frame % 3), 50.0]), blob([5.0 * f64::from(frame), 80.0])],
             })

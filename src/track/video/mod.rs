@@ -1,53 +1,53 @@
 //! A ball through a video: what moves, and of that what flies.
 //!
 //! ```text
-//! frames ─► differences (background, frame before, frame after) ─► blobs ─► arcs ─► the ball's chain of arcs
+//! frames ─► differences (background, frame before, frame after) ─► blobs ─► tracklets ─► the ball's chain of tracklets
 //!                                                                    ▲         │
 //!                                     what a network sees there, and where they lead
 //! ```
 //!
 //! Frames come one after the other; the last ones are held, so that a network can look at what seems to fly in them
-//! ([`Follower::wanted`]). Without a network, too: a camera that stands still, and a ball that is small and flies; a shadow flies
+//! ([`BallTracker::queries`]). Without a network, too: a camera that stands still, and a ball that is small and flies; a shadow flies
 //! as well as a ball.
 
-mod arcs;
-mod bend;
+mod association;
 mod blobs;
-mod chain;
 mod clutter;
-mod flying;
+mod gravity;
+mod hypotheses;
 mod planes;
+mod queries;
 mod registration;
-mod rhythm;
+mod repeats;
+mod segments;
 mod stack;
-mod stretches;
 #[cfg(test)]
 mod tests;
+mod tracklets;
 mod view;
-mod wanted;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use self::arcs::{Search, Seen};
 use self::blobs::Blob;
 use self::clutter::Clutter;
-pub use self::flying::{Elsewhere, Flying, Followed, FollowedFrame};
+pub use self::hypotheses::{CameraMotion, FollowedFrame, Hypotheses, TrackedBlob};
 use self::planes::{Background, FIRST_FRAMES, Planes, Spare, contrast_of};
+pub use self::queries::Query;
+use self::queries::{Held, Verdicts};
 use self::registration::Registration;
-use self::rhythm::Rhythm;
+use self::repeats::Cadence;
+pub use self::segments::segments;
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::stack::STACK_SIDE;
 pub use self::stack::Stack;
-pub use self::stretches::stretches;
+use self::tracklets::{Candidates, Search};
 use self::view::{View, displacement, is_still, scale};
-pub use self::wanted::Query;
-use self::wanted::{Held, Words};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::statistics::median;
 
-/// Smallest radius that is looked for, px, and the largest, as a share of the picture's shorter side.
+/// Smallest radius that is looked for, px, and the largest, as a fraction of the picture's shorter side.
 const LEAST_RADIUS: f64 = 1.0;
 const MOST_RADIUS: f64 = 1.0 / 8.0;
 /// Distance of two blobs' middles, in radii, within which they are one.
@@ -55,7 +55,7 @@ const SAME: f64 = 0.7;
 /// Share of the pixels that differ from the frame before, of what usually do, below which a frame is that one again.
 const REPEATED: f64 = 0.02;
 /// A frame that is repeated and then encoded again differs a little everywhere and hardly anywhere much: change of a level that it does not
-/// reach, the share of the pixels that do all the same of those in the frames before and after it (on broadcasts of 25 frames a second shown as
+/// reach, the fraction of the pixels that do all the same of those in the frames before and after it (on broadcasts of 25 frames a second shown as
 /// 30: up to 0.06, other frames from 0.7 on), and fewest of those.
 const STRONG_CHANGE: u8 = 12;
 const REPEATED_STRONG: f64 = 0.15;
@@ -79,18 +79,18 @@ const RETURN_EVERY: usize = 4;
 /// Half the range of the levels about a pixel is what a registration that is half a pixel off makes of an edge: fraction of it that a
 /// difference must exceed while the camera moves.
 const EDGE_TOLERANCE: f64 = 0.5;
-/// Gain from which what an arc has taken starts no other.
+/// Gain from which what an tracklet has taken starts no other.
 const STRONG_GAIN: f64 = 20.0;
 /// Fewest frames of which a background is made.
 const FEWEST_FRAMES: usize = 5;
 
 /// Follows the ball through frames that come one after the other.
-pub struct Follower {
+pub struct BallTracker {
     /// Frames that wait for the next ones, and the planes of the last frame of all.
     coming: VecDeque<Coming>,
     latest: Option<Arc<Planes>>,
     /// In which frames are repeated, once that is known: times are the true ones then.
-    rhythm: Option<Rhythm>,
+    cadence: Option<Cadence>,
     /// Share of the pixels that changed much in the last frame that is not repeated.
     strong: f64,
     /// Frames that wait for a background, with their times.
@@ -101,7 +101,7 @@ pub struct Follower {
     now: Option<Now>,
     kept: Vec<Kept>,
     /// Blobs of the frames that are not repeated, and where they keep being.
-    seen: Vec<Seen>,
+    seen: Vec<Candidates>,
     clutter: Clutter,
     /// Shares of the pixels that changed from frame to frame, lately.
     changed: Vec<f64>,
@@ -121,12 +121,12 @@ pub struct Follower {
     previous: Option<Arc<Planes>>,
     /// Of each frame that is not repeated, its view, and whether the camera looks elsewhere than at first.
     views: Vec<View>,
-    elsewhere: Vec<Option<Elsewhere>>,
+    elsewhere: Vec<Option<CameraMotion>>,
     size: [usize; 2],
     /// The last frames that are not repeated.
     held: VecDeque<Held>,
     /// What a network said of the blobs.
-    words: Words,
+    verdicts: Verdicts,
     spare: Spare,
 }
 
@@ -135,7 +135,7 @@ struct Coming {
     picture: Picture,
     planes: Arc<Planes>,
     time: f64,
-    /// Its differences from the frame before, and the share of the pixels that changed much.
+    /// Its differences from the frame before, and the fraction of the pixels that changed much.
     since: Option<Vec<u8>>,
     strong: f64,
 }
@@ -165,19 +165,19 @@ struct Kept {
     repeated: bool,
 }
 
-impl Default for Follower {
+impl Default for BallTracker {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Follower {
+impl BallTracker {
     /// Without any frame yet.
     pub fn new() -> Self {
         Self {
             coming: VecDeque::new(),
             latest: None,
-            rhythm: None,
+            cadence: None,
             strong: 0.0,
             waiting: vec![],
             background: None,
@@ -199,7 +199,7 @@ impl Follower {
             elsewhere: vec![],
             size: [0; 2],
             held: VecDeque::new(),
-            words: Words::default(),
+            verdicts: Verdicts::default(),
             spare: Spare::default(),
         }
     }
@@ -246,7 +246,7 @@ impl Follower {
         let is_still =
             usual * (self.size[0] * self.size[1]) as f64 >= FEWEST_STRONG && strong < REPEATED_STRONG * usual;
         let repeated = since.as_ref().is_some_and(|since| self.is_repeated(since, is_still));
-        let time = self.rhythm.map_or(time, |rhythm| rhythm.time(self.kept.len()));
+        let time = self.cadence.map_or(time, |cadence| cadence.time(self.kept.len()));
         self.kept.push(Kept { time, repeated });
         if repeated {
             self.keep_time();
@@ -267,15 +267,15 @@ impl Follower {
         }
     }
 
-    /// Gives the frames so far their true times, once the repeated ones show a rhythm.
+    /// Gives the frames so far their true times, once the repeated ones show a cadence.
     fn keep_time(&mut self) {
-        if self.rhythm.is_some() {
+        if self.cadence.is_some() {
             return;
         }
         let frames: Vec<(f64, bool)> = self.kept.iter().map(|kept| (kept.time, kept.repeated)).collect();
-        let Some(rhythm) = Rhythm::of(&frames) else { return };
-        self.rhythm = Some(rhythm);
-        self.kept.iter_mut().enumerate().for_each(|(index, kept)| kept.time = rhythm.time(index));
+        let Some(cadence) = Cadence::of(&frames) else { return };
+        self.cadence = Some(cadence);
+        self.kept.iter_mut().enumerate().for_each(|(index, kept)| kept.time = cadence.time(index));
         let seen = self.seen.iter_mut().map(|seen| &mut seen.time);
         let later = self.now.iter_mut().map(|now| &mut now.time).chain(self.waiting.iter_mut().map(|(_, time)| time));
         let shown = self.kept.iter().filter(|kept| !kept.repeated);
@@ -284,11 +284,11 @@ impl Follower {
 
     /// Whether a frame that differs so from the one before shows it again; it does where it `is_still`.
     fn is_repeated(&mut self, differences: &[u8], is_still: bool) -> bool {
-        let share = planes::share_above(differences, LEAST_CHANGE);
+        let fraction = planes::share_above(differences, LEAST_CHANGE);
         let usual = median(self.changed.iter().copied()).unwrap_or(0.0);
-        let repeated = is_still || self.changed.len() > 2 && share < REPEATED * usual;
+        let repeated = is_still || self.changed.len() > 2 && fraction < REPEATED * usual;
         if !repeated {
-            self.changed.push(share);
+            self.changed.push(fraction);
             if self.changed.len() > USUAL_FRAMES {
                 self.changed.remove(0);
             }
@@ -339,7 +339,7 @@ impl Follower {
         let radii = [LEAST_RADIUS, MOST_RADIUS * shorter];
         if planes::share_above(&differences, contrast) > MOVED {
             self.moving += 1;
-            self.seen.push(Seen { time: now.time, blobs: vec![] });
+            self.seen.push(Candidates { time: now.time, blobs: vec![] });
             if self.moving >= MOVING_FRAMES {
                 self.cut();
             }
@@ -386,7 +386,7 @@ impl Follower {
         if canvas != View::FIRST {
             found.iter_mut().for_each(|blob| *blob = blob.mapped(&canvas.first_from_frame));
         }
-        let seen = Seen { time: now.time, blobs: found };
+        let seen = Candidates { time: now.time, blobs: found };
         self.clutter.add(&seen);
         self.seen.push(seen);
     }
@@ -436,17 +436,17 @@ impl Follower {
         if let Some(view) = found {
             (self.is_cut, self.other) = (false, None);
             let moved = displacement(&view.frame_from_first, self.size);
-            self.elsewhere.push((moved > ELSEWHERE_PX).then_some(Elsewhere::Moved(moved)));
+            self.elsewhere.push((moved > ELSEWHERE_PX).then_some(CameraMotion::Moved(moved)));
             return view;
         }
         let last = self.views.last().copied().unwrap_or(View::FIRST);
         if self.is_cut {
-            self.elsewhere.push(Some(Elsewhere::Cut));
+            self.elsewhere.push(Some(CameraMotion::Cut));
             return self.other.as_mut().and_then(|other| other.view(planes)).unwrap_or(last);
         }
         // Too little is found again: of a camera that stood still, because something is before it.
         let is_still = is_still(&last.frame_from_first, self.size);
-        self.elsewhere.push((!is_still).then_some(Elsewhere::Cut));
+        self.elsewhere.push((!is_still).then_some(CameraMotion::Cut));
         last
     }
 
@@ -480,7 +480,7 @@ impl Follower {
         (self.background, self.moving) = (None, 0);
         if let Some(registration) = &mut self.registration {
             registration.start_again();
-            self.elsewhere[from..].fill(Some(Elsewhere::Cut));
+            self.elsewhere[from..].fill(Some(CameraMotion::Cut));
             self.is_cut = true;
             self.other = self.stabilised.as_ref().and_then(|last| Registration::of(&last.planes));
         }
@@ -504,7 +504,7 @@ impl Follower {
             self.look(&now, None);
         }
         // Frames that nothing could be compared with.
-        self.seen.extend(self.waiting.drain(..).map(|(_, time)| Seen { time, blobs: vec![] }));
+        self.seen.extend(self.waiting.drain(..).map(|(_, time)| Candidates { time, blobs: vec![] }));
     }
 
     /// What flew in the frames that were watched until [`Self::end`]. `seeds` are frames and places (px) in which a person saw it:
@@ -512,10 +512,10 @@ impl Follower {
     ///
     /// # Errors
     /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
-    pub fn flying(&self, seeds: &[(usize, [f64; 2])]) -> Result<Flying<'_>> {
+    pub fn hypotheses(&self, seeds: &[(usize, [f64; 2])]) -> Result<Hypotheses<'_>> {
         let seeds = self.seeds(seeds)?;
-        let arcs = self.search(0, 1.0, STRONG_GAIN, &seeds).arcs();
-        Ok(Flying::new(&self.kept, &self.seen, arcs, &self.words, &self.cuts, &self.views, &self.elsewhere))
+        let tracklets = self.search(0, 1.0, STRONG_GAIN, &seeds).tracklets();
+        Ok(Hypotheses::new(&self.kept, &self.seen, tracklets, &self.verdicts, &self.cuts, &self.views, &self.elsewhere))
     }
 
     /// DEBUG

@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-use super::wanted::Query;
+use super::queries::Query;
 use super::*;
 use crate::camera::{Detection, Outline};
 use crate::image::Picture;
@@ -22,11 +22,11 @@ fn ground(frame: usize) -> RgbImage {
 fn disc(rgb: &mut RgbImage, [x, y]: [f64; 2], radius: f64, colour: [u8; 3]) {
     for row in 0..SIZE[1] {
         for column in 0..SIZE[0] {
-            let share = (0.5 + radius - (f64::from(column) - x).hypot(f64::from(row) - y)).clamp(0.0, 1.0);
+            let fraction = (0.5 + radius - (f64::from(column) - x).hypot(f64::from(row) - y)).clamp(0.0, 1.0);
             let pixel = rgb.get_pixel_mut(column, row);
             for (level, colour) in pixel.0.iter_mut().zip(colour) {
                 let value = f64::from(*level);
-                *level = (value + share * (f64::from(colour) - value)).round() as u8;
+                *level = (value + fraction * (f64::from(colour) - value)).round() as u8;
             }
         }
     }
@@ -44,8 +44,8 @@ const FRAMES: usize = 40;
 const RADIUS: f64 = 4.0;
 const YELLOW: [u8; 3] = [230, 240, 60];
 
-fn film(draw: impl Fn(usize, &mut RgbImage)) -> Follower {
-    let mut follower = Follower::new();
+fn film(draw: impl Fn(usize, &mut RgbImage)) -> BallTracker {
+    let mut follower = BallTracker::new();
     for frame in 0..FRAMES {
         let mut rgb = ground(frame);
         draw(frame, &mut rgb);
@@ -56,17 +56,17 @@ fn film(draw: impl Fn(usize, &mut RgbImage)) -> Follower {
 }
 
 /// The frames of what was followed, with clicks.
-fn frames_of(follower: &Follower, seeds: &[(usize, [f64; 2])]) -> Vec<FollowedFrame> {
-    follower.flying(seeds).unwrap().frames(None)
+fn frames_of(follower: &BallTracker, seeds: &[(usize, [f64; 2])]) -> Vec<FollowedFrame> {
+    follower.hypotheses(seeds).unwrap().frames(None)
 }
 
-fn with_ball() -> Follower {
+fn with_ball() -> BallTracker {
     film(|frame, rgb| disc(rgb, ball_at(frame), RADIUS, YELLOW))
 }
 
 /// Frames in which the ball is followed to a pixel, those in which anything is, and those in all.
 fn counted(frames: &[FollowedFrame], at: impl Fn(usize) -> [f64; 2]) -> [usize; 3] {
-    let off = |frame: usize, ball: &Followed| {
+    let off = |frame: usize, ball: &TrackedBlob| {
         let [x, y] = at(frame);
         (ball.image[0] - x).hypot(ball.image[1] - y)
     };
@@ -97,12 +97,12 @@ fn without_a_ball_there_is_none() {
     });
     let frames = frames_of(&lying, &[]);
     assert!(frames.iter().all(|frame| frame.ball.is_none()));
-    assert!(frames_of(&Follower::new(), &[]).is_empty());
+    assert!(frames_of(&BallTracker::new(), &[]).is_empty());
 }
 
 #[test]
 fn repeated_frames_are_told_and_cost_nothing() {
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     let mut source = 0;
     // 25 a second shown as 30: every sixth again
     for frame in 0..FRAMES {
@@ -123,7 +123,7 @@ fn repeated_frames_are_told_and_cost_nothing() {
 
 #[test]
 fn repeated_frames_that_were_encoded_again_are_told() {
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     let mut source = 0;
     for frame in 0..FRAMES {
         if frame % 6 != 5 {
@@ -146,7 +146,7 @@ fn repeated_frames_that_were_encoded_again_are_told() {
 #[test]
 fn a_cut_loses_no_frame() {
     let at = |frame: usize| if frame < 30 { ball_at(frame) } else { ball_at(frame - 30) };
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     for frame in 0..80 {
         let mut rgb = ground(frame);
         if frame >= 30 {
@@ -156,7 +156,7 @@ fn a_cut_loses_no_frame() {
         follower.watch(Picture::from_rgb(rgb), frame as f64 / FPS).unwrap();
     }
     follower.end();
-    let flying = follower.flying(&[]).unwrap();
+    let flying = follower.hypotheses(&[]).unwrap();
     assert!(matches!(flying.cuts(), [30 | 31]), "{:?}", flying.cuts());
     let frames = flying.frames(None);
     let [right, seen, all] = counted(&frames[..70], at);
@@ -167,7 +167,7 @@ fn a_cut_loses_no_frame() {
 type Network<'a> = &'a dyn Fn(usize, &Query) -> Option<Detection>;
 
 /// A ball and, of it, a shadow; a network, if there is one, that looks at what moves.
-fn with_shadow(network: Option<Network<'_>>) -> (Follower, fn(usize) -> [f64; 2]) {
+fn with_shadow(network: Option<Network<'_>>) -> (BallTracker, fn(usize) -> [f64; 2]) {
     let shadow = |frame: usize| -> [f64; 2] {
         let t = frame as f64;
         [40.0 + 5.5 * t, 170.0 - 2.0 * t + 0.04 * t * t]
@@ -179,7 +179,7 @@ fn with_shadow(network: Option<Network<'_>>) -> (Follower, fn(usize) -> [f64; 2]
             disc(rgb, ball_at(frame), RADIUS, YELLOW);
         }
     };
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     for frame in 0..=FRAMES {
         if frame < FRAMES {
             let mut rgb = ground(frame);
@@ -189,16 +189,16 @@ fn with_shadow(network: Option<Network<'_>>) -> (Follower, fn(usize) -> [f64; 2]
             follower.end();
         }
         loop {
-            let wanted = follower.wanted();
-            if wanted.is_empty() {
+            let queries = follower.queries();
+            if queries.is_empty() {
                 break;
             }
-            for wanted in wanted {
-                let picture = follower.picture(&wanted).unwrap();
+            for queries in queries {
+                let picture = follower.picture(&queries).unwrap();
                 assert_eq!(picture.size().width, SIZE[0]);
-                let found = network.and_then(|network| network(wanted.frame(), &wanted));
+                let found = network.and_then(|network| network(queries.frame(), &queries));
                 if network.is_some() {
-                    follower.tell(&wanted, found);
+                    follower.tell(&queries, found);
                 }
             }
         }
@@ -211,8 +211,8 @@ const HIDDEN: std::ops::Range<usize> = 14..17;
 
 #[test]
 fn a_networks_word_tells_the_ball_from_its_shadow_and_finds_it_where_nothing_moves() {
-    let network = |frame: usize, wanted: &Query| {
-        let [[x, y], [u, v]] = [wanted.image, ball_at(frame)];
+    let network = |frame: usize, queries: &Query| {
+        let [[x, y], [u, v]] = [queries.image, ball_at(frame)];
         let outline = Outline { centre: [u, v].into(), radius: RADIUS };
         ((x - u).hypot(y - v) < 3.0).then_some(Detection { outline, log_sigma: 0.1 / RADIUS, confidence: 0.9 })
     };
@@ -235,14 +235,14 @@ fn one_click_decides_which_is_the_ball() {
         let ball = frames[seed].ball.unwrap();
         assert!((ball.image[0] - at[0]).hypot(ball.image[1] - at[1]) < 2.0);
     }
-    let refused = |seed: (usize, [f64; 2])| with_ball().flying(&[seed]).err().unwrap().to_string();
+    let refused = |seed: (usize, [f64; 2])| with_ball().hypotheses(&[seed]).err().unwrap().to_string();
     assert!(refused((40, [10.0, 10.0])).contains("the last is 39"));
     assert!(refused((3, [10.0, 500.0])).contains("outside the picture"));
 }
 
 #[test]
 fn a_frame_of_another_size_is_refused() {
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     follower.watch(Picture::from_rgb(ground(0)), 0.0).unwrap();
     let error = follower.watch(Picture::from_rgb(RgbImage::new(64, 64)), 0.1).unwrap_err().to_string();
     assert!(error.contains("frame 1") && error.contains("320×200"), "{error}");
@@ -268,7 +268,7 @@ fn a_slow_pan_is_no_view_for_metres() {
     // Half a pixel a frame from frame 40 on, and back again from frame 70 on.
     let shift =
         |frame: usize| (frame.saturating_sub(40) / 2).min(15) as i32 - (frame.saturating_sub(70) / 2).min(15) as i32;
-    let mut follower = Follower::new();
+    let mut follower = BallTracker::new();
     for frame in 0..120 {
         let still = ground(frame);
         let mut rgb = RgbImage::from_fn(SIZE[0], SIZE[1], |x, y| {
@@ -285,7 +285,7 @@ fn a_slow_pan_is_no_view_for_metres() {
     let seen = |frame: &usize| !frames[*frame].repeated;
     assert!((47..94).filter(seen).all(|frame| elsewhere[frame]), "{elsewhere:?}");
     let most = frames.iter().filter_map(|frame| match frame.elsewhere {
-        Some(Elsewhere::Moved(px)) => Some(px),
+        Some(CameraMotion::Moved(px)) => Some(px),
         _ => None,
     });
     let most = most.fold(0.0, f64::max);

@@ -112,7 +112,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         };
         progress.restart();
         tracked.fit(&place.forecaster, &place.camera, &options, |done, all| {
-            progress.set(done as u64, all as u64, "stretches fitted");
+            progress.set(done as u64, all as u64, "segments fitted");
         })?;
     }
     progress.finish();
@@ -128,7 +128,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if let (Some(out), Some(place)) = (&arguments.report, &place) {
         report(out, &footage, place, &tracked)?;
     }
-    let nothing = place.is_some() && tracked.stretches.iter().all(|stretch| stretch.fit.is_err());
+    let nothing = place.is_some() && tracked.segments.iter().all(|segment| segment.fit.is_err());
     Ok(match () {
         () if tracked.found() == 0 || nothing => ExitCode::FAILURE,
         () if tracked.explained != Some(false) => ExitCode::SUCCESS,
@@ -184,14 +184,14 @@ fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress
 
 fn report(out: &Path, footage: &Footage, place: &SceneOfTrack, tracked: &TrackedVideo) -> Result<()> {
     let name = footage.name();
-    let flights: Vec<Flights<'_>> = (tracked.stretches)
+    let flights: Vec<Flights<'_>> = (tracked.segments)
         .iter()
-        .filter_map(|stretch| {
-            let fit = stretch.fit.as_ref().ok()?;
+        .filter_map(|segment| {
+            let fit = segment.fit.as_ref().ok()?;
             Some(Flights {
                 camera: &place.camera,
                 scene: place.forecaster.scene(),
-                observations: &stretch.observations,
+                observations: &segment.observations,
                 fit,
             })
         })

@@ -1,7 +1,7 @@
 //! What `track` found, in words.
 
 use anyhow::Result;
-use gravisight::parts::{Flight, Stretch};
+use gravisight::parts::{FittedSegment, Flight};
 use gravisight::{Camera, Fit, TrackedVideo};
 use nalgebra::Point3;
 
@@ -16,8 +16,8 @@ pub(super) fn print(tracked: &TrackedVideo, camera: Option<&Camera>) -> Result<(
     print_line(&tracked.verdict)?;
     let Some(camera) = camera else { return Ok(()) };
     let mut number = 0;
-    for stretch in &tracked.stretches {
-        let Ok(fit) = &stretch.fit else { continue };
+    for segment in &tracked.segments {
+        let Ok(fit) = &segment.fit else { continue };
         for note in &fit.notes {
             print_line(format_args!("note: {note}"))?;
         }
@@ -28,7 +28,7 @@ pub(super) fn print(tracked: &TrackedVideo, camera: Option<&Camera>) -> Result<(
         for (time, what) in contacts(fit) {
             print_line(format_args!("{time:.2} s: {what}"))?;
         }
-        print_line(positions(stretch, fit, camera))?;
+        print_line(positions(segment, fit, camera))?;
     }
     Ok(())
 }
@@ -71,8 +71,8 @@ fn contacts(fit: &Fit) -> Vec<(f64, String)> {
 }
 
 /// How well the positions are known.
-fn positions(stretch: &Stretch, fit: &Fit, camera: &Camera) -> String {
-    let frames = format!("frames {} to {}", stretch.frames.start, stretch.frames.end - 1);
+fn positions(segment: &FittedSegment, fit: &Fit, camera: &Camera) -> String {
+    let frames = format!("frames {} to {}", segment.frames.start, segment.frames.end - 1);
     let (sigmas, all) = (fit.known_sigmas(camera), fit.frames.len());
     let Some(median) = sigmas.get(sigmas.len() / 2) else { return format!("{frames}: positions not known") };
     let of = if sigmas.len() == all { String::new() } else { format!("; not known in {} frames", all - sigmas.len()) };

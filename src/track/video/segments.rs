@@ -4,15 +4,15 @@ use std::ops::Range;
 
 use super::super::Observation;
 
-/// Longest time without the ball within a stretch, s.
+/// Longest time without the ball within a segment, s.
 const PAUSE: f64 = 0.6;
-/// Most frames of a stretch: the time that a fit takes grows with them.
+/// Most frames of a segment: the time that a fit takes grows with them.
 const LONGEST: usize = 400;
-/// Fewest labels of a stretch: of less nothing can be said.
+/// Fewest labels of a segment: of less nothing can be said.
 const FEWEST: usize = 5;
 
 /// The parts of a track, by index, that can be fitted one by one: each begins and ends with a label.
-pub fn stretches(observations: &[Observation]) -> Vec<Range<usize>> {
+pub fn segments(observations: &[Observation]) -> Vec<Range<usize>> {
     let seen: Vec<usize> = (0..observations.len()).filter(|&index| observations[index].image.is_some()).collect();
     let mut found = Vec::new();
     let mut start = 0;
@@ -43,11 +43,11 @@ mod tests {
             radius: None,
         };
         let track: Vec<Observation> = (0..100).map(observation).collect();
-        // four frames without the ball are no pause; four labels are no stretch
-        assert_eq!(stretches(&track), vec![Range { start: 3, end: 40 }]);
+        // four frames without the ball are no pause; four labels are no segment
+        assert_eq!(segments(&track), vec![Range { start: 3, end: 40 }]);
         let long: Vec<Observation> =
             (0..1000).map(|i| Observation { image: Some([1.0, 2.0].into()), ..observation(i) }).collect();
-        assert_eq!(stretches(&long), [0..400, 400..800, 800..1000]);
-        assert!(stretches(&[]).is_empty());
+        assert_eq!(segments(&long), [0..400, 400..800, 800..1000]);
+        assert!(segments(&[]).is_empty());
     }
 }

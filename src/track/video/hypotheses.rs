@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use super::super::file::TrackPoint;
 use super::Kept;
-use super::arcs::{Arc, Seen, alike};
-use super::bend::{Falling, Place};
+use super::association::{Segment, chain};
 use super::blobs::Blob;
-use super::chain::{Piece, chain};
+use super::gravity::{GravityTest, Place};
+use super::queries::Verdicts;
+use super::tracklets::{Candidates, Tracklet, alike};
 use super::view::View;
-use super::wanted::Words;
 use crate::camera::{Camera, Detection};
 use crate::physics::Scene;
 use crate::statistics::median;
@@ -22,15 +22,15 @@ const DOUBT_LASTS: f64 = 0.5;
 /// Most frames between two balls that are filled, and how far from between them a ball may be in those, radii.
 const MOST_BETWEEN: usize = 4;
 const NEAR: f64 = 1.5;
-/// Frames in a row that the network says the same of where an arc is cut.
+/// Frames in a row that the network says the same of where an tracklet is cut.
 const RUN: usize = 3;
 /// Radius below which a ball is small, px: networks miss those.
 const SMALL: f64 = 3.0;
-/// Gain of an arc that says nothing for or against a ball.
+/// Gain of an tracklet that says nothing for or against a ball.
 const USUAL_GAIN: f64 = 27.0;
-/// What makes the odds that an arc is the ball's. Chosen by hand, after a logistic regression to arcs of `synth --set broadcast`
-/// (split train): milder than that on the network's words, which are not as often right of what cameras take, and stronger on
-/// the bend. So the confidence that follows from them is no measured share of being right.
+/// What makes the odds that an tracklet is the ball's. Chosen by hand, after a logistic regression to tracklets of `synth --set broadcast`
+/// (split train): milder than that on the network's verdicts, which are not as often right of what cameras take, and stronger on
+/// the bend. So the confidence that follows from them is no measured fraction of being right.
 struct Weights {
     constant: f64,
     /// Of the logarithm of the gain over the usual one.
@@ -44,14 +44,14 @@ struct Weights {
 
 const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 1.2, seen: [1.5, 0.6] };
 const UNTOLD: Weights = Weights { constant: -1.5, gain: 1.6, small: -2.5, bend: 1.0, seen: [0.0; 2] };
-/// Weights of [`Flying::features`].
+/// Weights of [`Hypotheses::features`].
 const MOTION_WEIGHTS: [f64; 7] = [-1.5, 0.8, 1.2, -0.5, 0.7, 0.3, 0.8];
 /// Log of odds of what a person pointed at.
 const SEEDED: f64 = 20.0;
 
 /// Something that flies, in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Followed {
+pub struct TrackedBlob {
     /// Middle of it, or of the streak that it left, px.
     pub image: [f64; 2],
     /// Half the width of that, px.
@@ -62,7 +62,7 @@ pub struct Followed {
 
 /// Where a camera looks that no longer looks where it did at first.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Elsewhere {
+pub enum CameraMotion {
     /// It turned, moved or zoomed: what stands still is so far away in the picture, px, from where it was.
     Moved(f64),
     /// Most of the picture changed at once.
@@ -77,44 +77,44 @@ pub struct FollowedFrame {
     /// Whether it shows the frame before again.
     pub repeated: bool,
     /// What moves there, where that is the ball.
-    pub ball: Option<Followed>,
+    pub ball: Option<TrackedBlob>,
     /// Probability that what was found is the ball, by the log-odds of its tracklet (motion, size, what the network sees in it),
     /// whose weights were chosen by hand; 0 without one. No model's confidence
     /// ([`ConfidenceKind`](crate::parts::ConfidenceKind)).
     pub confidence: f64,
     /// Where the camera looks, if not where it did at first: then a camera that was calibrated there makes no metres here.
-    pub elsewhere: Option<Elsewhere>,
+    pub elsewhere: Option<CameraMotion>,
     /// Its view; none of a repeated frame.
     pub(in crate::track) view: Option<View>,
 }
 
 /// All that flew in a video.
-pub struct Flying<'a> {
+pub struct Hypotheses<'a> {
     kept: &'a [Kept],
-    seen: &'a [Seen],
-    arcs: Vec<Arc>,
-    words: &'a Words,
+    seen: &'a [Candidates],
+    tracklets: Vec<Tracklet>,
+    verdicts: &'a Verdicts,
     /// Numbers of the frames of which `seen` tells.
     numbers: Vec<usize>,
     cuts: Vec<usize>,
     views: &'a [View],
-    elsewhere: &'a [Option<Elsewhere>],
+    elsewhere: &'a [Option<CameraMotion>],
 }
 
-impl<'a> Flying<'a> {
+impl<'a> Hypotheses<'a> {
     pub(super) fn new(
         kept: &'a [Kept],
-        seen: &'a [Seen],
-        arcs: Vec<Arc>,
-        words: &'a Words,
+        seen: &'a [Candidates],
+        tracklets: Vec<Tracklet>,
+        verdicts: &'a Verdicts,
         cuts: &[usize],
         views: &'a [View],
-        elsewhere: &'a [Option<Elsewhere>],
+        elsewhere: &'a [Option<CameraMotion>],
     ) -> Self {
         let numbers: Vec<usize> =
             kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
         let cuts = cuts.iter().map(|&place| numbers[place]).collect();
-        Self { kept, seen, arcs, words, numbers, cuts, views, elsewhere }
+        Self { kept, seen, tracklets, verdicts, numbers, cuts, views, elsewhere }
     }
 
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
@@ -132,14 +132,15 @@ impl<'a> Flying<'a> {
         for (&number, (&view, &elsewhere)) in self.numbers.iter().zip(self.views.iter().zip(self.elsewhere)) {
             (frames[number].view, frames[number].elsewhere) = (Some(view), elsewhere);
         }
-        let falling = place.map(|(camera, scene)| Falling { camera, scene });
-        let pieces = (0..self.arcs.len()).flat_map(|arc| self.pieces(arc, falling.as_ref())).collect();
+        let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
+        let segments =
+            (0..self.tracklets.len()).flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref())).collect();
         let mut balls: BTreeMap<usize, ((usize, usize), f64)> = BTreeMap::new();
-        for piece in chain(self.seen, pieces) {
-            for &member in &piece.members {
-                // Where two arcs share a frame, the network's word decides.
+        for segment in chain(self.seen, segments) {
+            for &member in &segment.members {
+                // Where two tracklets fraction a frame, the network's word decides.
                 if balls.get(&member.0).is_none_or(|ball| self.is_seen(member) >= self.is_seen(ball.0)) {
-                    balls.insert(member.0, (member, piece.confidence()));
+                    balls.insert(member.0, (member, segment.confidence()));
                 }
             }
         }
@@ -147,7 +148,7 @@ impl<'a> Flying<'a> {
         for (place, (member, confidence)) in balls {
             let frame = &mut frames[self.numbers[place]];
             let ball = self.followed(member);
-            let found = self.words.of(member).and_then(Option::as_ref);
+            let found = self.verdicts.of(member).and_then(Option::as_ref);
             let sigma = self.seen[member.0].blobs[member.1].sigma;
             frame.point = point(&ball, sigma, found, frame.point);
             (frame.ball, frame.confidence) = (Some(ball), confidence);
@@ -156,7 +157,7 @@ impl<'a> Flying<'a> {
         frames
     }
 
-    /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: an arc ends
+    /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: an tracklet ends
     /// at a bounce or a hit, and the next begins after it.
     fn fill(&self, balls: &mut BTreeMap<usize, ((usize, usize), f64)>) {
         let known: Vec<((usize, usize), f64)> = balls.values().copied().collect();
@@ -182,13 +183,13 @@ impl<'a> Flying<'a> {
 
     /// Whether the network sees a ball in a frame of those that are not repeated; none where it did not say.
     fn is_seen(&self, member: (usize, usize)) -> Option<bool> {
-        self.words.of(member).map(Option::is_some)
+        self.verdicts.of(member).map(Option::is_some)
     }
 
-    /// An arc, cut where the network begins or ceases to see a ball for some frames: a ball's arc may end where its shadow's
+    /// An tracklet, cut where the network begins or ceases to see a ball for some frames: a ball's tracklet may end where its shadow's
     /// goes on.
-    fn pieces(&self, number: usize, falling: Option<&Falling>) -> Vec<Piece> {
-        let members = &self.arcs[number].members;
+    fn segments(&self, number: usize, gravity_test: Option<&GravityTest>) -> Vec<Segment> {
+        let members = &self.tracklets[number].members;
         let seen: Vec<Option<bool>> = members.iter().map(|&member| self.is_seen(member)).collect();
         let lasts = |from: usize| {
             let run = seen[from..].iter().take(RUN);
@@ -198,49 +199,55 @@ impl<'a> Flying<'a> {
             end == members.len() || (lasts(end) && seen[end - 1].is_some() && seen[end - 1] != seen[end])
         };
         let mut start = 0;
-        let mut pieces = Vec::new();
+        let mut segments = Vec::new();
         for end in (1..=members.len()).filter(cut) {
             if end - start > 1 {
                 let members = members[start..end].to_vec();
-                pieces.push(Piece { odds: self.odds(&self.arcs[number], &members, falling), members });
+                segments.push(Segment { odds: self.odds(&self.tracklets[number], &members, gravity_test), members });
             }
             start = end;
         }
-        pieces
+        segments
     }
 
-    /// Of all parts of arcs that the motion network has seen, what tells whether they are the ball's (`Flying::features`), and the frames
+    /// Of all parts of tracklets that the motion network has seen, what tells whether they are the ball's (`Hypotheses::features`), and the frames
     /// and places (px) in which they are: what [`MOTION_WEIGHTS`] are fitted to.
     pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<(Vec<f64>, Vec<(usize, [f64; 2])>)> {
-        let falling = place.map(|(camera, scene)| Falling { camera, scene });
-        let pieces = (0..self.arcs.len())
-            .flat_map(|arc| self.pieces(arc, falling.as_ref()).into_iter().map(move |it| (arc, it)));
-        let evidence = pieces.filter_map(|(arc, piece)| {
-            let features = self.features_of(&self.arcs[arc], &piece.members, falling.as_ref()).ok()?;
-            let places = piece.members.iter().map(|&member| (self.numbers[member.0], self.followed(member).image));
+        let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
+        let segments = (0..self.tracklets.len()).flat_map(|tracklet| {
+            self.segments(tracklet, gravity_test.as_ref()).into_iter().map(move |it| (tracklet, it))
+        });
+        let evidence = segments.filter_map(|(tracklet, segment)| {
+            let features = self.features_of(&self.tracklets[tracklet], &segment.members, gravity_test.as_ref()).ok()?;
+            let places = segment.members.iter().map(|&member| (self.numbers[member.0], self.followed(member).image));
             Some((features.to_vec(), places.collect()))
         });
         evidence.collect()
     }
 
-    /// That a part of an arc is the ball, log of odds.
-    fn odds(&self, arc: &Arc, members: &[(usize, usize)], falling: Option<&Falling>) -> f64 {
-        if arc.seeded {
+    /// That a part of an tracklet is the ball, log of odds.
+    fn odds(&self, tracklet: &Tracklet, members: &[(usize, usize)], gravity_test: Option<&GravityTest>) -> f64 {
+        if tracklet.seeded {
             return SEEDED;
         }
-        match self.features_of(arc, members, falling) {
+        match self.features_of(tracklet, members, gravity_test) {
             Ok(features) => features.iter().zip(MOTION_WEIGHTS).map(|(value, weight)| value * weight).sum(),
             Err(odds) => odds,
         }
     }
 
-    /// The features of a part of an arc; where the motion network has not seen it, the log of odds without that.
-    fn features_of(&self, arc: &Arc, members: &[(usize, usize)], falling: Option<&Falling>) -> Result<[f64; 7], f64> {
+    /// The features of a part of an tracklet; where the motion network has not seen it, the log of odds without that.
+    fn features_of(
+        &self,
+        tracklet: &Tracklet,
+        members: &[(usize, usize)],
+        gravity_test: Option<&GravityTest>,
+    ) -> Result<[f64; 7], f64> {
         let (mut told, mut seen) = (0.0, 0.0);
-        let motion: Vec<f64> = members.iter().filter_map(|&member| self.words.motion(member)).collect();
+        let motion: Vec<f64> = members.iter().filter_map(|&member| self.verdicts.motion(member)).collect();
         let place = |&(place, index): &(usize, usize)| {
             let blob = &self.seen[place].blobs[index];
-            let word = self.words.of((place, index));
+            let word = self.verdicts.of((place, index));
             told += f64::from(u8::from(word.is_some()));
             let ball = word.copied().flatten();
             seen += f64::from(u8::from(ball.is_some()));
@@ -250,37 +257,44 @@ impl<'a> Flying<'a> {
         let weights = if told > 0.0 { TOLD } else { UNTOLD };
         let small = median(way.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
         if let Some(features) =
-            self.features(arc, &motion, [told, seen], small, falling.map_or(0.0, |it| it.odds(&way)))
+            self.features(tracklet, &motion, [told, seen], small, gravity_test.map_or(0.0, |it| it.odds(&way)))
         {
             return Ok(features);
         }
         Err(weights.constant
-            + weights.gain * (arc.gain / USUAL_GAIN).ln()
+            + weights.gain * (tracklet.gain / USUAL_GAIN).ln()
             + if small { weights.small } else { 0.0 }
             + weights.seen[usize::from(small)] * ((seen + 1.0) / (told - seen + 1.0)).ln()
-            + weights.bend * falling.map_or(0.0, |falling| falling.odds(&way)))
+            + weights.bend * gravity_test.map_or(0.0, |gravity_test| gravity_test.odds(&way)))
     }
 
-    /// What tells whether a part of an arc is the ball, where the motion network has seen it: 1, the logarithm of its gain over the usual one, the
+    /// What tells whether a part of an tracklet is the ball, where the motion network has seen it: 1, the logarithm of its gain over the usual one, the
     /// mean of the motion network's log-odds, whether it is small, the log-odds of the detector, of a large ball and of a small one, and those of
     /// the bend.
-    fn features(&self, arc: &Arc, motion: &[f64], [told, seen]: [f64; 2], small: bool, bend: f64) -> Option<[f64; 7]> {
+    fn features(
+        &self,
+        tracklet: &Tracklet,
+        motion: &[f64],
+        [told, seen]: [f64; 2],
+        small: bool,
+        bend: f64,
+    ) -> Option<[f64; 7]> {
         let count = motion.len() as f64;
         let mean = motion.iter().sum::<f64>() / count;
         let detector = ((seen + 1.0) / (told - seen + 1.0)).ln();
         let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
-        let gain = (arc.gain.max(1.0) / USUAL_GAIN).ln();
+        let gain = (tracklet.gain.max(1.0) / USUAL_GAIN).ln();
         (count > 0.0).then(|| [1.0, gain, mean, f64::from(u8::from(small)), large, little, bend])
     }
 
-    fn followed(&self, (frame, index): (usize, usize)) -> Followed {
+    fn followed(&self, (frame, index): (usize, usize)) -> TrackedBlob {
         let blob = self.seen[frame].blobs[index].mapped(&self.views[frame].frame_from_first);
-        Followed { image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
+        TrackedBlob { image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
     }
 }
 
 /// A ball as a line of a 2D track, `sigma` (px) that of its place without a network; `nothing` has the frame's number and time.
-fn point(ball: &Followed, sigma: f64, found: Option<&Detection>, nothing: TrackPoint) -> TrackPoint {
+fn point(ball: &TrackedBlob, sigma: f64, found: Option<&Detection>, nothing: TrackPoint) -> TrackPoint {
     let at =
         |[x, y]: [f64; 2], sigma| TrackPoint { visibility: 1, x: Some(x), y: Some(y), sigma: Some(sigma), ..nothing };
     let Some(found) = found else { return at(ball.image, sigma) };

@@ -2,13 +2,13 @@
 
 use crate::statistics::median;
 
-/// Repeated frames that make a rhythm, at least, and by how much of an interval times that are even may differ.
+/// Repeated frames that make a cadence, at least, and by how much of an interval times that are even may differ.
 const FEWEST: usize = 4;
 const UNEVEN: f64 = 0.2;
 
 /// Every how many frames one is shown again, and since when.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Rhythm {
+pub(super) struct Cadence {
     every: usize,
     phase: usize,
     /// Time of the first frame, and from one shown frame to the next, s.
@@ -16,8 +16,8 @@ pub(super) struct Rhythm {
     interval: f64,
 }
 
-impl Rhythm {
-    /// Of frames at these times, s, of which some are repeated; none where they are too few, or repeated without a rhythm.
+impl Cadence {
+    /// Of frames at these times, s, of which some are repeated; none where they are too few, or repeated without a cadence.
     pub fn of(frames: &[(f64, bool)]) -> Option<Self> {
         let repeated: Vec<usize> = (0..frames.len()).filter(|&index| frames[index].1).collect();
         if repeated.len() < FEWEST {
@@ -56,13 +56,13 @@ mod tests {
     #[test]
     fn twenty_five_a_second_shown_as_thirty_are_told_their_times() {
         // One of them is not recognised.
-        let rhythm = Rhythm::of(&frames(&[3, 9, 15, 27, 33])).unwrap();
+        let cadence = Cadence::of(&frames(&[3, 9, 15, 27, 33])).unwrap();
         let mut source = 0;
         for index in 0..60 {
             if index % 6 == 3 {
-                assert!((rhythm.time(index) - (source as f64 - 0.5) / 25.0).abs() < 1e-9, "{index}");
+                assert!((cadence.time(index) - (source as f64 - 0.5) / 25.0).abs() < 1e-9, "{index}");
             } else {
-                assert!((rhythm.time(index) - source as f64 / 25.0).abs() < 1e-9, "{index}");
+                assert!((cadence.time(index) - source as f64 / 25.0).abs() < 1e-9, "{index}");
                 source += 1;
             }
         }
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn without_a_rhythm_times_are_what_they_are() {
-        assert_eq!(Rhythm::of(&frames(&[3, 9, 15])), None);
-        assert_eq!(Rhythm::of(&frames(&[3, 9, 14, 25, 33])), None);
+        assert_eq!(Cadence::of(&frames(&[3, 9, 15])), None);
+        assert_eq!(Cadence::of(&frames(&[3, 9, 14, 25, 33])), None);
     }
 }

@@ -14,7 +14,7 @@ const FEWEST: usize = 5;
 const ALONG: f64 = 1.3;
 const SPREAD: [f64; 2] = [0.3, 1.0];
 const SPREAD_ACROSS: f64 = 1.0;
-/// Spread of what does not fly: most of it hardly bends for its size, the rest anyhow; the share of the first.
+/// Spread of what does not fly: most of it hardly bends for its size, the rest anyhow; the fraction of the first.
 const STEADY: f64 = 0.5;
 const ANYHOW: f64 = 6.0;
 const STEADY_SHARE: f64 = 0.6;
@@ -28,7 +28,7 @@ const MOST: f64 = 6.0;
 const LIGHT: f64 = 7.5;
 
 /// What a ball's size says of how its way must bend.
-pub(super) struct Falling<'a> {
+pub(super) struct GravityTest<'a> {
     pub camera: &'a Camera,
     pub scene: &'a Scene,
 }
@@ -44,7 +44,7 @@ pub(super) struct Place {
     pub sigma: f64,
 }
 
-impl Falling<'_> {
+impl GravityTest<'_> {
     /// How much more a way bends as a ball's than as anything's, log of odds.
     pub fn odds(&self, way: &[Place]) -> f64 {
         if self.scene.terminal_speed() < LIGHT {

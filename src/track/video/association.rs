@@ -1,32 +1,32 @@
-//! Which arcs one ball flies, one after the other.
+//! Which tracklets one ball flies, one after the other.
 
-use super::arcs::{Seen, alike};
+use super::tracklets::{Candidates, alike};
 use crate::statistics::median;
 
-/// Most frames between an arc and one that goes on from it, and the distance, px and shares of a step.
+/// Most frames between an tracklet and one that goes on from it, and the distance, px and shares of a step.
 const BETWEEN: usize = 8;
 const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
-/// What it says for an arc that one which is the ball goes before or after it, log of odds.
+/// What it says for an tracklet that one which is the ball goes before or after it, log of odds.
 const GOES_ON: f64 = 2.0;
-/// Frames after a piece's end within which the ball is still as large as there, the ratio of the radii up to which it is, and the
+/// Frames after a segment's end within which the ball is still as large as there, the ratio of the radii up to which it is, and the
 /// blobs at either end that tell.
 const SOON: usize = 12;
 const AS_LARGE: f64 = 2.2;
 const AT_END: usize = 3;
-/// Frames that two arcs may share at no cost: one's last and the other's first.
+/// Frames that two tracklets may fraction at no cost: one's last and the other's first.
 const SHARED: usize = 1;
 
-/// A part of an arc that may be the ball.
+/// A part of an tracklet that may be the ball.
 #[derive(Debug, Clone)]
-pub(super) struct Piece {
+pub(super) struct Segment {
     /// Frames and blobs' numbers, ascending.
     pub members: Vec<(usize, usize)>,
     /// That it is the ball, log of odds.
     pub odds: f64,
 }
 
-impl Piece {
+impl Segment {
     fn first(&self) -> usize {
         self.members[0].0
     }
@@ -45,14 +45,14 @@ impl Piece {
         self.members.len() as f64 * (2.0 * self.confidence() - 1.0)
     }
 
-    /// Whether a ball can fly this and then the other: in a few frames they may be apart, for arcs end where others take over.
-    fn goes_before(&self, other: &Self, frames: &[Seen]) -> bool {
+    /// Whether a ball can fly this and then the other: in a few frames they may be apart, for tracklets end where others take over.
+    fn goes_before(&self, other: &Self, frames: &[Candidates]) -> bool {
         let most = 1 + self.members.len().min(other.members.len()) / 3;
         self.first() < other.first() && self.last() < other.last() && self.apart(other, frames) <= most
     }
 
     /// Frames in which two are in different places.
-    fn apart(&self, other: &Self, frames: &[Seen]) -> usize {
+    fn apart(&self, other: &Self, frames: &[Candidates]) -> usize {
         let is_elsewhere = |&&(frame, index): &&(usize, usize)| {
             let there = other.members.binary_search_by_key(&frame, |member| member.0);
             there.is_ok_and(|there| {
@@ -66,12 +66,12 @@ impl Piece {
     /// What two are worth together less than each, for a ball is in one place: the less of theirs in the frames of both.
     fn shared_with(&self, later: &Self) -> f64 {
         let shared = (self.last() + 1).saturating_sub(later.first());
-        let each = |piece: &Self| piece.worth() / (piece.last() - piece.first() + 1) as f64;
+        let each = |segment: &Self| segment.worth() / (segment.last() - segment.first() + 1) as f64;
         shared.saturating_sub(SHARED) as f64 * each(self).min(each(later))
     }
 
     /// Whether the other, which begins soon after this ends, is as large as this then: a ball is not suddenly nearer.
-    fn is_as_large(&self, later: &Self, frames: &[Seen]) -> bool {
+    fn is_as_large(&self, later: &Self, frames: &[Candidates]) -> bool {
         let radius = |members: &[(usize, usize)]| {
             median(members.iter().map(|&(frame, index)| frames[frame].blobs[index].radius)).unwrap_or(f64::NAN)
         };
@@ -81,7 +81,7 @@ impl Piece {
     }
 
     /// Whether the other begins where and when this ends.
-    fn meets(&self, later: &Self, frames: &[Seen]) -> bool {
+    fn meets(&self, later: &Self, frames: &[Candidates]) -> bool {
         let blob = |(frame, index): (usize, usize)| &frames[frame].blobs[index];
         let between = later.first().saturating_sub(self.last());
         let (end, start) = (blob(self.members[self.members.len() - 1]), blob(later.members[0]));
@@ -93,23 +93,24 @@ impl Piece {
     }
 }
 
-/// The pieces that one ball can fly: those of most worth together, ascending. What goes before and after a piece speaks for it.
-pub(super) fn chain(frames: &[Seen], mut pieces: Vec<Piece>) -> Vec<Piece> {
-    pieces.sort_by_key(Piece::last);
-    support(frames, &mut pieces);
-    pieces.retain(|piece| piece.odds > 0.0);
-    // Of each piece: what the best chain that ends with it is worth, and the piece before. Of each and those before it: the
+/// The segments that one ball can fly: those of most worth together, ascending. What goes before and after a segment speaks for it.
+pub(super) fn chain(frames: &[Candidates], mut segments: Vec<Segment>) -> Vec<Segment> {
+    segments.sort_by_key(Segment::last);
+    support(frames, &mut segments);
+    segments.retain(|segment| segment.odds > 0.0);
+    // Of each segment: what the best chain that ends with it is worth, and the segment before. Of each and those before it: the
     // best end.
-    let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(pieces.len());
-    let mut ends: Vec<usize> = Vec::with_capacity(pieces.len());
-    for (place, piece) in pieces.iter().enumerate() {
-        let apart = pieces[..place].partition_point(|other| other.last() + SOON < piece.first());
-        let near = (apart..place)
-            .filter(|&other| pieces[other].goes_before(piece, frames) && pieces[other].is_as_large(piece, frames));
+    let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(segments.len());
+    let mut ends: Vec<usize> = Vec::with_capacity(segments.len());
+    for (place, segment) in segments.iter().enumerate() {
+        let apart = segments[..place].partition_point(|other| other.last() + SOON < segment.first());
+        let near = (apart..place).filter(|&other| {
+            segments[other].goes_before(segment, frames) && segments[other].is_as_large(segment, frames)
+        });
         let before = near.chain(apart.checked_sub(1).map(|last| ends[last]));
-        let ways = before.map(|other| (best[other].0 - pieces[other].shared_with(piece), Some(other)));
+        let ways = before.map(|other| (best[other].0 - segments[other].shared_with(segment), Some(other)));
         let (worth, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
-        best.push((worth + piece.worth(), from));
+        best.push((worth + segment.worth(), from));
         let end = ends.last().filter(|&&end| best[end].0 >= best[place].0);
         ends.push(end.copied().unwrap_or(place));
     }
@@ -120,25 +121,25 @@ pub(super) fn chain(frames: &[Seen], mut pieces: Vec<Piece>) -> Vec<Piece> {
         at = best[place].1;
     }
     chosen.reverse();
-    chosen.into_iter().map(|place| pieces[place].clone()).collect()
+    chosen.into_iter().map(|place| segments[place].clone()).collect()
 }
 
-/// Adds to the odds of pieces (by their last frames, ascending) what those say that go before and after each.
-fn support(frames: &[Seen], pieces: &mut [Piece]) {
-    // Of the piece before each, and of the one after.
-    let mut most = vec![[0.0_f64; 2]; pieces.len()];
-    for (place, later) in pieces.iter().enumerate() {
-        let near = pieces[..place].partition_point(|piece| piece.last() + BETWEEN < later.first());
+/// Adds to the odds of segments (by their last frames, ascending) what those say that go before and after each.
+fn support(frames: &[Candidates], segments: &mut [Segment]) {
+    // Of the segment before each, and of the one after.
+    let mut most = vec![[0.0_f64; 2]; segments.len()];
+    for (place, later) in segments.iter().enumerate() {
+        let near = segments[..place].partition_point(|segment| segment.last() + BETWEEN < later.first());
         for other in near..place {
-            let earlier = &pieces[other];
+            let earlier = &segments[other];
             if earlier.meets(later, frames) {
                 most[place][0] = most[place][0].max(earlier.confidence());
                 most[other][1] = most[other][1].max(later.confidence());
             }
         }
     }
-    for (piece, [before, after]) in pieces.iter_mut().zip(most) {
-        piece.odds += GOES_ON * (before + after);
+    for (segment, [before, after]) in segments.iter_mut().zip(most) {
+        segment.odds += GOES_ON * (before + after);
     }
 }
 
@@ -160,36 +161,36 @@ mod tests {
     };
 
     /// In each of forty frames a ball, another blob far from it, and a third twelve times as large.
-    fn frames() -> Vec<Seen> {
+    fn frames() -> Vec<Candidates> {
         let frame = |frame: usize| {
             let x = 10.0 * frame as f64;
             let other = Blob { at: [x, 300.0], ..BLOB };
             let blobs = vec![Blob { at: [x, 100.0], ..BLOB }, other, Blob { radius: 60.0, ..other }];
-            Seen { time: frame as f64 / 30.0, blobs }
+            Candidates { time: frame as f64 / 30.0, blobs }
         };
         (0..40).map(frame).collect()
     }
 
-    fn piece(frames: std::ops::Range<usize>, blob: usize) -> Piece {
-        Piece { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0 }
+    fn segment(frames: std::ops::Range<usize>, blob: usize) -> Segment {
+        Segment { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0 }
     }
 
     /// First frames and blobs of what is chosen.
-    fn chosen(pieces: Vec<Piece>) -> Vec<(usize, usize)> {
-        chain(&frames(), pieces).iter().map(|piece| piece.members[0]).collect()
+    fn chosen(segments: Vec<Segment>) -> Vec<(usize, usize)> {
+        chain(&frames(), segments).iter().map(|segment| segment.members[0]).collect()
     }
 
     #[test]
     fn arcs_that_share_the_ball_go_on_as_one_and_others_do_not() {
-        assert_eq!(chosen(vec![piece(0..18, 0), piece(7..40, 0)]), [(0, 0), (7, 0)]);
-        assert_eq!(chosen(vec![piece(0..18, 1), piece(7..40, 0)]), [(7, 0)]);
+        assert_eq!(chosen(vec![segment(0..18, 0), segment(7..40, 0)]), [(0, 0), (7, 0)]);
+        assert_eq!(chosen(vec![segment(0..18, 1), segment(7..40, 0)]), [(7, 0)]);
     }
 
     #[test]
     fn a_ball_is_not_suddenly_nearer() {
-        assert_eq!(chosen(vec![piece(0..9, 1), piece(11..40, 0)]), [(0, 1), (11, 0)]);
-        assert_eq!(chosen(vec![piece(0..9, 2), piece(11..40, 0)]), [(11, 0)]);
+        assert_eq!(chosen(vec![segment(0..9, 1), segment(11..40, 0)]), [(0, 1), (11, 0)]);
+        assert_eq!(chosen(vec![segment(0..9, 2), segment(11..40, 0)]), [(11, 0)]);
         // after a while it may be
-        assert_eq!(chosen(vec![piece(0..9, 2), piece(25..40, 0)]), [(0, 2), (25, 0)]);
+        assert_eq!(chosen(vec![segment(0..9, 2), segment(25..40, 0)]), [(0, 2), (25, 0)]);
     }
 }

@@ -25,39 +25,39 @@ const BEYOND_LINE: f64 = 5.0 / 3.0;
 const ALIKE: f64 = 2.2;
 /// The same to the mean of those before it.
 const USUAL: f64 = 1.8;
-/// Standard deviation of a blob's place besides its own, a share of the way from the frame before.
+/// Standard deviation of a blob's place besides its own, a fraction of the way from the frame before.
 const PLACE_OF_STEP: f64 = 0.02;
-/// Deviations from where the arc leads within which a blob belongs to it.
+/// Deviations from where the tracklet leads within which a blob belongs to it.
 const GATE: f64 = 3.5;
-/// Frames in a row that an arc goes on unseen.
+/// Frames in a row that an tracklet goes on unseen.
 const UNSEEN: usize = 4;
-/// Frames from an arc's first or last blob to the next beyond which that one is chance.
+/// Frames from an tracklet's first or last blob to the next beyond which that one is chance.
 const LONELY: usize = 2;
 /// How far a seed may be from its blob's end, px.
 const SEED_PX: f64 = 6.0;
-/// Blobs that tell where an arc leads next.
+/// Blobs that tell where an tracklet leads next.
 const RECENT: usize = 7;
-/// Fewest blobs of an arc.
+/// Fewest blobs of an tracklet.
 const FEWEST: usize = 5;
-/// Least way of an arc from its first to its last blob, in radii and px; and where a network sees a ball in most of them, px.
+/// Least way of an tracklet from its first to its last blob, in radii and px; and where a network sees a ball in most of them, px.
 const LEAST_WAY: f64 = 3.0;
 const LEAST_WAY_PX: f64 = 8.0;
 const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
-/// Gain below which an arc is chance, and cost of a frame in which the ball is not seen.
+/// Gain below which an tracklet is chance, and cost of a frame in which the ball is not seen.
 pub(super) const LEAST_GAIN: f64 = 8.0;
 const COST_UNSEEN: f64 = 1.5;
 /// Distance (px) and frames within which other blobs tell how crowded a place is.
 const CROWD_PX: f64 = 80.0;
 const CROWD_FRAMES: usize = 6;
 /// Blobs of a frame, and when it was taken, s.
-pub(super) struct Seen {
+pub(super) struct Candidates {
     pub time: f64,
     pub blobs: Vec<Blob>,
 }
 
 /// A way through the picture.
 #[derive(Debug, Clone)]
-pub(super) struct Arc {
+pub(super) struct Tracklet {
     /// Frames and blobs' numbers, ascending.
     pub members: Vec<(usize, usize)>,
     /// How much it is more than chance, log of odds.
@@ -66,16 +66,16 @@ pub(super) struct Arc {
     pub seeded: bool,
 }
 
-/// What arcs are searched in.
+/// What tracklets are searched in.
 pub(super) struct Search<'a> {
-    pub frames: &'a [Seen],
+    pub frames: &'a [Candidates],
     /// Where something always moves.
     pub clutter: &'a Clutter,
     /// The picture's pixels.
     pub area: f64,
-    /// Share of the least way that an arc must go: where few frames are looked at it cannot go far.
+    /// Share of the least way that an tracklet must go: where few frames are looked at it cannot go far.
     pub least_way: f64,
-    /// Gain from which what an arc has taken starts no other.
+    /// Gain from which what an tracklet has taken starts no other.
     pub strong_gain: f64,
     /// Frames and places in which a person saw the ball.
     pub seeds: &'a [(usize, [f64; 2])],
@@ -86,32 +86,32 @@ impl Search<'_> {
         &self.frames[frame].blobs[index]
     }
 
-    /// All arcs that are more than chance; those of most gain first, each blob in one of them.
-    pub fn arcs(&self) -> Vec<Arc> {
-        let mut grown: Vec<Arc> = Vec::new();
+    /// All tracklets that are more than chance; those of most gain first, each blob in one of them.
+    pub fn tracklets(&self) -> Vec<Tracklet> {
+        let mut grown: Vec<Tracklet> = Vec::new();
         let mut used: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
         for frame in 0..self.frames.len() {
             for seed in self.seeds(frame) {
                 if seed.iter().all(|&(frame, index)| used[frame][index]) {
                     continue;
                 }
-                let Some(arc) = self.grow(seed) else { continue };
-                if arc.gain >= self.strong_gain {
-                    arc.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
+                let Some(tracklet) = self.grow(seed) else { continue };
+                if tracklet.gain >= self.strong_gain {
+                    tracklet.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
                 }
-                grown.push(arc);
+                grown.push(tracklet);
             }
         }
         grown.sort_by(|a, b| b.seeded.cmp(&a.seeded).then(b.gain.total_cmp(&a.gain)));
         let mut taken: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
         let mut kept = Vec::new();
-        for arc in grown {
-            let free = arc.members.iter().filter(|&&(frame, index)| !taken[frame][index]).count();
-            if 2 * free < arc.members.len() {
+        for tracklet in grown {
+            let free = tracklet.members.iter().filter(|&&(frame, index)| !taken[frame][index]).count();
+            if 2 * free < tracklet.members.len() {
                 continue;
             }
-            arc.members.iter().for_each(|&(frame, index)| taken[frame][index] = true);
-            kept.push(arc);
+            tracklet.members.iter().for_each(|&(frame, index)| taken[frame][index] = true);
+            kept.push(tracklet);
         }
         kept
     }
@@ -133,11 +133,11 @@ impl Search<'_> {
                     }
                     for third_frame in second_frame + 1..(second_frame + 3).min(self.frames.len()) {
                         let after = self.frames[third_frame].time - self.frames[second_frame].time;
-                        let share = after / before;
-                        let step = length * share;
+                        let fraction = after / before;
+                        let step = length * fraction;
                         let bend = ACCELERATION * radius * after * (before + after) / 2.0 + DRAG * step * step / radius;
                         let allowed = STEP_PX + STEP_FRACTION * step + bend;
-                        let to = [second.at[0] + share * way[0], second.at[1] + share * way[1]];
+                        let to = [second.at[0] + fraction * way[0], second.at[1] + fraction * way[1]];
                         for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
                             let off = [third.at[0] - to[0], third.at[1] - to[1]];
                             if off[0] * off[0] + off[1] * off[1] <= allowed * allowed && alike(second, third) {
@@ -151,8 +151,8 @@ impl Search<'_> {
         seeds
     }
 
-    /// The arc that goes through `seed` as far as it can be followed, if it is more than chance.
-    fn grow(&self, seed: [(usize, usize); 3]) -> Option<Arc> {
+    /// The tracklet that goes through `seed` as far as it can be followed, if it is more than chance.
+    fn grow(&self, seed: [(usize, usize); 3]) -> Option<Tracklet> {
         let mut members = seed.to_vec();
         for forward in [true, false] {
             while let Some(next) = self.next(&members, forward) {
@@ -181,10 +181,10 @@ impl Search<'_> {
             return None;
         }
         let (gain, seeded) = (self.gain(&members), self.is_seeded(&members)?);
-        (seeded || gain >= LEAST_GAIN).then_some(Arc { members, gain, seeded })
+        (seeded || gain >= LEAST_GAIN).then_some(Tracklet { members, gain, seeded })
     }
 
-    /// Whether a seed is in an arc; none where one says that the ball was elsewhere then.
+    /// Whether a seed is in an tracklet; none where one says that the ball was elsewhere then.
     fn is_seeded(&self, members: &[(usize, usize)]) -> Option<bool> {
         let mut seeded = false;
         for &(frame, [x, y]) in self.seeds {
@@ -200,14 +200,14 @@ impl Search<'_> {
         Some(seeded)
     }
 
-    /// The blob by which an arc goes on.
+    /// The blob by which an tracklet goes on.
     fn next(&self, members: &[(usize, usize)], forward: bool) -> Option<(usize, usize)> {
         let recent: Vec<(usize, usize)> = match forward {
             true => members.iter().rev().take(RECENT).copied().collect(),
             false => members.iter().take(RECENT).copied().collect(),
         };
         let (end, before) = (recent[0], recent[1]);
-        let way = Way::through(self, &recent)?;
+        let way = Parabola::through(self, &recent)?;
         let last = self.blob(end);
         let logs = recent.iter().map(|&member| self.blob(member).radius.ln());
         let usual = (logs.sum::<f64>() / recent.len() as f64).exp();
@@ -233,26 +233,26 @@ impl Search<'_> {
         None
     }
 
-    /// Where an arc leads in a frame beyond its ends or between its blobs, px; how far that may be off, and the radius there.
-    pub fn leads(&self, arc: &Arc, frame: usize) -> Option<([f64; 2], f64, f64)> {
-        let after = arc.members.partition_point(|member| member.0 < frame);
-        let near = after.saturating_sub(RECENT)..(after + RECENT).min(arc.members.len());
-        let mut near = arc.members[near].to_vec();
+    /// Where an tracklet leads in a frame beyond its ends or between its blobs, px; how far that may be off, and the radius there.
+    pub fn leads(&self, tracklet: &Tracklet, frame: usize) -> Option<([f64; 2], f64, f64)> {
+        let after = tracklet.members.partition_point(|member| member.0 < frame);
+        let near = after.saturating_sub(RECENT)..(after + RECENT).min(tracklet.members.len());
+        let mut near = tracklet.members[near].to_vec();
         near.sort_by_key(|member| member.0.abs_diff(frame));
         near.truncate(RECENT);
-        let (at, unsure) = Way::through(self, &near)?.at(self.frames[frame].time);
+        let (at, unsure) = Parabola::through(self, &near)?.at(self.frames[frame].time);
         let logs = near.iter().map(|&member| self.blob(member).radius.ln());
         Some((at, unsure, (logs.sum::<f64>() / near.len() as f64).exp()))
     }
 
-    /// How much more likely an arc's blobs are as one thing's than as chance: of each but the first three, the density of a
+    /// How much more likely an tracklet's blobs are as one thing's than as chance: of each but the first three, the density of a
     /// blob where the others lead over that of blobs in general.
     fn gain(&self, members: &[(usize, usize)]) -> f64 {
         let mut gain = 0.0;
         for (number, &member) in members.iter().enumerate() {
             let near = number.saturating_sub(RECENT / 2)..(number + RECENT / 2 + 1).min(members.len());
             let others: Vec<(usize, usize)> = members[near].iter().filter(|&&other| other != member).copied().collect();
-            let Some(way) = Way::through(self, &others) else { continue };
+            let Some(way) = Parabola::through(self, &others) else { continue };
             let (to, unsure) = way.at(self.frames[member.0].time);
             let blob = self.blob(member);
             let neighbour = self.blob(members[if number == 0 { 1 } else { number - 1 }]);
@@ -277,7 +277,7 @@ impl Search<'_> {
         let frames = frame.saturating_sub(CROWD_FRAMES)..(frame + CROWD_FRAMES + 1).min(self.frames.len());
         let count = frames.len() as f64;
         // Its own thing's blobs: one a frame is no crowd.
-        let near = |seen: &Seen| {
+        let near = |seen: &Candidates| {
             let near = seen.blobs.iter().filter(|blob| {
                 let off = [blob.at[0] - at[0], blob.at[1] - at[1]];
                 off[0] * off[0] + off[1] * off[1] < CROWD_PX * CROWD_PX
@@ -290,7 +290,7 @@ impl Search<'_> {
     }
 }
 
-/// Leaves out single blobs at an arc's ends that frames without any divide from the others.
+/// Leaves out single blobs at an tracklet's ends that frames without any divide from the others.
 fn trim(members: &mut Vec<(usize, usize)>) {
     while members.len() > 2 && members[1].0 - members[0].0 > LONELY {
         members.remove(0);
@@ -316,7 +316,7 @@ fn deviation(blob: &Blob, step: f64) -> f64 {
 }
 
 /// Where blobs lead: a parabola through them (a line through three), in time.
-struct Way {
+struct Parabola {
     middle: f64,
     /// Coefficients of each coordinate; a line's third is 0.
     of: [Vector3<f64>; 2],
@@ -329,7 +329,7 @@ struct Way {
     bend: f64,
 }
 
-impl Way {
+impl Parabola {
     fn through(search: &Search, members: &[(usize, usize)]) -> Option<Self> {
         let is_line = members.len() <= 3;
         let count = members.len() as f64;

@@ -2,28 +2,28 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::Follower;
-use super::arcs::{Arc, LEAST_GAIN};
+use super::BallTracker;
 use super::blobs::Blob;
 use super::stack::{NEIGHBOURS, Stack};
+use super::tracklets::{LEAST_GAIN, Tracklet};
 use nalgebra::Matrix3;
 
 use crate::camera::Detection;
 use crate::image::Picture;
 
-/// Frames that are held, and those among them that arcs are searched in.
+/// Frames that are held, and those among them that tracklets are searched in.
 const HELD: usize = 24;
 const WINDOW: usize = 16;
-/// Share of its least way that an arc must go in those.
+/// Share of its least way that an tracklet must go in those.
 const SHORT_WAY: f64 = 0.25;
-/// Frames after which arcs are searched again.
+/// Frames after which tracklets are searched again.
 const STEP: usize = 8;
-/// Of so many blobs of an arc one is looked at, until a ball is seen in one of so many.
+/// Of so many blobs of an tracklet one is looked at, until a ball is seen in one of so many.
 const ASKED_EVERY: usize = 3;
 const MOST_PER_BALL: usize = 3;
-/// Most such looks at the arcs of most gain, where a ball is known.
+/// Most such looks at the tracklets of most gain, where a ball is known.
 const MOST_PROBES: usize = 8;
-/// Frames beyond an arc's ends in which the ball is looked for where the arc leads, and how many of its blobs a network must
+/// Frames beyond an tracklet's ends in which the ball is looked for where the tracklet leads, and how many of its blobs a network must
 /// have seen a ball in for that.
 const BEYOND: usize = 4;
 const FEWEST_SEEN: usize = 3;
@@ -33,7 +33,7 @@ const SEEN_ALONE: f64 = 0.5;
 /// Probability by the motion network from which a blob is measured, and the least that counts (the largest is as far from 1).
 const WORTH_MEASURING: f64 = 0.05;
 const LEAST_PROBABILITY: f64 = 0.01;
-/// Frames after which what was in no arc is forgotten.
+/// Frames after which what was in no tracklet is forgotten.
 const FORGOTTEN: usize = 2000;
 /// Distance of a blob's middle from what a network finds, in radii, and ratio of the radii, up to which it is a part of it.
 const PART: f64 = 0.9;
@@ -42,7 +42,7 @@ const ALIKE: f64 = 1.4;
 const LEAST_SIGMA: f64 = 0.3;
 /// Length over width from which a blob is a streak.
 const STREAK: f64 = 1.5;
-/// Largest deviation of where an arc leads with which it is worth to look there, radii.
+/// Largest deviation of where an tracklet leads with which it is worth to look there, radii.
 const MOST_UNSURE: f64 = 4.0;
 
 /// A frame's picture, until it is too old.
@@ -54,18 +54,18 @@ pub(super) struct Held {
 
 /// What a network said of the blobs, by frame (of those that are not repeated) and blob: the ball that it measured, or none.
 #[derive(Default)]
-pub(super) struct Words {
+pub(super) struct Verdicts {
     said: BTreeMap<(usize, usize), Option<Detection>>,
     /// Log-odds that a blob is a ball, by the motion network.
     motion: BTreeMap<(usize, usize), f64>,
     /// Balls that were found in frames whose blobs are not known yet.
     found: Vec<(usize, Detection)>,
-    /// Places that were asked for: blobs, and where arcs lead.
+    /// Places that were asked for: blobs, and where tracklets lead.
     asked: BTreeSet<(usize, usize)>,
     led: Vec<(usize, [f64; 2])>,
-    /// The arcs that are looked at now, of the frames from one on.
+    /// The tracklets that are looked at now, of the frames from one on.
     round: Option<Round>,
-    /// Frames in which arcs have been searched, and those whose other blobs are forgotten.
+    /// Frames in which tracklets have been searched, and those whose other blobs are forgotten.
     searched: usize,
     forgotten: usize,
 }
@@ -74,12 +74,12 @@ pub(super) struct Words {
 struct Round {
     /// The frame that theirs are counted from.
     from: usize,
-    arcs: Vec<Arc>,
+    tracklets: Vec<Tracklet>,
     /// Looks that are left at those in which no ball was seen yet.
     probes: usize,
 }
 
-impl Words {
+impl Verdicts {
     pub fn of(&self, member: (usize, usize)) -> Option<&Option<Detection>> {
         self.said.get(&member)
     }
@@ -119,7 +119,7 @@ impl Query {
     }
 }
 
-impl Follower {
+impl BallTracker {
     /// Takes the next frame's picture, and forgets the oldest.
     pub(super) fn hold(&mut self, picture: Picture) {
         let place = self.held.back().map_or(0, |last| last.place + 1);
@@ -131,70 +131,72 @@ impl Follower {
 
     /// What a network may look at now: ask after each frame, and after [`Self::end`], until nothing is left. To tell what it
     /// sees is worth much, but may be left out.
-    pub fn wanted(&mut self) -> Vec<Query> {
-        if self.words.round.is_none() {
+    pub fn queries(&mut self) -> Vec<Query> {
+        if self.verdicts.round.is_none() {
             let ended = self.now.is_none() && self.waiting.is_empty();
-            let due = self.seen.len() >= self.words.searched + STEP || (ended && self.seen.len() > self.words.searched);
+            let due =
+                self.seen.len() >= self.verdicts.searched + STEP || (ended && self.seen.len() > self.verdicts.searched);
             if !due {
                 return vec![];
             }
-            self.words.searched = self.seen.len();
-            for (place, ball) in std::mem::take(&mut self.words.found) {
+            self.verdicts.searched = self.seen.len();
+            for (place, ball) in std::mem::take(&mut self.verdicts.found) {
                 self.found(place, ball);
             }
             let from = self.seen.len().saturating_sub(WINDOW);
-            self.words.led.retain(|&(place, _)| place >= from);
-            let arcs = self.search(from, SHORT_WAY, LEAST_GAIN, &[]).arcs();
+            self.verdicts.led.retain(|&(place, _)| place >= from);
+            let tracklets = self.search(from, SHORT_WAY, LEAST_GAIN, &[]).tracklets();
             let probes = if self.sees_ball() { MOST_PROBES } else { usize::MAX };
-            self.words.round = Some(Round { from, arcs, probes });
+            self.verdicts.round = Some(Round { from, tracklets, probes });
         }
-        let Some(Round { from, arcs, mut probes }) = self.words.round.take() else { return vec![] };
-        let mut wanted = Vec::new();
-        for arc in &arcs {
-            let members: Vec<(usize, usize)> = arc.members.iter().map(|&(frame, blob)| (from + frame, blob)).collect();
+        let Some(Round { from, tracklets, mut probes }) = self.verdicts.round.take() else { return vec![] };
+        let mut queries = Vec::new();
+        for tracklet in &tracklets {
+            let members: Vec<(usize, usize)> =
+                tracklet.members.iter().map(|&(frame, blob)| (from + frame, blob)).collect();
             let told: Vec<bool> =
-                members.iter().filter_map(|&member| self.words.of(member)).map(Option::is_some).collect();
+                members.iter().filter_map(|&member| self.verdicts.of(member)).map(Option::is_some).collect();
             let seen = told.iter().filter(|&&ball| ball).count();
             let is_ball = seen > 0 && MOST_PER_BALL * seen >= told.len();
             // Most of what moves is no ball: a few looks tell.
             let mut last = None;
             for (number, &member) in members.iter().enumerate() {
                 let (place, blob) = member;
-                if self.words.asked.contains(&member) {
+                if self.verdicts.asked.contains(&member) {
                     last = Some(number);
                 } else if is_ball || (probes > 0 && last.is_none_or(|last| number >= last + ASKED_EVERY)) {
                     last = Some(number);
                     probes -= usize::from(!is_ball);
-                    self.words.asked.insert(member);
+                    self.verdicts.asked.insert(member);
                     let Blob { at, radius, reach, .. } =
                         self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
-                    wanted.push(Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
+                    queries.push(Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
                 }
             }
             if seen >= FEWEST_SEEN {
-                let beyond = self.beyond(from, arc);
-                self.words.led.extend(beyond.iter().map(|it| (it.place, it.image)));
-                wanted.extend(beyond);
+                let beyond = self.beyond(from, tracklet);
+                self.verdicts.led.extend(beyond.iter().map(|it| (it.place, it.image)));
+                queries.extend(beyond);
             }
         }
-        wanted.retain(|it| self.picture(it).is_some());
-        match wanted.is_empty() {
+        queries.retain(|it| self.picture(it).is_some());
+        match queries.is_empty() {
             true => self.forget(),
-            false => self.words.round = Some(Round { from, arcs, probes }),
+            false => self.verdicts.round = Some(Round { from, tracklets, probes }),
         }
-        wanted
+        queries
     }
 
-    /// Whether a network sees the ball in one of the last arcs.
+    /// Whether a network sees the ball in one of the last tracklets.
     pub fn sees_ball(&self) -> bool {
         let from = self.seen.len().saturating_sub(WINDOW);
-        self.words.said.range((from, 0)..).filter(|(_, ball)| ball.is_some()).count() >= FEWEST_SEEN
+        self.verdicts.said.range((from, 0)..).filter(|(_, ball)| ball.is_some()).count() >= FEWEST_SEEN
     }
 
-    /// Forgets blobs of long ago that were in no arc: an hour has millions of them.
+    /// Forgets blobs of long ago that were in no tracklet: an hour has millions of them.
     fn forget(&mut self) {
-        for place in self.words.forgotten..self.seen.len().saturating_sub(FORGOTTEN) {
-            let kept: Vec<usize> = self.words.asked.range((place, 0)..=(place, usize::MAX)).map(|it| it.1).collect();
+        for place in self.verdicts.forgotten..self.seen.len().saturating_sub(FORGOTTEN) {
+            let kept: Vec<usize> = self.verdicts.asked.range((place, 0)..=(place, usize::MAX)).map(|it| it.1).collect();
             let search = self.search(0, 1.0, LEAST_GAIN, &[]);
             let blobs = kept
                 .iter()
@@ -202,28 +204,29 @@ impl Follower {
             let blobs: Vec<Blob> = blobs.collect();
             let said: Vec<(Option<Option<Detection>>, Option<f64>)> = kept
                 .iter()
-                .map(|&blob| (self.words.said.remove(&(place, blob)), self.words.motion.remove(&(place, blob))))
+                .map(|&blob| (self.verdicts.said.remove(&(place, blob)), self.verdicts.motion.remove(&(place, blob))))
                 .collect();
-            kept.iter().for_each(|&blob| _ = self.words.asked.remove(&(place, blob)));
+            kept.iter().for_each(|&blob| _ = self.verdicts.asked.remove(&(place, blob)));
             for (blob, (said, motion)) in said.into_iter().enumerate() {
-                self.words.asked.insert((place, blob));
-                said.map(|said| self.words.said.insert((place, blob), said));
-                motion.map(|motion| self.words.motion.insert((place, blob), motion));
+                self.verdicts.asked.insert((place, blob));
+                said.map(|said| self.verdicts.said.insert((place, blob), said));
+                motion.map(|motion| self.verdicts.motion.insert((place, blob), motion));
             }
             self.seen[place].blobs = blobs;
-            self.words.forgotten = place + 1;
+            self.verdicts.forgotten = place + 1;
         }
     }
 
-    /// Where the ball of an arc may be in the frames before and after it.
-    fn beyond(&self, from: usize, arc: &Arc) -> Vec<Query> {
+    /// Where the ball of an tracklet may be in the frames before and after it.
+    fn beyond(&self, from: usize, tracklet: &Tracklet) -> Vec<Query> {
         let search = self.search(from, SHORT_WAY, LEAST_GAIN, &[]);
-        let (first, last) = (arc.members[0].0, arc.members[arc.members.len() - 1].0);
+        let (first, last) = (tracklet.members[0].0, tracklet.members[tracklet.members.len() - 1].0);
         let before = first.saturating_sub(BEYOND)..first;
         let after = last + 1..(last + 1 + BEYOND).min(search.frames.len());
-        let within = (first..last).filter(|frame| arc.members.binary_search_by_key(frame, |member| member.0).is_err());
-        let wanted = before.chain(within).chain(after).filter_map(|frame| {
-            let (at, unsure, radius) = search.leads(arc, frame)?;
+        let within =
+            (first..last).filter(|frame| tracklet.members.binary_search_by_key(frame, |member| member.0).is_err());
+        let queries = before.chain(within).chain(after).filter_map(|frame| {
+            let (at, unsure, radius) = search.leads(tracklet, frame)?;
             let view = &self.views[from + frame];
             let image = view.frame(at);
             let larger = view.scale(image).recip();
@@ -232,16 +235,16 @@ impl Follower {
             let near = |&(place, at): &(usize, [f64; 2])| {
                 place == from + frame && (at[0] - image[0]).hypot(at[1] - image[1]) < radius_px.max(2.0)
             };
-            let wanted =
+            let queries =
                 Query { place: from + frame, blob: None, image, radius_px, reach_px: radius_px + 2.0 * unsure };
-            (inside && unsure < MOST_UNSURE * radius_px && !self.words.led.iter().any(near)).then_some(wanted)
+            (inside && unsure < MOST_UNSURE * radius_px && !self.verdicts.led.iter().any(near)).then_some(queries)
         });
-        wanted.collect()
+        queries.collect()
     }
 
     /// The picture in which that is to be looked for; none where it is too old.
-    pub fn picture(&self, wanted: &Query) -> Option<&Picture> {
-        self.held(wanted.place)
+    pub fn picture(&self, queries: &Query) -> Option<&Picture> {
+        self.held(queries.place)
     }
 
     /// The number of the last frame among those that are not repeated.
@@ -271,45 +274,45 @@ impl Follower {
     }
 
     /// The stack about a blob; none where its frame is too old.
-    pub fn stack(&self, wanted: &Query) -> Option<Stack> {
-        let own = self.held(wanted.place)?;
-        let own_view = &self.views[wanted.place];
+    pub fn stack(&self, queries: &Query) -> Option<Stack> {
+        let own = self.held(queries.place)?;
+        let own_view = &self.views[queries.place];
         let frames = std::array::from_fn(|index| {
-            let place = (wanted.place + index).saturating_sub(NEIGHBOURS);
+            let place = (queries.place + index).saturating_sub(NEIGHBOURS);
             // At either end of the video, and after a cut, there is no other: as if nothing moved.
             match (self.held(place), self.views.get(place)) {
                 (Some(picture), Some(view)) => (picture, view.frame_from_first * own_view.first_from_frame),
                 _ => (own, Matrix3::identity()),
             }
         });
-        Some(Stack::of(wanted.image, wanted.radius_px, &frames))
+        Some(Stack::of(queries.image, queries.radius_px, &frames))
     }
 
     /// Takes the motion network's probability that the blob of a query is a ball; whether it is worth while to measure it.
     pub fn tell_motion(&mut self, query: &Query, probability: f64) -> bool {
         let probability = probability.clamp(LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY);
         if let Some(blob) = query.blob {
-            self.words.motion.insert((query.place, blob), (probability / (1.0 - probability)).ln());
+            self.verdicts.motion.insert((query.place, blob), (probability / (1.0 - probability)).ln());
         }
         probability > WORTH_MEASURING
     }
 
     /// Takes a network's word: the ball that it measures there
     /// ([`Localiser::measure`](crate::Localiser::measure)), if it sees one.
-    pub fn tell(&mut self, wanted: &Query, ball: Option<Detection>) {
-        match wanted.blob {
+    pub fn tell(&mut self, queries: &Query, ball: Option<Detection>) {
+        match queries.blob {
             Some(blob) => {
                 let ball = ball.filter(|ball| ball.confidence >= SEEN);
                 if let Some(ball) = &ball {
-                    let own = blob_of(ball).mapped(&self.views[wanted.place].first_from_frame);
+                    let own = blob_of(ball).mapped(&self.views[queries.place].first_from_frame);
                     // Better than the middle of what differs; a streak keeps its length.
-                    let blob = &mut self.seen[wanted.place].blobs[blob];
+                    let blob = &mut self.seen[queries.place].blobs[blob];
                     let reach = if blob.reach < STREAK * blob.radius { 0.0 } else { blob.reach };
                     *blob = Blob { reach: reach.max(own.radius), direction: blob.direction, ..own };
                 }
-                self.words.said.insert((wanted.place, blob), ball);
+                self.verdicts.said.insert((queries.place, blob), ball);
             }
-            None => ball.into_iter().for_each(|ball| self.found(wanted.place, ball)),
+            None => ball.into_iter().for_each(|ball| self.found(queries.place, ball)),
         }
     }
 
@@ -320,7 +323,7 @@ impl Follower {
             return;
         }
         let Some(seen) = self.seen.get_mut(place) else {
-            return self.words.found.push((place, ball));
+            return self.verdicts.found.push((place, ball));
         };
         let own = blob_of(&ball).mapped(&self.views[place].first_from_frame);
         let Blob { at, radius, .. } = own;
@@ -335,8 +338,8 @@ impl Follower {
         }
         for blob in parts {
             seen.blobs[blob] = own;
-            self.words.asked.insert((place, blob));
-            self.words.said.insert((place, blob), Some(ball));
+            self.verdicts.asked.insert((place, blob));
+            self.verdicts.said.insert((place, blob), Some(ball));
         }
     }
 }
