@@ -67,8 +67,8 @@ class Step {
     this.#alert = new Alert(part("video-alert"));
     this.#overlay = new Overlay(part("video-frame"), part("video-picture"), part("video-overlay"), part("video-scale"));
     this.#view = new View3d(part("video-view"));
-    this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"));
-    this.#fitResult = new FitResult(part("video-fit-result"));
+    this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"), part("video-plot-pixels"));
+    this.#fitResult = new FitResult(part("video-verdict"), part("video-fit-result"));
     this.#transport = new Transport(part);
     this.#numbers = new Numbers(part);
     this.#job = new Job(part("video-job"), "video-cancel");
@@ -257,7 +257,9 @@ class Step {
       this.#numbers.showReason("The ball is not seen in this frame.");
       return;
     }
-    this.#numbers.showReason(seen.world ? "" : "The ball is seen, but not in a flight that physics could place: no metres here.");
+    const { flat } = this.#fit ?? { flat: !this.#place.camera || !this.#place.scene };
+    const without = flat ? "Metres take a calibrated camera, and the place and the ball." : "The ball is seen, but not in a flight that physics could place: no metres here.";
+    this.#numbers.showReason(seen.world ? "" : without);
     const isSure = seen.confidence >= this.#model.threshold;
     this.#numbers.show(seen, isSure);
     this.#view.setBall("found", isSure ? seen.world : null);
@@ -336,6 +338,8 @@ class Step {
     this.#fit = fit;
     this.#fitVersion = version;
     this.#fitResult.show(fit);
+    this.#part("video-verdict").scrollIntoView({ block: "nearest" });
+    this.#part("video-work").dataset.flat = String(fit.flat);
     this.#view.setPath("fit", fit.frames.map(({ world }) => world));
     this.#view.setMarks([...fit.impacts, ...fit.hits].filter(({ explained }) => explained).map(({ world }) => world));
     if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
@@ -346,9 +350,11 @@ class Step {
   /** Forgets all positions. */
   #forget(): void {
     this.#following.end();
+    this.#following.showWhether();
     this.#looker.forget();
     this.#fit = this.#shown = undefined;
     this.#fitResult.clear();
+    this.#part("video-work").dataset.flat = "false";
     this.#numbers.clear();
     const { camera, scene } = this.#place;
     this.#view.setScene(scene ?? workspace.scene, camera);
