@@ -1,5 +1,6 @@
 /** The real clip that comes with the page, in the step Your video; its picture is in page.test.js. */
 import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { launch, open, saved, value } from "./support/browser.js";
 import { real, realLabels } from "./support/demo.js";
@@ -9,6 +10,8 @@ import { serve } from "./support/server.js";
 const PATIENCE = { timeout: 120_000 };
 /** Of the clip, frames a second. */
 const FPS = 30;
+/** The drawn rally, with its truth. */
+const rally = JSON.parse(readFileSync(new URL("../../web/public/rally/rally.json", import.meta.url), "utf8"));
 const complaints = [];
 let server, browser;
 
@@ -72,7 +75,7 @@ test("a table of flights, their reasons folded away, and the court stay within t
   // What is known well is bold, what is not stands back.
   const places = own.getByTestId("video-contacts").locator("tbody tr");
   assert.deepEqual(await places.evaluateAll((rows) => rows.map((row) => row.querySelector("strong") !== null)), [true, false]);
-  assert.match(await places.nth(1).textContent(), /bounce 1 on the floor.*± 1\.4 m/);
+  assert.match(await places.nth(1).textContent(), /bounce 1 on the floor.*±.1\.4.m/);
   for (const width of [1280, 390]) {
     await own.setViewportSize({ width, height: 844 });
     // Pictures and charts follow the new width a moment later.
@@ -81,6 +84,22 @@ test("a table of flights, their reasons folded away, and the court stay within t
       const { x, width: wide } = await own.getByTestId(part).boundingBox();
       assert.ok(x >= 0 && x + wide <= width, `${part} reaches from ${x} to ${x + wide} px of ${width}`);
     }
+  }
+  await own.close();
+});
+
+test("a tennis rally is tracked at one click: its bounces are on the court from above, where they were drawn", PATIENCE, async () => {
+  const own = await open(browser, `${server.url}#video`, complaints);
+  await own.getByTestId("video-rally").click();
+  await own.getByTestId("video-fit-words").waitFor(PATIENCE);
+  const { fit } = JSON.parse((await saved(own, "video-json")).toString());
+  assert.ok(fit.impacts.length >= 2, fit.findings.headline);
+  const placed = fit.impacts.filter(({ explained }) => explained);
+  assert.equal(await own.getByTestId("video-plan").locator("ellipse").count(), placed.length);
+  assert.ok((await own.getByTestId("video-plan").locator("polyline").count()) >= 10, "the court's lines are there");
+  for (const { time, world } of placed) {
+    const [, truth] = rally.bounces.reduce((best, bounce) => (Math.abs(bounce[0] - time) < Math.abs(best[0] - time) ? bounce : best));
+    assert.ok(distance(world, truth) < 0.5, `${world} is not ${truth}`);
   }
   await own.close();
 });

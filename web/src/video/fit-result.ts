@@ -74,8 +74,8 @@ function tables({ flights, contacts }: Findings): HTMLElement[] {
       bounce === null ? what : what.replace(" ", ` ${bounce} `),
       inSeconds(time),
       measured(place),
-      speed === null ? "" : `${speed.toFixed(1)} m/s`,
-      ...(lined ? [withinLines === null ? "" : `${(100 * withinLines).toFixed(0)} %`] : []),
+      speed === null ? "" : `${speed.toFixed(1)}\u00a0m/s`,
+      ...(lined ? [withinLines === null ? "" : `${(100 * withinLines).toFixed(0)}\u00a0%`] : []),
     ],
   }));
   const made: HTMLElement[] = [];
@@ -101,14 +101,20 @@ function tableOf(part: string, caption: string, head: string[], rows: { part: st
   });
   const lines = rows.map(({ part, cells }) => make("tr", { part }, ...cells.map((cell) => (typeof cell === "string" ? make("td", { text: cell }) : make("td", {}, cell)))));
   const table = make("table", { part }, make("caption", { text: caption }), make("thead", {}, make("tr", {}, ...titles)), make("tbody", {}, ...lines));
-  return make("div", { class: "video-table" }, table);
+  const box = make("div", { class: "video-table" }, table);
+  box.tabIndex = 0;
+  box.setAttribute("role", "region");
+  box.setAttribute("aria-label", caption);
+  return box;
 }
 
 /** A number with its uncertainty: bold where it may be read as a fact. */
 function measured(number: Measured | null): HTMLElement {
   if (!number) return make("span", { class: "vague", text: "not known" });
   const { value, sigma, precise } = number;
-  return make("span", { class: precise ? "precise" : "vague" }, make(precise ? "strong" : "span", { text: value }), make("small", { text: ` ± ${sigma}` }));
+  return make("span", { class: precise ? "precise" : "vague" }, make(precise ? "strong" : "span", { text: unbroken(value) }), make("small", { text: ` ± ${sigma}` }));
 }
 
-const inSeconds = (time: number) => `${time.toFixed(2)} s`;
+/** A number stays in a line with its unit, a coordinate with its axis. */
+const unbroken = (value: string) => value.replace(/([xyz]) /g, "$1\u00a0").replace(/ (m|m\/s|turns\/s)\b/g, "\u00a0$1");
+const inSeconds = (time: number) => `${time.toFixed(2)}\u00a0s`;

@@ -10,7 +10,7 @@ import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { View3d } from "../shared/view3d";
 import { workspace } from "../shared/workspace";
-import { makeExample, realExample, type Example } from "./example";
+import { makeExample, rallyExample, realExample, type Example } from "./example";
 import { fitted } from "./fit";
 import { FitResult } from "./fit-result";
 import { Looker } from "./looker";
@@ -109,6 +109,10 @@ class Step {
     });
     onClick("video-real", async () => {
       await this.#openExample("Fetching the clip…", realExample);
+      await this.#following.start();
+    });
+    onClick("video-rally", async () => {
+      await this.#openExample("Fetching the clip…", rallyExample);
       await this.#following.start();
     });
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
