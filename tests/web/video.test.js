@@ -294,6 +294,29 @@ test("without a camera the ball is tracked in pixels, with a table to take along
   await own.close();
 });
 
+test("of a flight that is not explained no number is shown, and the reason is folded away", PATIENCE, async () => {
+  const filming = await open(browser, `${server.url}harness.html`, complaints);
+  const made = await filming.evaluate(drawClip);
+  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
+  await filming.close();
+  const own = await step();
+  // No ball falls so slowly.
+  const moon = { ...made.scene, gravity: [0, 0, -1.62] };
+  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }, jsonFile(made.camera), jsonFile(moon, "scene.json")]);
+  await count(own, 1);
+  await own.getByTestId("video-track").click();
+  await own.getByTestId("video-fit-words").waitFor(PATIENCE);
+  assert.match(await own.getByTestId("video-fit-words").textContent(), /explained: there are no metres; the ball was found in \d+ of \d+ frames\.$/);
+  const reasons = own.getByTestId("video-reasons");
+  assert.ok(!(await reasons.evaluate((details) => details.open)));
+  assert.match(await reasons.textContent(), /Flight 1, .*\.$/s);
+  assert.equal(await own.getByTestId("video-flight").count(), 0);
+  assert.equal(await own.getByTestId("video-x").textContent(), "–");
+  assert.ok(await own.getByTestId("video-sigma-row").isHidden());
+  assert.equal(await own.getByTestId("video-plan").count(), 0);
+  await own.close();
+});
+
 test("a webcam starts and stops", PATIENCE, async () => {
   const args = ["--no-sandbox", "--disable-quic", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"];
   const filmed = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", headless: true, args });

@@ -23,7 +23,7 @@ pub fn chapter(tracked: &TrackedVideo, size: Size) -> Result<String> {
     }
     let doubtful = seen().filter(|(frame, _)| frame.confidence < doubts::DOUBTFUL).count();
     let (mut gap, mut longest) = (0, 0);
-    let [first, last] = [seen().next(), seen().last()].map(|seen| seen.map(|(frame, _)| frame.frame));
+    let [first, last] = [seen().next(), seen().next_back()].map(|seen| seen.map(|(frame, _)| frame.frame));
     for frame in own().filter(|frame| Some(frame.frame) > first && Some(frame.frame) < last) {
         gap = if frame.image.is_some() { 0 } else { gap + 1 };
         longest = longest.max(gap);

@@ -263,11 +263,12 @@ class Step {
     }
     const { flat } = this.#fit ?? { flat: !this.#place.camera || !this.#place.scene };
     const without = flat ? "Metres take a calibrated camera, and the place and the ball." : "The ball is seen, but not in a flight that physics could place: no metres here.";
-    this.#numbers.showReason(seen.world ? "" : without);
+    const known = seen.world !== null && seen.explained !== false;
+    this.#numbers.showReason(known ? "" : seen.world ? "The flight here is not explained: where the ball is, is not known." : without);
     const isSure = seen.confidence >= this.#model.threshold;
     this.#numbers.show(seen, isSure);
-    this.#view.setBall("found", isSure ? seen.world : null);
-    this.#view.setBall("fit", fittedAt(this.#fit, seen.timeMs)?.world ?? null);
+    this.#view.setBall("found", isSure && known ? seen.world : null);
+    this.#view.setBall("fit", known ? (fittedAt(this.#fit, seen.timeMs)?.world ?? null) : null);
   }
 
   #showCounts(): void {
@@ -290,7 +291,7 @@ class Step {
     const sure = all.filter(({ confidence }) => confidence >= threshold);
     this.#showCounts();
     this.#numbers.showMean(sure);
-    const known = sure.flatMap(({ world }) => (world ? [world] : []));
+    const known = sure.flatMap(({ world, explained }) => (world && explained !== false ? [world] : []));
     this.#view.setPath("found", known.slice(-MOST_IN_SPACE));
     this.#plots.show(all, this.#fit, { threshold, durationMs: this.#about.durationMs });
     for (const name of ["video-csv", "video-json", "video-png", "video-clear"]) this.#part<HTMLButtonElement>(name).disabled = all.length === 0;
@@ -344,7 +345,7 @@ class Step {
     this.#fitResult.show(fit);
     this.#part("video-verdict").scrollIntoView({ block: "nearest" });
     this.#part("video-work").dataset.flat = String(fit.flat);
-    this.#view.setPath("fit", fit.frames.map(({ world }) => world));
+    this.#view.setPath("fit", fit.frames.flatMap(({ world, explained }) => (explained ? [world] : [])));
     this.#view.setMarks([...fit.impacts, ...fit.hits].filter(({ explained }) => explained).map(({ world }) => world));
     if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
     this.#refresh();

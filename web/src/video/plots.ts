@@ -35,7 +35,8 @@ export class Plots {
     const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
     const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 || 1 : Math.max(last, from + 1);
     const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
-    const frames = (fit?.frames ?? []).filter(({ time }) => time >= from);
+    // What is not explained is no trajectory.
+    const frames = (fit?.frames ?? []).filter(({ time, explained }) => time >= from && explained);
     const marks = [...(fit?.impacts ?? []), ...(fit?.hits ?? [])].map(({ time }) => time).filter((time) => time >= from);
     // Of a track without a camera there are pixels alone.
     const flat = fit?.flat ?? false;
@@ -45,7 +46,7 @@ export class Plots {
     });
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
-        seen.flatMap(({ timeMs, world, confidence }): [number, number][] => (world && confidence >= threshold === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
+        seen.flatMap(({ timeMs, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
       const line = frames.map(({ time, world }): [number, number] => [time, world[axis] ?? 0]);
       return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
     });

@@ -11,6 +11,8 @@ export interface Seen {
   sigma: number | null;
   /** Whether that is little enough for the position to be read as a fact; undefined where nobody says it. */
   precise?: boolean;
+  /** Whether its flight is explained: if not, the position is not known; undefined where it is of no flight. */
+  explained?: boolean;
   confidence: number;
   truth?: Vector;
   /** Distance to the truth, metres. */
@@ -19,7 +21,7 @@ export interface Seen {
 
 /** Flights: of a fit to sightings, or of a tracked video. */
 export interface Curve extends Pick<Fit, "explained" | "findings" | "impacts" | "hits"> {
-  frames: Pick<FittedFrame, "time" | "world" | "speed" | "sigma" | "outlier">[];
+  frames: Pick<FittedFrame, "time" | "world" | "speed" | "sigma" | "outlier" | "explained">[];
   /** Whether it is in pixels alone: the camera or the place is not known. */
   flat: boolean;
 }

@@ -159,17 +159,17 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
 /** The frames that show the ball. */
 export function seenOf({ frames, findings }: TrackedVideo, camera: Camera | undefined): Seen[] {
   const axis = camera?.camera_from_world[2] ?? [];
-  return frames.flatMap(({ time, image, confidence, world, sigma }, index): Seen[] => {
+  return frames.flatMap(({ time, image, confidence, world, sigma, explained }, index): Seen[] => {
     const precise = findings.precise[index] ?? false;
     const depth = world && world.reduce((sum, value, index) => sum + value * (axis[index] ?? 0), axis[3] ?? 0);
-    return image ? [{ timeMs: 1000 * time, image, confidence, world, depth, sigma, precise }] : [];
+    return image ? [{ timeMs: 1000 * time, image, confidence, world, depth, sigma, precise, ...(explained !== null && { explained }) }] : [];
   });
 }
 
 /** The flights as a fit of sightings says them. */
 export function curveOf({ frames, explained, ...all }: TrackedVideo): Curve {
-  const fitted = frames.flatMap(({ time, world, speed, sigma, outlier }) =>
-    world && speed !== null && sigma !== null ? [{ time, world, speed, sigma, outlier }] : [],
+  const fitted = frames.flatMap(({ time, world, speed, sigma, outlier, explained }) =>
+    world && speed !== null && sigma !== null ? [{ time, world, speed, sigma, outlier, explained: explained ?? false }] : [],
   );
   return { ...all, explained: explained ?? false, flat: explained === null, frames: fitted };
 }
