@@ -65,9 +65,11 @@ pub fn flights(findings: &Findings) -> String {
             ]
         })
         .collect();
+    // Said once, where the first such numbers are.
+    let rule = if contacts(findings).is_empty() { RULE } else { "" };
     if !rows.is_empty() {
         let table = html::cells(&["Flight", "when", "speed at its start", "spin"], &rows);
-        body += &html::section("Flights", &format!("From hit to hit; bounces are within. {RULE}"), &table);
+        body += &html::section("Flights", format!("From hit to hit; bounces are within. {rule}").trim_end(), &table);
     }
     body
 }
@@ -104,8 +106,9 @@ pub fn contacts(findings: &Findings) -> String {
     if cards.is_empty() {
         return String::new();
     }
-    let lead = "Bounces on what the scene holds, hits by what it does not. From above: x to the right, y up.";
-    html::section("Bounces and hits", lead, &html::row("contacts", &cards))
+    let lead =
+        format!("Bounces on what the scene holds, hits by what it does not. From above: x to the right, y up. {RULE}");
+    html::section("Bounces and hits", &lead, &html::row("contacts", &cards))
 }
 
 fn measured(number: Option<&Measured>) -> Cell {
