@@ -34,7 +34,7 @@
 //! - [`camera`]: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`], [`Calibration`]
 //! - [`physics`]: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`], [`Integrator`]
 //! - [`track`]: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]; 2D labels: [`LabelOptions`],
-//!   [`propose_labels`]; what [`VideoTracker`] finds in a video: [`TrackedVideo`]
+//!   [`propose_labels`]; what [`VideoTracker`] finds in a video: [`TrackedVideo`]; in words for people: [`Findings`]
 //! - [`image`], [`model`], [`localise`]: [`Picture`], [`Size`]; [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
 //! - [`clips`]: [`Clips`], [`Clip`], [`Frame`]
@@ -56,6 +56,7 @@ mod contour;
 mod error;
 pub mod evaluate;
 mod files;
+pub mod findings;
 pub mod image;
 mod kernels;
 mod least_squares;
@@ -88,6 +89,7 @@ pub use self::camera::{
 pub use self::clips::{Clip, Clips, Frame};
 pub use self::error::{Error, Result};
 pub use self::evaluate::{Metrics, Sample, score};
+pub use self::findings::{Findings, WithFindings};
 pub use self::image::Picture;
 pub use self::localise::{Localisation, LocaliseOptions, Localiser, Region};
 pub use self::model::Card;

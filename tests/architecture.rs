@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// What each room may use. `error`, `size` and the tests' `testing` are open to all.
-const ARROWS: [(&str, &[&str]); 21] = [
+const ARROWS: [(&str, &[&str]); 22] = [
     ("size", &[]),
     ("volume", &[]),
     ("random", &[]),
@@ -24,6 +24,7 @@ const ARROWS: [(&str, &[&str]); 21] = [
     ("physics", &["files", "volume"]),
     ("contour", &["camera", "image", "statistics"]),
     ("track", &["camera", "contour", "image", "kernels", "least_squares", "physics", "statistics", "table"]),
+    ("findings", &["camera", "physics", "track"]),
     ("clips", &["camera", "files", "image", "physics"]),
     ("localise", &["camera", "contour", "image", "model", "volume"]),
     ("evaluate", &["camera", "clips", "image", "localise"]),
@@ -54,6 +55,7 @@ const WASM: (&str, &[&str]) = (
         "camera",
         "clips",
         "evaluate",
+        "findings",
         "image",
         "localise",
         "model",
@@ -65,7 +67,7 @@ const WASM: (&str, &[&str]) = (
     ],
 );
 /// Rooms that compile without Burn.
-const WITHOUT_BURN: [&str; 16] = [
+const WITHOUT_BURN: [&str; 17] = [
     "random",
     "statistics",
     "volume",
@@ -80,6 +82,7 @@ const WITHOUT_BURN: [&str; 16] = [
     "kernels",
     "physics",
     "track",
+    "findings",
     "clips",
     "synth",
 ];

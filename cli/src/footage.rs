@@ -59,6 +59,16 @@ impl Footage {
         Ok(footage)
     }
 
+    /// The first frame of a video, whatever it says of its times.
+    ///
+    /// # Errors
+    /// What it cannot be read for.
+    pub fn first(video: &Path) -> Result<Picture> {
+        ensure!(video.exists(), "{}: no such video", video.display());
+        let first = VideoStream::open(video)?.read()?;
+        first.map(Picture::from_rgb).with_context(|| format!("{}: no frame", video.display()))
+    }
+
     /// Its name, for people.
     pub fn name(&self) -> String {
         let path = match &self.media {

@@ -12,8 +12,39 @@ use image::RgbImage;
 /// Longest line of a picture's header.
 const HEADER: u64 = 64;
 
+/// Containers (ffprobe's names) that hold pictures alone: what ffprobe says of their times is a default of 25 frames a second.
+const WITHOUT_TIMES: [&str; 12] =
+    ["av1", "cavsvideo", "dirac", "h261", "h263", "h264", "hevc", "jpeg_pipe", "m4v", "mjpeg", "mpegvideo", "vvc"];
+
+/// The time of every frame, s, as the file says it.
+///
+/// # Errors
+/// [`Error::Data`] where ffprobe is not installed, cannot read it, or finds no times.
+pub fn frame_times(video: &Path) -> Result<Vec<f64>> {
+    let shown = shown_times(video)?;
+    let known: Vec<f64> = shown.iter().copied().flatten().collect();
+    if known.len() == shown.len() && !known.is_empty() && Header::of(video)?.has_times() {
+        return Ok(known);
+    }
+    // AVI says when to decode, and frames that come late have no time to be shown at.
+    let packets = packet_times(video, None)?;
+    if packets.len() == shown.len() {
+        return Ok(packets);
+    }
+    let reason = format!("says the times of {} of its {} frames; give --fps", known.len(), shown.len());
+    Err(Error::Data { what: video.display().to_string(), reason })
+}
+
+/// How many frames ffprobe decodes.
+///
+/// # Errors
+/// [`Error::Data`] where ffprobe is not installed or cannot read it.
+pub fn count_frames(video: &Path) -> Result<usize> {
+    Ok(shown_times(video)?.len())
+}
+
 /// The time of every frame, s, as ffprobe reads it; none where the file says nothing.
-pub fn frame_times(video: &Path) -> Result<Vec<Option<f64>>> {
+fn shown_times(video: &Path) -> Result<Vec<Option<f64>>> {
     let arguments = [
         "-v",
         "error",
@@ -29,6 +60,54 @@ pub fn frame_times(video: &Path) -> Result<Vec<Option<f64>>> {
     let text = output(command, "ffprobe", video)?;
     let time = |line: &str| line.trim().trim_end_matches(',').parse::<f64>().ok().filter(|time| time.is_finite());
     Ok(text.lines().filter(|line| !line.trim().is_empty()).map(time).collect())
+}
+
+/// What a file says of itself before its pictures.
+struct Header {
+    /// Its containers' names, as ffprobe has them.
+    formats: String,
+    /// Frames a second, as a fraction; a raw stream that says none has 25.
+    rate: Option<f64>,
+}
+
+impl Header {
+    fn of(video: &Path) -> Result<Self> {
+        let entries = "format=format_name:stream=r_frame_rate";
+        let arguments = ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"];
+        let mut command = Command::new("ffprobe");
+        command.args(arguments).arg(file_url(video)?);
+        let said = json(&output(command, "ffprobe", video)?, video)?;
+        let rate = said["streams"][0]["r_frame_rate"].as_str().and_then(|rate| {
+            let (above, below) = rate.split_once('/')?;
+            Some(above.parse::<f64>().ok()? / below.parse::<f64>().ok()?)
+        });
+        let rate = rate.filter(|rate| rate.is_finite() && *rate > 0.0);
+        Ok(Self { formats: said["format"]["format_name"].as_str().unwrap_or_default().into(), rate })
+    }
+
+    fn has_times(&self) -> bool {
+        !self.formats.split(',').any(|format| WITHOUT_TIMES.contains(&format))
+    }
+
+    /// Why there are no times, and what to do.
+    fn refusal(&self) -> String {
+        let rate = self.rate.map_or(String::new(), |rate| {
+            let digits = if rate.fract().abs() < 5e-4 { 0 } else { 3 };
+            format!(" (it seems to have {rate:.digits$} a second, which may be a default and nobody's word)")
+        });
+        match self.has_times() {
+            true => "has no picture, or says no times of its frames; give --fps".into(),
+            false => format!(
+                "is a raw stream ({}), which says no times of its frames; give --fps: how many were taken a second{rate}",
+                self.formats
+            ),
+        }
+    }
+}
+
+fn json(text: &str, video: &Path) -> Result<serde_json::Value> {
+    let refuse = |error| Error::Data { what: video.display().to_string(), reason: format!("`ffprobe`: {error}") };
+    serde_json::from_str(text).map_err(refuse)
 }
 
 /// Writes the frames from the first to the last, both included, as `NUMBER.png`, each once.
@@ -107,15 +186,21 @@ pub fn packet_times(video: &Path, fps: Option<f64>) -> Result<Vec<f64>> {
     let mut times = if shown.len() < decoded.len() { decoded } else { shown };
     times.sort_by(f64::total_cmp);
     times.dedup();
+    let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
     if let Some(fps) = fps {
         let packets = text.lines().filter(|line| !line.trim().is_empty()).count();
         let frames = if times.is_empty() { packets } else { times.len() };
         times = evenly(frames, fps);
+        if times.is_empty() {
+            return Err(refuse("has no picture".into()));
+        }
+    } else {
+        let header = Header::of(video)?;
+        if times.is_empty() || !header.has_times() {
+            return Err(refuse(header.refusal()));
+        }
     }
-    let Some(&first) = times.first() else {
-        let reason = "has no picture, or says no times of its frames; give --fps".into();
-        return Err(Error::Data { what: video.display().to_string(), reason });
-    };
+    let first = times.first().copied().unwrap_or_default();
     times.iter_mut().for_each(|time| *time -= first);
     Ok(times)
 }
@@ -145,10 +230,7 @@ impl Oddities {
         let mut command = Command::new("ffprobe");
         command.args(arguments).arg(file_url(video)?);
         let text = output(command, "ffprobe", video)?;
-        let said: serde_json::Value = serde_json::from_str(&text).map_err(|error| Error::Data {
-            what: video.display().to_string(),
-            reason: format!("`ffprobe`: {error}"),
-        })?;
+        let said = json(&text, video)?;
         let streams = said["streams"].as_array().map(Vec::as_slice).unwrap_or_default();
         let is = |name: &str, values: &[&str]| {
             streams.first().and_then(|first| first[name].as_str()).is_some_and(|value| values.contains(&value))

@@ -83,7 +83,12 @@ fn nothing_of_a_flight_that_is_not_explained_is_told_as_a_fact() {
     }
     assert!(said.contains("positions: not known") && !said.contains("starts at"), "{said}");
     let page = std::fs::read_to_string(folder.join("plot.html")).unwrap();
-    assert!(page.contains("not known") && page.contains("(doubtful)") && page.contains("no flight is explained"));
+    assert!(
+        page.contains("explained: there are no metres") && page.contains("where it was is not known"),
+        "{page:.2000}"
+    );
+    // Why is folded away, and no number is bold.
+    assert!(page.contains("<summary>What is not explained, and why</summary>") && !page.contains("<strong>"));
     for contact in contacts {
         let x = format!("<td>{:.3}</td>", contact["world"][0].as_f64().unwrap());
         assert!(!page.contains(&x), "{x}");
@@ -109,7 +114,7 @@ fn empty_frames(folder: &Path) {
 }
 
 #[test]
-fn a_report_without_a_flight_says_why_and_one_without_a_camera_what_is_missing() {
+fn a_report_without_a_flight_says_why_and_one_without_a_camera_how_to_get_metres() {
     let folder = bounce("no-flight");
     empty_frames(&folder);
     let track = |more: &[&str]| gravisight(&folder, &[&["track", "frames", "--fps", "60"][..], more].concat());
@@ -121,14 +126,59 @@ fn a_report_without_a_flight_says_why_and_one_without_a_camera_what_is_missing()
         found["verdict"].as_str().unwrap().starts_with("no ball") && found["frames"].as_array().unwrap().len() == 40
     );
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
-    assert!(page.contains("no ball: nothing flies in these 40 frames") && page.ends_with("</html>\n"));
+    assert!(page.contains("No ball was found: nothing flies in these 40 frames.") && page.ends_with("</html>\n"));
+    std::fs::remove_file(folder.join("report.html")).unwrap();
     let output = track(&["--report", "report.html"]);
-    let said = errors(&output);
-    assert!(
-        output.status.code() == Some(1) && said.contains("--report shows flights in metres: give --camera"),
-        "{said}"
-    );
+    assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
+    let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    for said in ["No ball was found", "0 of 40", "--camera camera.json", "--scene NAME"] {
+        assert!(page.contains(said), "{said}");
+    }
 }
+
+#[test]
+fn raw_streams_are_read_at_the_rate_that_is_given_and_asked_for_one_otherwise() {
+    let folder = bounce("raw");
+    for (codec, name, rest) in [
+        ("libx264", "x.h264", "is a raw stream (h264)"),
+        ("mjpeg", "x.mjpeg", "is a raw stream"),
+        ("libx264", "x.avi", ""),
+    ] {
+        let mut command = Command::new("ffmpeg");
+        command.current_dir(&folder).args(["-v", "error", "-f", "lavfi", "-i", "testsrc2=s=1280x720:r=30:d=0.5"]);
+        let status = command.args(["-c:v", codec, name]).status();
+        assert!(status.expect("this test needs ffmpeg: scripts/setup --browser").success());
+        let label = ["label", name, "--camera", "camera.json", "--format", "csv", "--out"];
+        let label = |out: &str, more: &[&str]| gravisight(&folder, &[&label[..], &[out], more].concat());
+        for output in [gravisight(&folder, &["track", name]), label("unasked", &[])] {
+            let said = errors(&output);
+            match rest {
+                "" => assert!(!said.contains("--fps"), "{name}: {said}"),
+                rest => assert!(
+                    output.status.code() == Some(1) && said.contains(rest) && said.contains("give --fps"),
+                    "{said}"
+                ),
+            }
+        }
+        let _ = std::fs::remove_dir_all(folder.join("unasked"));
+        let output = gravisight(&folder, &["track", name, "--fps", "15", "--json"]);
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|_| panic!("{}", errors(&output)));
+        let frames = found["frames"].as_array().unwrap();
+        assert!(frames.len() == 15 && (frames[14]["time"].as_f64().unwrap() - 14.0 / 15.0).abs() < 1e-9, "{name}");
+        let output = label(codec, &["--fps", "15"]);
+        assert!(output.status.success(), "{name}: {}", errors(&output));
+        let _ = std::fs::remove_dir_all(folder.join(codec));
+        // A first frame has no need of times.
+        std::fs::write(folder.join("points.json"), POINTS).unwrap();
+        let output = gravisight(&folder, &["calibrate", "--points", "points.json", "--refine-lines", name]);
+        assert!(!errors(&output).contains("--fps"), "{}", errors(&output));
+    }
+}
+
+/// Of a court that no test picture shows.
+const POINTS: &str = r#"{"width": 1280, "height": 720, "court": "tennis",
+    "names": ["near doubles corner left", "near doubles corner right", "far doubles corner left", "far doubles corner right"],
+    "image": [[208.5, 605.0], [1087.0, 598.5], [401.0, 215.0], [865.0, 213.5]]}"#;
 
 #[test]
 fn frames_of_h264_in_avi_are_read_with_and_without_a_rate() {

@@ -7,10 +7,11 @@ use std::process::Command;
 
 use common::root;
 use gravisight::camera::WrongClick;
+use gravisight::findings::{ContactFinding, FlightFinding, Measured, Plan, Reason, Spot};
 use gravisight::parts::{Candidate, ConfidenceKind, Hit, OtherView, TrackedFrame};
 use gravisight::{
-    Camera, Fit, FitOptions, Forecaster, LineSeen, Localisation, Observation, Points, Scene, TrackedVideo, Unknowns,
-    calibrate,
+    Camera, Findings, Fit, FitOptions, Forecaster, LineSeen, Localisation, Observation, Points, Scene, TrackedVideo,
+    Unknowns, calibrate,
 };
 use nalgebra::{Point3, Vector2, Vector3};
 use serde::Serialize;
@@ -72,9 +73,23 @@ fn fitted() -> Fit {
     fit
 }
 
+/// With something in each list.
+fn findings() -> Findings {
+    let number = || Some(Measured::default());
+    Findings {
+        reasons: vec![Reason::default()],
+        flights: vec![FlightFinding { speed: number(), spin: number(), ..FlightFinding::default() }],
+        contacts: vec![ContactFinding { place: number(), ..ContactFinding::default() }],
+        plan: Some(Plan { bounces: vec![Spot::default()], ..Plan::default() }),
+        ..Findings::default()
+    }
+}
+
 #[test]
 fn fit_and_track_have_the_fields_that_the_docs_list() {
     let fit = fitted();
+    let findings = findings();
+    compare("findings", &findings);
     compare("fit", &fit);
     let mut video = TrackedVideo::default();
     video.frames.push(TrackedFrame::default());

@@ -85,10 +85,31 @@ fn a_clip_becomes_flights_in_metres() {
         assert!(found["hits"].as_array().unwrap().is_empty());
         let bounces = found["bounces"].as_array().unwrap();
         assert!(!bounces.is_empty() && bounces.iter().all(|bounce| bounce["sigma"].as_f64().unwrap() > 0.0));
+        let findings = &found["findings"];
+        assert!(findings["headline"].as_str().unwrap().starts_with("The flight is explained"), "{findings}");
+        assert_eq!(findings["precise"].as_array().unwrap().len(), clip.frames.len());
+        let drawn = findings["plan"]["bounces"].as_array().unwrap();
+        assert_eq!(drawn.len(), bounces.len());
+        for (spot, bounce) in drawn.iter().zip(bounces) {
+            let sigma = [0, 1].map(|axis| spot["sigma"][axis].as_f64().unwrap());
+            // The ellipse is of the place alone: the scalar of all three directions is larger.
+            assert!(sigma[0] >= sigma[1] && sigma[1] > 0.0 && sigma[0] <= bounce["sigma"].as_f64().unwrap(), "{spot}");
+        }
         // What `fit` takes.
         let track = Track::from_file(&track).unwrap();
         assert!(track.points.len() == clip.frames.len() && track.points[40].radius.is_some());
-        assert!(std::fs::read_to_string(&page).unwrap().contains("In space, with its shadow"));
+        let page = std::fs::read_to_string(&page).unwrap();
+        let headline = found["findings"]["headline"].as_str().unwrap();
+        for said in [
+            "In space, with its shadow",
+            headline,
+            "From above",
+            "Bounces by number",
+            "<ellipse",
+            "The ball in the picture",
+        ] {
+            assert!(page.contains(said), "{said}");
+        }
     }
 }
 
@@ -126,6 +147,22 @@ fn without_a_camera_there_is_a_track_alone() {
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(output.status.success() && found["frames"][10]["world"].is_null());
     assert!(distance(&found["frames"][10]["image"], clip.frames[10].image.unwrap()) < 1.0);
+}
+
+#[test]
+fn a_report_without_a_camera_shows_the_track_and_how_to_get_metres() {
+    let (clip, folder) = sample("flat-report", 0);
+    let page = folder.join("report.html");
+    let output = gravisight(&["track", text(&folder.join("frames")), "--fps", "15", "--report", text(&page)]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let page = std::fs::read_to_string(&page).unwrap();
+    let frames = clip.frames.len();
+    for said in
+        [&format!("of {frames} frames"), "The ball in the picture", "--camera camera.json", "Where the ball was found"]
+    {
+        assert!(page.contains(said), "{said}");
+    }
+    assert!(!page.contains("In space"));
 }
 
 #[test]

@@ -20,10 +20,10 @@ export interface Calls {
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
   addFrame: [{ picture: PictureMessage; time: number; camera?: string }, null];
-  trackVideo: [{ known: string }, Core.TrackedVideo];
+  trackVideo: [{ known: string }, Core.ToldVideo];
 
   open: [Source, null];
-  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string }, Core.Fit];
+  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string }, Core.ToldFit];
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];

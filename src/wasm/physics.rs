@@ -7,6 +7,7 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::findings::Findings;
 use crate::physics::{Forecaster, Impact, Scene, State};
 use crate::track::{Fit, FitOptions, Observation, Parameter};
 
@@ -22,6 +23,16 @@ pub fn scene(name: &str) -> std::result::Result<Ts<Scene>, JsValue> {
     Scene::named(name).and_then(|scene| object_of(&scene)).map_err(js_error)
 }
 
+/// A trajectory, and what a person is told of it.
+#[derive(Serialize, Tsify)]
+#[tsify(hashmap_as_object, missing_as_null)]
+pub struct ToldFit {
+    #[serde(flatten)]
+    fit: Fit,
+    /// The same in words, for people.
+    findings: Findings,
+}
+
 /// The trajectory behind the track `frames` (JSON).
 #[wasm_bindgen(js_name = fitTrack)]
 pub fn fit_track(
@@ -31,7 +42,7 @@ pub fn fit_track(
     noise_px: Option<f64>,
     estimate: Vec<String>,
     camera_sigma: &str,
-) -> std::result::Result<Ts<Fit>, JsValue> {
+) -> std::result::Result<Ts<ToldFit>, JsValue> {
     fit(frames, [camera, camera_sigma], scene, noise_px, estimate).map_err(js_error)
 }
 
@@ -41,7 +52,7 @@ fn fit(
     scene: &str,
     noise_px: Option<f64>,
     estimate: Vec<String>,
-) -> Result<Ts<Fit>> {
+) -> Result<Ts<ToldFit>> {
     let observations: Vec<Observation> = serde_json::from_str(frames).map_err(Error::format("track"))?;
     if noise_px.is_some_and(|noise| !(noise.is_finite() && noise > 0.0)) {
         return Err(Error::value("track", "noisePx", "must be positive"));
@@ -50,7 +61,10 @@ fn fit(
     let forecaster = Forecaster::new(&Scene::from_json(scene, "scene")?)?;
     let cameras: Vec<Camera> = serde_json::from_str(camera_sigma).map_err(Error::format("cameraSigma"))?;
     let options = FitOptions { noise_px, estimate, cameras, ..FitOptions::default() };
-    object_of(&forecaster.fit(&Camera::from_json(camera, "camera")?, &observations, &options)?)
+    let camera = Camera::from_json(camera, "camera")?;
+    let fit = forecaster.fit(&camera, &observations, &options)?;
+    let findings = Findings::of_fit(&fit, &camera, forecaster.scene());
+    object_of(&ToldFit { fit, findings })
 }
 
 /// A ball's states at the times asked for.

@@ -3,14 +3,15 @@
 use std::sync::Arc;
 
 use js_sys::Function;
-use serde::Deserialize;
-use tsify::Ts;
+use serde::{Deserialize, Serialize};
+use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::findings::Findings;
 use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::physics::{Forecaster, Scene};
@@ -38,6 +39,16 @@ struct Known {
     times_known: bool,
 }
 
+/// A ball through a video, and what a person is told of it.
+#[derive(Serialize, Tsify)]
+#[tsify(hashmap_as_object, missing_as_null)]
+pub struct ToldVideo {
+    #[serde(flatten)]
+    video: TrackedVideo,
+    /// The same in words, for people.
+    findings: Findings,
+}
+
 /// Follows the ball through frames that come one after the other.
 #[wasm_bindgen(js_name = VideoTracker)]
 pub struct JsVideoTracker {
@@ -54,11 +65,7 @@ impl JsVideoTracker {
 
     /// The ball in all frames, of which no more will come. `known` (JSON): camera, scene, hits, seeds, timesKnown.
     /// `on_progress` hears how many segments are fitted, and of how many.
-    pub async fn track(
-        &mut self,
-        known: String,
-        on_progress: Function,
-    ) -> std::result::Result<Ts<TrackedVideo>, JsValue> {
+    pub async fn track(&mut self, known: String, on_progress: Function) -> std::result::Result<Ts<ToldVideo>, JsValue> {
         self.tracked(&known, &on_progress).await.map_err(js_error)
     }
 }
@@ -74,7 +81,7 @@ impl JsVideoTracker {
         self.tracker.add(picture, time).await
     }
 
-    async fn tracked(&mut self, known: &str, on_progress: &Function) -> Result<Ts<TrackedVideo>> {
+    async fn tracked(&mut self, known: &str, on_progress: &Function) -> Result<Ts<ToldVideo>> {
         let known: Known = serde_json::from_str(known).map_err(Error::format("options"))?;
         let place = match (&known.camera, &known.scene, self.size) {
             (Some(camera), Some(scene), Some(size)) => {
@@ -96,6 +103,8 @@ impl JsVideoTracker {
                 on_progress.call2(&JsValue::NULL, &done.into(), &all.into()).ok();
             })?;
         }
-        object_of(&tracked)
+        let known_place = place.as_ref().map(|(camera, forecaster)| (camera, forecaster.scene()));
+        let findings = Findings::of_video(&tracked, known_place);
+        object_of(&ToldVideo { video: tracked, findings })
     }
 }

@@ -128,11 +128,15 @@ test("heatmap, depth and what the depth depends on are drawn over the frame, by 
 test("physics explains the example, to within centimetres", async () => {
   await page.getByTestId("video-fit").click();
   await page.getByTestId("video-fit-words").waitFor(PATIENCE);
-  assert.match(await page.getByTestId("video-fit-words").textContent(), /Physics explains the track.*px \(rms\)/);
+  assert.match(await page.getByTestId("video-fit-words").textContent(), /^The flight is explained, with \d+ bounces?; the trajectory misses the labels by .*px \(rms\)\.$/);
   const { frames, fit } = await exported(page);
   assert.ok(fit.explained);
   assert.ok(fit.impacts.length >= 1);
   assert.equal(await page.getByTestId("video-bounce").count(), fit.impacts.length);
+  // Of each the place from above, with its ellipse, and its numbers.
+  assert.equal(await page.getByTestId("video-plan").locator("ellipse").count(), fit.impacts.length);
+  assert.match(await page.getByTestId("video-plan").locator("svg").getAttribute("aria-label"), /bounce 1 at x .* metres/);
+  assert.ok((await page.getByTestId("video-contacts").locator("strong").count()) >= 1, "a place that is known to centimetres is bold");
   const truth = new Map(frames.map((frame) => [Math.round(frame.time * 1e4), frame.truth]));
   const off = fit.frames.map(({ time, world }) => distance(world, truth.get(Math.round(time * 1e4))));
   assert.ok(average(off) < 0.05, `off by ${average(off)} m on average`);
@@ -232,7 +236,7 @@ test("a video is tracked, corrected by a click, and its flight is near the truth
   await count(own, 1);
   await own.getByTestId("video-track").click();
   await own.getByTestId("video-fit-words").waitFor(PATIENCE);
-  assert.match(await own.getByTestId("video-fit-words").textContent(), /^Explained: 1 flight, 0 hits.*the ball is seen in/);
+  assert.match(await own.getByTestId("video-fit-words").textContent(), /^The flight is explained, with \d+ bounces?; the ball was found in \d+ of \d+ frames\.$/);
   const { frames, fit } = await exported(own);
   const watched = await value(own, "video-processed");
   assert.ok(watched + (await value(own, "video-skipped")) >= made.path.length - 3, `${watched} of ${made.path.length} frames`);
@@ -252,9 +256,64 @@ test("a video is tracked, corrected by a click, and its flight is near the truth
   const { width, height } = await own.getByTestId("video-overlay").boundingBox();
   await own.getByTestId("video-overlay").click({ position: { x: ((u + 0.5) / (2 * made.camera.width)) * width, y: ((v + 0.5) / (2 * made.camera.height)) * height } });
   await own.getByTestId("video-job").waitFor({ state: "hidden" });
-  await own.getByTestId("video-fit-words").filter({ hasText: "Explained" }).waitFor(PATIENCE);
+  await own.getByTestId("video-fit-words").filter({ hasText: "is explained" }).waitFor(PATIENCE);
   assert.equal(await own.getByTestId("video-alert").textContent(), "");
   assert.ok((await exported(own)).frames.length >= frames.length - 2);
+  await own.close();
+});
+
+test("without a camera the ball is tracked in pixels, with a table to take along and how to get metres", PATIENCE, async () => {
+  const filming = await open(browser, `${server.url}harness.html`, complaints);
+  const made = await filming.evaluate(drawClip);
+  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
+  await filming.close();
+  const own = await step();
+  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }]);
+  await own.getByTestId("video-needs-camera").waitFor(PATIENCE);
+  assert.match(await own.getByTestId("video-track-why").textContent(), /In pixels, for its camera is not known; with it, in metres/);
+  await own.getByTestId("video-track").click();
+  await own.getByTestId("video-fit-words").waitFor(PATIENCE);
+  assert.match(await own.getByTestId("video-fit-words").textContent(), /^The ball was found in \d+ of \d+ frames\.$/);
+  assert.match(await own.getByTestId("video-flat").textContent(), /in pixels.*calibrate.*camera\.json.*track again/);
+  const [header, ...rows] = (await saved(own, "video-csv")).toString().trim().split("\r\n");
+  const column = (row, name) => row.split(",")[header.split(",").indexOf(name)];
+  assert.ok(rows.length >= 0.7 * (await value(own, "video-processed")), `${rows.length} rows`);
+  assert.ok(rows.every((row) => Number(column(row, "u_px")) > 0 && Number(column(row, "confidence")) > 0 && column(row, "x_m") === ""));
+  await own.locator('[data-part="video-overlay"][aria-label*="the ball at pixel"]').waitFor(PATIENCE);
+  assert.ok((await own.getByTestId("video-confidence").textContent()).includes("%"));
+  assert.match(await own.getByTestId("video-chart-pixels").getAttribute("aria-label"), /In the picture \(px\)/);
+  for (const width of [1280, 390]) {
+    await own.setViewportSize({ width, height: 844 });
+    await own.waitForFunction((width) => document.documentElement.scrollWidth === width, width, PATIENCE);
+  }
+  assert.deepEqual(await axe(own, "#panel-video"), []);
+  // With the camera and the place the same video gives metres.
+  await own.getByTestId("video-input").setInputFiles([jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
+  await own.getByTestId("video-track-why").filter({ hasText: "Every frame, then the flights" }).waitFor(PATIENCE);
+  assert.ok(await own.getByTestId("video-verdict").isHidden(), "what was found in pixels is forgotten");
+  await own.close();
+});
+
+test("of a flight that is not explained no number is shown, and the reason is folded away", PATIENCE, async () => {
+  const filming = await open(browser, `${server.url}harness.html`, complaints);
+  const made = await filming.evaluate(drawClip);
+  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
+  await filming.close();
+  const own = await step();
+  // No ball falls so slowly.
+  const moon = { ...made.scene, gravity: [0, 0, -1.62] };
+  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }, jsonFile(made.camera), jsonFile(moon, "scene.json")]);
+  await count(own, 1);
+  await own.getByTestId("video-track").click();
+  await own.getByTestId("video-fit-words").waitFor(PATIENCE);
+  assert.match(await own.getByTestId("video-fit-words").textContent(), /explained: there are no metres; the ball was found in \d+ of \d+ frames\.$/);
+  const reasons = own.getByTestId("video-reasons");
+  assert.ok(!(await reasons.evaluate((details) => details.open)));
+  assert.match(await reasons.textContent(), /Flight 1, .*\.$/s);
+  assert.equal(await own.getByTestId("video-flight").count(), 0);
+  assert.equal(await own.getByTestId("video-x").textContent(), "–");
+  assert.ok(await own.getByTestId("video-sigma-row").isHidden());
+  assert.equal(await own.getByTestId("video-plan").count(), 0);
   await own.close();
 });
 

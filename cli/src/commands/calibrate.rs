@@ -82,12 +82,7 @@ fn first_picture(path: &Path) -> Result<Picture> {
     if is_picture(path) {
         return Picture::open(path).with_context(|| path.display().to_string());
     }
-    let mut first = None;
-    Footage::open(&[path.into()], None)?.each(0..1, &mut |_, picture| {
-        first = Some(picture);
-        Ok(())
-    })?;
-    first.with_context(|| format!("{}: no frame", path.display()))
+    Footage::first(path)
 }
 
 fn list(court: &str, as_json: bool) -> Result<()> {

@@ -11,7 +11,7 @@ use crate::choice::{Choice, one_of};
 use crate::report::{Flights, write_flights};
 use gravisight::internal::{read_text, write_whole};
 use gravisight::parts::{EstimatorConfig, Flight};
-use gravisight::{Camera, Fit, FitOptions, Forecaster, Parameter, Scene, Track};
+use gravisight::{Camera, Findings, Fit, FitOptions, Forecaster, Parameter, Scene, Track, WithFindings};
 
 /// Exit status where some flight is not explained.
 pub(super) const PARTLY: u8 = 3;
@@ -126,13 +126,14 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if let Some(out) = &arguments.out {
         write_whole(out, fit.to_csv()?.as_bytes())?;
     }
+    let findings = Findings::of_fit(&fit, &camera, &scene);
     if let Some(plot) = &arguments.plot {
         let name = arguments.track.file_name().unwrap_or_default().to_string_lossy();
         let flights = Flights { camera: &camera, scene: &scene, observations: &observations, fit: &fit };
-        write_flights(plot, &name, &fit.verdict, &[flights], "")?;
+        write_flights(plot, &name, &findings, &[flights], [""; 2])?;
     }
     match arguments.json {
-        true => print_line(serde_json::to_string(&fit)?)?,
+        true => print_line(serde_json::to_string(&WithFindings { result: &fit, findings })?)?,
         false => print(&fit, &camera, arguments.out.is_none())?,
     }
     if fit.explained {

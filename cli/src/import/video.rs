@@ -8,7 +8,7 @@ use nalgebra::Point2;
 use super::ImportOptions;
 use super::draft::{Draft, Shot, fps_of, fps_of_numbers};
 use super::pictures::by_number;
-use crate::video::{extract, frame_times};
+use crate::video::{count_frames, evenly, extract, frame_times};
 use gravisight::{Camera, Error, Result};
 
 /// Extensions of videos.
@@ -159,17 +159,17 @@ pub fn video_frames(video: &Path, fps: Option<f64>, folder: &Path) -> Result<(Ve
 }
 
 fn decoded(video: &Path, [first, last]: [u64; 2], fps: Option<f64>, scratch: &Path) -> Result<Frames> {
-    let all = frame_times(video)?;
+    let all = match fps {
+        Some(fps) => evenly(count_frames(video)?, fps),
+        None => frame_times(video)?,
+    };
     let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
     let last = last.min((all.len() as u64).saturating_sub(1));
     if first > last || all.is_empty() {
         return Err(refuse(format!("has {} frames, the first label is of frame {first}", all.len())));
     }
-    let time = |number: u64| match fps {
-        Some(fps) => Ok((number - first) as f64 / fps),
-        None => all[number as usize].ok_or_else(|| refuse(format!("says no time of frame {number}; give --fps"))),
-    };
-    let times = (first..=last).map(time).collect::<Result<Vec<_>>>()?;
+    let start = if fps.is_some() { all[first as usize] } else { 0.0 };
+    let times: Vec<f64> = all[first as usize..=last as usize].iter().map(|time| time - start).collect();
     std::fs::create_dir(scratch).map_err(Error::io(scratch))?;
     extract(video, [first, last], scratch)?;
     let pictures = by_number(scratch, "")?;

@@ -12,7 +12,7 @@ use gravisight::Result;
 /// Pictures at most.
 const MOST: usize = 24;
 /// Confidence below which a frame is worth a look.
-const DOUBTFUL: f64 = 0.9;
+pub(super) const DOUBTFUL: f64 = 0.9;
 /// Frames without the ball, between others with it, that are worth a look.
 const GONE: usize = 3;
 /// Frames apart that two pictures of one reason are at least.
@@ -128,7 +128,7 @@ pub fn chapter(doubts: &[Doubt], looks: &BTreeMap<usize, String>) -> String {
     if parts.is_empty() {
         return String::new();
     }
-    let lead = "Look at these: a click on the ball (--seed-label FRAME,X,Y) in a frame where the ring is not about it puts right \
-                what follows from it.";
+    let lead = "The ring is where the ball was found, or should be. Where it is elsewhere, --seed-label FRAME,X,Y says so, and what \
+                follows from it is put right.";
     html::section("What is doubtful", lead, &html::strip(&parts))
 }

@@ -3,15 +3,12 @@
 use std::path::Path;
 
 use gravisight::internal::write_whole;
-use gravisight::parts::{Cuboid, FittedFrame, FittedImpact, Flight, Hit};
-use gravisight::{Camera, Fit, Observation, Result, Scene};
+use gravisight::parts::{Cuboid, FittedFrame, Flight};
+use gravisight::{Camera, Findings, Fit, Observation, Result, Scene};
 use nalgebra::Point3;
 
 use super::plots::{self, ACCENT, Axis, FOUND, Mark, OTHER, QUIET, TRUTH};
-use super::{cm, html};
-
-/// Of what belongs to a flight that is not explained.
-const NOT_KNOWN: &str = "not known";
+use super::{cm, findings, html};
 
 /// Lines from a point to a point of a box's corners, by the corners' signs.
 const EDGES: [[usize; 2]; 12] =
@@ -29,40 +26,43 @@ pub struct Flights<'a> {
     pub fit: &'a Fit,
 }
 
-/// Writes the page of what is called `name` to `path`, whole: the `verdict`, each fit of its track, and what else there is to
-/// show (HTML). Without a fit the verdict says why.
+/// Writes the page of what is called `name` to `path`, whole: what was found, in words and numbers, each fit of its track, and what
+/// else there is to show (HTML) before the fits' details and after them.
 ///
 /// # Errors
 /// [`gravisight::Error::Io`] for a file that cannot be written.
-pub fn write(path: &Path, name: &str, verdict: &str, all: &[Flights<'_>], more: &str) -> Result<()> {
-    let mut body = format!("<header>\n{}{}</header>\n<main>\n", html::text("h1", name), html::text("p", verdict));
+pub fn write(
+    path: &Path,
+    name: &str,
+    findings: &Findings,
+    all: &[Flights<'_>],
+    [before, after]: [&str; 2],
+) -> Result<()> {
+    let mut body = findings::head(name, findings) + "<main>\n";
+    body += &findings::remarks(findings);
+    body += &findings::contacts(findings);
+    body += &findings::flights(findings);
+    body += before;
     for (number, flights) in all.iter().enumerate() {
         if all.len() > 1 {
             let [from, to] = [flights.observations.first(), flights.observations.last()]
                 .map(|seen| seen.map_or(0.0, |seen| seen.time));
-            body += &html::text("h2", &format!("{}: {from:.2} to {to:.2} s", number + 1));
-            body += &html::text("p", &flights.fit.verdict);
+            body += &html::text("h2", &format!("Segment {}: {from:.2} to {to:.2} s", number + 1));
         }
-        body += &stretch(flights)?;
+        body += &segment(flights)?;
     }
-    body += more;
+    body += after;
     body += "</main>\n";
     write_whole(path, html::page(name, &body).as_bytes())
 }
 
-fn stretch(flights: &Flights<'_>) -> Result<String> {
-    let fit = flights.fit;
-    let mut body: String = fit.notes.iter().map(|note| html::text("p", note)).collect();
-    body += &html::tiles(&tiles(flights));
+fn segment(flights: &Flights<'_>) -> Result<String> {
+    let mut body =
+        html::section("In metres", "How well the labels and the laws of motion agree.", &html::tiles(&tiles(flights)));
     body +=
         &html::section("The ball's way", "In the world's frame: metres, z up.", &html::row("", &in_space(flights)?));
-    body += &html::section("The track", "In the picture: pixels.", &html::row("", &in_the_picture(flights)?));
-    body += &html::section("Flights", "From hit to hit; bounces are within.", &table_of_flights(fit));
-    body += &html::section(
-        "Contacts",
-        "Bounces on what the scene holds, hits by what it does not. Doubtful ones belong to a flight that is not explained.",
-        &table_of_contacts(fit),
-    );
+    body +=
+        &html::section("Labels and trajectory", "In the picture: pixels.", &html::row("", &in_the_picture(flights)?));
     Ok(body)
 }
 
@@ -189,44 +189,4 @@ fn in_the_picture(flights: &Flights<'_>) -> Result<Vec<String>> {
     let keys = [("accent", "across"), ("other", "down")];
     cards.push(html::figure(&plots::chart(&x, &y, &marks)?, "Residuals, outliers left out", &keys));
     Ok(cards)
-}
-
-fn table_of_flights(fit: &Fit) -> String {
-    let turns = |spin: [f64; 3]| spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
-    let row = |(index, flight): (usize, &Flight)| {
-        vec![
-            (index + 1).to_string(),
-            format!("{:.3}", flight.start),
-            format!("{:.3}", flight.end),
-            flight.known_speed().map_or(NOT_KNOWN.into(), |[speed, sigma]| format!("{speed:.2} ± {sigma:.2}")),
-            match flight.explained {
-                true => format!("{:.0} ± {:.0}", turns(flight.spin), turns(flight.spin_sigma)),
-                false => NOT_KNOWN.into(),
-            },
-            flight.reason.clone().unwrap_or_else(|| "yes".into()),
-        ]
-    };
-    let rows: Vec<Vec<String>> = fit.flights.iter().enumerate().map(row).collect();
-    html::table(&["Flight", "from, s", "to, s", "speed at its start, m/s", "spin, rev/s", "explained"], &rows)
-}
-
-fn table_of_contacts(fit: &Fit) -> String {
-    let row = |time: f64, what: String, at: Point3<f64>, within: Option<f64>, explained: bool| {
-        if !explained {
-            let unknown = vec![NOT_KNOWN.into(); 3];
-            return (
-                time,
-                [vec![format!("{what} (doubtful)"), format!("{time:.3}")], unknown, vec![String::new()]].concat(),
-            );
-        }
-        let place = <[f64; 3]>::from(at).map(|value| format!("{value:.3}"));
-        let within = within.map_or(String::new(), |fraction| format!("{:.1} %", 100.0 * fraction));
-        (time, [vec![what, format!("{time:.3}")], place.to_vec(), vec![within]].concat())
-    };
-    let bounce = |it: &FittedImpact| row(it.time, it.surface.to_string(), it.world, it.within_lines, it.explained);
-    let hit = |it: &Hit| row(it.time, "hit".into(), it.world, None, it.explained);
-    let mut rows: Vec<(f64, Vec<String>)> = fit.impacts.iter().map(bounce).chain(fit.hits.iter().map(hit)).collect();
-    rows.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let rows: Vec<Vec<String>> = rows.into_iter().map(|(_, row)| row).collect();
-    html::table(&["What", "time, s", "x, m", "y, m", "z, m", "within the lines"], &rows)
 }

@@ -76,9 +76,59 @@ pub fn frames(drawings: &[(String, String)]) -> String {
     strip(drawings).replacen("class=\"strip\"", "class=\"strip frames\"", 1)
 }
 
+/// What is folded under `summary` (text): HTML.
+pub fn folded(summary: &str, body: &str) -> String {
+    format!("<details class=\"card\">\n<summary>{}</summary>\n{body}</details>\n", escape(summary))
+}
+
+/// A cell of a table.
+pub struct Cell {
+    value: String,
+    /// What stands behind it: an uncertainty.
+    sigma: String,
+    class: Option<&'static str>,
+}
+
+impl Cell {
+    /// Plain.
+    pub fn text(value: String) -> Self {
+        Self { value, sigma: String::new(), class: None }
+    }
+
+    /// A number to be read as a fact.
+    pub fn bold(value: String, sigma: String) -> Self {
+        Self { value, sigma, class: Some("precise") }
+    }
+
+    /// A number that is known less well.
+    pub fn vague(value: String, sigma: String) -> Self {
+        Self { value, sigma, class: Some("vague") }
+    }
+
+    fn html(&self) -> String {
+        let (value, sigma) = (escape(&self.value), escape(&self.sigma));
+        let sigma = if sigma.is_empty() { sigma } else { format!(" <small>{sigma}</small>") };
+        match self.class {
+            None => value + &sigma,
+            Some("precise") => format!("<strong>{value}</strong>{sigma}"),
+            Some(class) => format!("<span class=\"{class}\">{value}{sigma}</span>"),
+        }
+    }
+}
+
 /// A table; the first cell of a row is its name.
 pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
-    let mut out = String::from("<div class=\"card scroll\" tabindex=\"0\">\n<table>\n<thead><tr>");
+    let rows: Vec<Vec<Cell>> = rows.iter().map(|row| row.iter().cloned().map(Cell::text).collect()).collect();
+    table_of("card scroll", head, &rows)
+}
+
+/// The same of cells that are more than text, and wrap.
+pub fn cells(head: &[&str], rows: &[Vec<Cell>]) -> String {
+    table_of("card scroll wraps", head, rows)
+}
+
+fn table_of(class: &str, head: &[&str], rows: &[Vec<Cell>]) -> String {
+    let mut out = format!("<div class=\"{class}\" tabindex=\"0\">\n<table>\n<thead><tr>");
     for name in head {
         let _ = write!(out, "<th scope=\"col\">{}</th>", escape(name));
     }
@@ -86,7 +136,7 @@ pub fn table(head: &[&str], rows: &[Vec<String>]) -> String {
     for row in rows {
         out.push_str("<tr>");
         for (index, cell) in row.iter().enumerate() {
-            let cell = escape(cell);
+            let cell = cell.html();
             let _ = match index {
                 0 => write!(out, "<th scope=\"row\">{cell}</th>"),
                 _ => write!(out, "<td>{cell}</td>"),

@@ -1,6 +1,7 @@
 //! What an evaluation found, as one HTML file that needs nothing else: no network, no other file.
 
 pub mod doubts;
+mod findings;
 mod flights;
 mod html;
 mod log;
@@ -8,6 +9,7 @@ mod numbers;
 mod paper;
 mod pictures;
 mod plots;
+pub mod track2d;
 mod trajectory;
 
 use gravisight::internal::write_whole;

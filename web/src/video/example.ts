@@ -1,4 +1,4 @@
-/** Clips for those who have no video at hand: one drawn in the page by the core's own simulator, and a real one. */
+/** Clips for those who have no video at hand: one drawn in the page by the core's own simulator, a rally that was drawn before, and a real one. */
 import type { Camera, Scene } from "gravisight";
 import { tools } from "../shared/core";
 import { fetchOk } from "../shared/files";
@@ -37,6 +37,25 @@ export async function makeExample({ signal, progress }: Watch): Promise<Example>
   } finally {
     simulator.dispose();
   }
+}
+
+/** As in `public/rally/rally.json`. */
+interface Rally {
+  clip: string;
+  sport: string;
+  camera: Camera;
+  /** What it is, in words. */
+  note: string;
+}
+
+/** A tennis rally on its court: hits, bounces, and a camera that is known. */
+export async function rallyExample({ signal }: Watch): Promise<Example> {
+  const folder = `${import.meta.env.BASE_URL}rally/`;
+  const { clip, sport, camera, note } = (await (await fetchOk(`${folder}rally.json`)).json()) as Rally;
+  const [scene, response] = await Promise.all([tools().then((toolbox) => toolbox.scene(sport)), fetchOk(folder + clip)]);
+  const file = new File([await response.blob()], clip, { type: "video/mp4" });
+  signal.throwIfAborted();
+  return { source: await VideoSource.file(file), camera, scene, words: note };
 }
 
 export async function realExample({ signal }: Watch): Promise<Example> {

@@ -1,34 +1,49 @@
-/** What the fit says, in words: flights, hits, where the ball bounced, and what is odd. */
+/** What came out, as a person would say it: the verdict, why something is not explained, flights and bounces, the place from above. */
+import type { Findings, Measured } from "gravisight";
 import { make } from "../dom";
+import { planOf } from "./plan";
 import type { Curve } from "./sightings";
 
-const NOT_EXPLAINED = "Do not trust the curve where it is not explained. Often the scene is not the real one (drop a scene.json), or the camera has moved.";
+/** Which numbers are bold; the core decides, see `Findings` of the package. */
+const RULE = "Bold: known to 0.3 m and to a tenth of the distance from the camera; a speed, to a tenth. Grey: known less well. ± is 1 σ.";
+const NOT_EXPLAINED = "Often the scene is not the real one, the camera has moved, or something else was followed: look at the ring in the video, and click on the ball where it is elsewhere.";
+const METRES = "This is the ball in pixels. For metres, speeds and bounces: calibrate the camera on a frame (four clicks on a court) or drop its camera.json, choose the place and ball, and track again.";
 
 export class FitResult {
+  readonly #verdict: HTMLElement;
   readonly #place: HTMLElement;
 
-  constructor(place: HTMLElement) {
+  /** The verdict has a place of its own, above everything. */
+  constructor(verdict: HTMLElement, place: HTMLElement) {
+    this.#verdict = verdict;
     this.#place = place;
   }
 
-  show({ explained, verdict, notes, rmsPx, frames, impacts, flights, hits }: Curve): void {
-    this.#place.dataset.tone = explained ? "good" : "bad";
-    const speeds = frames.map(({ speed }) => speed);
-    const outliers = frames.filter(({ outlier }) => outlier).length;
-    const left = outliers ? ` ${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.` : "";
-    const range = speeds.length ? `, ${Math.min(...speeds).toFixed(1)} to ${Math.max(...speeds).toFixed(1)} m/s` : "";
-    const off = rmsPx === undefined ? "" : `the curve misses the sightings by ${rmsPx.toFixed(2)} px (rms).`;
-    const explains = rmsPx === undefined ? sentence(verdict) : `Physics explains the track${range}: ${off}`;
-    const words = explained ? explains : `${sentence(verdict)} ${NOT_EXPLAINED} ${off && sentence(off)}`.trim();
-    const parts: HTMLElement[] = [make("p", { text: words + left, part: "video-fit-words" })];
-    for (const note of notes) parts.push(make("p", { text: sentence(note), part: "video-fit-note" }));
-    if (hits.length) parts.push(flightsTable(flights), hitsTable(hits));
-    else if (flights[0]?.explained) parts.push(make("p", { text: `At first ${speedWords(flights[0])}${spinWords(flights[0])}.`, part: "video-fit-start" }));
-    if (impacts.length) parts.push(impactsTable(impacts));
-    else parts.push(make("p", { text: "No bounces." }));
+  show({ findings, explained, flat, frames }: Curve): void {
+    this.#verdict.hidden = false;
+    this.#verdict.dataset.tone = flat ? "plain" : explained ? "good" : "bad";
+    this.#verdict.replaceChildren(make("p", { text: findings.headline, part: "video-fit-words" }));
+    const left = make("div", { class: "video-told" }, ...this.#remarks(findings, flat, frames.filter(({ outlier }) => outlier).length), ...tables(findings));
+    const plan = findings.plan?.bounces.length ? [figure(findings.plan)] : [];
     const stale = make("p", { text: "Frames came after this fit: fit again to take them in.", part: "video-fit-stale" });
     stale.hidden = true;
-    this.#place.replaceChildren(...parts, stale);
+    this.#place.hidden = left.childElementCount + plan.length === 0;
+    this.#place.replaceChildren(make("div", { class: "video-findings" }, left, ...plan), stale);
+  }
+
+  /** What is not explained, folded; and what else is to be known. */
+  #remarks({ reasons, notes, contacts }: Findings, flat: boolean, outliers: number): HTMLElement[] {
+    const parts: HTMLElement[] = [];
+    if (flat) parts.push(make("p", { text: METRES, part: "video-flat" }));
+    if (reasons.length) {
+      const list = make("dl", { class: "video-reasons" }, ...reasons.flatMap(({ what, why }) => [make("dt", { text: what }), make("dd", { text: why })]));
+      const unknown = contacts.filter(({ place }) => !place).map(({ what, time }) => `${what} at ${inSeconds(time)}`);
+      const also = unknown.length ? [make("p", { text: `Doubtful, and where it was is not known: ${unknown.join(", ")}.` })] : [];
+      parts.push(make("details", { part: "video-reasons" }, make("summary", { text: "What is not explained, and why" }), list, ...also, make("p", { text: NOT_EXPLAINED })));
+    }
+    const said = outliers ? [`${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.`] : [];
+    for (const text of [...notes, ...said]) parts.push(make("p", { text, part: "video-fit-note" }));
+    return parts;
   }
 
   /** Says whether frames came after the fit. */
@@ -38,67 +53,68 @@ export class FitResult {
   }
 
   clear(): void {
-    this.#place.replaceChildren();
+    for (const place of [this.#verdict, this.#place]) {
+      place.hidden = true;
+      place.replaceChildren();
+    }
   }
 }
 
-/** A table with a caption; each row's cells in words. */
-function tableOf(part: string, caption: string, head: string[], rows: string[][]): HTMLElement {
+/** Flights, bounces and hits of which something is known. */
+function tables({ flights, contacts }: Findings): HTMLElement[] {
+  const spinning = flights.some(({ spin }) => spin);
+  const known = flights.flatMap(({ when, speed, spin, explained }, index) =>
+    explained ? [{ part: "video-flight", cells: [String(index + 1), when, measured(speed), ...(spinning ? [spin ? measured(spin) : ""] : [])] }] : [],
+  );
+  const placed = contacts.filter(({ place }) => place);
+  const lined = placed.some(({ withinLines }) => withinLines !== null);
+  const rows = placed.map(({ what, bounce, time, place, speed, withinLines }) => ({
+    part: bounce === null ? "video-hit" : "video-bounce",
+    cells: [
+      bounce === null ? what : what.replace(" ", ` ${bounce} `),
+      inSeconds(time),
+      measured(place),
+      speed === null ? "" : `${speed.toFixed(1)}\u00a0m/s`,
+      ...(lined ? [withinLines === null ? "" : `${(100 * withinLines).toFixed(0)}\u00a0%`] : []),
+    ],
+  }));
+  const made: HTMLElement[] = [];
+  if (known.length) made.push(tableOf("video-flights", "Flights", ["", "When", "Speed at its start", ...(spinning ? ["Spin"] : [])], known));
+  if (rows.length) made.push(tableOf("video-contacts", "Bounces and hits", ["What", "Time", "Where", "Arrives at", ...(lined ? ["Within the lines"] : [])], rows));
+  if (made.length) made.push(make("p", { class: "quiet", text: RULE, part: "video-rule" }));
+  return made;
+}
+
+function figure(plan: NonNullable<Findings["plan"]>): HTMLElement {
+  const words = "From above, bounces by number (x to the right, y up). An ellipse holds the place with a probability of 86 % (2 σ).";
+  return make("figure", { class: "video-plan", part: "video-plan" }, planOf(plan), make("figcaption", { class: "quiet", text: words }));
+}
+
+type Cell = string | HTMLElement;
+
+/** A table with a caption, in a box of its own: it scrolls there and not with the page. */
+function tableOf(part: string, caption: string, head: string[], rows: { part: string; cells: Cell[] }[]): HTMLElement {
   const titles = head.map((text) => {
-    const cell = make("th", { text });
-    cell.scope = "col";
+    const cell = make(text ? "th" : "td", { text });
+    if (cell instanceof HTMLTableCellElement && text) cell.scope = "col";
     return cell;
   });
-  const lines = rows.map((texts) => make("tr", { part }, ...texts.map((text) => make("td", { text }))));
-  return make("table", { part: `${part}s` }, make("caption", { text: caption }), make("thead", {}, make("tr", {}, ...titles)), make("tbody", {}, ...lines));
+  const lines = rows.map(({ part, cells }) => make("tr", { part }, ...cells.map((cell) => (typeof cell === "string" ? make("td", { text: cell }) : make("td", {}, cell)))));
+  const table = make("table", { part }, make("caption", { text: caption }), make("thead", {}, make("tr", {}, ...titles)), make("tbody", {}, ...lines));
+  const box = make("div", { class: "video-table" }, table);
+  box.tabIndex = 0;
+  box.setAttribute("role", "region");
+  box.setAttribute("aria-label", caption);
+  return box;
 }
 
-/** In place of what belongs to a flight that is not explained: it would be a number without a meaning. */
-const UNKNOWN = "not known";
-
-const counted = (count: number, what: string, many = `${what}s`) => `${count} ${count === 1 ? what : many}`;
-const inSeconds = (time: number) => `${time.toFixed(2)} s`;
-const sentence = (words: string) => `${words.charAt(0).toUpperCase()}${words.slice(1)}${/[.?!]$/.test(words) ? "" : "."}`;
-
-function impactsTable(impacts: Curve["impacts"]): HTMLElement {
-  const lined = impacts.some(({ withinLines }) => withinLines !== null);
-  const rows = impacts.map(({ time, surface, speed, withinLines, explained }) => {
-    const row = [inSeconds(time), surfaceWords(surface), explained ? `${speed.toFixed(1)} m/s` : UNKNOWN];
-    return lined ? [...row, withinLines === null || !explained ? "" : `${(100 * withinLines).toFixed(0)} %`] : row;
-  });
-  const heads = ["Time", "On", "Speed", ...(lined ? ["Within the lines"] : [])];
-  return tableOf("video-bounce", counted(impacts.length, "bounce"), heads, rows);
+/** A number with its uncertainty: bold where it may be read as a fact. */
+function measured(number: Measured | null): HTMLElement {
+  if (!number) return make("span", { class: "vague", text: "not known" });
+  const { value, sigma, precise } = number;
+  return make("span", { class: precise ? "precise" : "vague" }, make(precise ? "strong" : "span", { text: unbroken(value) }), make("small", { text: ` ± ${sigma}` }));
 }
 
-function hitsTable(hits: Curve["hits"]): HTMLElement {
-  const rows = hits.map(({ time, world, explained }) => [inSeconds(time), explained ? world.map((metres) => metres.toFixed(2)).join(", ") : UNKNOWN]);
-  return tableOf("video-hit", counted(hits.length, "hit"), ["Time", "At x, y, z (m)"], rows);
-}
-
-function flightsTable(flights: Curve["flights"]): HTMLElement {
-  const rows = flights.map((flight) => [
-    `${inSeconds(flight.start)} to ${inSeconds(flight.end)}`,
-    flight.explained ? `${speedWords(flight)}${spinWords(flight)}` : UNKNOWN,
-    flight.explained ? "explained" : (flight.reason ?? "not explained"),
-  ]);
-  return tableOf("video-flight", counted(flights.length, "flight"), ["Flight", "At its start", ""], rows);
-}
-
-type Flight = Curve["flights"][number];
-
-function speedWords({ speedStart, speedSigma }: Flight): string {
-  const digits = speedSigma < 0.095 ? 2 : 1;
-  return `${speedStart.toFixed(digits)} ± ${speedSigma.toFixed(digits)} m/s (${(3.6 * speedStart).toFixed(0)} km/h)`;
-}
-
-/** The spin in turns a second, where more is known of it than that there may be one. */
-function spinWords({ spin, spinSigma }: Flight): string {
-  const turns = (values: number[]) => Math.hypot(...values) / (2 * Math.PI);
-  const [size, sigma] = [turns(spin), turns(spinSigma)];
-  return size > sigma && sigma > 0 ? `, ${size.toFixed(0)} ± ${sigma.toFixed(0)} turns/s` : "";
-}
-
-/** The core counts from nought, people from one. */
-function surfaceWords(surface: string): string {
-  return surface.replace(/^box(?:es)?\[(\d+)\]$/, (_, index: string) => `box ${Number(index) + 1}`).replace(/^walls?\[(\d+)\]$/, (_, index: string) => `wall ${Number(index) + 1}`);
-}
+/** A number stays in a line with its unit, a coordinate with its axis. */
+const unbroken = (value: string) => value.replace(/([xyz]) /g, "$1\u00a0").replace(/ (m|m\/s|turns\/s)\b/g, "\u00a0$1");
+const inSeconds = (time: number) => `${time.toFixed(2)}\u00a0s`;

@@ -1,8 +1,8 @@
 /** The trajectory that physics makes of the sightings. */
-import { GravisightError, Track, type Camera, type Fit, type Scene } from "gravisight";
+import { GravisightError, Track, type Camera, type Scene } from "gravisight";
 import { wordsOf } from "../dom";
 import { tools } from "../shared/core";
-import type { Seen } from "./sightings";
+import type { Curve, Seen } from "./sightings";
 
 export interface FitOptions {
   camera: Camera;
@@ -15,15 +15,16 @@ export interface FitOptions {
   signal: AbortSignal;
 }
 
-export async function fitted(all: Seen[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Fit> {
+export async function fitted(all: Seen[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Curve> {
   const track = await Track.create({ camera, cameraSigma, scene, toolbox: await tools(), leastConfidence: threshold });
   for (const { timeMs, image: [u, v], confidence } of all) {
     // In the pixels that the camera speaks of, which need not be the video's; an integer is a pixel's centre.
     const image: [number, number] = [((u + 0.5) * camera.width) / size.width - 0.5, ((v + 0.5) * camera.height) / size.height - 0.5];
     track.add({ timestampMs: timeMs, image, confidence });
   }
-  return track.fit({ signal }).catch((thrown: unknown) => {
+  const fit = await track.fit({ signal }).catch((thrown: unknown) => {
     if (!(thrown instanceof GravisightError) || thrown.code !== "fit") throw thrown;
     throw new Error(`The trajectory could not be fitted: ${wordsOf(thrown).replace(/^fit: /, "")}.`);
   });
+  return { ...fit, flat: false };
 }

@@ -46,7 +46,7 @@ export class Following {
     const { looker, place, job, overlay, transport } = this.#with;
     const { camera, cameraSigma, scene } = place;
     const { source } = looker;
-    if (!source || !camera || !scene) throw new Error("To track takes a video, its camera, and its place and ball.");
+    if (!source) throw new Error("To track takes a video.");
     source.pause();
     this.#heard.begin();
     looker.tracked = true;
@@ -68,7 +68,7 @@ export class Following {
 
   async #show(watch: Watch): Promise<void> {
     const { looker, place } = this.#with;
-    if (!this.#tracking || !place.camera) return;
+    if (!this.#tracking) return;
     const found = await this.#tracking.track(watch);
     looker.sightings.replace(seenOf(found, place.camera));
     this.#heard.found(curveOf(found));
@@ -106,14 +106,16 @@ export class Following {
         ? "The webcam has no end: record a video to track it."
         : source.durationMs <= 0
           ? "One picture is no flight: choose a video to track it."
-          : !camera
-            ? "First it takes the camera."
-            : !scene
-              ? "First it takes the place and the ball."
-              : "";
+          : "";
+    const missing = !camera ? "its camera" : !scene ? "the place and the ball" : "";
     part<HTMLButtonElement>("video-track").disabled = reason !== "";
     part("video-overlay").dataset.marking = String(this.#tracking !== undefined);
     part("video-track-why").textContent =
-      reason || (this.#tracking ? "Is the ball elsewhere in a frame? Click it there: the track is made anew." : "Every frame, then the flights: a video takes a few times as long as it lasts.");
+      reason ||
+      (this.#tracking
+        ? "Is the ball elsewhere in a frame? Click it there: the track is made anew."
+        : missing
+          ? `In pixels, for ${missing} ${missing.includes(" and ") ? "are" : "is"} not known; with ${missing.includes(" and ") ? "them" : "it"}, in metres. A video takes a few times as long as it lasts.`
+          : "Every frame, then the flights: a video takes a few times as long as it lasts.");
   }
 }

@@ -10,7 +10,7 @@ import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { View3d } from "../shared/view3d";
 import { workspace } from "../shared/workspace";
-import { makeExample, realExample, type Example } from "./example";
+import { makeExample, rallyExample, realExample, type Example } from "./example";
 import { fitted } from "./fit";
 import { FitResult } from "./fit-result";
 import { Looker } from "./looker";
@@ -67,8 +67,8 @@ class Step {
     this.#alert = new Alert(part("video-alert"));
     this.#overlay = new Overlay(part("video-frame"), part("video-picture"), part("video-overlay"), part("video-scale"));
     this.#view = new View3d(part("video-view"));
-    this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"));
-    this.#fitResult = new FitResult(part("video-fit-result"));
+    this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"), part("video-plot-pixels"));
+    this.#fitResult = new FitResult(part("video-verdict"), part("video-fit-result"));
     this.#transport = new Transport(part);
     this.#numbers = new Numbers(part);
     this.#job = new Job(part("video-job"), "video-cancel");
@@ -109,6 +109,10 @@ class Step {
     });
     onClick("video-real", async () => {
       await this.#openExample("Fetching the clip…", realExample);
+      await this.#following.start();
+    });
+    onClick("video-rally", async () => {
+      await this.#openExample("Fetching the clip…", rallyExample);
       await this.#following.start();
     });
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
@@ -257,11 +261,14 @@ class Step {
       this.#numbers.showReason("The ball is not seen in this frame.");
       return;
     }
-    this.#numbers.showReason(seen.world ? "" : "The ball is seen, but not in a flight that physics could place: no metres here.");
+    const { flat } = this.#fit ?? { flat: !this.#place.camera || !this.#place.scene };
+    const without = flat ? "Metres take a calibrated camera, and the place and the ball." : "The ball is seen, but not in a flight that physics could place: no metres here.";
+    const known = seen.world !== null && seen.explained !== false;
+    this.#numbers.showReason(known ? "" : seen.world ? "The flight here is not explained: where the ball is, is not known." : without);
     const isSure = seen.confidence >= this.#model.threshold;
     this.#numbers.show(seen, isSure);
-    this.#view.setBall("found", isSure ? seen.world : null);
-    this.#view.setBall("fit", fittedAt(this.#fit, seen.timeMs)?.world ?? null);
+    this.#view.setBall("found", isSure && known ? seen.world : null);
+    this.#view.setBall("fit", known ? (fittedAt(this.#fit, seen.timeMs)?.world ?? null) : null);
   }
 
   #showCounts(): void {
@@ -284,7 +291,7 @@ class Step {
     const sure = all.filter(({ confidence }) => confidence >= threshold);
     this.#showCounts();
     this.#numbers.showMean(sure);
-    const known = sure.flatMap(({ world }) => (world ? [world] : []));
+    const known = sure.flatMap(({ world, explained }) => (world && explained !== false ? [world] : []));
     this.#view.setPath("found", known.slice(-MOST_IN_SPACE));
     this.#plots.show(all, this.#fit, { threshold, durationMs: this.#about.durationMs });
     for (const name of ["video-csv", "video-json", "video-png", "video-clear"]) this.#part<HTMLButtonElement>(name).disabled = all.length === 0;
@@ -336,7 +343,9 @@ class Step {
     this.#fit = fit;
     this.#fitVersion = version;
     this.#fitResult.show(fit);
-    this.#view.setPath("fit", fit.frames.map(({ world }) => world));
+    this.#part("video-verdict").scrollIntoView({ block: "nearest" });
+    this.#part("video-work").dataset.flat = String(fit.flat);
+    this.#view.setPath("fit", fit.frames.flatMap(({ world, explained }) => (explained ? [world] : [])));
     this.#view.setMarks([...fit.impacts, ...fit.hits].filter(({ explained }) => explained).map(({ world }) => world));
     if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
     this.#refresh();
@@ -346,9 +355,11 @@ class Step {
   /** Forgets all positions. */
   #forget(): void {
     this.#following.end();
+    this.#following.showWhether();
     this.#looker.forget();
     this.#fit = this.#shown = undefined;
     this.#fitResult.clear();
+    this.#part("video-work").dataset.flat = "false";
     this.#numbers.clear();
     const { camera, scene } = this.#place;
     this.#view.setScene(scene ?? workspace.scene, camera);

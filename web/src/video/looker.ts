@@ -83,7 +83,7 @@ export class Looker {
     if (counts) this.skipped += missed;
     if (known && (this.tracked || this.layer === "none") && !this.#busy) {
       overlay.hold(frame.image);
-      overlay.show(known, { layer: "none", sure: known.confidence >= model.threshold });
+      overlay.show(known.explained === false ? { ...known, depth: null } : known, { layer: "none", sure: known.confidence >= model.threshold });
       this.#listener.shown(known, false);
     } else if (this.tracked) {
       overlay.showPlain(frame.image, "The ball is not seen in this frame");

@@ -10,11 +10,14 @@ export class Numbers {
   }
 
   show(seen: Seen, isSure: boolean): void {
+    const isKnown = seen.explained !== false;
     for (const [axis, name] of ["video-x", "video-y", "video-z"].entries()) {
-      const metres = seen.world?.[axis];
+      const metres = isKnown ? seen.world?.[axis] : undefined;
       this.#set(name, metres ?? "", metres === undefined ? "–" : metres.toFixed(2).replace("-", "−"));
     }
-    this.#part("video-sigma-row").hidden = seen.sigma === null;
+    this.#part("video-position").classList.toggle("vague", seen.precise === false);
+    this.#set("video-pixel", seen.image.join(" "), `${seen.image.map((px) => px.toFixed(1)).join(", ")} px`);
+    this.#part("video-sigma-row").hidden = seen.sigma === null || !isKnown;
     this.#set("video-sigma", seen.sigma ?? "", seen.sigma === null ? "–" : `± ${length(seen.sigma)}`);
     this.#set("video-confidence", seen.confidence, `${(100 * seen.confidence).toFixed(0)} %${isSure ? "" : " – not sure"}`);
     this.#setError("video-error", seen.dtg);
@@ -33,7 +36,7 @@ export class Numbers {
   }
 
   clear(): void {
-    for (const name of ["video-x", "video-y", "video-z", "video-sigma", "video-confidence"]) this.#set(name, "", "–");
+    for (const name of ["video-x", "video-y", "video-z", "video-sigma", "video-pixel", "video-confidence"]) this.#set(name, "", "–");
     this.showReason("");
     for (const name of ["video-error", "video-mean-error"]) this.#setError(name, undefined);
   }

@@ -8,15 +8,23 @@ const LIVE_WINDOW = 20;
 const SHORT = 12;
 
 const AXES = ["x", "y", "z"];
+/** Across and down, in the picture. */
+const PIXELS = ["u", "v"];
 const TIME = "time (s)";
 
 export class Plots {
   readonly #position: Chart;
   readonly #speed: Chart;
+  readonly #pixels: Chart;
+  readonly #positionPlace: HTMLElement;
   readonly #speedPlace: HTMLElement;
+  readonly #pixelsPlace: HTMLElement;
 
-  constructor(position: HTMLElement, speed: HTMLElement) {
+  constructor(position: HTMLElement, speed: HTMLElement, pixels: HTMLElement) {
     this.#position = new Chart(position, "video-chart-position");
+    this.#pixels = new Chart(pixels, "video-chart-pixels");
+    this.#positionPlace = position;
+    this.#pixelsPlace = pixels;
     this.#speed = new Chart(speed, "video-chart-speed");
     this.#speedPlace = speed;
   }
@@ -27,21 +35,31 @@ export class Plots {
     const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
     const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 || 1 : Math.max(last, from + 1);
     const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
-    const frames = (fit?.frames ?? []).filter(({ time }) => time >= from);
+    // What is not explained is no trajectory.
+    const frames = (fit?.frames ?? []).filter(({ time, explained }) => time >= from && explained);
     const marks = [...(fit?.impacts ?? []), ...(fit?.hits ?? [])].map(({ time }) => time).filter((time) => time >= from);
+    // Of a track without a camera there are pixels alone.
+    const flat = fit?.flat ?? false;
+    const pixels = PIXELS.map((name, axis): Series => {
+      const dots = (isSure: boolean) => seen.flatMap(({ timeMs, image, confidence }): [number, number][] => (confidence >= threshold === isSure ? [[timeMs / 1000, image[axis] ?? 0]] : []));
+      return { name, colour: `--axis-${AXES[axis] ?? "x"}`, dots: dots(true), faint: dots(false) };
+    });
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
-        seen.flatMap(({ timeMs, world, confidence }): [number, number][] => (world && confidence >= threshold === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
+        seen.flatMap(({ timeMs, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
       const line = frames.map(({ time, world }): [number, number] => [time, world[axis] ?? 0]);
       return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
     });
-    this.#position.show({ y: "Position (m)", x: TIME, series, marks, from, to });
-    this.#speedPlace.hidden = !fit;
+    this.#positionPlace.hidden = flat;
+    this.#pixelsPlace.hidden = !flat;
+    if (flat) this.#pixels.show({ y: "In the picture (px)", x: TIME, series: pixels, from, to });
+    else this.#position.show({ y: "Position (m)", x: TIME, series, marks, from, to });
+    this.#speedPlace.hidden = !fit || frames.length === 0;
     const line = frames.map(({ time, speed }): [number, number] => [time, speed]);
-    if (fit) this.#speed.show({ y: "Speed of the fit (m/s)", x: TIME, series: [{ name: "", colour: "--accent", line }], marks, from, to });
+    if (!this.#speedPlace.hidden) this.#speed.show({ y: "Speed of the fit (m/s)", x: TIME, series: [{ name: "", colour: "--accent", line }], marks, from, to });
   }
 
   picture(): Promise<Blob> {
-    return pictureOf(this.#speedPlace.hidden ? [this.#position] : [this.#position, this.#speed]);
+    return pictureOf([this.#positionPlace.hidden ? this.#pixels : this.#position, ...(this.#speedPlace.hidden ? [] : [this.#speed])]);
   }
 }

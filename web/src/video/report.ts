@@ -4,7 +4,7 @@ import { SAME, type Curve, type Seen } from "./sightings";
 
 const COLUMNS = [
   "time_s", "u_px", "v_px", "depth_m", "x_m", "y_m", "z_m", "confidence",
-  "fit_x_m", "fit_y_m", "fit_z_m", "fit_sigma_m", "speed_m_s", "outlier",
+  "fit_x_m", "fit_y_m", "fit_z_m", "fit_sigma_m", "speed_m_s", "outlier", "explained",
 ];
 
 export function csvOf(seen: Seen[], fit: Curve | undefined): string {
@@ -13,7 +13,7 @@ export function csvOf(seen: Seen[], fit: Curve | undefined): string {
     const of = point ? [...point.world, point.sigma, point.speed].map(number) : ["", "", "", "", ""];
     const place = world && depth !== null ? [depth, ...world].map(number) : ["", "", "", ""];
     const all = [...[timeMs / 1000, ...image].map(number), ...place, number(confidence)];
-    return [...all, ...of, point ? String(point.outlier) : ""].join(",");
+    return [...all, ...of, point ? String(point.outlier) : "", point ? String(point.explained) : ""].join(",");
   });
   return `${[COLUMNS.join(","), ...rows].join("\r\n")}\r\n`;
 }

@@ -9,6 +9,10 @@ export interface Seen {
   world: Vector | null;
   /** Root mean square error of the position to expect, metres; null where nobody says it. */
   sigma: number | null;
+  /** Whether that is little enough for the position to be read as a fact; undefined where nobody says it. */
+  precise?: boolean;
+  /** Whether its flight is explained: if not, the position is not known; undefined where it is of no flight. */
+  explained?: boolean;
   confidence: number;
   truth?: Vector;
   /** Distance to the truth, metres. */
@@ -16,10 +20,10 @@ export interface Seen {
 }
 
 /** Flights: of a fit to sightings, or of a tracked video. */
-export interface Curve extends Pick<Fit, "explained" | "verdict" | "notes" | "impacts" | "flights" | "hits"> {
-  frames: Pick<FittedFrame, "time" | "world" | "speed" | "sigma" | "outlier">[];
-  /** How far the curve misses the sightings, pixels, where that is known. */
-  rmsPx?: number;
+export interface Curve extends Pick<Fit, "explained" | "findings" | "impacts" | "hits"> {
+  frames: Pick<FittedFrame, "time" | "world" | "speed" | "sigma" | "outlier" | "explained">[];
+  /** Whether it is in pixels alone: the camera or the place is not known. */
+  flat: boolean;
 }
 
 /** Two times that are closer are of one frame, in milliseconds. */

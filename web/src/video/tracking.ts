@@ -14,11 +14,12 @@ const SLOWEST = 0.0625;
 const BUSY = 0.7;
 const SLOWER = 0.7;
 
+/** Without camera and scene the ball is tracked in pixels. */
 export interface Known {
-  camera: Camera;
+  camera: Camera | undefined;
   /** How unsure that is: `oneSigma` of its calibration. */
   cameraSigma: Camera[];
-  scene: Scene;
+  scene: Scene | undefined;
 }
 
 export class Tracking {
@@ -37,7 +38,7 @@ export class Tracking {
 
   /** Gives all frames of a source; `shown` sees each. */
   static async through(source: Source, known: Known, { model, device }: { model: string; device: DeviceChoice }, { signal, progress }: Watch, shown: (frame: Frame) => void): Promise<Tracking> {
-    const tracker = await VideoTracker.create({ camera: known.camera, model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
+    const tracker = await VideoTracker.create({ ...(known.camera && { camera: known.camera }), model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
     const tracking = new Tracking(tracker, known);
     signal.addEventListener("abort", () => tracker.dispose(), { once: true });
     try {
@@ -75,8 +76,9 @@ export class Tracking {
   /** The ball in all frames. */
   async track({ signal, progress }: Watch): Promise<TrackedVideo> {
     progress(0, null, "Finding the flights…");
+    const { camera, cameraSigma, scene } = this.#known;
     return this.#tracker.track({
-      ...this.#known,
+      ...(camera && scene && { camera, cameraSigma, scene }),
       seeds: this.#seeds,
       timesKnown: true,
       signal,
@@ -155,18 +157,19 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
 }
 
 /** The frames that show the ball. */
-export function seenOf({ frames }: TrackedVideo, { camera_from_world: m }: Camera): Seen[] {
-  return frames.flatMap(({ time, image, confidence, world, sigma }): Seen[] => {
-    const axis = m[2] ?? [];
+export function seenOf({ frames, findings }: TrackedVideo, camera: Camera | undefined): Seen[] {
+  const axis = camera?.camera_from_world[2] ?? [];
+  return frames.flatMap(({ time, image, confidence, world, sigma, explained }, index): Seen[] => {
+    const precise = findings.precise[index] ?? false;
     const depth = world && world.reduce((sum, value, index) => sum + value * (axis[index] ?? 0), axis[3] ?? 0);
-    return image ? [{ timeMs: 1000 * time, image, confidence, world, depth, sigma }] : [];
+    return image ? [{ timeMs: 1000 * time, image, confidence, world, depth, sigma, precise, ...(explained !== null && { explained }) }] : [];
   });
 }
 
 /** The flights as a fit of sightings says them. */
 export function curveOf({ frames, explained, ...all }: TrackedVideo): Curve {
-  const fitted = frames.flatMap(({ time, world, speed, sigma, outlier }) =>
-    world && speed !== null && sigma !== null ? [{ time, world, speed, sigma, outlier }] : [],
+  const fitted = frames.flatMap(({ time, world, speed, sigma, outlier, explained }) =>
+    world && speed !== null && sigma !== null ? [{ time, world, speed, sigma, outlier, explained: explained ?? false }] : [],
   );
-  return { ...all, explained: explained ?? false, frames: fitted };
+  return { ...all, explained: explained ?? false, flat: explained === null, frames: fitted };
 }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use anyhow::{Context, Result, ensure};
 use clap::Args;
 use gravisight::internal::{TrackPoint, write_whole};
-use gravisight::{Camera, FitOptions, Forecaster, Picture, Scene, TrackedVideo, VideoTracker};
+use gravisight::{Camera, Findings, FitOptions, Forecaster, Picture, Scene, TrackedVideo, VideoTracker, WithFindings};
 
 use self::say::print;
 use super::fit::{Hits, PARTLY, hits, one_sigma};
@@ -20,7 +20,7 @@ use crate::footage::Footage;
 use crate::model;
 use crate::overlay;
 use crate::progress::Progress;
-use crate::report::{Flights, doubts, write_flights};
+use crate::report::{Flights, doubts, track2d, write_flights};
 
 /// Follow the ball through a video: its flights, bounces and hits in metres.
 ///
@@ -64,13 +64,17 @@ pub struct Arguments {
     /// Write the video with the ball marked.
     #[arg(long, value_name = "OUT.MP4")]
     overlay: Option<PathBuf>,
-    /// Write a page with trajectories, speeds and contacts; it needs nothing else.
+    /// Write a page with the verdict, the track and doubtful frames, with --camera also flights and contacts; it needs nothing else.
     #[arg(long, value_name = "OUT.HTML")]
     report: Option<PathBuf>,
     /// Print one JSON object.
     #[arg(long)]
     json: bool,
 }
+
+/// What a report without metres says of them.
+const FLAT: &str = "In pixels alone. For metres, speeds and bounces give the camera and the place: --camera camera.json (from `gravisight \
+                    calibrate`, four clicks on a court) and --scene NAME.";
 
 /// A frame and a place in it, px.
 #[derive(Debug, Clone, Copy)]
@@ -116,17 +120,18 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         })?;
     }
     progress.finish();
+    let findings = Findings::of_video(&tracked, place.as_ref().map(|place| (&place.camera, place.forecaster.scene())));
     // First of all: what is to be drawn may fail, and this is not to be lost with it.
     match arguments.json {
-        true => print_line(serde_json::to_string(&tracked)?)?,
+        true => print_line(serde_json::to_string(&WithFindings { result: &tracked, findings: findings.clone() })?)?,
         false => print(&tracked, place.as_ref().map(|place| &place.camera))?,
     }
     if let Some(out) = &arguments.overlay {
         let seen: Vec<Option<[f64; 3]>> = tracked.frames.iter().map(|frame| circle(&frame.followed.point)).collect();
         overlay::write(out, &footage, &seen)?;
     }
-    if let (Some(out), Some(place)) = (&arguments.report, &place) {
-        report(out, &footage, place, &tracked)?;
+    if let Some(out) = &arguments.report {
+        report(out, &footage, place.as_ref(), &tracked, findings)?;
     }
     let nothing = place.is_some() && tracked.segments.iter().all(|segment| segment.fit.is_err());
     Ok(match () {
@@ -152,7 +157,6 @@ struct SceneOfTrack {
 fn place(arguments: &Arguments) -> Result<Option<SceneOfTrack>> {
     let (Some(camera), Some(scene)) = (&arguments.camera, &arguments.scene) else {
         ensure!(arguments.ball.is_none(), "--ball is for metres: give --camera and --scene");
-        ensure!(arguments.report.is_none(), "--report shows flights in metres: give --camera and --scene");
         return Ok(None);
     };
     let mut scene = Scene::open(scene)?;
@@ -182,18 +186,23 @@ fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress
     Ok(tracker)
 }
 
-fn report(out: &Path, footage: &Footage, place: &SceneOfTrack, tracked: &TrackedVideo) -> Result<()> {
-    let name = footage.name();
-    let flights: Vec<Flights<'_>> = (tracked.segments)
-        .iter()
-        .filter_map(|segment| {
-            let fit = segment.fit.as_ref().ok()?;
-            Some(Flights {
-                camera: &place.camera,
-                scene: place.forecaster.scene(),
-                observations: &segment.observations,
-                fit,
-            })
+fn report(
+    out: &Path,
+    footage: &Footage,
+    place: Option<&SceneOfTrack>,
+    tracked: &TrackedVideo,
+    mut findings: Findings,
+) -> Result<()> {
+    if place.is_none() {
+        findings.notes.insert(0, FLAT.into());
+    }
+    let fitted = tracked.segments.iter().filter_map(|segment| Some((segment, segment.fit.as_ref().ok()?, place?)));
+    let flights: Vec<Flights<'_>> = fitted
+        .map(|(segment, fit, place)| Flights {
+            camera: &place.camera,
+            scene: place.forecaster.scene(),
+            observations: &segment.observations,
+            fit,
         })
         .collect();
     let doubts = doubts::doubts(tracked);
@@ -204,5 +213,8 @@ fn report(out: &Path, footage: &Footage, place: &SceneOfTrack, tracked: &Tracked
         }
         Ok(())
     })?;
-    Ok(write_flights(out, &name, &tracked.verdict, &flights, &doubts::chapter(&doubts, &looks))?)
+    let in_the_picture = footage.size().map(|size| track2d::chapter(tracked, size)).transpose()?.unwrap_or_default();
+    let doubtful = doubts::chapter(&doubts, &looks);
+    // The doubtful frames are what there is to do; without a flight nothing else follows.
+    Ok(write_flights(out, &footage.name(), &findings, &flights, [&(in_the_picture + &doubtful), ""])?)
 }

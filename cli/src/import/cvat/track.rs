@@ -237,7 +237,7 @@ enum Clock {
     /// Frames a second.
     Rate(f64),
     /// A video's name, and the times of its frames, s.
-    Video(String, Vec<Option<f64>>),
+    Video(String, Vec<f64>),
 }
 
 impl Clock {
@@ -261,8 +261,7 @@ impl Clock {
             Self::Video(video, times) => (video, times),
         };
         let reason = match usize::try_from(frame).ok().and_then(|frame| times.get(frame)) {
-            Some(Some(time)) => return Ok(Some(*time)),
-            Some(None) => format!("has no time in {video}; give --fps"),
+            Some(time) => return Ok(Some(*time)),
             None => format!("is not in {video}, which has {} frames; check that both count alike", times.len()),
         };
         Err(Error::value(what, format!("frame {frame}"), reason))
