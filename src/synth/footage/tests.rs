@@ -1,0 +1,1 @@
+//! What is filmed is where the truth says.
