@@ -209,7 +209,11 @@ pub(in crate::synth) fn outline(camera: &Camera, radius: f64, at: &Point3<f64>) 
     let middle =
         [0, 1].map(|axis| (intrinsic[(axis, axis)] * centre[axis] * centre.z / beyond + intrinsic[(axis, 2)]) as f32);
     let out = centre.y.atan2(centre.x);
-    Ellipse { centre: middle, semi: [along, across].map(|semi| semi as f32), axis: [out.cos() as f32, out.sin() as f32] }
+    Ellipse {
+        centre: middle,
+        semi: [along, across].map(|semi| semi as f32),
+        axis: [out.cos() as f32, out.sin() as f32],
+    }
 }
 
 /// Lays the ball over a picture as the shutter saw it: its outlines while that was open.

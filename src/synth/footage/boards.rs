@@ -17,6 +17,8 @@ const APART: std::ops::Range<f64> = 2.0..9.0;
 /// Fractions of the screens whose letters move, and of things shown that are a pattern.
 const MOVING: f64 = 0.6;
 const PATTERNS: f64 = 0.2;
+/// A board's height over its letters'.
+const MARGIN: std::ops::Range<f64> = 1.0..2.4;
 /// Parts in which what is behind the camera is looked for.
 const PARTS: u32 = 40;
 
@@ -31,6 +33,8 @@ struct Advert {
     speed: f64,
     /// Stripes in place of a name.
     pattern: bool,
+    /// The board's height over the letters'.
+    margin: f64,
 }
 
 /// A board that stands upright.
@@ -62,7 +66,8 @@ impl Advert {
         let moving = screen && random.random_bool(MOVING);
         let sign = if random.random_bool(0.5) { 1.0 } else { -1.0 };
         let name = Lettering::name(random);
-        let own = name.width() * height / ROWS;
+        let margin = random.random_range(MARGIN);
+        let own = name.width() * height / ROWS / margin;
         Self {
             apart: own + height * random.random_range(APART),
             speed: if moving { sign * random.random_range(SCROLLED) } else { 0.0 },
@@ -70,6 +75,7 @@ impl Advert {
             name,
             ground,
             ink,
+            margin,
         }
     }
 
@@ -80,8 +86,9 @@ impl Advert {
             let slanted = (place + down) / self.apart;
             ((2.0 * std::f64::consts::TAU * slanted).sin() * self.apart / (12.0 * blur) + 0.5).clamp(0.0, 1.0) as f32
         } else {
-            let dots = ROWS / height;
-            self.name.lit(place * dots, down * dots, blur * dots)
+            let dots = ROWS * self.margin / height;
+            let below = down - 0.5 * height * (1.0 - 1.0 / self.margin);
+            self.name.lit(place * dots, below * dots, blur * dots)
         };
         std::array::from_fn(|channel| self.ground[channel] + lit * (self.ink[channel] - self.ground[channel]))
     }
@@ -119,9 +126,8 @@ impl Board {
 
     /// The part that is before the camera, m along it.
     fn before(&self, easel: &Easel) -> Option<[f64; 2]> {
-        let seen = |along: &f64| {
-            [self.low, self.high].iter().all(|&height| easel.seen(&self.point(*along, height)).is_some())
-        };
+        let seen =
+            |along: &f64| [self.low, self.high].iter().all(|&height| easel.seen(&self.point(*along, height)).is_some());
         let places = (0..=PARTS).map(|part| self.length * f64::from(part) / f64::from(PARTS));
         let seen: Vec<f64> = places.filter(seen).collect();
         Some([*seen.first()?, *seen.last()?]).filter(|[first, last]| last > first)

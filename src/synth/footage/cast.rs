@@ -19,8 +19,9 @@ const LONGEST_STRIDE: f64 = 0.42;
 const STEP: f64 = 1.7;
 /// Step of the derivative that is a speed, s.
 const MOMENT: f64 = 0.04;
-/// Height of an umpire's seat over the ground's, m.
-const CHAIR: f64 = 1.2;
+/// How much higher than standing people's an umpire's hips are, m: on a high chair, and on a low one beside a table.
+const CHAIR: f64 = 0.9;
+const LOW_CHAIR: f64 = -0.4;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Role {
@@ -45,6 +46,8 @@ pub(super) struct Actor {
     strokes: Vec<(f64, f64)>,
     /// Where they look, m.
     looks_at: [f64; 2],
+    /// How much higher than standing their hips are where they sit, m.
+    seat: f64,
     /// How often a second, and from where on, they fidget.
     fidgets: [f64; 2],
 }
@@ -58,6 +61,7 @@ impl Actor {
             way: vec![(0.0, home)],
             strokes: vec![],
             looks_at,
+            seat: 0.0,
             fidgets: [random.random_range(0.15..0.9), random.random_range(0.0..std::f64::consts::TAU)],
         }
     }
@@ -130,7 +134,7 @@ impl Actor {
     /// On a chair, an arm that points now and then.
     fn sit(&self, body: &mut Body, turn: f64) {
         body.seated = true;
-        body.feet.z = CHAIR;
+        body.feet.z = self.seat;
         let points = (3.0 * turn.sin() - 2.0).max(0.0);
         body.hands = [[0.05, 0.3, -0.35], [0.05 + 0.4 * points, 0.3, -0.35 + 0.6 * points]];
     }
@@ -175,6 +179,8 @@ pub(super) struct Scenario<'a> {
     pub lasts: f64,
     /// Half the ground's width and length, m.
     pub room: [f64; 2],
+    /// Where an umpire's chair stands, m.
+    pub chair: [f64; 2],
     /// Whether there are officials.
     pub official: bool,
 }
@@ -270,9 +276,9 @@ fn officials(scenario: &Scenario, actors: &mut Vec<Actor>, random: &mut Random) 
     let [wide, length] = scenario.kind.court();
     let [room_wide, room_long] = scenario.room;
     if random.random_bool(0.8) {
-        let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
-        let x = side * if scenario.kind == Kind::TableTennis { 2.6 } else { wide + 2.2 };
-        actors.push(Actor::new(Role::Umpire, [x, 0.05], [0.0, 0.0], random));
+        let mut umpire = Actor::new(Role::Umpire, scenario.chair, [0.0, 0.0], random);
+        umpire.seat = if scenario.kind == Kind::TableTennis { LOW_CHAIR } else { CHAIR };
+        actors.push(umpire);
     }
     let judges = random.random_range(0..=5);
     for number in 0..judges {

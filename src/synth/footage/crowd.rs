@@ -5,12 +5,17 @@ use rand::RngExt;
 
 use super::super::random::canvas::{PaintColour, mix};
 use super::easel::Easel;
+use super::person::dyed;
 use super::place::{Place, ROW, Style};
 use crate::camera::Camera;
 use crate::random::{Random, Stream, mixed};
 
 /// From seat to seat, m.
 const SEAT: f64 = 0.52;
+/// Seats from one aisle to the next.
+const AISLES: usize = 16;
+/// How far outside the picture somebody is who may reach into it, px.
+const MARGIN: f64 = 40.0;
 /// Fractions of the spectators that move, and of these that wave.
 const RESTLESS: std::ops::Range<f64> = 0.02..0.2;
 const WAVING: f64 = 0.12;
@@ -49,7 +54,7 @@ impl Spectator {
         let shirt: PaintColour = match random.random_range(0..4) {
             0 => [random.random_range(0.6..0.95); 3],
             1 => [random.random_range(0.03..0.2); 3],
-            _ => std::array::from_fn(|_| random.random_range(0.05..0.8)),
+            _ => dyed(random),
         };
         Self {
             at,
@@ -92,31 +97,16 @@ impl Crowd {
         if place.style != Style::Stadium {
             return crowd;
         }
+        let eye = camera.world_from_camera(&Point3::origin());
         let (full, restless) = (random.random_range(0.35..0.97), random.random_range(RESTLESS));
         crowd.flashes = random.random_range(0.0..1.0_f64).powi(2) * FLASHES;
         let mut all = Vec::new();
-        for axis in [0, 1] {
-            for side in [-1.0, 1.0] {
-                for row in 0..(place.depth / ROW[1]) as usize {
-                    let back = (row as f64 + 0.6) * ROW[1];
-                    let half = place.room[1 - axis] + 0.7 * back;
-                    for seat in 0..(2.0 * half / SEAT) as usize {
-                        let aisle = seat % 16 == 7;
-                        if aisle || !random.random_bool(full) {
-                            continue;
-                        }
-                        let along = seat as f64 * SEAT - half + random.random_range(-0.1..0.1);
-                        let mut at = Point3::new(along, along, place.fence + place.rise * back);
-                        at[axis] = side * (place.room[axis] + back);
-                        let seen = camera.camera_from_world(&at);
-                        let [width, height] = camera.size().xy();
-                        let fits = seen.z > 1.0
-                            && camera.image_from_camera(&seen).is_ok_and(|at| {
-                                (-40.0..width + 40.0).contains(&at.x) && (-40.0..height + 80.0).contains(&at.y)
-                            });
-                        if fits {
-                            all.push((seen.z, Spectator::draw(at, random)));
-                        }
+        for (axis, side) in [(0, -1.0), (0, 1.0), (1, -1.0), (1, 1.0)] {
+            // A stand that the camera itself is on is behind it.
+            if side * eye[axis] <= place.room[axis] {
+                for at in seats(place, axis, side, full, random) {
+                    if let Some(depth) = depth_if_seen(camera, &at) {
+                        all.push((depth, Spectator::draw(at, random)));
                     }
                 }
             }
@@ -148,4 +138,31 @@ impl Crowd {
             easel.sphere(&(flash.at + Vector3::z() * 0.8), random.random_range(0.08..0.2), [1.3, 1.3, 1.35]);
         }
     }
+}
+
+/// The taken seats of the stand on a side along an axis, m; so `full` is it.
+fn seats(place: &Place, axis: usize, side: f64, full: f64, random: &mut Random) -> Vec<Point3<f64>> {
+    let mut taken = Vec::new();
+    for row in 0..(place.depth / ROW[1]) as usize {
+        let back = (row as f64 + 0.6) * ROW[1];
+        let half = place.room[1 - axis] + 0.7 * back;
+        for seat in (0..(2.0 * half / SEAT) as usize).filter(|seat| seat % AISLES != 0) {
+            if random.random_bool(full) {
+                let along = seat as f64 * SEAT - half + random.random_range(-0.1..0.1);
+                let mut at = Point3::new(along, along, place.fence + place.rise * back);
+                at[axis] = side * (place.room[axis] + back);
+                taken.push(at);
+            }
+        }
+    }
+    taken
+}
+
+/// How far before the camera a place is, m, if it is in the picture or near it.
+fn depth_if_seen(camera: &Camera, at: &Point3<f64>) -> Option<f64> {
+    let seen = camera.camera_from_world(at);
+    let [width, height] = camera.size().xy();
+    let image = (seen.z > 1.0).then(|| camera.image_from_camera(&seen).ok()).flatten()?;
+    let near = (-MARGIN..width + MARGIN).contains(&image.x) && (-MARGIN..height + 2.0 * MARGIN).contains(&image.y);
+    near.then_some(seen.z)
 }

@@ -13,6 +13,8 @@ const EDGE: f32 = 1.5;
 const HIDES: f32 = 0.5;
 /// How much darker the side away from the light is, and how much lighter the other.
 const SHADE: f32 = 0.22;
+/// How much lighter and darker folds are.
+const FOLDS: f32 = 0.07;
 
 /// The rays of a camera's pixels.
 #[derive(Debug, Clone)]
@@ -102,9 +104,13 @@ impl<'a> Easel<'a> {
         // Lit from the left and above.
         let [nx, ny] = [dy / length, -dx / length];
         let sign = if nx > 0.3 || (nx > -0.3 && ny > 0.0) { -1.0 } else { 1.0 };
+        // Cloth has folds, and no two limbs the same.
+        let turn = 40.0 * colour[0] + 90.0 * colour[1] + 7.0 * half;
         self.fill(&line, 1.0, |x, y| {
             let aside = sign * ((x - a[0]) * nx + (y - a[1]) * ny) / half;
-            let shade = 1.0 - 0.5 * SHADE + SHADE * aside.clamp(-1.0, 1.0);
+            let along = ((x - a[0]) * dx + (y - a[1]) * dy) / (length * half);
+            let folds = (2.3 * along + 1.7 * aside + turn).sin() * (1.1 * along - 2.9 * aside - turn).sin();
+            let shade = 1.0 - 0.5 * SHADE + SHADE * aside.clamp(-1.0, 1.0) + FOLDS * folds;
             colour.map(|value| (value * shade).min(1.0))
         });
     }
@@ -133,12 +139,11 @@ impl<'a> Easel<'a> {
 
     /// A shadow on the ground, m.
     pub fn shadow(&mut self, at: &Point3<f64>, reach: f64, opacity: f32) {
-        let (Some((centre, scale)), Some((side, _)), Some((away, _))) =
+        let (Some((centre, _)), Some((side, _)), Some((away, _))) =
             (self.seen(at), self.seen(&(at + Vector3::x() * reach)), self.seen(&(at + Vector3::y() * reach)))
         else {
             return;
         };
-        let _ = scale;
         let wide = (side[0] - centre[0]).abs().max((away[0] - centre[0]).abs()).max(0.5);
         let high = (side[1] - centre[1]).abs().max((away[1] - centre[1]).abs()).max(0.5);
         let disc = Ellipse { centre, semi: [wide, high], axis: [1.0, 0.0] };

@@ -213,12 +213,7 @@ impl Way {
             for corner in [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]] {
                 let far = camera.world_from_image(&corner.into(), 1.0)?;
                 let at = middle.image_from_world(&far)?;
-                bounds = [
-                    bounds[0].min(at.x),
-                    bounds[1].min(at.y),
-                    bounds[2].max(at.x),
-                    bounds[3].max(at.y),
-                ];
+                bounds = [bounds[0].min(at.x), bounds[1].min(at.y), bounds[2].max(at.x), bounds[3].max(at.y)];
             }
             time += STEP;
         }

@@ -71,13 +71,20 @@ pub(super) struct Body {
     pub held: Held,
 }
 
+/// A colour that cloth has: seldom a pure one.
+pub(super) fn dyed(random: &mut Random) -> PaintColour {
+    let pure: PaintColour = std::array::from_fn(|_| random.random_range(0.05..0.85));
+    let grey = pure.iter().sum::<f32>() / 3.0;
+    mix(pure, [grey; 3], random.random_range(0.0..0.8))
+}
+
 impl Look {
     pub fn draw(random: &mut Random) -> Self {
         let dye = |random: &mut Random| -> PaintColour {
             match random.random_range(0..5) {
                 0 => [random.random_range(0.8..0.95); 3],
                 1 => [random.random_range(0.04..0.2); 3],
-                _ => std::array::from_fn(|_| random.random_range(0.05..0.85)),
+                _ => dyed(random),
             }
         };
         let hair = mix([0.06, 0.05, 0.04], [0.55, 0.4, 0.2], random.random_range(0.0..1.0_f32).powi(2));

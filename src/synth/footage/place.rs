@@ -68,6 +68,8 @@ pub(super) struct Place {
     /// Where `a·x + b·y > c` the ground lies in the shade.
     shade: Option<[f64; 3]>,
     pub boards: Vec<Board>,
+    /// Where the umpire's chair stands, m.
+    pub chair: [f64; 2],
 }
 
 /// What a ray meets.
@@ -88,13 +90,7 @@ impl Place {
             (false, _) if random.random_bool(0.75) => Style::Park,
             _ => Style::Hall,
         };
-        let mut between = |range: std::ops::Range<f64>| random.random_range(range);
-        let room = match kind {
-            Kind::Tennis => [between(8.5..11.5), between(16.5..20.0)],
-            Kind::TableTennis => [between(3.2..5.0), between(5.5..7.5)],
-            Kind::Volleyball => [between(7.5..10.0), between(12.5..16.0)],
-            Kind::Toss => [between(3.0..9.0), between(3.0..12.0)],
-        };
+        let room = room(kind, random);
         let (inner, outer) = grounds(paint, random);
         let fence = match style {
             Style::Stadium => random.random_range(0.8..1.4),
@@ -116,6 +112,7 @@ impl Place {
             grain: [random.random_range(0.03..0.22), random.random_range(2.0..9.0)],
             shade: None,
             boards: vec![],
+            chair: chair(kind, room, random),
         };
         if style != Style::Hall && random.random_bool(SHADOW) {
             let (sin, cos) = random.random_range(0.0..std::f64::consts::TAU).sin_cos();
@@ -256,6 +253,24 @@ impl Place {
             }
         }
     }
+}
+
+/// Half a ground's width and length, m.
+fn room(kind: Kind, random: &mut Random) -> [f64; 2] {
+    let [wide, long] = match kind {
+        Kind::Tennis => [8.5..11.5, 16.5..20.0],
+        Kind::TableTennis => [3.2..5.0, 5.5..7.5],
+        Kind::Volleyball => [7.5..10.0, 12.5..16.0],
+        Kind::Toss => [3.0..9.0, 3.0..12.0],
+    };
+    [random.random_range(wide), random.random_range(long)]
+}
+
+/// Beside the net, inside the boards, m.
+fn chair(kind: Kind, [wide, _]: [f64; 2], random: &mut Random) -> [f64; 2] {
+    let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
+    let beside = if kind == Kind::TableTennis { 2.5 } else { kind.court()[0] + 2.0 };
+    [side * beside.min(wide - 0.8), 0.05]
 }
 
 fn tint(random: &mut Random) -> PaintColour {

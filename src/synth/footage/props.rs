@@ -14,12 +14,15 @@ use crate::random::Random;
 const MICROPHONE: f64 = 0.5;
 const LAMPS: f64 = 0.6;
 const CLOCK: f64 = 0.35;
-const LARGE_BALLS: f64 = 0.15;
+const LARGE_BALLS: f64 = 0.1;
 const LYING: f64 = 0.4;
 const SPOTS: f64 = 0.3;
 /// How often a broadcast has a score, and a station's name.
 const SCORE: f64 = 0.75;
 const STATION: f64 = 0.7;
+/// Where points and a clock stand beside a name, dots.
+const POINTS: f64 = 54.0;
+const CLOCKS: f64 = 68.0;
 
 /// Puts them before a still picture of the place; `lying` is a ball's radius, m, and colour, where others may lie about.
 pub(super) fn paint(easel: &mut Easel, place: &Place, lying: Option<(f64, PaintColour)>, random: &mut Random) {
@@ -34,7 +37,10 @@ pub(super) fn paint(easel: &mut Easel, place: &Place, lying: Option<(f64, PaintC
         clock(easel, &at, random);
     }
     if place.kind != Kind::Toss {
-        furniture(easel, [side * (half_width + 1.8).min(wide - 0.8), 0.0], random);
+        if place.kind != Kind::TableTennis && place.style != Style::Park {
+            chair(easel, place.chair, random);
+        }
+        boxes(easel, place.chair, random);
     }
     if random.random_bool(MICROPHONE) {
         let foot = Point3::new(random.random_range(-0.9..0.9) * wide, random.random_range(0.4..0.95) * long, 0.0);
@@ -43,7 +49,7 @@ pub(super) fn paint(easel: &mut Easel, place: &Place, lying: Option<(f64, PaintC
         let grey = random.random_range(0.1..0.9);
         easel.sphere(&top, random.random_range(0.03..0.09), [grey; 3]);
     }
-    if random.random_bool(LARGE_BALLS) {
+    if random.random_bool(LARGE_BALLS) && place.kind != Kind::Toss {
         let at = Point3::new(-side * (half_width + 1.5).min(wide - 0.4), random.random_range(-2.0..2.0), 0.35);
         easel.sphere(&at, random.random_range(0.15..0.35), [0.85, 0.95, 0.1]);
     }
@@ -56,7 +62,8 @@ pub(super) fn paint(easel: &mut Easel, place: &Place, lying: Option<(f64, PaintC
     if let Some((radius, paint)) = lying.filter(|_| random.random_bool(LYING)) {
         for _ in 0..random.random_range(1..=4) {
             // Seldom on the court itself.
-            let y = if random.random_bool(0.3) { random.random_range(-0.9..0.9) } else { random.random_range(0.7..0.97) };
+            let y =
+                if random.random_bool(0.3) { random.random_range(-0.9..0.9) } else { random.random_range(0.7..0.97) };
             let at = Point3::new(random.random_range(-0.97..0.97) * wide, y * long, radius);
             easel.shadow(&Point3::new(at.x, at.y, 0.0), 1.1 * radius, 0.4);
             easel.sphere(&at, radius, paint);
@@ -79,7 +86,8 @@ fn lamps(easel: &mut Easel, place: &Place, random: &mut Random) {
         }
         Style::Stadium | Style::Hall => {
             let height = if place.style == Style::Hall { 7.0 } else { place.fence + place.rise * place.depth + 2.0 };
-            let (y, gap) = (long + if place.style == Style::Hall { -0.5 } else { place.depth }, random.random_range(2.0..5.0));
+            let (y, gap) =
+                (long + if place.style == Style::Hall { -0.5 } else { place.depth }, random.random_range(2.0..5.0));
             for number in -6..=6 {
                 easel.sphere(&Point3::new(f64::from(number) * gap, y, height), random.random_range(0.1..0.3), bright);
             }
@@ -95,8 +103,8 @@ fn clock(easel: &mut Easel, at: &Point3<f64>, random: &mut Random) {
     easel.limb(at, &tip, 0.02, [0.05; 3]);
 }
 
-/// An umpire's chair, and boxes and bags beside it.
-fn furniture(easel: &mut Easel, [x, y]: [f64; 2], random: &mut Random) {
+/// An umpire's chair.
+fn chair(easel: &mut Easel, [x, y]: [f64; 2], random: &mut Random) {
     let metal = [random.random_range(0.1..0.7); 3];
     for [dx, dy] in [[-0.4, -0.4], [0.4, -0.4], [-0.4, 0.4], [0.4, 0.4]] {
         easel.limb(&Point3::new(x + dx, y + dy, 0.0), &Point3::new(x + 0.6 * dx, y + 0.6 * dy, 1.7), 0.03, metal);
@@ -105,6 +113,10 @@ fn furniture(easel: &mut Easel, [x, y]: [f64; 2], random: &mut Random) {
         let back = if to > 2.0 { 0.25_f64.copysign(x) } else { 0.0 };
         easel.limb(&Point3::new(x + back, y - 0.2, from), &Point3::new(x + back, y + 0.2, to), 0.05, metal);
     }
+}
+
+/// Boxes and bags along a side.
+fn boxes(easel: &mut Easel, [x, y]: [f64; 2], random: &mut Random) {
     for _ in 0..random.random_range(0..5) {
         let colour: PaintColour = std::array::from_fn(|_| random.random_range(0.05..0.9));
         let at = [x + random.random_range(-0.4..0.4), y + random.random_range(-5.0..5.0)];
@@ -112,7 +124,11 @@ fn furniture(easel: &mut Easel, [x, y]: [f64; 2], random: &mut Random) {
         let corner = |dy: f64, z: f64| Point3::new(at[0], at[1] + dy, z);
         easel.piece(&[corner(-half, 0.0), corner(half, 0.0), corner(half, high), corner(-half, high)], 1.0, colour);
         let wide = |dx: f64, z: f64| Point3::new(at[0] + dx, at[1], z);
-        easel.piece(&[wide(-half, 0.0), wide(half, 0.0), wide(half, high), wide(-half, high)], 1.0, colour.map(|it| 0.8 * it));
+        easel.piece(
+            &[wide(-half, 0.0), wide(half, 0.0), wide(half, high), wide(-half, high)],
+            1.0,
+            colour.map(|it| 0.8 * it),
+        );
         if random.random_bool(0.5) {
             easel.sphere(&Point3::new(at[0], at[1], high + 0.05), 0.06, [random.random_range(0.3..0.95); 3]);
         }
@@ -137,40 +153,14 @@ pub(super) struct Captions(Vec<Caption>);
 
 impl Captions {
     pub fn draw([width, height]: [f64; 2], random: &mut Random) -> Self {
-        let mut all = Vec::new();
         let dot = width / 1920.0 * random.random_range(2.2..4.0);
-        if random.random_bool(SCORE) {
-            let top = if random.random_bool(0.6) { 0.84 * height } else { 0.04 * height };
-            let at = [0.04 * width, top];
-            let ground = Some([random.random_range(0.02..0.2), random.random_range(0.02..0.2), 0.15]);
-            let first = random.random_range(0..60);
-            for row in 0..2 {
-                let mut caption = Caption {
-                    at: [at[0], at[1] + f64::from(row) * dot * ROWS],
-                    dot,
-                    ground,
-                    ink: [0.92; 3],
-                    text: Lettering::name(random),
-                    counts: None,
-                };
-                all.push(caption.clone());
-                caption.at[0] += 54.0 * dot;
-                caption.text = Lettering::number(random.random_range(0..99), 2);
-                (caption.ground, caption.ink) = (Some([0.9, 0.7, 0.1]), [0.05; 3]);
-                all.push(caption.clone());
-                if row == 0 {
-                    caption.at[0] += 14.0 * dot;
-                    (caption.ground, caption.ink) = (ground, [0.92; 3]);
-                    caption.counts = Some(first);
-                    all.push(caption);
-                }
-            }
-        }
+        let mut all = if random.random_bool(SCORE) { score([width, height], dot, random) } else { vec![] };
         if random.random_bool(STATION) {
             let left = if random.random_bool(0.5) { 0.03 } else { 0.82 };
             let text = Lettering::name(random);
             let ink = [random.random_range(0.6..1.0), random.random_range(0.6..1.0), random.random_range(0.8..1.0)];
-            all.push(Caption { at: [left * width, 0.05 * height], dot: 1.3 * dot, ground: None, ink, text, counts: None });
+            let at = [left * width, 0.05 * height];
+            all.push(Caption { at, dot: 1.3 * dot, ground: None, ink, text, counts: None });
         }
         Self(all)
     }
@@ -198,4 +188,29 @@ impl Captions {
         }
         covered
     }
+}
+
+/// Two names, what they have scored, and a clock.
+fn score([width, height]: [f64; 2], dot: f64, random: &mut Random) -> Vec<Caption> {
+    let top = if random.random_bool(0.6) { 0.84 * height } else { 0.04 * height };
+    let ground = Some([random.random_range(0.02..0.2), random.random_range(0.02..0.2), 0.15]);
+    let first = random.random_range(0..60);
+    let mut all = Vec::new();
+    for row in 0..2 {
+        let at = [0.04 * width, top + f64::from(row) * dot * ROWS];
+        let text = Lettering::name(random);
+        let name = Caption { at, dot, ground, ink: [0.92; 3], text, counts: None };
+        let points = Caption {
+            at: [at[0] + POINTS * dot, at[1]],
+            ground: Some([0.9, 0.7, 0.1]),
+            ink: [0.05; 3],
+            text: Lettering::number(random.random_range(0..99), 2),
+            ..name.clone()
+        };
+        if row == 0 {
+            all.push(Caption { at: [at[0] + CLOCKS * dot, at[1]], counts: Some(first), ..name.clone() });
+        }
+        all.extend([name, points]);
+    }
+    all
 }
