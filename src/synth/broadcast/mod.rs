@@ -4,6 +4,8 @@
 
 pub(super) mod play;
 pub(super) mod stage;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;

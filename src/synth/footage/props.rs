@@ -156,7 +156,7 @@ impl Captions {
         let dot = width / 1920.0 * random.random_range(2.2..4.0);
         let mut all = if random.random_bool(SCORE) { score([width, height], dot, random) } else { vec![] };
         if random.random_bool(STATION) {
-            let left = if random.random_bool(0.5) { 0.03 } else { 0.82 };
+            let left = if all.is_empty() && random.random_bool(0.5) { 0.03 } else { 0.82 };
             let text = Lettering::name(random);
             let ink = [random.random_range(0.6..1.0), random.random_range(0.6..1.0), random.random_range(0.8..1.0)];
             let at = [left * width, 0.05 * height];

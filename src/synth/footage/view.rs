@@ -60,8 +60,9 @@ fn place(kind: Kind, official: bool, random: &mut Random) -> (Vector3<f64>, Vect
             between(0.75..1.0),
         ),
         (Kind::TableTennis, true) => {
-            let (turn, far): (f64, f64) = (between(-0.25..0.25), between(7.0..10.0));
-            ([far * turn.sin(), -far * turn.cos(), between(2.5..4.5)], [0.0, 0.2, 0.8], between(1.5..2.0))
+            // High enough to look over the near player.
+            let (turn, far): (f64, f64) = (between(-0.6..0.6), between(7.0..10.0));
+            ([far * turn.sin(), -far * turn.cos(), between(4.0..6.5)], [0.0, 0.2, 0.8], between(1.4..1.9))
         }
         (Kind::TableTennis, false) => {
             let (turn, far): (f64, f64) = (between(-0.75..0.75), between(3.8..5.5));
