@@ -131,6 +131,7 @@ pub mod internal {
     pub use crate::statistics::median;
     pub use crate::synth::looking;
     pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
+    pub use crate::synth::{Compression, Moves, Recording};
     pub use crate::synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use crate::table::{Row, Table};
     pub use crate::track::{BallTracker, Query, Stack, TrackPoint};

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::thread::JoinHandle;
 
+use gravisight::internal::Compression;
 use gravisight::{Error, Result, Size};
 use image::RgbImage;
 
@@ -42,6 +43,9 @@ pub fn frame_times(video: &Path) -> Result<Vec<f64>> {
 pub fn count_frames(video: &Path) -> Result<usize> {
     Ok(shown_times(video)?.len())
 }
+
+/// A broadcast's highest rate over its mean.
+const MOST_RATE: f64 = 2.0;
 
 /// The time of every frame, s, as ffprobe reads it; none where the file says nothing.
 fn shown_times(video: &Path) -> Result<Vec<Option<f64>>> {
@@ -354,6 +358,14 @@ impl Encoder {
     /// # Errors
     /// [`Error::Data`] where ffmpeg is not installed.
     pub fn new(out: &Path, size: Size, fps: f64, quality: u8) -> Result<Self> {
+        Self::compressed(out, size, fps, Compression::Quality(quality))
+    }
+
+    /// The same, compressed in one of several ways.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn compressed(out: &Path, size: Size, fps: f64, compression: Compression) -> Result<Self> {
         let ending = out.extension().and_then(OsStr::to_str).unwrap_or("mp4");
         let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let stem = out.file_stem().unwrap_or_default().to_string_lossy();
@@ -362,7 +374,14 @@ impl Encoder {
         command.args(["-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s"]);
         command.arg(format!("{}x{}", size.width, size.height)).args(["-r", &fps.to_string(), "-i", "-"]);
         // x264 wants even sides.
-        command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-crf", &quality.to_string()]);
+        command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]);
+        match compression {
+            Compression::Quality(quality) => command.args(["-crf", &quality.to_string()]),
+            Compression::Rate { bits, group } => {
+                let [rate, most] = [1.0, MOST_RATE].map(|times| format!("{:.0}", times * bits));
+                command.args(["-b:v", &rate, "-maxrate", &most, "-bufsize", &most, "-g", &group.to_string()])
+            }
+        };
         command.arg(file_url(&unfinished)?).stdin(Stdio::piped());
         let mut program = command.spawn().map_err(|error| cannot_run("ffmpeg", &error, out))?;
         let frames = program.stdin.take();

@@ -2,11 +2,12 @@
 
 mod common;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use common::{median, root, scratch};
-use gravisight::{Clip, Clips, Scene, Track};
+use gravisight::{Camera, Clip, Clips, Scene, Track};
 use serde_json::Value;
 
 fn gravisight(arguments: &[&str]) -> Output {
@@ -259,6 +260,45 @@ fn footage_of_sports_is_made_with_its_truth() {
     let before = folder.join("toss-000.mp4").metadata().unwrap().modified().unwrap();
     assert!(gravisight(&arguments).status.success());
     assert_eq!(folder.join("toss-000.mp4").metadata().unwrap().modified().unwrap(), before);
+}
+
+#[test]
+fn hard_footage_is_made_with_a_camera_a_frame_and_clips_without_a_ball() {
+    let folder = scratch("hard-footage");
+    let arguments = ["synth", "--set", "footage", "--split", "val", "--clips", "1", "--out", text(&folder), "--json"];
+    let output = gravisight(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(said["clips"], 5);
+    for kind in ["tennis", "table-tennis", "volleyball", "toss", "empty"] {
+        let file = |ending: &str| folder.join(format!("{kind}-000.{ending}"));
+        let json = |ending: &str| serde_json::from_slice::<Value>(&std::fs::read(file(ending)).unwrap()).unwrap();
+        let about = json("truth.json");
+        let mut table = csv::Reader::from_path(file("truth.csv")).unwrap();
+        let truth: Vec<BTreeMap<String, f64>> = table.deserialize().map(Result::unwrap).collect();
+        assert_eq!(truth.iter().any(|row| row["Visibility"] > 0.0), kind != "empty", "{kind}");
+        assert_eq!(about["ball"], kind != "empty");
+        for repeated in about["repeated"].as_array().unwrap() {
+            let frame = repeated.as_u64().unwrap() as usize;
+            assert_eq!(truth[frame]["Time"], truth[frame - 1]["Time"]);
+        }
+        assert_eq!(file("cameras.json").exists(), about["moves"] != "still", "{kind}");
+        if file("cameras.json").exists() {
+            let cameras = json("cameras.json");
+            let cameras = cameras.as_array().unwrap();
+            assert_eq!(cameras.len(), truth.len());
+            for (camera, row) in cameras.iter().zip(&truth).filter(|(_, row)| row["Visibility"] > 0.0) {
+                let camera = Camera::from_json(&camera.to_string(), "cameras").unwrap();
+                let at = ["WorldX", "WorldY", "WorldZ"].map(|name| row[name]);
+                let seen = camera.image_from_world(&at.into()).unwrap();
+                assert!((seen.x - row["X"]).hypot(seen.y - row["Y"]) < 0.2, "{kind}");
+            }
+        }
+        let mut command = Command::new("ffprobe");
+        command.args(["-v", "error", "-count_packets", "-show_entries", "stream=nb_read_packets", "-of", "csv=p=0"]);
+        let shown = command.arg(file("mp4")).output().unwrap();
+        assert_eq!(String::from_utf8_lossy(&shown.stdout).trim(), truth.len().to_string(), "{kind}");
+    }
 }
 
 #[test]

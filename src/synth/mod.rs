@@ -7,6 +7,8 @@
 
 #[cfg(not(target_arch = "wasm32"))]
 mod broadcast;
+#[cfg(not(target_arch = "wasm32"))]
+mod footage;
 mod looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 mod mujoco;
@@ -24,6 +26,8 @@ use nalgebra::{Point3, Vector2};
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::broadcast::{Film, Filmed, Kind};
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::footage::{Compression, Moves, Recording};
 pub use self::looking::looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;

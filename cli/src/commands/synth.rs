@@ -71,9 +71,10 @@ pub struct Arguments {
 enum Made {
     Clips(Set),
     Films,
+    Footage,
 }
 
-const SETS: [Choice<Made>; 6] = [
+const SETS: [Choice<Made>; 7] = [
     ("sd-s", "", Made::Clips(Set::SdS)),
     ("sd-m", "", Made::Clips(Set::SdM)),
     ("sd-l", "", Made::Clips(Set::SdL)),
@@ -84,6 +85,11 @@ const SETS: [Choice<Made>; 6] = [
         Made::Clips(Set::Rd),
     ),
     ("broadcast", "Sports as people film them, as videos (needs ffmpeg): --clips of each of four kinds", Made::Films),
+    (
+        "footage",
+        "The same as hard as real footage: crowds, screens, cameras that sway and pan, repeated frames, low bitrates; and as many clips without a ball as of a kind",
+        Made::Footage,
+    ),
 ];
 const SPLITS: [Choice<Split>; 3] = [("train", "", Split::Train), ("val", "", Split::Val), ("test", "", Split::Test)];
 const DISTURBANCES: [Choice<Disturbance>; 4] = [
@@ -129,14 +135,15 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let split = arguments.split;
     let set = match arguments.set {
         Made::Clips(set) => set,
-        Made::Films => {
+        made @ (Made::Films | Made::Footage) => {
             let plain = arguments.size.is_none()
                 && !arguments.depth
                 && arguments.disturb.is_none()
                 && arguments.label_noise.is_none();
-            ensure!(plain, "--set broadcast takes none of --size, --depth, --label-noise and --disturb");
+            ensure!(plain, "--set broadcast and footage take none of --size, --depth, --label-noise and --disturb");
             let clips = arguments.clips.map_or(FILMS, |clips| clips as usize);
-            return film::run(&arguments.out, split, clips, arguments.seed, arguments.json);
+            let make = if matches!(made, Made::Films) { film::run } else { film::run_footage };
+            return make(&arguments.out, split, clips, arguments.seed, arguments.json);
         }
     };
     let out = &arguments.out;

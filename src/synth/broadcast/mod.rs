@@ -2,8 +2,10 @@
 //!
 //! For choosing and testing what follows a ball through a video. A clip is drawn from (kind, seed) alone.
 
-mod play;
-mod stage;
+pub(super) mod play;
+pub(super) mod stage;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{Point3, Vector3};
 use rand::RngExt;
@@ -27,6 +29,10 @@ const SECOND_BALL: f64 = 0.3;
 const CUT: f64 = 0.15;
 /// How long a cut is, s.
 const CUT_LASTS: f64 = 0.4;
+
+/// Colours that balls have.
+const PAINTS: [PaintColour; 5] =
+    [[0.8, 0.9, 0.2], [0.95, 0.95, 0.93], [0.95, 0.5, 0.1], [0.95, 0.85, 0.2], [0.75, 0.9, 0.25]];
 
 /// What is filmed, and from where.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,7 +105,7 @@ impl Kind {
     }
 
     /// Half the court's width and length, m.
-    fn court(self) -> [f64; 2] {
+    pub(super) fn court(self) -> [f64; 2] {
         match self {
             Self::Tennis => [5.485, 11.885],
             Self::TableTennis => [3.5, 7.0],
@@ -118,7 +124,8 @@ impl Kind {
         }
     }
 
-    fn scene(self) -> Result<Scene> {
+    /// Its place and ball.
+    pub(super) fn scene(self) -> Result<Scene> {
         Scene::named(match self {
             Self::Toss => "floor",
             other => other.name(),
@@ -160,6 +167,16 @@ impl Kind {
         }
     }
 
+    /// A ball's colour.
+    pub(super) fn paint(self, random: &mut Random) -> PaintColour {
+        match self {
+            Self::Tennis => PAINTS[0],
+            Self::TableTennis => PAINTS[random.random_range(1..3)],
+            Self::Volleyball => PAINTS[random.random_range(1..4)],
+            Self::Toss => PAINTS[random.random_range(0..5)],
+        }
+    }
+
     fn fps(self, random: &mut Random) -> f64 {
         let choices: &[f64] = match self {
             Self::Tennis => &[25.0, 50.0],
@@ -197,14 +214,7 @@ impl Film {
                 people.push(Person::draw([random.random_range(-1.5..1.5), side * (length + 0.5)], random));
             }
         }
-        let paints: [PaintColour; 5] =
-            [[0.8, 0.9, 0.2], [0.95, 0.95, 0.93], [0.95, 0.5, 0.1], [0.95, 0.85, 0.2], [0.75, 0.9, 0.25]];
-        let paint = match kind {
-            Kind::Tennis => paints[0],
-            Kind::TableTennis => paints[random.random_range(1..3)],
-            Kind::Volleyball => paints[random.random_range(1..4)],
-            Kind::Toss => paints[random.random_range(0..5)],
-        };
+        let paint = kind.paint(random);
         let empty = stage::empty(kind, &camera, &scene, paint, random);
         let second = random.random_bool(SECOND_BALL).then(|| {
             let [x, y] = kind.court().map(|half| random.random_range(-half..half));
@@ -292,21 +302,8 @@ impl Film {
         Ok((picture, Filmed { time, world: world.coords.into(), image: image.coords.into(), radius_px, visible }))
     }
 
-    /// The picture of a ball at a place: an ellipse, longer away from the camera's axis (the cameras have no lens).
     fn outline(&self, at: &Point3<f64>) -> Ellipse {
-        let (centre, radius) = (self.camera.camera_from_world(at), self.scene.ball.radius);
-        let intrinsic = self.camera.intrinsic();
-        let beyond = centre.z.powi(2) - radius.powi(2);
-        let across = intrinsic[(0, 0)] * radius / beyond.sqrt();
-        let along = across * ((centre.coords.norm_squared() - radius.powi(2)) / beyond).sqrt();
-        let middle = [0, 1]
-            .map(|axis| (intrinsic[(axis, axis)] * centre[axis] * centre.z / beyond + intrinsic[(axis, 2)]) as f32);
-        let out = centre.y.atan2(centre.x);
-        Ellipse {
-            centre: middle,
-            semi: [along, across].map(|semi| semi as f32),
-            axis: [out.cos() as f32, out.sin() as f32],
-        }
+        stage::outline(&self.camera, self.scene.ball.radius, at)
     }
 
     fn paint_ball(&self, canvas: &mut Canvas, time: f64) {

@@ -19,7 +19,7 @@ const TRIES: usize = 20_000;
 const SPIN: f64 = 0.5;
 
 /// A ball's way through a clip.
-pub(super) struct Play {
+pub(in crate::synth) struct Play {
     /// When each flight begins, s, and how.
     starts: Vec<(f64, State)>,
     /// When the last one ends, s.
@@ -51,6 +51,11 @@ impl Play {
             side = -side;
         }
         Ok(play)
+    }
+
+    /// Where it begins.
+    pub fn begins(&self) -> Point3<f64> {
+        self.starts[0].1.position
     }
 
     /// Where the ball is, m, at a time between 0 and the end, s.

@@ -127,6 +127,14 @@ pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: PaintColo
             (0..3).for_each(|channel| canvas.planes[channel][index] = (of[channel] * shade).clamp(0.0, 1.0));
         }
     }
+    tops(&mut canvas, camera, scene, inner);
+    lines(&mut canvas, camera, kind);
+    net(&mut canvas, camera, scene, kind);
+    canvas
+}
+
+/// The tops of the scene's boxes: tables.
+pub(in crate::synth) fn tops(canvas: &mut Canvas, camera: &Camera, scene: &Scene, inner: PaintColour) {
     for cuboid in &scene.boxes {
         let [x, y, z] = cuboid.half_size;
         let top = cuboid.position[2] + z;
@@ -139,10 +147,17 @@ pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: PaintColo
             canvas.fill(&Polygon::new(&corners), 1.5, 1.0, |_, _| surface);
         }
     }
-    let image = |point: [f64; 3]| -> Option<(Point2<f64>, f64)> {
-        let seen = camera.camera_from_world(&point.into());
-        (seen.z > 0.3).then(|| camera.image_from_camera(&seen).ok().map(|at| (at, seen.z))).flatten()
-    };
+}
+
+/// Where a point is seen, px, and how far before the camera, m; none where it is not before it.
+fn seen(camera: &Camera, point: [f64; 3]) -> Option<(Point2<f64>, f64)> {
+    let seen = camera.camera_from_world(&point.into());
+    (seen.z > 0.3).then(|| camera.image_from_camera(&seen).ok().map(|at| (at, seen.z))).flatten()
+}
+
+/// The court's lines.
+pub(in crate::synth) fn lines(canvas: &mut Canvas, camera: &Camera, kind: Kind) {
+    let image = |point| seen(camera, point);
     for line in Court::named(kind.name()).map_or(&[][..], |court| &court.lines) {
         // In short pieces: a line's width is another at either end, and its end may be behind the camera.
         for part in 0..20 {
@@ -157,6 +172,11 @@ pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: PaintColo
             canvas.fill(&line, 1.2, 0.9, |_, _| [0.93, 0.93, 0.9]);
         }
     }
+}
+
+/// The net.
+pub(in crate::synth) fn net(canvas: &mut Canvas, camera: &Camera, scene: &Scene, kind: Kind) {
+    let image = |point| seen(camera, point);
     let surface = scene.boxes.iter().map(|cuboid| cuboid.position[2] + cuboid.half_size[2]).fold(0.0, f64::max);
     let surface = if kind == Kind::TableTennis { surface } else { 0.0 };
     for pair in scene.net.windows(2) {
@@ -168,7 +188,6 @@ pub(super) fn empty(kind: Kind, camera: &Camera, scene: &Scene, paint: PaintColo
             canvas.fill(&PaintedLine { from: corners[0], to: corners[1], half: 1.2 }, 1.5, 0.9, |_, _| [0.95; 3]);
         }
     }
-    canvas
 }
 
 /// The point of the level at `height` that a pixel shows, m.
@@ -180,8 +199,25 @@ fn on_plane(camera: &Camera, column: usize, row: usize, height: f64) -> Option<P
     (fraction > 0.0 && fraction < 1e4).then(|| eye + way * fraction)
 }
 
+/// The picture of a ball of a radius, m, at a place: an ellipse, longer away from the camera's axis (the cameras have no lens).
+pub(in crate::synth) fn outline(camera: &Camera, radius: f64, at: &Point3<f64>) -> Ellipse {
+    let centre = camera.camera_from_world(at);
+    let intrinsic = camera.intrinsic();
+    let beyond = centre.z.powi(2) - radius.powi(2);
+    let across = intrinsic[(0, 0)] * radius / beyond.sqrt();
+    let along = across * ((centre.coords.norm_squared() - radius.powi(2)) / beyond).sqrt();
+    let middle =
+        [0, 1].map(|axis| (intrinsic[(axis, axis)] * centre[axis] * centre.z / beyond + intrinsic[(axis, 2)]) as f32);
+    let out = centre.y.atan2(centre.x);
+    Ellipse {
+        centre: middle,
+        semi: [along, across].map(|semi| semi as f32),
+        axis: [out.cos() as f32, out.sin() as f32],
+    }
+}
+
 /// Lays the ball over a picture as the shutter saw it: its outlines while that was open.
-pub(super) fn ball(canvas: &mut Canvas, outlines: &[Ellipse], paint: PaintColour, light: [f32; 2]) {
+pub(in crate::synth) fn ball(canvas: &mut Canvas, outlines: &[Ellipse], paint: PaintColour, light: [f32; 2]) {
     let fraction = 1.0 / outlines.len() as f32;
     let size = Size::new(canvas.width as u32, canvas.height as u32);
     let mut covered: std::collections::BTreeMap<usize, (f32, PaintColour)> = std::collections::BTreeMap::new();

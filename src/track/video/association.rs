@@ -8,7 +8,7 @@ const BETWEEN: usize = 8;
 const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
 /// What it says for an tracklet that one which is the ball goes before or after it, log of odds.
-const GOES_ON: f64 = 2.0;
+const GOES_ON: f64 = 1.0;
 /// Frames after a segment's end within which the ball is still as large as there, the ratio of the radii up to which it is, and the
 /// blobs at either end that tell.
 const SOON: usize = 12;
@@ -96,6 +96,7 @@ impl Segment {
 /// The segments that one ball can fly: those of most worth together, ascending. What goes before and after a segment speaks for it.
 pub(super) fn chain(frames: &[Candidates], mut segments: Vec<Segment>) -> Vec<Segment> {
     segments.sort_by_key(Segment::last);
+    exclude(frames, &mut segments);
     support(frames, &mut segments);
     segments.retain(|segment| segment.odds > 0.0);
     // Of each segment: what the best chain that ends with it is worth, and the segment before. Of each and those before it: the
@@ -122,6 +123,41 @@ pub(super) fn chain(frames: &[Candidates], mut segments: Vec<Segment>) -> Vec<Se
     }
     chosen.reverse();
     chosen.into_iter().map(|place| segments[place].clone()).collect()
+}
+
+/// Takes from the log-odds of segments what their rivals have: one ball flies, in one place. Where several segments are in different places
+/// at once, each is the ball with the odds `eᴸ / (1 + Σ eᴿ)`, of which the greatest rival is counted in each frame.
+fn exclude(frames: &[Candidates], segments: &mut [Segment]) {
+    let mut rivals: Vec<Vec<f64>> =
+        segments.iter().map(|segment| vec![f64::NEG_INFINITY; segment.last() - segment.first() + 1]).collect();
+    // Of each place in the list, the first frame of all segments from there on.
+    let mut earliest: Vec<usize> = segments.iter().map(Segment::first).collect();
+    for place in (1..earliest.len()).rev() {
+        earliest[place - 1] = earliest[place - 1].min(earliest[place]);
+    }
+    for (place, one) in segments.iter().enumerate() {
+        for (other_place, other) in segments.iter().enumerate().skip(place + 1) {
+            if earliest[other_place] >= one.last() {
+                break;
+            }
+            let both = one.first().max(other.first())..one.last().min(other.last()) + 1;
+            let shared =
+                one.members.iter().filter(|member| other.members.binary_search_by_key(&member.0, |it| it.0).is_ok());
+            if both.len() < 2 || 2 * one.apart(other, frames) < shared.count() {
+                continue;
+            }
+            for frame in both {
+                for (own, rival) in [(place, other), (other_place, one)] {
+                    let most = &mut rivals[own][frame - segments[own].first()];
+                    *most = most.max(rival.odds);
+                }
+            }
+        }
+    }
+    for (segment, rivals) in segments.iter_mut().zip(rivals) {
+        let sum: f64 = rivals.iter().map(|&rival| rival.exp().ln_1p()).sum();
+        segment.odds -= sum / rivals.len() as f64;
+    }
 }
 
 /// Adds to the odds of segments (by their last frames, ascending) what those say that go before and after each.

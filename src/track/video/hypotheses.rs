@@ -44,8 +44,14 @@ struct Weights {
 
 const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 1.2, seen: [1.5, 0.6] };
 const UNTOLD: Weights = Weights { constant: -1.5, gain: 1.6, small: -2.5, bend: 1.0, seen: [0.0; 2] };
+fn gw() -> Vec<f64> {
+    match std::env::var("GW") {
+        Ok(text) => text.split(',').map(|it| it.parse().unwrap_or(0.0)).collect(),
+        Err(_) => MOTION_WEIGHTS.to_vec(),
+    }
+}
 /// Weights of [`Hypotheses::features`].
-const MOTION_WEIGHTS: [f64; 7] = [-1.5, 0.8, 1.2, -0.5, 0.7, 0.3, 0.8];
+const MOTION_WEIGHTS: [f64; 7] = [-4.993, 0.432, 1.774, -0.496, 0.371, 0.011, 0.5];
 /// Log of odds of what a person pointed at.
 const SEEDED: f64 = 20.0;
 
@@ -231,7 +237,7 @@ impl<'a> Hypotheses<'a> {
             return SEEDED;
         }
         match self.features_of(tracklet, members, gravity_test) {
-            Ok(features) => features.iter().zip(MOTION_WEIGHTS).map(|(value, weight)| value * weight).sum(),
+            Ok(features) => features.iter().zip(gw()).map(|(value, weight)| value * weight).sum(),
             Err(odds) => odds,
         }
     }

@@ -32,7 +32,7 @@ pub(super) const SEEN: f64 = 0.3;
 const SEEN_ALONE: f64 = 0.5;
 /// Probability by the motion network from which a blob is measured, and the least that counts (the largest is as far from 1).
 const WORTH_MEASURING: f64 = 0.05;
-const LEAST_PROBABILITY: f64 = 0.01;
+const LEAST_PROBABILITY: f64 = 5e-4;
 /// Frames after which what was in no tracklet is forgotten.
 const FORGOTTEN: usize = 2000;
 /// Distance of a blob's middle from what a network finds, in radii, and ratio of the radii, up to which it is a part of it.
