@@ -204,6 +204,7 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
         sha256: sha256_hex(&weights),
         architecture: job.config.clone(),
         verifier: None,
+        motion: None,
         input: Size::square(SIDE as u32),
         normalisation: Normalisation::default(),
         depth_from: None,

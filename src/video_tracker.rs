@@ -20,7 +20,7 @@ const LEAST_WAY_PX: f64 = 1.0;
 /// Largest ratio of the radii of one ball in two such pictures.
 const ALIKE: f64 = 1.3;
 
-/// Follows the ball through the frames of a video, one after the other; of a camera that stands still.
+/// Follows the ball through the frames of a video, one after the other; of a camera that stays where it is, and may turn and zoom.
 ///
 /// ```no_run
 /// # async fn tracked(pictures: Vec<gravisight::Picture>, localiser: gravisight::Localiser) -> gravisight::Result<()> {

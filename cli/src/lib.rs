@@ -1,4 +1,4 @@
-//! The `gravisight` command: [`main`] is all of it. [`import`] and [`report`] are public for its tests.
+//! The `gravisight` command: [`main`] is all of it. [`import`], [`report`] and [`footage`] are public for its tests and benches.
 #![warn(missing_docs, clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 #![deny(unsafe_code)]
@@ -8,7 +8,7 @@ mod commands;
 mod device;
 mod draw;
 mod export;
-mod footage;
+pub mod footage;
 pub mod import;
 mod model;
 mod overlay;

@@ -288,9 +288,9 @@ fn view_notes(video: &TrackedVideo) -> Vec<String> {
     let cuts = (!cuts.is_empty())
         .then(|| format!("Most of the picture changes at frame {}: a cut, or the camera moved.", cuts.join(", ")));
     let metres = if video.explained.is_some() { ": no metres there" } else { "" };
-    let views = video.elsewhere.iter().map(|view| {
-        let by = view.moved_px.map_or(String::new(), |px| format!(" (by up to {px:.0} px)"));
-        format!("The camera looks elsewhere than at first in frames {} to {}{by}{metres}.", view.from, view.to)
+    let views = video.elsewhere.iter().map(|view| match view.moved_px {
+        Some(px) => format!("The camera moves in frames {} to {} (by up to {px:.0} px).", view.from, view.to),
+        None => format!("Another view than the first is shown in frames {} to {}{metres}.", view.from, view.to),
     });
     repeated.into_iter().chain(cuts).chain(views).collect()
 }

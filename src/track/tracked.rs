@@ -42,6 +42,9 @@ pub struct TrackedVideo {
     pub elsewhere: Vec<OtherView>,
     /// What is odd about the track, in words.
     pub notes: Vec<String>,
+    /// Frames and places (px) in which a person saw the ball, and which no path goes through.
+    #[serde(skip)]
+    pub(crate) unused_seeds: Vec<(usize, [f64; 2])>,
     /// The frames between pauses; none without [`Self::fit`].
     #[serde(skip)]
     pub segments: Vec<FittedSegment>,
@@ -108,10 +111,11 @@ pub struct FittedSegment {
 
 impl TrackedVideo {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
-    pub(crate) fn new(flying: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
-        let frames = flying.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
-        let mut video = Self { frames, cuts: flying.cuts().to_vec(), ..Self::default() };
+    pub(crate) fn new(hypotheses: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
+        let frames = hypotheses.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
+        let mut video = Self { frames, cuts: hypotheses.cuts().to_vec(), ..Self::default() };
         video.elsewhere = video.other_views();
+        video.unused_seeds = hypotheses.unused_seeds().to_vec();
         video.verdict = video.in_words();
         video
     }
@@ -228,7 +232,7 @@ impl TrackedVideo {
                 format!("{head}: {explained} of {} segments; {seen}{wrong}", segments.len())
             }
         };
-        said + &self.cuts_in_words() + &self.moved_in_words()
+        said + &self.cuts_in_words() + &self.moved_in_words() + &self.clicks_in_words()
     }
 
     /// Frames in which the camera looks elsewhere than at first.
@@ -258,18 +262,34 @@ impl TrackedVideo {
 
     /// What a camera that does not stand still means.
     fn moved_in_words(&self) -> String {
-        let part = |OtherView { from, to, moved_px }: &OtherView| match moved_px {
-            Some(px) => format!("{from} to {to} (by up to {px:.0} px)"),
-            None => format!("{from} to {to}"),
-        };
-        let parts: Vec<String> = self.elsewhere.iter().map(part).collect();
-        match parts.is_empty() {
-            true => String::new(),
-            false => {
-                let hold = if self.explained.is_some() { ", so there are no metres there" } else { "" };
-                format!("; the camera looks elsewhere than at first in frames {}{hold}", parts.join(", "))
-            }
+        let moved: Vec<String> = (self.elsewhere.iter())
+            .filter_map(|view| Some(format!("{} to {} (by up to {:.0} px)", view.from, view.to, view.moved_px?)))
+            .collect();
+        let lost = self.elsewhere.iter().filter(|view| view.moved_px.is_none());
+        let lost: Vec<String> = lost.map(|OtherView { from, to, .. }| format!("{from} to {to}")).collect();
+        let mut said = String::new();
+        if !moved.is_empty() {
+            let hold = if self.explained.is_some() { ", which is counted in" } else { "" };
+            said += &format!("; the camera moves in frames {}{hold}", moved.join(", "));
         }
+        if !lost.is_empty() {
+            let hold = if self.explained.is_some() { ", so there are no metres there" } else { "" };
+            said += &format!("; another view than the first is shown in frames {}{hold}", lost.join(", "));
+        }
+        said
+    }
+
+    /// Clicks that changed nothing.
+    fn clicks_in_words(&self) -> String {
+        if self.unused_seeds.is_empty() {
+            return String::new();
+        }
+        let clicks = self.unused_seeds.iter().map(|(frame, [x, y])| format!("({x:.0}, {y:.0}) px in frame {frame}"));
+        let clicks: Vec<String> = clicks.collect();
+        format!(
+            "; nothing that moves goes through the ball marked at {}: the marks were not used, click in a frame in which it flies",
+            clicks.join(", ")
+        )
     }
 
     /// What a change of the whole picture means.

@@ -3,12 +3,12 @@
 use super::tracklets::{Candidates, alike};
 use crate::statistics::median;
 
-/// Most frames between an tracklet and one that goes on from it, and the distance, px and shares of a step.
+/// Most frames between a tracklet and one that goes on from it, and the distance, px and shares of a step.
 const BETWEEN: usize = 8;
 const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
-/// What it says for an tracklet that one which is the ball goes before or after it, log of odds.
-const GOES_ON: f64 = 1.0;
+/// What it says for a tracklet that one which is the ball goes before or after it, log of odds.
+const GOES_ON: f64 = 2.0;
 /// Frames after a segment's end within which the ball is still as large as there, the ratio of the radii up to which it is, and the
 /// blobs at either end that tell.
 const SOON: usize = 12;
@@ -17,7 +17,7 @@ const AT_END: usize = 3;
 /// Frames that two tracklets may fraction at no cost: one's last and the other's first.
 const SHARED: usize = 1;
 
-/// A part of an tracklet that may be the ball.
+/// A part of a tracklet that may be the ball.
 #[derive(Debug, Clone)]
 pub(super) struct Segment {
     /// Frames and blobs' numbers, ascending.

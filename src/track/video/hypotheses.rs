@@ -22,13 +22,13 @@ const DOUBT_LASTS: f64 = 0.5;
 /// Most frames between two balls that are filled, and how far from between them a ball may be in those, radii.
 const MOST_BETWEEN: usize = 4;
 const NEAR: f64 = 1.5;
-/// Frames in a row that the network says the same of where an tracklet is cut.
+/// Frames in a row that the network says the same of where a tracklet is cut.
 const RUN: usize = 3;
 /// Radius below which a ball is small, px: networks miss those.
 const SMALL: f64 = 3.0;
-/// Gain of an tracklet that says nothing for or against a ball.
+/// Gain of a tracklet that says nothing for or against a ball.
 const USUAL_GAIN: f64 = 27.0;
-/// What makes the odds that an tracklet is the ball's. Chosen by hand, after a logistic regression to tracklets of `synth --set broadcast`
+/// What makes the odds that a tracklet is the ball's. Chosen by hand, after a logistic regression to tracklets of `synth --set broadcast`
 /// (split train): milder than that on the network's verdicts, which are not as often right of what cameras take, and stronger on
 /// the bend. So the confidence that follows from them is no measured fraction of being right.
 struct Weights {
@@ -44,14 +44,9 @@ struct Weights {
 
 const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 1.2, seen: [1.5, 0.6] };
 const UNTOLD: Weights = Weights { constant: -1.5, gain: 1.6, small: -2.5, bend: 1.0, seen: [0.0; 2] };
-fn gw() -> Vec<f64> {
-    match std::env::var("GW") {
-        Ok(text) => text.split(',').map(|it| it.parse().unwrap_or(0.0)).collect(),
-        Err(_) => MOTION_WEIGHTS.to_vec(),
-    }
-}
-/// Weights of [`Hypotheses::features`].
-const MOTION_WEIGHTS: [f64; 7] = [-4.993, 0.432, 1.774, -0.496, 0.371, 0.011, 0.5];
+/// Weights of [`Hypotheses::features`], by `scripts/fit-weights tracklets` on ten clips of `synth --set footage` on which the networks were not trained and
+/// a real one of tennis on which the motion network was; that of the bend (0: the clips were followed without a camera) by hand.
+const MOTION_WEIGHTS: [f64; 7] = [-5.57, 0.548, 1.653, 0.707, 0.237, 0.875, 0.5];
 /// Log of odds of what a person pointed at.
 const SEEDED: f64 = 20.0;
 
@@ -105,6 +100,8 @@ pub struct Hypotheses<'a> {
     cuts: Vec<usize>,
     views: &'a [View],
     elsewhere: &'a [Option<CameraMotion>],
+    /// Seeds that no tracklet goes through.
+    unused: Vec<(usize, [f64; 2])>,
 }
 
 impl<'a> Hypotheses<'a> {
@@ -114,13 +111,22 @@ impl<'a> Hypotheses<'a> {
         tracklets: Vec<Tracklet>,
         verdicts: &'a Verdicts,
         cuts: &[usize],
-        views: &'a [View],
-        elsewhere: &'a [Option<CameraMotion>],
+        (views, elsewhere): (&'a [View], &'a [Option<CameraMotion>]),
     ) -> Self {
         let numbers: Vec<usize> =
             kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
         let cuts = cuts.iter().map(|&place| numbers[place]).collect();
-        Self { kept, seen, tracklets, verdicts, numbers, cuts, views, elsewhere }
+        Self { kept, seen, tracklets, verdicts, numbers, cuts, views, elsewhere, unused: vec![] }
+    }
+
+    /// The same, with seeds that no tracklet goes through.
+    pub(super) fn with_unused(self, unused: Vec<(usize, [f64; 2])>) -> Self {
+        Self { unused, ..self }
+    }
+
+    /// Frames and places (px) in which a person saw the ball, and which no tracklet goes through.
+    pub fn unused_seeds(&self) -> &[(usize, [f64; 2])] {
+        &self.unused
     }
 
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
@@ -163,7 +169,7 @@ impl<'a> Hypotheses<'a> {
         frames
     }
 
-    /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: an tracklet ends
+    /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: a tracklet ends
     /// at a bounce or a hit, and the next begins after it.
     fn fill(&self, balls: &mut BTreeMap<usize, ((usize, usize), f64)>) {
         let known: Vec<((usize, usize), f64)> = balls.values().copied().collect();
@@ -192,7 +198,7 @@ impl<'a> Hypotheses<'a> {
         self.verdicts.of(member).map(Option::is_some)
     }
 
-    /// An tracklet, cut where the network begins or ceases to see a ball for some frames: a ball's tracklet may end where its shadow's
+    /// A tracklet, cut where the network begins or ceases to see a ball for some frames: a ball's tracklet may end where its shadow's
     /// goes on.
     fn segments(&self, number: usize, gravity_test: Option<&GravityTest>) -> Vec<Segment> {
         let members = &self.tracklets[number].members;
@@ -231,18 +237,18 @@ impl<'a> Hypotheses<'a> {
         evidence.collect()
     }
 
-    /// That a part of an tracklet is the ball, log of odds.
+    /// That a part of a tracklet is the ball, log of odds.
     fn odds(&self, tracklet: &Tracklet, members: &[(usize, usize)], gravity_test: Option<&GravityTest>) -> f64 {
         if tracklet.seeded {
             return SEEDED;
         }
         match self.features_of(tracklet, members, gravity_test) {
-            Ok(features) => features.iter().zip(gw()).map(|(value, weight)| value * weight).sum(),
+            Ok(features) => features.iter().zip(MOTION_WEIGHTS).map(|(value, weight)| value * weight).sum(),
             Err(odds) => odds,
         }
     }
 
-    /// The features of a part of an tracklet; where the motion network has not seen it, the log of odds without that.
+    /// The features of a part of a tracklet; where the motion network has not seen it, the log of odds without that.
     fn features_of(
         &self,
         tracklet: &Tracklet,
@@ -274,7 +280,7 @@ impl<'a> Hypotheses<'a> {
             + weights.bend * gravity_test.map_or(0.0, |gravity_test| gravity_test.odds(&way)))
     }
 
-    /// What tells whether a part of an tracklet is the ball, where the motion network has seen it: 1, the logarithm of its gain over the usual one, the
+    /// What tells whether a part of a tracklet is the ball, where the motion network has seen it: 1, the logarithm of its gain over the usual one, the
     /// mean of the motion network's log-odds, whether it is small, the log-odds of the detector, of a large ball and of a small one, and those of
     /// the bend.
     fn features(

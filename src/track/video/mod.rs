@@ -79,7 +79,7 @@ const RETURN_EVERY: usize = 4;
 /// Half the range of the levels about a pixel is what a registration that is half a pixel off makes of an edge: fraction of it that a
 /// difference must exceed while the camera moves.
 const EDGE_TOLERANCE: f64 = 0.5;
-/// Gain from which what an tracklet has taken starts no other.
+/// Gain from which what a tracklet has taken starts no other.
 const STRONG_GAIN: f64 = 20.0;
 /// Fewest frames of which a background is made.
 const FEWEST_FRAMES: usize = 5;
@@ -513,30 +513,16 @@ impl BallTracker {
     /// # Errors
     /// [`Error::Value`] for a seed in a frame that was not watched, or outside the picture.
     pub fn hypotheses(&self, seeds: &[(usize, [f64; 2])]) -> Result<Hypotheses<'_>> {
-        let seeds = self.seeds(seeds)?;
-        let tracklets = self.search(0, 1.0, STRONG_GAIN, &seeds).tracklets();
-        Ok(Hypotheses::new(&self.kept, &self.seen, tracklets, &self.verdicts, &self.cuts, &self.views, &self.elsewhere))
+        let own = self.seeds(seeds)?;
+        let search = self.search(0, 1.0, STRONG_GAIN, &own);
+        let tracklets = search.tracklets();
+        let is_used = |seed| tracklets.iter().any(|tracklet| tracklet.seeded && search.goes_through(tracklet, seed));
+        let unused = seeds.iter().zip(&own).filter(|(_, own)| !is_used(own)).map(|(seed, _)| *seed).collect();
+        let frames = (self.views.as_slice(), self.elsewhere.as_slice());
+        Ok(Hypotheses::new(&self.kept, &self.seen, tracklets, &self.verdicts, &self.cuts, frames).with_unused(unused))
     }
 
-    /// DEBUG
-    pub fn blobs(&self) -> Vec<(usize, Vec<[f64; 4]>)> {
-        let numbers = self.kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number);
-        numbers
-            .zip(self.seen.iter().zip(&self.views))
-            .map(|(number, (seen, view))| {
-                (
-                    number,
-                    seen.blobs
-                        .iter()
-                        .map(|b| b.mapped(&view.frame_from_first))
-                        .map(|b| [b.at[0], b.at[1], b.radius, b.reach])
-                        .collect(),
-                )
-            })
-            .collect()
-    }
-
-    /// Arcs are searched from a frame on, of those that are not repeated.
+    /// Tracklets are searched from a frame on, of those that are not repeated.
     fn search<'a>(
         &'a self,
         from: usize,

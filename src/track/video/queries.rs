@@ -14,16 +14,16 @@ use crate::image::Picture;
 /// Frames that are held, and those among them that tracklets are searched in.
 const HELD: usize = 24;
 const WINDOW: usize = 16;
-/// Share of its least way that an tracklet must go in those.
+/// Share of its least way that a tracklet must go in those.
 const SHORT_WAY: f64 = 0.25;
 /// Frames after which tracklets are searched again.
 const STEP: usize = 8;
-/// Of so many blobs of an tracklet one is looked at, until a ball is seen in one of so many.
+/// Of so many blobs of a tracklet one is looked at, until a ball is seen in one of so many.
 const ASKED_EVERY: usize = 3;
 const MOST_PER_BALL: usize = 3;
 /// Most such looks at the tracklets of most gain, where a ball is known.
 const MOST_PROBES: usize = 8;
-/// Frames beyond an tracklet's ends in which the ball is looked for where the tracklet leads, and how many of its blobs a network must
+/// Frames beyond a tracklet's ends in which the ball is looked for where the tracklet leads, and how many of its blobs a network must
 /// have seen a ball in for that.
 const BEYOND: usize = 4;
 const FEWEST_SEEN: usize = 3;
@@ -42,7 +42,7 @@ const ALIKE: f64 = 1.4;
 const LEAST_SIGMA: f64 = 0.3;
 /// Length over width from which a blob is a streak.
 const STREAK: f64 = 1.5;
-/// Largest deviation of where an tracklet leads with which it is worth to look there, radii.
+/// Largest deviation of where a tracklet leads with which it is worth to look there, radii.
 const MOST_UNSURE: f64 = 4.0;
 
 /// A frame's picture, until it is too old.
@@ -70,7 +70,7 @@ pub(super) struct Verdicts {
     forgotten: usize,
 }
 
-/// Arcs that are looked at.
+/// Tracklets that are verified.
 struct Round {
     /// The frame that theirs are counted from.
     from: usize,
@@ -217,7 +217,7 @@ impl BallTracker {
         }
     }
 
-    /// Where the ball of an tracklet may be in the frames before and after it.
+    /// Where the ball of a tracklet may be in the frames before and after it.
     fn beyond(&self, from: usize, tracklet: &Tracklet) -> Vec<Query> {
         let search = self.search(from, SHORT_WAY, LEAST_GAIN, &[]);
         let (first, last) = (tracklet.members[0].0, tracklet.members[tracklet.members.len() - 1].0);

@@ -264,7 +264,7 @@ fn a_streak_has_its_middle_its_width_and_its_direction() {
 }
 
 #[test]
-fn a_slow_pan_is_no_view_for_metres() {
+fn a_slow_pan_is_another_view_until_it_is_back() {
     // Half a pixel a frame from frame 40 on, and back again from frame 70 on.
     let shift =
         |frame: usize| (frame.saturating_sub(40) / 2).min(15) as i32 - (frame.saturating_sub(70) / 2).min(15) as i32;
@@ -291,4 +291,44 @@ fn a_slow_pan_is_no_view_for_metres() {
     let most = most.fold(0.0, f64::max);
     // It stands at 15 px for less than there are frames between two looks.
     assert!((13.0..15.5).contains(&most), "{most}");
+}
+
+#[test]
+fn before_a_camera_that_sways_the_ball_is_followed_and_nothing_else() {
+    let shift = |frame: usize| (14.0 * (frame as f64 / 5.0).sin()).round() as i32;
+    let watched = |with_ball: bool| {
+        let mut tracker = BallTracker::new();
+        for frame in 0..FRAMES {
+            let mut still = ground(frame);
+            if with_ball {
+                disc(&mut still, ball_at(frame), RADIUS, YELLOW);
+            }
+            let seen = RgbImage::from_fn(SIZE[0], SIZE[1], |x, y| {
+                let column = (x as i32 + shift(frame)).clamp(0, SIZE[0] as i32 - 1);
+                *still.get_pixel(column as u32, y)
+            });
+            tracker.watch(Picture::from_rgb(seen), frame as f64 / FPS).unwrap();
+        }
+        tracker.end();
+        frames_of(&tracker, &[])
+    };
+    let frames = watched(true);
+    let at = |frame: usize| [ball_at(frame)[0] - f64::from(shift(frame)), ball_at(frame)[1]];
+    let [right, seen, _] = counted(&frames, at);
+    assert!(right >= 30 && seen - right <= 1, "{right} right of {seen}");
+    assert!(watched(false).iter().all(|frame| frame.ball.is_none()));
+    // In the first view it flies as if the camera stood still.
+    for (number, frame) in frames.iter().enumerate() {
+        let Some((ball, view)) = frame.ball.zip(frame.view) else { continue };
+        let [x, y] = view.first(ball.image);
+        assert!((x - ball_at(number)[0]).hypot(y - ball_at(number)[1]) < 1.5, "frame {number}");
+    }
+}
+
+#[test]
+fn a_click_that_no_path_goes_through_is_answered() {
+    let tracker = with_ball();
+    let at = |seed| tracker.hypotheses(&[seed]).unwrap().unused_seeds().to_vec();
+    assert_eq!(at((12, ball_at(12))), []);
+    assert_eq!(at((12, [20.0, 20.0])), [(12, [20.0, 20.0])]);
 }

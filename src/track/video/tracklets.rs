@@ -29,21 +29,21 @@ const USUAL: f64 = 1.8;
 const PLACE_OF_STEP: f64 = 0.02;
 /// Deviations from where the tracklet leads within which a blob belongs to it.
 const GATE: f64 = 3.5;
-/// Frames in a row that an tracklet goes on unseen.
+/// Frames in a row that a tracklet goes on unseen.
 const UNSEEN: usize = 4;
-/// Frames from an tracklet's first or last blob to the next beyond which that one is chance.
+/// Frames from a tracklet's first or last blob to the next beyond which that one is chance.
 const LONELY: usize = 2;
 /// How far a seed may be from its blob's end, px.
 const SEED_PX: f64 = 6.0;
-/// Blobs that tell where an tracklet leads next.
+/// Blobs that tell where a tracklet leads next.
 const RECENT: usize = 7;
-/// Fewest blobs of an tracklet.
+/// Fewest blobs of a tracklet.
 const FEWEST: usize = 5;
-/// Least way of an tracklet from its first to its last blob, in radii and px; and where a network sees a ball in most of them, px.
+/// Least way of a tracklet from its first to its last blob, in radii and px; and where a network sees a ball in most of them, px.
 const LEAST_WAY: f64 = 3.0;
 const LEAST_WAY_PX: f64 = 8.0;
 const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
-/// Gain below which an tracklet is chance, and cost of a frame in which the ball is not seen.
+/// Gain below which a tracklet is chance, and cost of a frame in which the ball is not seen.
 pub(super) const LEAST_GAIN: f64 = 8.0;
 const COST_UNSEEN: f64 = 1.5;
 /// Distance (px) and frames within which other blobs tell how crowded a place is.
@@ -73,9 +73,9 @@ pub(super) struct Search<'a> {
     pub clutter: &'a Clutter,
     /// The picture's pixels.
     pub area: f64,
-    /// Share of the least way that an tracklet must go: where few frames are looked at it cannot go far.
+    /// Share of the least way that a tracklet must go: where few frames are looked at it cannot go far.
     pub least_way: f64,
-    /// Gain from which what an tracklet has taken starts no other.
+    /// Gain from which what a tracklet has taken starts no other.
     pub strong_gain: f64,
     /// Frames and places in which a person saw the ball.
     pub seeds: &'a [(usize, [f64; 2])],
@@ -184,7 +184,7 @@ impl Search<'_> {
         (seeded || gain >= LEAST_GAIN).then_some(Tracklet { members, gain, seeded })
     }
 
-    /// Whether a seed is in an tracklet; none where one says that the ball was elsewhere then.
+    /// Whether a seed is in a tracklet; none where one says that the ball was elsewhere then.
     fn is_seeded(&self, members: &[(usize, usize)]) -> Option<bool> {
         let mut seeded = false;
         for &(frame, [x, y]) in self.seeds {
@@ -200,7 +200,15 @@ impl Search<'_> {
         Some(seeded)
     }
 
-    /// The blob by which an tracklet goes on.
+    /// Whether a tracklet goes through a seed.
+    pub fn goes_through(&self, tracklet: &Tracklet, &(frame, [x, y]): &(usize, [f64; 2])) -> bool {
+        tracklet.members.iter().any(|&member| {
+            let blob = self.blob(member);
+            member.0 == frame && (blob.at[0] - x).hypot(blob.at[1] - y) <= SEED_PX + blob.reach
+        })
+    }
+
+    /// The blob by which a tracklet goes on.
     fn next(&self, members: &[(usize, usize)], forward: bool) -> Option<(usize, usize)> {
         let recent: Vec<(usize, usize)> = match forward {
             true => members.iter().rev().take(RECENT).copied().collect(),
@@ -233,7 +241,7 @@ impl Search<'_> {
         None
     }
 
-    /// Where an tracklet leads in a frame beyond its ends or between its blobs, px; how far that may be off, and the radius there.
+    /// Where a tracklet leads in a frame beyond its ends or between its blobs, px; how far that may be off, and the radius there.
     pub fn leads(&self, tracklet: &Tracklet, frame: usize) -> Option<([f64; 2], f64, f64)> {
         let after = tracklet.members.partition_point(|member| member.0 < frame);
         let near = after.saturating_sub(RECENT)..(after + RECENT).min(tracklet.members.len());
@@ -245,7 +253,7 @@ impl Search<'_> {
         Some((at, unsure, (logs.sum::<f64>() / near.len() as f64).exp()))
     }
 
-    /// How much more likely an tracklet's blobs are as one thing's than as chance: of each but the first three, the density of a
+    /// How much more likely a tracklet's blobs are as one thing's than as chance: of each but the first three, the density of a
     /// blob where the others lead over that of blobs in general.
     fn gain(&self, members: &[(usize, usize)]) -> f64 {
         let mut gain = 0.0;
@@ -290,7 +298,7 @@ impl Search<'_> {
     }
 }
 
-/// Leaves out single blobs at an tracklet's ends that frames without any divide from the others.
+/// Leaves out single blobs at a tracklet's ends that frames without any divide from the others.
 fn trim(members: &mut Vec<(usize, usize)>) {
     while members.len() > 2 && members[1].0 - members[0].0 > LONELY {
         members.remove(0);

@@ -1,0 +1,128 @@
+//! Fits the weights by which `track` tells a ball's paths from others (`MOTION_WEIGHTS` of `src/track/video/hypotheses.rs`), and prints them:
+//! `cargo bench --package gravisight-cli --bench tracklets -- MODEL.JSON VIDEO LABELS.csv [VIDEO LABELS.csv …]`, of videos that nothing is
+//! reported of. `scripts/fit-weights tracklets` runs it.
+//!
+//! A logistic regression on the tracklets of all videos, each video of the same weight. A tracklet is the ball's where most of its frames
+//! with a label are within the ball's radius, or 4 px.
+
+#[path = "../../benches/common/mod.rs"]
+mod common;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gravisight::{Card, Device, Localiser, VideoTracker};
+use gravisight_cli::footage::Footage;
+use nalgebra::{DMatrix, DVector};
+
+/// Distance within which a hand label is met, px.
+const NEAR_PX: f64 = 4.0;
+/// Fraction of a tracklet's labelled frames that must be the ball's, and below which it is another thing's; between, it is neither.
+const MOST: f64 = 0.7;
+const FEW: f64 = 0.3;
+/// Newton's steps of the logistic regression, and the strength of its prior.
+const NEWTON_STEPS: usize = 60;
+const RIDGE: f64 = 0.5;
+
+/// The ball's place and radius by frame, px; none where it is not visible.
+type Labels = HashMap<usize, Option<[f64; 3]>>;
+
+fn labels(path: &Path) -> Labels {
+    let mut table = csv::Reader::from_path(path).unwrap();
+    let names = table.headers().unwrap().clone();
+    let column = |name: &str| names.iter().position(|it| it == name);
+    let row = |row: csv::StringRecord| {
+        let number = |name: &str| column(name).and_then(|index| row.get(index)?.parse::<f64>().ok());
+        let ball = number("Visibility")
+            .filter(|&it| it > 0.0)
+            .and_then(|_| Some([number("X")?, number("Y")?, number("Radius").unwrap_or(0.0)]));
+        (number("Frame").unwrap() as usize, ball)
+    };
+    table.records().map(|record| row(record.unwrap())).collect()
+}
+
+/// Features of a video's tracklets, and whether they are the ball.
+fn rows(localiser: &Arc<Localiser>, video: &Path, labels: &Labels, fps: Option<f64>) -> Vec<(DVector<f64>, f64)> {
+    let footage = Footage::open(&[video.to_path_buf()], fps).unwrap();
+    let times = footage.times().to_vec();
+    let mut tracker = VideoTracker::new(localiser.clone(), None);
+    let mut add = |frame: usize, picture| Ok(pollster::block_on(tracker.add(picture, times[frame]))?);
+    footage.each(0..times.len(), &mut add).unwrap();
+    pollster::block_on(tracker.end()).unwrap();
+    let of_tracklet = |(features, places): (Vec<f64>, Vec<(usize, [f64; 2])>)| {
+        let known = places.iter().filter_map(|(frame, [x, y])| {
+            let ball = labels.get(frame)?;
+            Some(ball.is_some_and(|[u, v, radius]| (x - u).hypot(y - v) < NEAR_PX.max(radius)))
+        });
+        let known: Vec<bool> = known.collect();
+        let right = known.iter().filter(|&&it| it).count() as f64 / known.len().max(1) as f64;
+        let is_known = 2 * known.len() >= places.len() && !(FEW..MOST).contains(&right);
+        is_known.then(|| (DVector::from(features), f64::from(u8::from(right >= MOST))))
+    };
+    tracker.evidence(None).into_iter().filter_map(of_tracklet).collect()
+}
+
+fn main() {
+    let mut arguments = common::arguments();
+    let fps = common::is_check().then_some(30.0);
+    if common::is_check() {
+        let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/any.json");
+        arguments = std::iter::once(model.to_string()).chain(drawn()).collect();
+    }
+    let [model, clips @ ..] = arguments.as_slice() else {
+        return println!(
+            "usage: cargo bench --package gravisight-cli --bench tracklets -- MODEL.JSON VIDEO LABELS.csv …"
+        );
+    };
+    let (card, weights) = Card::with_weights(Path::new(model)).unwrap();
+    let localiser = Arc::new(Localiser::new(card, weights, &Device::flex()).unwrap());
+    let mut all: Vec<(DVector<f64>, f64, f64)> = vec![];
+    for clip in clips.chunks_exact(2) {
+        let [video, table] = [&clip[0], &clip[1]].map(PathBuf::from);
+        let rows = rows(&localiser, &video, &labels(&table), fps);
+        let balls: f64 = rows.iter().map(|(_, ball)| ball).sum();
+        println!("{}: {} tracklets, {balls} the ball's", video.display(), rows.len());
+        let weight = 1.0 / rows.len().max(1) as f64;
+        all.extend(rows.into_iter().map(|(row, ball)| (row, ball, weight)));
+    }
+    let Some(size) = all.first().map(|(row, ..)| row.len()) else { return println!("no tracklets") };
+    let scale = all.len() as f64 / all.iter().map(|(.., weight)| weight).sum::<f64>();
+    let mut weights = DVector::<f64>::zeros(size);
+    // The constant is free.
+    let ridge = DVector::from_fn(size, |index, _| if index == 0 { 1e-6 } else { RIDGE });
+    for _ in 0..NEWTON_STEPS {
+        let mut gradient = -weights.component_mul(&ridge);
+        let mut hessian = DMatrix::from_diagonal(&ridge);
+        for (row, ball, weight) in &all {
+            let probability = 1.0 / (1.0 + (-weights.dot(row)).exp());
+            gradient += row * ((ball - probability) * weight * scale);
+            hessian += row * row.transpose() * (probability * (1.0 - probability) * weight * scale);
+        }
+        weights += hessian.cholesky().unwrap().solve(&gradient);
+    }
+    let listed: Vec<String> = weights.iter().map(|weight| format!("{weight:.3}")).collect();
+    println!("{} tracklets; MOTION_WEIGHTS: [{}]", all.len(), listed.join(", "));
+    if common::is_check() {
+        std::fs::remove_dir_all(&clips[0]).unwrap();
+    }
+}
+
+/// Frames of a disc that flies before a grey wall, and its labels.
+fn drawn() -> [String; 2] {
+    let folder = common::scratch("tracklets");
+    let mut labels = String::from("Frame,Visibility,X,Y,Radius\n");
+    for number in 0..32 {
+        let time = f64::from(number);
+        let [u, v] = [10.0 + 4.0 * time, 80.0 - 5.0 * time + 0.14 * time * time];
+        let frame = image::RgbImage::from_fn(160, 96, |x, y| {
+            let inside = (f64::from(x) - u).hypot(f64::from(y) - v) < 5.0;
+            image::Rgb(if inside { [230, 220, 60] } else { [90, 100, 110] })
+        });
+        frame.save(folder.join(format!("{number:02}.png"))).unwrap();
+        labels += &format!("{number},1,{u},{v},5\n");
+    }
+    let table = folder.join("labels.csv");
+    std::fs::write(&table, labels).unwrap();
+    [folder.to_string_lossy().into(), table.to_string_lossy().into()]
+}
