@@ -117,25 +117,28 @@ impl VideoTracker {
     async fn verify_regions(&mut self) -> Result<()> {
         let camera = self.camera.as_ref();
         loop {
-            let wanted = self.follower.queries();
-            if wanted.is_empty() {
+            let queries = self.follower.queries();
+            if queries.is_empty() {
                 return Ok(());
             }
-            for wanted in wanted {
-                if let Some(stack) = self.follower.stack(&wanted)
-                    && wanted.is_of_blob()
-                    && let Some(probability) = self.localiser.moves_as_a_ball(&stack.pictures).await?
-                    && !self.follower.tell_motion(&wanted, probability)
-                {
-                    self.follower.tell(&wanted, None);
+            for query in queries {
+                let stack = self.follower.stack(&query).filter(|_| query.is_of_blob());
+                let moves = match stack {
+                    Some(stack) => self.localiser.moves_as_a_ball(&stack.pictures).await?,
+                    None => None,
+                };
+                let worth = moves.is_none_or(|probability| self.follower.tell_motion(&query, probability));
+                if query.measured {
                     continue;
                 }
-                let Some(picture) = self.follower.picture(&wanted) else { continue };
-                let found = self
-                    .localiser
-                    .detect_near(picture, camera, wanted.image, wanted.radius_px, wanted.reach_px)
-                    .await?;
-                self.follower.tell(&wanted, found);
+                if !worth {
+                    self.follower.tell(&query, None);
+                    continue;
+                }
+                let Some(picture) = self.follower.picture(&query) else { continue };
+                let found =
+                    self.localiser.detect_near(picture, camera, query.image, query.radius_px, query.reach_px).await?;
+                self.follower.tell(&query, found);
             }
         }
     }

@@ -17,6 +17,10 @@ const AT_END: usize = 3;
 /// Frames that two tracklets may fraction at no cost: one's last and the other's first.
 const SHARED: usize = 1;
 
+/// Log-odds that one segment of a track must have by itself for the track to be told: several that are unsure are no ball. The weights that they
+/// come of are fitted to single segments, of which a long clip has hundreds.
+const CONFIRMED: f64 = 1.0;
+
 /// A part of a tracklet that may be the ball.
 #[derive(Debug, Clone)]
 pub(super) struct Segment {
@@ -24,6 +28,14 @@ pub(super) struct Segment {
     pub members: Vec<(usize, usize)>,
     /// That it is the ball, log of odds.
     pub odds: f64,
+    /// Whether its own log-odds confirm a track.
+    pub confirms: bool,
+}
+
+/// Whether a segment of these log-odds confirms a track; `verified` says whether the motion network has seen it, without which the log-odds
+/// are others.
+pub(super) fn confirms(odds: f64, verified: bool) -> bool {
+    !verified || odds >= CONFIRMED
 }
 
 impl Segment {
@@ -122,7 +134,9 @@ pub(super) fn chain(frames: &[Candidates], mut segments: Vec<Segment>) -> Vec<Se
         at = best[place].1;
     }
     chosen.reverse();
-    chosen.into_iter().map(|place| segments[place].clone()).collect()
+    let chosen: Vec<Segment> = chosen.into_iter().map(|place| segments[place].clone()).collect();
+    let tracks = chosen.chunk_by(|one, next| next.first() <= one.last() + SOON);
+    tracks.filter(|track| track.iter().any(|segment| segment.confirms)).flatten().cloned().collect()
 }
 
 /// Takes from the log-odds of segments what their rivals have: one ball flies, in one place. Where several segments are in different places
@@ -208,7 +222,7 @@ mod tests {
     }
 
     fn segment(frames: std::ops::Range<usize>, blob: usize) -> Segment {
-        Segment { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0 }
+        Segment { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0, confirms: true }
     }
 
     /// First frames and blobs of what is chosen.

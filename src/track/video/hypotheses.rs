@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::super::file::TrackPoint;
 use super::Kept;
-use super::association::{Segment, chain};
+use super::association::{Segment, chain, confirms};
 use super::blobs::Blob;
 use super::gravity::{GravityTest, Place};
 use super::queries::Verdicts;
@@ -215,7 +215,10 @@ impl<'a> Hypotheses<'a> {
         for end in (1..=members.len()).filter(cut) {
             if end - start > 1 {
                 let members = members[start..end].to_vec();
-                segments.push(Segment { odds: self.odds(&self.tracklets[number], &members, gravity_test), members });
+                let tracklet = &self.tracklets[number];
+                let odds = self.odds(tracklet, &members, gravity_test);
+                let verified = self.verdicts.has_motion();
+                segments.push(Segment { odds, confirms: confirms(odds, verified), members });
             }
             start = end;
         }
@@ -256,7 +259,11 @@ impl<'a> Hypotheses<'a> {
         gravity_test: Option<&GravityTest>,
     ) -> Result<[f64; 7], f64> {
         let (mut told, mut seen) = (0.0, 0.0);
-        let motion: Vec<f64> = members.iter().filter_map(|&member| self.verdicts.motion(member)).collect();
+        let mut motion: Vec<f64> = members.iter().filter_map(|&member| self.verdicts.motion(member)).collect();
+        if motion.is_empty() && self.verdicts.has_motion() {
+            // What the motion network could not be asked about has nothing for it.
+            motion.push(0.0);
+        }
         let place = |&(place, index): &(usize, usize)| {
             let blob = &self.seen[place].blobs[index];
             let word = self.verdicts.of((place, index));

@@ -58,6 +58,8 @@ pub(super) struct Verdicts {
     said: BTreeMap<(usize, usize), Option<Detection>>,
     /// Log-odds that a blob is a ball, by the motion network.
     motion: BTreeMap<(usize, usize), f64>,
+    /// Blobs that were measured first, and that the motion network was asked about afterwards.
+    asked_again: BTreeSet<(usize, usize)>,
     /// Balls that were found in frames whose blobs are not known yet.
     found: Vec<(usize, Detection)>,
     /// Places that were asked for: blobs, and where tracklets lead.
@@ -84,6 +86,11 @@ impl Verdicts {
         self.said.get(&member)
     }
 
+    /// Whether the motion network is asked.
+    pub fn has_motion(&self) -> bool {
+        !self.motion.is_empty()
+    }
+
     /// Log-odds that a blob is a ball, by the motion network.
     pub fn motion(&self, member: (usize, usize)) -> Option<f64> {
         self.motion.get(&member).copied()
@@ -102,6 +109,8 @@ pub struct Query {
     pub radius_px: f64,
     /// How far its centre may be from there, px.
     pub reach_px: f64,
+    /// Whether it was measured already: the motion network alone is asked.
+    pub measured: bool,
 }
 
 impl Query {
@@ -164,13 +173,28 @@ impl BallTracker {
                 let (place, blob) = member;
                 if self.verdicts.asked.contains(&member) {
                     last = Some(number);
+                    let measured = matches!(self.verdicts.of(member), Some(Some(_)));
+                    if measured && self.verdicts.motion(member).is_none() && self.verdicts.asked_again.insert(member) {
+                        let Blob { at, radius, reach, .. } =
+                            self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
+                        let query =
+                            Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach, measured };
+                        queries.push(query);
+                    }
                 } else if is_ball || (probes > 0 && last.is_none_or(|last| number >= last + ASKED_EVERY)) {
                     last = Some(number);
                     probes -= usize::from(!is_ball);
                     self.verdicts.asked.insert(member);
                     let Blob { at, radius, reach, .. } =
                         self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
-                    queries.push(Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach });
+                    queries.push(Query {
+                        place,
+                        blob: Some(blob),
+                        image: at,
+                        radius_px: radius,
+                        reach_px: reach,
+                        measured: false,
+                    });
                 }
             }
             if seen >= FEWEST_SEEN {
@@ -235,8 +259,14 @@ impl BallTracker {
             let near = |&(place, at): &(usize, [f64; 2])| {
                 place == from + frame && (at[0] - image[0]).hypot(at[1] - image[1]) < radius_px.max(2.0)
             };
-            let queries =
-                Query { place: from + frame, blob: None, image, radius_px, reach_px: radius_px + 2.0 * unsure };
+            let queries = Query {
+                place: from + frame,
+                blob: None,
+                image,
+                radius_px,
+                reach_px: radius_px + 2.0 * unsure,
+                measured: false,
+            };
             (inside && unsure < MOST_UNSURE * radius_px && !self.verdicts.led.iter().any(near)).then_some(queries)
         });
         queries.collect()
@@ -262,7 +292,7 @@ impl BallTracker {
         let Some(seen) = self.seen.get(place) else { return vec![] };
         let query = |(blob, it): (usize, &Blob)| {
             let Blob { at, radius, reach, .. } = it.mapped(&self.views[place].frame_from_first);
-            Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach }
+            Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach, measured: false }
         };
         seen.blobs.iter().enumerate().map(query).collect()
     }
