@@ -28,12 +28,13 @@ pub(super) struct Segment {
     pub members: Vec<(usize, usize)>,
     /// That it is the ball, log of odds.
     pub odds: f64,
+    /// Whether the motion network is asked: else the log-odds are others.
+    pub verified: bool,
     /// Whether its own log-odds confirm a track.
     pub confirms: bool,
 }
 
-/// Whether a segment of these log-odds confirms a track; `verified` says whether the motion network has seen it, without which the log-odds
-/// are others.
+/// Whether a segment of these log-odds, with the motion network's (`verified`) or without, confirms a track.
 pub(super) fn confirms(odds: f64, verified: bool) -> bool {
     !verified || odds >= CONFIRMED
 }
@@ -108,7 +109,10 @@ impl Segment {
 /// The segments that one ball can fly: those of most worth together, ascending. What goes before and after a segment speaks for it.
 pub(super) fn chain(frames: &[Candidates], mut segments: Vec<Segment>) -> Vec<Segment> {
     segments.sort_by_key(Segment::last);
-    exclude(frames, &mut segments);
+    // Log-odds that are not fitted are no measure for rivals: a shadow has as much as its ball.
+    if segments.iter().any(|segment| segment.verified) {
+        exclude(frames, &mut segments);
+    }
     support(frames, &mut segments);
     segments.retain(|segment| segment.odds > 0.0);
     // Of each segment: what the best chain that ends with it is worth, and the segment before. Of each and those before it: the
@@ -222,7 +226,7 @@ mod tests {
     }
 
     fn segment(frames: std::ops::Range<usize>, blob: usize) -> Segment {
-        Segment { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0, confirms: true }
+        Segment { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0, verified: false, confirms: true }
     }
 
     /// First frames and blobs of what is chosen.

@@ -218,7 +218,7 @@ impl<'a> Hypotheses<'a> {
                 let tracklet = &self.tracklets[number];
                 let odds = self.odds(tracklet, &members, gravity_test);
                 let verified = self.verdicts.has_motion();
-                segments.push(Segment { odds, confirms: confirms(odds, verified), members });
+                segments.push(Segment { odds, verified, confirms: confirms(odds, verified), members });
             }
             start = end;
         }
