@@ -25,15 +25,15 @@ impl Clutter {
         }
     }
 
-    /// Candidates a px² and frame about a place in all frames but those about `frame` of `near`, which are all or the last ones.
-    pub fn density(&self, near: &[Candidates], frame: usize, at: [f64; 2]) -> f64 {
+    /// Candidates a px² and frame about a place in all frames, `seen`, but those about `frame`.
+    pub fn density(&self, seen: &[Candidates], frame: usize, at: [f64; 2]) -> f64 {
         let [column, row] = cell(at);
         let cells = || (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [column + x, row + y]));
         let all: u32 = cells().filter_map(|cell| self.counts.get(&cell)).sum();
-        let frames = frame.saturating_sub(OWN_FRAMES)..(frame + OWN_FRAMES + 1).min(near.len());
+        let frames = frame.saturating_sub(OWN_FRAMES)..(frame + OWN_FRAMES + 1).min(seen.len());
         let count = frames.len();
         let is_near = |[x, y]: [i32; 2]| (x - column).abs() <= 1 && (y - row).abs() <= 1;
-        let own = near[frames].iter().flat_map(|seen| &seen.blobs).filter(|blob| is_near(cell(blob.at))).count();
+        let own = seen[frames].iter().flat_map(|seen| &seen.blobs).filter(|blob| is_near(cell(blob.at))).count();
         let others = f64::from(all) - own as f64;
         others.max(0.0) / (self.frames.saturating_sub(count).max(OWN_FRAMES) as f64 * (3.0 * CELL).powi(2))
     }

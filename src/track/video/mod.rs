@@ -533,6 +533,8 @@ impl BallTracker {
         let [width, height] = self.size.map(|side| side as f64);
         Search {
             frames: &self.seen[from..],
+            all: &self.seen,
+            from,
             clutter: &self.clutter,
             area: width * height,
             least_way,

@@ -7,9 +7,9 @@ use super::clutter::Clutter;
 
 /// Fastest ball, its radii a second: a tennis ball of 73 m/s (a served 263 km/h).
 const FASTEST: f64 = 2200.0;
-/// Largest acceleration of a slow ball, radii/s²: a table tennis ball's weight and half as much by its spin. A ball that is faster is braked by
+/// Largest acceleration of a slow ball, radii/s²: a table tennis ball's weight, 9.81 m/s² of radii of 0.02 m. A ball that is faster is braked by
 /// the air besides: by so many parts of its own radius a radius of way (a table tennis ball, 0.14 a metre).
-const ACCELERATION: f64 = 750.0;
+const ACCELERATION: f64 = 490.0;
 const DRAG: f64 = 0.0028;
 /// What a measured step may be off besides: px, and a fraction of it for a streak whose ends are not seen.
 const STEP_PX: f64 = 3.0;
@@ -17,8 +17,8 @@ const STEP_FRACTION: f64 = 0.05;
 /// By how much a blob's radius may be too small, and the least that is assumed, px.
 const RADIUS_SLACK: f64 = 1.4;
 const LEAST_RADIUS: f64 = 1.5;
-/// Standard deviation of a ball's acceleration where that is unknown yet, radii/s²: a tennis ball's weight.
-const USUAL_ACCELERATION: f64 = 290.0;
+/// Standard deviation of a ball's acceleration where that is unknown yet, radii/s²: the gate admits the largest.
+const ACCELERATION_SIGMA: f64 = ACCELERATION / GATE;
 /// How far from its line a parabola goes on, of its acceleration times the square of the time from one of three places to the next.
 const BEYOND_LINE: f64 = 5.0 / 3.0;
 /// Largest ratio of the radii of one ball's blobs.
@@ -69,6 +69,9 @@ pub(super) struct Tracklet {
 /// What tracklets are searched in.
 pub(super) struct Search<'a> {
     pub frames: &'a [Candidates],
+    /// All frames, and the first of [`Self::frames`] among them.
+    pub all: &'a [Candidates],
+    pub from: usize,
     /// Where something always moves.
     pub clutter: &'a Clutter,
     /// The picture's pixels.
@@ -293,7 +296,7 @@ impl Search<'_> {
             near.count().saturating_sub(1)
         };
         let others: usize = self.frames[frames].iter().map(near).sum();
-        let always = self.clutter.density(self.frames, frame, at);
+        let always = self.clutter.density(self.all, self.from + frame, at);
         others as f64 / count / (std::f64::consts::PI * CROWD_PX * CROWD_PX) + always + 1.0 / self.area
     }
 }
@@ -360,7 +363,7 @@ impl Parabola {
         let times = members.iter().map(time);
         let (first, last) = (times.clone().fold(f64::INFINITY, f64::min), times.fold(f64::NEG_INFINITY, f64::max));
         let interval = (last - first) / (count - 1.0).max(1.0);
-        let bend = USUAL_ACCELERATION * radius * interval * interval;
+        let bend = ACCELERATION_SIGMA * radius * interval * interval;
         Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, bend })
     }
 
