@@ -34,8 +34,6 @@ const SOFTNESS: [(f64, f64); 6] = [(0.3, 0.205), (0.5, 0.357), (0.75, 0.527), (1
 /// blurred by half a pixel).
 const LEAST_FADING: f64 = 0.15;
 const INSIDE: f64 = 2.6;
-/// Smallest standard deviation of one edge point, px.
-const POINT_ERROR: f64 = 0.15;
 
 /// A circle in the picture, px.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,15 +46,6 @@ pub struct Circle {
     pub radius: f64,
 }
 
-/// Prior of the radius, px.
-#[derive(Debug, Clone, Copy)]
-pub struct RadiusPrior {
-    /// The likeliest.
-    pub radius: f64,
-    /// Its standard deviation.
-    pub sigma: f64,
-}
-
 /// A fitted outline.
 #[derive(Debug, Clone, Copy)]
 pub struct Contour {
@@ -66,8 +55,6 @@ pub struct Contour {
     pub coverage: f64,
     /// Root mean square of the distances of those edges from the circle, px.
     pub rms: f64,
-    /// Standard deviation of the centre by the fit along its worse axis, px.
-    pub sigma: f64,
     /// Half the angle of the cone of rays about the centre's ray, rad: its sine is the ball's radius over its distance.
     pub half_angle: f64,
     /// How far inside the ball's rim that edge may lie, px: where a ball fades into a dark background towards its rim, as one lit
@@ -101,7 +88,6 @@ struct Edges {
 struct Fitted {
     centre: Vector2<f64>,
     radius: f64,
-    covariance: Matrix3<f64>,
     /// Points on it.
     inliers: usize,
     rms: f64,
@@ -111,24 +97,22 @@ struct Fitted {
 pub struct Finder<'a> {
     /// The picture.
     pub rgb: &'a RgbImage,
-    /// The static background: edges that it has as well do not count.
-    pub still: Option<&'a RgbImage>,
-    /// Smallest difference of two levels that is not noise, at a pixel.
-    pub contrast: &'a dyn Fn(usize, usize) -> f32,
+    /// Smallest difference of two levels that is not noise.
+    pub contrast: f32,
     /// The camera that took the picture.
     pub camera: &'a Camera,
 }
 
 impl Finder<'_> {
     /// The outline near `guess`; none where there are too few edges or the fit diverges.
-    pub fn contour(&self, guess: &Circle, prior: Option<RadiusPrior>) -> Option<Contour> {
+    pub fn contour(&self, guess: &Circle) -> Option<Contour> {
         let mut circle = *guess;
         let mut contour = None;
         for [px, fraction] in REACHES {
             let reach = px + fraction * circle.radius;
             let plane = TangentPlane::across(self.camera, &circle)?;
             let edges = self.edge_points(&circle, reach, &plane);
-            let fitted = fit(&edges.points, circle.radius, prior)?;
+            let fitted = fit(&edges.points, circle.radius)?;
             let centre = plane.image(fitted.centre)?;
             let moved = (centre.x - guess.x).hypot(centre.y - guess.y);
             if moved > 2.0 + 0.5 * guess.radius || fitted.radius < 1.0 || fitted.radius > 2.0 * guess.radius + 2.0 {
@@ -170,13 +154,9 @@ impl Finder<'_> {
         let pad = (HALF_SLOPE / STEP).round() as usize;
         let first = radius - reach;
         let at = |index: usize| first + (index as f64 - pad as f64) * STEP;
-        let samples = |rgb: &RgbImage| -> Vec<Option<Levels>> {
-            let places = (0..count + 2 * pad).map(|index| place(at(index)));
-            places.map(|point| levels_between(rgb, point.x, point.y)).collect()
-        };
-        let frame = samples(self.rgb);
-        let still = self.still.map(samples);
-        let strength: Vec<f32> = (0..count).map(|index| slope(&frame, still.as_deref(), index, 2 * pad)).collect();
+        let places = (0..count + 2 * pad).map(|index| place(at(index)));
+        let samples: Vec<Option<Levels>> = places.map(|point| levels_between(self.rgb, point.x, point.y)).collect();
+        let strength: Vec<f32> = (0..count).map(|index| slope(samples[index], samples[index + 2 * pad])).collect();
         // An edge near the guess is preferred to one a little stronger at the rim.
         let weighted = |index: usize| {
             let off = (at(index + pad) - radius) / reach;
@@ -186,8 +166,7 @@ impl Finder<'_> {
         if best == 0 || best + 1 == count || strength[best] <= 0.0 {
             return None;
         }
-        let at_edge = place(at(best + pad));
-        if strength[best] < (self.contrast)(at_edge.x.round() as usize, at_edge.y.round() as usize) {
+        if strength[best] < self.contrast {
             return None;
         }
         let (before, peak, after) = (strength[best - 1], strength[best], strength[best + 1]);
@@ -204,19 +183,10 @@ impl Finder<'_> {
     }
 }
 
-/// Strength of the slope between samples `index` and `index + apart`: per channel the weaker of the frame's and of
-/// its difference from the background's; 0 where a sample is outside the picture.
-fn slope(frame: &[Option<Levels>], still: Option<&[Option<Levels>]>, index: usize, apart: usize) -> f32 {
-    let rise = |samples: &[Option<Levels>]| -> Option<Levels> {
-        let (low, high) = (samples[index]?, samples[index + apart]?);
-        Some(std::array::from_fn(|channel| high[channel] - low[channel]))
-    };
-    let Some(rises) = rise(frame) else { return 0.0 };
-    let standing = still.and_then(rise).unwrap_or_default();
-    let weaker = |channel: usize| rises[channel].abs().min((rises[channel] - standing[channel]).abs());
-    let [a, b, c] = [0, 1, 2].map(weaker);
-    let weak_sum = (a * a + b * b + c * c).sqrt();
-    if still.is_some() { weak_sum } else { rises.iter().map(|rise| rise * rise).sum::<f32>().sqrt() }
+/// Strength of the slope between two samples; 0 where one is outside the picture.
+fn slope(low: Option<Levels>, high: Option<Levels>) -> f32 {
+    let Some((low, high)) = low.zip(high) else { return 0.0 };
+    low.iter().zip(high).map(|(low, high)| (high - low).powi(2)).sum::<f32>().sqrt()
 }
 
 /// The plane across the ray of a circle's centre.
@@ -257,7 +227,7 @@ impl<'a> TangentPlane<'a> {
 }
 
 /// The circle about edge points: Gauss–Newton with Tukey's weights, from the guess (centre 0).
-fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Option<Fitted> {
+fn fit(points: &[Vector2<f64>], radius: f64) -> Option<Fitted> {
     if points.len() < FEWEST_POINTS {
         return None;
     }
@@ -267,9 +237,8 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
         let distance = median(points.iter().map(|point| (point.norm() - radius).abs()))?;
         (3.0 * distance).max(narrow)
     };
-    let mut normal = Matrix3::zeros();
     for _ in 0..REWEIGHTS {
-        normal = Matrix3::zeros();
+        let mut normal = Matrix3::zeros();
         let mut slope = Vector3::zeros();
         for point in points {
             let offset = point - centre;
@@ -283,11 +252,6 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
                 slope += row * (residual * weight);
             }
         }
-        if let Some(prior) = prior {
-            let weight = (POINT_ERROR / prior.sigma).powi(2);
-            normal[(2, 2)] += weight;
-            slope[2] += weight * (prior.radius - radius);
-        }
         let step = normal.cholesky()?.solve(&slope);
         centre += step.xy();
         radius += step.z;
@@ -299,8 +263,7 @@ fn fit(points: &[Vector2<f64>], radius: f64, prior: Option<RadiusPrior>) -> Opti
         return None;
     }
     let rms = (kept.iter().map(|residual| residual * residual).sum::<f64>() / kept.len() as f64).sqrt();
-    let covariance = normal.try_inverse()? * rms.max(POINT_ERROR).powi(2);
-    Some(Fitted { centre, radius, covariance, inliers: kept.len(), rms })
+    Some(Fitted { centre, radius, inliers: kept.len(), rms })
 }
 
 /// Standard deviation of the blur (a Gaussian's, px) of an edge whose slopes a pixel beside the strongest are of the fraction
@@ -312,8 +275,6 @@ fn blur_of(softness: f64) -> f64 {
 }
 
 fn summary(circle: Circle, Edges { directions, softness, fading, .. }: Edges, fitted: &Fitted, scale: f64) -> Contour {
-    let centre = fitted.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-    let sigma = centre.symmetric_eigenvalues().max().max(0.0).sqrt();
     let coverage = (fitted.inliers as f64 / directions.max(1) as f64).min(1.0);
     let blur = blur_of(median(softness).unwrap_or(0.0));
     let fading = fading.iter().map(|it| it.clamp(-1.0, 1.0)).sum::<f64>() / fading.len().max(1) as f64;
@@ -322,5 +283,5 @@ fn summary(circle: Circle, Edges { directions, softness, fading, .. }: Edges, fi
     let larger = 1.0 + 0.5 * (blur / fitted.radius).powi(2);
     let circle = Circle { radius: larger * circle.radius, ..circle };
     let half_angle = (larger * fitted.radius / scale).atan();
-    Contour { circle, coverage, rms: fitted.rms, sigma, half_angle, inside }
+    Contour { circle, coverage, rms: fitted.rms, half_angle, inside }
 }

@@ -33,8 +33,7 @@
 //!
 //! - [`camera`]: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`], [`Calibration`]
 //! - [`physics`]: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`], [`Integrator`]
-//! - [`track`]: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]; 2D labels: [`LabelOptions`],
-//!   [`propose_labels`]; what [`VideoTracker`] finds in a video: [`TrackedVideo`]; in words for people: [`Findings`]
+//! - [`track`]: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]; what [`VideoTracker`] finds in a video: [`TrackedVideo`]; in words for people: [`Findings`]
 //! - [`image`], [`model`], [`localise`]: [`Picture`], [`Size`]; [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
 //!   [`Localisation`], [`Region`]
 //! - [`clips`]: [`Clips`], [`Clip`], [`Frame`]
@@ -95,7 +94,7 @@ pub use self::localise::{Localisation, LocaliseOptions, Localiser, Region};
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::size::Size;
-pub use self::track::{Fit, FitOptions, LabelOptions, Observation, Parameter, Track, TrackedVideo, propose_labels};
+pub use self::track::{Fit, FitOptions, Observation, Parameter, Track, TrackedVideo};
 pub use self::train::{FineTuneOptions, FineTuneSupervision, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
@@ -112,7 +111,7 @@ pub mod parts {
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{
         CameraMotion, Estimate, EstimatorConfig, FitSummary, FittedFrame, FittedImpact, FittedSegment, Flight,
-        FollowedFrame, Hit, OtherView, Proposal, TrackedBlob, TrackedFrame,
+        FollowedFrame, Hit, OtherView, TrackedBlob, TrackedFrame,
     };
     pub use crate::train::{Added, ClipKey, Score, Tuned};
 }

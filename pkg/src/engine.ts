@@ -59,15 +59,6 @@ export class Engine {
     courts: () => this.#core.courts(),
     court: ({ name }) => this.#core.court(name),
     project: ({ camera, points }) => this.#core.project(camera, Float64Array.from(points)),
-    proposeLabels: async ({ camera, pictures, radiiPx }) => {
-      const labeller = new this.#core.Labeller(camera);
-      try {
-        for (const picture of pictures) await labeller.addPicture(picture);
-        return labeller.propose(radiiPx && Float64Array.from(radiiPx));
-      } finally {
-        labeller.free();
-      }
-    },
     openScene: ({ environment, camera }) => {
       const scene = new this.#core.Simulator(environment, camera);
       const id = this.#nextScene++;

@@ -31,7 +31,6 @@ export interface Calls {
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];
-  proposeLabels: [{ camera: string; pictures: PictureMessage[]; radiiPx: [number, number] | undefined }, (Core.LabelProposal | null)[]];
   openScene: [{ environment: number | undefined; camera: number }, { id: number; camera: Core.Camera; scene: Core.Scene }];
   scenePath: [{ id: number; start: number[]; times: number[] }, Float64Array];
   scenePicture: [{ id: number; centre: number[] }, Uint8Array];

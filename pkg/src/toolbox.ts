@@ -11,7 +11,6 @@ import type {
   Court,
   Fit,
   Forecast,
-  LabelProposal,
   Observation,
   Parameter,
   Picture,
@@ -104,19 +103,6 @@ export class Toolbox {
   forecast(scene: Scene, start: { position: Vector; velocity: Vector }, times: number[]): Promise<Forecast> {
     const numbers = [...start.position, ...start.velocity];
     return this.#call("forecast", () => ({ scene: jsonOf(scene, "scene"), start: numbers, times: [...times] }));
-  }
-
-  /** Proposes the ball's 2D label in consecutive frames of a camera that does not move; null where it is not seen. */
-  async proposeLabels(frames: Picture[], options: { camera: Camera; radiiPx?: [number, number]; signal?: AbortSignal }): Promise<(LabelProposal | null)[]> {
-    const pictures: PictureMessage[] = [];
-    const transfer: Transferable[] = [];
-    for (const frame of frames) {
-      const sent = await pictureToSend(frame);
-      pictures.push(sent.picture);
-      transfer.push(...sent.transfer);
-    }
-    const { radiiPx, signal } = options;
-    return this.#call("proposeLabels", () => ({ camera: jsonOf(options.camera, "camera"), pictures, radiiPx: radiiPx && [...radiiPx] }), signal, transfer);
   }
 
   /** One of the paper's synthetic scenes: environment 1 to 3 seen by camera 1 to 9; or the spring. */

@@ -28,7 +28,6 @@ export type {
   Forecast,
   Hit,
   Impact,
-  LabelProposal,
   LineSeen,
   Model,
   Measured,

@@ -6,7 +6,7 @@ use image::RgbImage;
 pub type Levels = [f32; 3];
 
 /// Levels of the pixel (x, y), which lies in the picture.
-pub fn levels_at(rgb: &RgbImage, x: usize, y: usize) -> Levels {
+fn levels_at(rgb: &RgbImage, x: usize, y: usize) -> Levels {
     let first = 3 * (y * rgb.width() as usize + x);
     let bytes = &rgb.as_raw()[first..first + 3];
     std::array::from_fn(|channel| f32::from(bytes[channel]))

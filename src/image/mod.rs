@@ -9,7 +9,7 @@ mod tests;
 use image::{ImageBuffer, Rgb, RgbImage};
 use serde::{Deserialize, Serialize};
 
-pub(crate) use self::levels::{Levels, levels_at, levels_between};
+pub(crate) use self::levels::{Levels, levels_between};
 pub(crate) use self::resize::{Filter, resized};
 use crate::error::{Error, Result};
 use crate::kernels::Vectors;

@@ -108,8 +108,8 @@ pub(super) fn refine_by_edge(rgb: &RgbImage, camera: Option<&Camera>, detection:
 /// The ball's edge, if there is one of about the detection's radius.
 fn edge_of(rgb: &RgbImage, camera: &Camera, detection: &Detection) -> Option<FoundEdge> {
     let Outline { centre, radius } = detection.outline;
-    let finder = Finder { rgb, still: None, contrast: &|_, _| MIN_CONTRAST, camera };
-    let contour = finder.contour(&Circle { x: centre.x, y: centre.y, radius }, None)?;
+    let finder = Finder { rgb, contrast: MIN_CONTRAST, camera };
+    let contour = finder.contour(&Circle { x: centre.x, y: centre.y, radius })?;
     let outline = outline_of(&contour, camera)?;
     let difference = (outline.radius / radius).ln();
     (difference.abs() < MAX_DIFFERENCE).then_some(FoundEdge { contour, outline, difference })

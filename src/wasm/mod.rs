@@ -7,7 +7,6 @@ mod cameras;
 mod device;
 mod fine_tuner;
 mod held;
-mod labels;
 mod localiser;
 mod physics;
 mod picture;

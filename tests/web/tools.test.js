@@ -50,13 +50,12 @@ test("clicks on a court give its camera back", async () => {
   assert.equal(refused[0], "GravisightError");
 });
 
-test("a thrown ball is simulated, drawn, labelled, and its track fitted", async () => {
-  const { worst, sigma, bounces, explained, labels, speed, order } = await page.evaluate(throwOne);
+test("a thrown ball is simulated, and its track fitted", async () => {
+  const { worst, sigma, bounces, explained, speed, order } = await page.evaluate(throwOne);
   assert.ok(explained && worst < 0.03, `off by ${worst} m`);
   assert.ok(sigma < 0.05, `${sigma} m`);
   assert.ok(bounces >= 1 && bounces <= 6, `${bounces} bounces`);
   assert.ok(Math.abs(speed - 1) < 0.05, `${speed} m/s after a start at 1 m/s sideways`);
-  assert.ok(labels.found >= 0.8 && labels.median < 1, JSON.stringify(labels));
   assert.equal(order, "timestamp-order");
 });
 

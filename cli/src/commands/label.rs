@@ -2,23 +2,23 @@
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
 
-use crate::export::{cvat_xml, labels_csv, track_of_labels};
-use crate::footage::note_left_out;
-use crate::import::{pictures_in, video_frames};
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use gravisight::internal::{NewFolder, write_whole};
-use gravisight::parts::Proposal;
-use gravisight::{Camera, Clip, Clips, Frame, LabelOptions, Picture, Scene, propose_labels};
+use gravisight::{Camera, Clip, Clips, Frame, Localiser, Picture, Scene, TrackedVideo, VideoTracker};
 use serde_json::json;
 
 use super::print_line;
+use crate::device::DeviceChoice;
+use crate::export::{cvat_xml, is_doubtful, labels_csv};
+use crate::footage::note_left_out;
+use crate::import::{pictures_in, video_frames};
+use crate::model;
 use crate::progress::Progress;
 
-/// Propose the ball's 2D label in every frame, for correction by hand.
+/// Propose the ball's 2D label in every frame, as `track` follows it, for correction by hand.
 #[derive(Args)]
 pub struct Arguments {
     /// A clips folder (labels in it are not read), a folder of frames (in the order of their numbers), or a video (needs ffmpeg).
@@ -36,9 +36,12 @@ pub struct Arguments {
     /// The place and its ball (scene.json), to stand in the clip.
     #[arg(long, value_name = "SCENE.JSON")]
     scene: Option<PathBuf>,
-    /// Smallest and largest radius of the ball in the picture, px [default: 2.5 to a sixth of the shorter side].
-    #[arg(long, value_name = "MIN..MAX", value_parser = radii)]
-    radius_px: Option<[f64; 2]>,
+    /// Model that measures the ball [default: the built-in `any`].
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
+    /// Device to run on.
+    #[arg(long, value_enum, default_value = "auto")]
+    device: DeviceChoice,
     /// What to write: a clips folder, CVAT's XML (for images, 1.1) with the pictures, or Frame,Visibility,X,Y.
     #[arg(long, value_enum, default_value = "clips")]
     format: LabelFormat,
@@ -62,36 +65,23 @@ struct LabelSource {
     pictures: Vec<PathBuf>,
 }
 
-fn radii(text: &str) -> Result<[f64; 2], String> {
-    let wrong = || format!("`{text}` is not MIN..MAX, two numbers such as 4..20");
-    let (least, most) = text.split_once("..").ok_or_else(wrong)?;
-    let number = |text: &str| text.trim().parse::<f64>().map_err(|_| wrong());
-    Ok([number(least)?, number(most)?])
-}
-
 pub fn run(arguments: Arguments) -> Result<()> {
     let folder = NewFolder::at(&arguments.out)?;
+    let localiser = Arc::new(model::open(arguments.model.as_deref(), Some(1.0), &arguments.device.open()?)?);
     // A video's frames lie in the output from the start, or beside what is kept.
     let unpacked = folder.path().join(".frames");
     let mut sources = sources(&arguments, &unpacked)?;
-    let options = LabelOptions { radii_px: arguments.radius_px };
-    let all = sources.iter().map(|source| source.pictures.len() as u64).sum();
-    let (progress, done) = (Mutex::new(Progress::new()), AtomicU64::new(0));
+    let all = sources.iter().map(|source| source.pictures.len()).sum::<usize>();
+    let (mut progress, mut done) = (Progress::new(), 0);
     let mut labels = Vec::new();
     for source in &sources {
-        let read = |frame: usize| open(&source.pictures[frame]);
-        let observe = || {
-            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-            if let Ok(mut progress) = progress.lock() {
-                progress.set(done, all, "frames");
-            }
-        };
-        let proposed = propose_labels(source.pictures.len(), &source.clip.camera, &options, &read, &observe);
-        labels.push(proposed.with_context(|| format!("clip `{}`", source.clip.id))?);
+        let tracked = tracked(source, localiser.clone(), &mut || {
+            done += 1;
+            progress.set(done, all as u64, "frames");
+        });
+        labels.push(tracked.with_context(|| format!("clip `{}`", source.clip.id))?);
     }
-    if let Ok(progress) = progress.into_inner() {
-        progress.finish();
-    }
+    progress.finish();
     write(&folder, arguments.format, &mut sources, &labels)?;
     if unpacked.exists() {
         std::fs::remove_dir_all(&unpacked).with_context(|| unpacked.display().to_string())?;
@@ -100,12 +90,23 @@ pub fn run(arguments: Arguments) -> Result<()> {
     report(&arguments, &sources, &labels)
 }
 
-/// An error that names the picture.
-fn open(path: &Path) -> gravisight::Result<Picture> {
-    Picture::open(path).map_err(|error| match error {
-        io @ gravisight::Error::Io { .. } => io,
-        other => gravisight::Error::Data { what: path.display().to_string(), reason: other.to_string() },
-    })
+/// The ball in the frames of a clip.
+fn tracked(source: &LabelSource, localiser: Arc<Localiser>, observe: &mut dyn FnMut()) -> Result<TrackedVideo> {
+    let camera = &source.clip.camera;
+    let mut tracker = VideoTracker::new(localiser, Some(camera.clone()));
+    for (path, frame) in source.pictures.iter().zip(&source.clip.frames) {
+        let picture = Picture::open(path).with_context(|| path.display().to_string())?;
+        let (size, expected) = (picture.size(), camera.size());
+        ensure!(
+            size == expected,
+            "{}: is {size} px, the camera says {expected}; give the camera of these pictures",
+            path.display()
+        );
+        pollster::block_on(tracker.add(picture, frame.t))?;
+        observe();
+    }
+    pollster::block_on(tracker.end())?;
+    Ok(tracker.track(&[], None)?)
 }
 
 /// The clips to label; a video's frames are put into `unpacked`.
@@ -181,20 +182,20 @@ fn write(
     folder: &NewFolder,
     format: LabelFormat,
     sources: &mut [LabelSource],
-    labels: &[Vec<Option<Proposal>>],
+    labels: &[TrackedVideo],
 ) -> Result<()> {
     let tables = folder.path().join("labels");
     std::fs::create_dir_all(&tables).with_context(|| tables.display().to_string())?;
     for (source, labels) in sources.iter_mut().zip(labels) {
-        for (frame, label) in source.clip.frames.iter_mut().zip(labels) {
-            (frame.image, frame.visible) = (label.map(|label| label.image), label.is_some());
+        for (frame, label) in source.clip.frames.iter_mut().zip(&labels.frames) {
+            (frame.image, frame.visible) = (label.image.map(|image| image.into()), label.image.is_some());
         }
-        let table = labels_csv(labels, &source.files())?;
+        let table = labels_csv(&labels.frames, &source.files())?;
         write_whole(&tables.join(format!("{}.csv", source.name)), table.as_bytes())?;
         match format {
             LabelFormat::Csv => {
                 let path = folder.path().join(format!("{}.csv", source.name));
-                write_whole(&path, track_of_labels(labels).to_csv()?.as_bytes())?;
+                write_whole(&path, labels.track().to_csv()?.as_bytes())?;
             }
             LabelFormat::Clips | LabelFormat::Cvat => source.copy_pictures(folder.path())?,
         }
@@ -208,7 +209,7 @@ fn write(
             let files: Vec<Vec<String>> = sources.iter().map(LabelSource::files).collect();
             let pictures = sources.iter().zip(&files).zip(labels).flat_map(|((source, files), labels)| {
                 let size = source.clip.camera.size();
-                files.iter().zip(labels).map(move |(file, label)| (file.as_str(), size, *label))
+                files.iter().zip(&labels.frames).map(move |(file, label)| (file.as_str(), size, *label))
             });
             write_whole(&folder.path().join("annotations.xml"), cvat_xml(pictures).as_bytes())?;
         }
@@ -234,13 +235,12 @@ impl LabelSource {
     }
 }
 
-fn report(arguments: &Arguments, sources: &[LabelSource], labels: &[Vec<Option<Proposal>>]) -> Result<()> {
-    let counts = |labels: &[Option<Proposal>]| {
-        let labelled = labels.iter().flatten().count();
-        let doubtful = labels.iter().flatten().filter(|label| label.doubtful).count();
-        [labels.len(), labelled, doubtful, labels.len() - labelled]
+fn report(arguments: &Arguments, sources: &[LabelSource], labels: &[TrackedVideo]) -> Result<()> {
+    let counts = |labels: &TrackedVideo| {
+        let (frames, labelled) = (labels.frames.len(), labels.found());
+        [frames, labelled, labels.frames.iter().filter(|label| is_doubtful(label)).count(), frames - labelled]
     };
-    let all = labels.concat();
+    let all = labels.iter().map(counts).fold([0; 4], |sum, counts| [0, 1, 2, 3].map(|n| sum[n] + counts[n]));
     if arguments.json {
         let object = |[frames, labelled, doubtful, not_seen]: [usize; 4]| json!({"frames": frames, "labelled": labelled, "doubtful": doubtful, "not_seen": not_seen});
         let clips = sources.iter().zip(labels).map(|(source, labels)| {
@@ -248,7 +248,7 @@ fn report(arguments: &Arguments, sources: &[LabelSource], labels: &[Vec<Option<P
             clip["id"] = source.clip.id.clone().into();
             clip
         });
-        let mut report = object(counts(&all));
+        let mut report = object(all);
         report["clips"] = clips.collect();
         return Ok(print_line(report)?);
     }
@@ -262,6 +262,6 @@ fn report(arguments: &Arguments, sources: &[LabelSource], labels: &[Vec<Option<P
             line(&source.clip.id, counts(labels))?;
         }
     }
-    line(&arguments.out.display().to_string(), counts(&all))?;
+    line(&arguments.out.display().to_string(), all)?;
     Ok(())
 }

@@ -19,18 +19,6 @@ export async function throwOne() {
   }
   const { frames: fitted, impacts, explained } = await track.fit();
   const off = fitted.slice(0, 90).map(({ world }, index) => Math.hypot(...world.map((value, axis) => value - path[index][axis])));
-  const frames = [];
-  for (let index = 0; index < 30; index++) {
-    const { data, width, height } = await simulator.picture(path[index]);
-    frames.push(new ImageData(data, width, height));
-  }
-  // A file will do as well as pixels.
-  const canvas = new OffscreenCanvas(frames[0].width, frames[0].height);
-  canvas.getContext("2d").putImageData(frames[0], 0, 0);
-  frames[0] = await canvas.convertToBlob();
-  const proposals = await toolbox.proposeLabels(frames, { camera: simulator.camera });
-  const errors = proposals.flatMap((label, index) => (label ? [Math.hypot(label.image[0] - images[index][0], label.image[1] - images[index][1])] : []));
-  errors.sort((a, b) => a - b);
   toolbox.dispose();
   return {
     worst: Math.max(...off),
@@ -38,7 +26,6 @@ export async function throwOne() {
     speed: Math.hypot(fitted[0].velocity[0], fitted[0].velocity[1]),
     bounces: impacts.length,
     explained,
-    labels: { found: errors.length / frames.length, median: errors[Math.floor(errors.length / 2)] },
     order,
   };
 }

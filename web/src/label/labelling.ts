@@ -1,16 +1,17 @@
 /** A clip being labelled: what is proposed, what a person said, and how to take it back. */
-import type { Camera, LabelProposal } from "gravisight";
+import type { Camera } from "gravisight";
 import { del, get, set } from "idb-keyval";
 import type { Pixel } from "../shared/canvas";
 import { workspace, type StoredClip } from "../shared/workspace";
+import type { Proposal } from "./propose";
 
 export type FrameState = "sure" | "doubtful" | "accepted" | "corrected" | "hidden" | "open";
 
 /** What is kept beside the clip: small, so that each label is safe at once. */
 interface Notes {
   labels: StoredClip["labels"];
-  /** Null where the core found nothing; undefined where it was not asked. */
-  proposals: (LabelProposal | null | undefined)[];
+  /** Null where the ball was not seen; undefined where nobody looked. */
+  proposals: (Proposal | null | undefined)[];
   /** Whether a person put the label elsewhere than proposed. */
   corrected: boolean[];
   frame: number;
@@ -109,7 +110,7 @@ export class Labelling {
     return this.clip.labels[frame] === null ? undefined : (this.clip.labels[frame] ?? this.#proposals[frame]?.image);
   }
 
-  proposal(frame = this.frame): LabelProposal | null | undefined {
+  proposal(frame = this.frame): Proposal | null | undefined {
     return this.#proposals[frame];
   }
 
@@ -118,7 +119,7 @@ export class Labelling {
     return ["doubtful", "open"].includes(this.state(frame));
   }
 
-  propose(proposals: (LabelProposal | null)[]): void {
+  propose(proposals: (Proposal | null)[]): void {
     this.#proposals = proposals;
     this.#save();
   }
