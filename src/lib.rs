@@ -111,7 +111,7 @@ pub mod parts {
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{
         CameraMotion, Estimate, EstimatorConfig, FitSummary, FittedFrame, FittedImpact, FittedSegment, Flight,
-        FollowedFrame, Hit, OtherView, TrackedBlob, TrackedFrame,
+        FollowedFrame, Hit, OtherView, TrackedBlob, TrackedFrame, TrackerConfig,
     };
     pub use crate::train::{Added, ClipKey, Score, Tuned};
 }
@@ -133,7 +133,7 @@ pub mod internal {
     pub use crate::synth::{Compression, Moves, Recording};
     pub use crate::synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use crate::table::{Row, Table};
-    pub use crate::track::{BallTracker, Query, Stack, TrackPoint};
+    pub use crate::track::{BallTracker, Evidence, Query, Stack, TrackPoint};
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
     pub use crate::train::{Supervision, TrainProgress, Validation};
     pub use crate::train::{read_photographs, stack_record};

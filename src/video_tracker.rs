@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::localise::Localiser;
 use crate::physics::Scene;
-use crate::track::{BallTracker, TrackedVideo};
+use crate::track::{BallTracker, Evidence, TrackedVideo, TrackerConfig};
 
 /// Frames between searches of the whole picture, while no ball is known, for a ball that hardly moves: it is part of its own
 /// background.
@@ -55,6 +55,16 @@ impl VideoTracker {
     /// away from the middle are drawn out.
     pub fn new(localiser: Arc<Localiser>, camera: Option<Camera>) -> Self {
         Self { localiser, camera, follower: BallTracker::new(), searched: None, ended: false }
+    }
+
+    /// The same, with numbers of one's own: before the first frame.
+    ///
+    /// # Errors
+    /// As [`TrackerConfig::check`].
+    pub fn with_config(mut self, config: TrackerConfig) -> Result<Self> {
+        config.check()?;
+        self.follower = BallTracker::with_config(config);
+        Ok(self)
     }
 
     /// Takes the next frame, of `time` s.
@@ -107,9 +117,9 @@ impl VideoTracker {
         Ok(TrackedVideo::new(&self.follower.hypotheses(seeds)?, place))
     }
 
-    /// What the weights of the log-odds of paths are fitted to: of each path its features, and its frames and places (px).
+    /// What the weights of paths are fitted to.
     #[doc(hidden)]
-    pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<(Vec<f64>, Vec<(usize, [f64; 2])>)> {
+    pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<Evidence> {
         self.follower.hypotheses(&[]).map(|flying| flying.evidence(place)).unwrap_or_default()
     }
 

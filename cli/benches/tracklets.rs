@@ -1,9 +1,10 @@
-//! Fits the weights by which `track` tells a ball's paths from others (`MOTION_WEIGHTS` of `src/track/video/hypotheses.rs`), and prints them:
-//! `cargo bench --package gravisight-cli --bench tracklets -- MODEL.JSON VIDEO LABELS.csv [VIDEO LABELS.csv …]`, of videos that nothing is
-//! reported of. `scripts/fit-weights tracklets` runs it.
+//! Fits the weights by which `track` tells a ball's paths from others (`weights` of `src/track/video/config.rs`; with a model without a motion
+//! network `weights_without_motion`), and prints them: `cargo bench --package gravisight-cli --bench tracklets -- MODEL.JSON VIDEO LABELS.csv
+//! [VIDEO LABELS.csv …]`, of videos that nothing is reported of. `scripts/fit-weights tracklets` runs it. Camera and scene of `x.mp4` are
+//! `x.camera.json` and `x.scene.json`, where they are.
 //!
-//! A logistic regression on the tracklets of all videos, each video of the same weight. A tracklet is the ball's where most of its frames
-//! with a label are within the ball's radius, or 4 px.
+//! A logistic regression on the tracklets of all videos, each video of the same weight, in which no evidence for a ball speaks against one. A tracklet is
+//! the ball's where most of its frames with a label are within the ball's radius, or 4 px.
 
 #[path = "../../benches/common/mod.rs"]
 mod common;
@@ -12,7 +13,8 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gravisight::{Card, Device, Localiser, VideoTracker};
+use gravisight::internal::Evidence;
+use gravisight::{Camera, Card, Device, Localiser, Scene, VideoTracker};
 use gravisight_cli::footage::Footage;
 use nalgebra::{DMatrix, DVector};
 
@@ -24,6 +26,8 @@ const FEW: f64 = 0.3;
 /// Newton's steps of the logistic regression, and the strength of its prior.
 const NEWTON_STEPS: usize = 60;
 const RIDGE: f64 = 0.5;
+/// Features that are evidence for a ball: the gain, the networks', the bend.
+const FOR_A_BALL: [usize; 5] = [1, 2, 4, 5, 6];
 
 /// The ball's place and radius by frame, px; none where it is not visible.
 type Labels = HashMap<usize, Option<[f64; 3]>>;
@@ -46,11 +50,14 @@ fn labels(path: &Path) -> Labels {
 fn rows(localiser: &Arc<Localiser>, video: &Path, labels: &Labels, fps: Option<f64>) -> Vec<(DVector<f64>, f64)> {
     let footage = Footage::open(&[video.to_path_buf()], fps).unwrap();
     let times = footage.times().to_vec();
-    let mut tracker = VideoTracker::new(localiser.clone(), None);
+    let beside = |ending: &str| Some(video.with_extension(ending)).filter(|path| path.exists());
+    let camera = beside("camera.json").map(|path| Camera::from_file(&path).unwrap());
+    let scene = beside("scene.json").map(|path| Scene::open(&path).unwrap());
+    let mut tracker = VideoTracker::new(localiser.clone(), camera.clone());
     let mut add = |frame: usize, picture| Ok(pollster::block_on(tracker.add(picture, times[frame]))?);
     footage.each(0..times.len(), &mut add).unwrap();
     pollster::block_on(tracker.end()).unwrap();
-    let of_tracklet = |(features, places): (Vec<f64>, Vec<(usize, [f64; 2])>)| {
+    let of_tracklet = |Evidence { features, places }: Evidence| {
         let known = places.iter().filter_map(|(frame, [x, y])| {
             let ball = labels.get(frame)?;
             Some(ball.is_some_and(|[u, v, radius]| (x - u).hypot(y - v) < NEAR_PX.max(radius)))
@@ -58,9 +65,9 @@ fn rows(localiser: &Arc<Localiser>, video: &Path, labels: &Labels, fps: Option<f
         let known: Vec<bool> = known.collect();
         let right = known.iter().filter(|&&it| it).count() as f64 / known.len().max(1) as f64;
         let is_known = 2 * known.len() >= places.len() && !(FEW..MOST).contains(&right);
-        is_known.then(|| (DVector::from(features), f64::from(u8::from(right >= MOST))))
+        is_known.then(|| (DVector::from_row_slice(&features), f64::from(u8::from(right >= MOST))))
     };
-    tracker.evidence(None).into_iter().filter_map(of_tracklet).collect()
+    tracker.evidence(camera.as_ref().zip(scene.as_ref())).into_iter().filter_map(of_tracklet).collect()
 }
 
 fn main() {
@@ -88,24 +95,41 @@ fn main() {
     }
     let Some(size) = all.first().map(|(row, ..)| row.len()) else { return println!("no tracklets") };
     let scale = all.len() as f64 / all.iter().map(|(.., weight)| weight).sum::<f64>();
-    let mut weights = DVector::<f64>::zeros(size);
-    // The constant is free.
-    let ridge = DVector::from_fn(size, |index, _| if index == 0 { 1e-6 } else { RIDGE });
-    for _ in 0..NEWTON_STEPS {
-        let mut gradient = -weights.component_mul(&ridge);
-        let mut hessian = DMatrix::from_diagonal(&ridge);
-        for (row, ball, weight) in &all {
-            let probability = 1.0 / (1.0 + (-weights.dot(row)).exp());
-            gradient += row * ((ball - probability) * weight * scale);
-            hessian += row * row.transpose() * (probability * (1.0 - probability) * weight * scale);
+    // Evidence that would speak against a ball, which it is for, has no weight.
+    let mut free = vec![true; size];
+    let weights = loop {
+        let weights = regression(&all, &free, scale);
+        match (0..size).find(|index| FOR_A_BALL.contains(index) && weights[*index] < 0.0) {
+            Some(index) => free[index] = false,
+            None => break weights,
         }
-        weights += hessian.cholesky().unwrap().solve(&gradient);
-    }
+    };
     let listed: Vec<String> = weights.iter().map(|weight| format!("{weight:.3}")).collect();
-    println!("{} tracklets; MOTION_WEIGHTS: [{}]", all.len(), listed.join(", "));
+    println!("{} tracklets; weights: [{}]", all.len(), listed.join(", "));
     if common::is_check() {
         std::fs::remove_dir_all(&clips[0]).unwrap();
     }
+}
+
+/// The weights of rows with their labels and weights, whose columns are `free` or have no weight.
+fn regression(all: &[(DVector<f64>, f64, f64)], free: &[bool], scale: f64) -> DVector<f64> {
+    let size = free.len();
+    let mut weights = DVector::<f64>::zeros(size);
+    // The constant is free.
+    let ridge = DVector::from_fn(size, |index, _| if index == 0 { 1e-6 } else { RIDGE });
+    let mask = DVector::from_fn(size, |index, _| f64::from(u8::from(free[index])));
+    for _ in 0..NEWTON_STEPS {
+        let mut gradient = -weights.component_mul(&ridge);
+        let mut hessian = DMatrix::from_diagonal(&ridge);
+        for (row, ball, weight) in all {
+            let row = row.component_mul(&mask);
+            let probability = 1.0 / (1.0 + (-weights.dot(&row)).exp());
+            gradient += &row * ((ball - probability) * weight * scale);
+            hessian += &row * row.transpose() * (probability * (1.0 - probability) * weight * scale);
+        }
+        weights += hessian.cholesky().unwrap().solve(&gradient);
+    }
+    weights
 }
 
 /// Frames of a disc that flies before a grey wall, and its labels.

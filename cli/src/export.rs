@@ -91,8 +91,7 @@ mod tests {
         let none = TrackedFrame::default();
         let table = labels_csv(&[label, none], &["a.png".into(), "b.png".into()]).unwrap();
         assert_eq!(table, "frame,file,x,y,radius,confidence,doubtful\n0,a.png,1.5,2.25,6.0,0.5,true\n1,b.png,,,,,\n");
-        let xml =
-            cvat_xml([("a&\"b\".png", Size::new(64, 48), label), ("c.png", Size::new(64, 48), none)].into_iter());
+        let xml = cvat_xml([("a&\"b\".png", Size::new(64, 48), label), ("c.png", Size::new(64, 48), none)].into_iter());
         assert!(xml.contains("name=\"a&amp;&quot;b&quot;.png\" width=\"64\" height=\"48\""), "{xml}");
         // CVAT's origin is the first pixel's corner
         assert!(xml.contains("points=\"2.00,2.75\"") && xml.matches("<points").count() == 1, "{xml}");

@@ -47,6 +47,7 @@ export type {
   Statistic,
   Surface,
   TrackedFrame,
+  TrackerConfig,
   ToldFit as Fit,
   ToldVideo as TrackedVideo,
   Tuned as TuneStep,

@@ -17,5 +17,5 @@ pub use self::tracked::{FittedSegment, OtherView, TrackedFrame, TrackedVideo};
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::video::STACK_SIDE;
 #[doc(hidden)]
-pub use self::video::{BallTracker, Query, Stack};
-pub use self::video::{CameraMotion, FollowedFrame, TrackedBlob};
+pub use self::video::{BallTracker, Evidence, Query, Stack};
+pub use self::video::{CameraMotion, FollowedFrame, TrackedBlob, TrackerConfig};

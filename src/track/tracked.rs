@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::estimate::EstimatorConfig;
 use super::file::Track;
 use super::fit::{Fit, FitOptions, FittedImpact, Flight, Hit, Observation};
-use super::video::{CameraMotion, FollowedFrame, Hypotheses, segments};
+use super::video::{CameraMotion, FollowedFrame, Hypotheses, TrackerConfig, segments};
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::physics::{Forecaster, Scene};
@@ -40,6 +40,8 @@ pub struct TrackedVideo {
     pub cuts: Vec<usize>,
     /// Frames in which the camera looks elsewhere than at first: no metres there.
     pub elsewhere: Vec<OtherView>,
+    /// The numbers by which the ball was tracked.
+    pub config: TrackerConfig,
     /// What is odd about the track, in words.
     pub notes: Vec<String>,
     /// Frames and places (px) in which a person saw the ball, and which no path goes through.
@@ -65,8 +67,8 @@ pub struct TrackedFrame {
     pub image: Option<Point2<f64>>,
     /// Its apparent radius, px; null where it is not known.
     pub radius_px: Option<f64>,
-    /// Probability that what was found is the ball, 0 to 1, by its motion, its size and what the network sees in it, whose weights were
-    /// chosen by hand; no model's confidence. 0 where it is not seen.
+    /// Probability that what was found is the ball, 0 to 1, by its motion, its size and what the networks see in it
+    /// ([`TrackerConfig::weights`]); no model's confidence. 0 where it is not seen.
     pub confidence: f64,
     /// The ball's centre in the world, m; null outside flights, as all that follows.
     pub world: Option<Point3<f64>>,
@@ -113,7 +115,8 @@ impl TrackedVideo {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
     pub(crate) fn new(hypotheses: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
         let frames = hypotheses.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
-        let mut video = Self { frames, cuts: hypotheses.cuts().to_vec(), ..Self::default() };
+        let (cuts, config) = (hypotheses.cuts().to_vec(), hypotheses.config());
+        let mut video = Self { frames, cuts, config, ..Self::default() };
         video.elsewhere = video.other_views();
         video.unused_seeds = hypotheses.unused_seeds().to_vec();
         video.verdict = video.in_words();

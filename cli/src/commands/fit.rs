@@ -10,7 +10,7 @@ use super::print_line;
 use crate::choice::{Choice, one_of};
 use crate::report::{Flights, write_flights};
 use gravisight::internal::{read_text, write_whole};
-use gravisight::parts::{EstimatorConfig, Flight};
+use gravisight::parts::Flight;
 use gravisight::{Camera, Findings, Fit, FitOptions, Forecaster, Parameter, Scene, Track, WithFindings};
 
 /// Exit status where some flight is not explained.
@@ -119,7 +119,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         noise_px: arguments.noise_px,
         estimate,
         hits: arguments.hits.most(),
-        config: arguments.config.as_deref().map(config).transpose()?,
+        config: arguments.config.as_deref().map(|path| config(path, "fit")).transpose()?,
         ..FitOptions::default()
     };
     let fit = forecaster.fit(&camera, &observations, &options).with_context(name)?.numbered(&frames);
@@ -144,11 +144,12 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     Ok(ExitCode::from(PARTLY))
 }
 
-/// The numbers that trajectories are judged by, of a file.
-fn config(path: &Path) -> Result<EstimatorConfig> {
+/// The numbers of a file that a command judges by.
+pub(super) fn config<T: serde::de::DeserializeOwned>(path: &Path, command: &str) -> Result<T> {
     let text = read_text(path)?;
-    serde_json::from_str(&text)
-        .with_context(|| format!("{}: is no object as `config` of what `gravisight fit --json` prints", path.display()))
+    serde_json::from_str(&text).with_context(|| {
+        format!("{}: is no object as `config` of what `gravisight {command} --json` prints", path.display())
+    })
 }
 
 /// The cameras that are off by one standard deviation, of what `calibrate --json` prints.

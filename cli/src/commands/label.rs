@@ -178,12 +178,7 @@ fn file_name(id: &str) -> String {
     if name.is_empty() { "clip".into() } else { name }
 }
 
-fn write(
-    folder: &NewFolder,
-    format: LabelFormat,
-    sources: &mut [LabelSource],
-    labels: &[TrackedVideo],
-) -> Result<()> {
+fn write(folder: &NewFolder, format: LabelFormat, sources: &mut [LabelSource], labels: &[TrackedVideo]) -> Result<()> {
     let tables = folder.path().join("labels");
     std::fs::create_dir_all(&tables).with_context(|| tables.display().to_string())?;
     for (source, labels) in sources.iter_mut().zip(labels) {

@@ -1,5 +1,6 @@
 //! Which tracklets one ball flies, one after the other.
 
+use super::config::TrackerConfig;
 use super::tracklets::{Candidates, alike};
 use crate::statistics::median;
 
@@ -7,19 +8,13 @@ use crate::statistics::median;
 const BETWEEN: usize = 8;
 const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
-/// What it says for a tracklet that one which is the ball goes before or after it, log of odds.
-const GOES_ON: f64 = 2.0;
 /// Frames after a segment's end within which the ball is still as large as there, the ratio of the radii up to which it is, and the
 /// blobs at either end that tell.
 const SOON: usize = 12;
 const AS_LARGE: f64 = 2.2;
 const AT_END: usize = 3;
-/// Frames that two tracklets may fraction at no cost: one's last and the other's first.
+/// Frames that two tracklets may share at no cost: one's last and the other's first.
 const SHARED: usize = 1;
-
-/// Log-odds that one segment of a track must have by itself for the track to be told: several that are unsure are no ball. The weights that they
-/// come of are fitted to single segments, of which a long clip has hundreds.
-const CONFIRMED: f64 = 1.0;
 
 /// A part of a tracklet that may be the ball.
 #[derive(Debug, Clone)]
@@ -32,11 +27,6 @@ pub(super) struct Segment {
     pub verified: bool,
     /// Whether its own log-odds confirm a track.
     pub confirms: bool,
-}
-
-/// Whether a segment of these log-odds, with the motion network's (`verified`) or without, confirms a track.
-pub(super) fn confirms(odds: f64, verified: bool) -> bool {
-    !verified || odds >= CONFIRMED
 }
 
 impl Segment {
@@ -107,14 +97,14 @@ impl Segment {
 }
 
 /// The segments that one ball can fly: those of most worth together, ascending. What goes before and after a segment speaks for it.
-pub(super) fn chain(frames: &[Candidates], mut segments: Vec<Segment>) -> Vec<Segment> {
+pub(super) fn chain(frames: &[Candidates], config: &TrackerConfig, mut segments: Vec<Segment>) -> Vec<Segment> {
     segments.sort_by_key(Segment::last);
     // Log-odds that are not fitted are no measure for rivals: a shadow has as much as its ball.
     if segments.iter().any(|segment| segment.verified) {
         exclude(frames, &mut segments);
     }
-    support(frames, &mut segments);
-    segments.retain(|segment| segment.odds > 0.0);
+    support(frames, config.continuation, &mut segments);
+    segments.retain(|segment| segment.confidence() >= config.min_confidence);
     // Of each segment: what the best chain that ends with it is worth, and the segment before. Of each and those before it: the
     // best end.
     let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(segments.len());
@@ -178,8 +168,9 @@ fn exclude(frames: &[Candidates], segments: &mut [Segment]) {
     }
 }
 
-/// Adds to the odds of segments (by their last frames, ascending) what those say that go before and after each.
-fn support(frames: &[Candidates], segments: &mut [Segment]) {
+/// Adds to the log-odds of segments (by their last frames, ascending) what those say that go before and after each: `continuation`, if one is
+/// the ball's.
+fn support(frames: &[Candidates], continuation: f64, segments: &mut [Segment]) {
     // Of the segment before each, and of the one after.
     let mut most = vec![[0.0_f64; 2]; segments.len()];
     for (place, later) in segments.iter().enumerate() {
@@ -193,7 +184,7 @@ fn support(frames: &[Candidates], segments: &mut [Segment]) {
         }
     }
     for (segment, [before, after]) in segments.iter_mut().zip(most) {
-        segment.odds += GOES_ON * (before + after);
+        segment.odds += continuation * (before + after);
     }
 }
 
@@ -231,7 +222,7 @@ mod tests {
 
     /// First frames and blobs of what is chosen.
     fn chosen(segments: Vec<Segment>) -> Vec<(usize, usize)> {
-        chain(&frames(), segments).iter().map(|segment| segment.members[0]).collect()
+        chain(&frames(), &TrackerConfig::default(), segments).iter().map(|segment| segment.members[0]).collect()
     }
 
     #[test]

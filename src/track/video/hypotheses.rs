@@ -4,8 +4,9 @@ use std::collections::BTreeMap;
 
 use super::super::file::TrackPoint;
 use super::Kept;
-use super::association::{Segment, chain, confirms};
+use super::association::{Segment, chain};
 use super::blobs::Blob;
+use super::config::TrackerConfig;
 use super::gravity::{GravityTest, Place};
 use super::queries::Verdicts;
 use super::tracklets::{Candidates, Tracklet, alike};
@@ -28,25 +29,6 @@ const RUN: usize = 3;
 const SMALL: f64 = 3.0;
 /// Gain of a tracklet that says nothing for or against a ball.
 const USUAL_GAIN: f64 = 27.0;
-/// What makes the odds that a tracklet is the ball's. Chosen by hand, after a logistic regression to tracklets of `synth --set broadcast`
-/// (split train): milder than that on the network's verdicts, which are not as often right of what cameras take, and stronger on
-/// the bend. So the confidence that follows from them is no measured fraction of being right.
-struct Weights {
-    constant: f64,
-    /// Of the logarithm of the gain over the usual one.
-    gain: f64,
-    small: f64,
-    /// Of the log of odds by the bend of the way.
-    bend: f64,
-    /// Of the log of odds that the network sees a ball in a frame of it: large ones, small ones.
-    seen: [f64; 2],
-}
-
-const TOLD: Weights = Weights { constant: 0.0, gain: 0.8, small: -1.5, bend: 1.2, seen: [1.5, 0.6] };
-const UNTOLD: Weights = Weights { constant: -1.5, gain: 1.6, small: -2.5, bend: 1.0, seen: [0.0; 2] };
-/// Weights of [`Hypotheses::features`], by `scripts/fit-weights tracklets` on ten clips of `synth --set footage` on which the networks were not trained and
-/// a real one of tennis on which the motion network was; that of the bend (0: the clips were followed without a camera) by hand.
-const MOTION_WEIGHTS: [f64; 7] = [-5.57, 0.548, 1.653, 0.707, 0.237, 0.875, 0.5];
 /// Log of odds of what a person pointed at.
 const SEEDED: f64 = 20.0;
 
@@ -70,6 +52,15 @@ pub enum CameraMotion {
     Cut,
 }
 
+/// What the weights of paths are fitted to.
+#[derive(Debug, Clone)]
+pub struct Evidence {
+    /// What tells whether a path is the ball's, as [`TrackerConfig::weights`] lists it.
+    pub features: [f64; 7],
+    /// Frames and places (px) in which it is.
+    pub places: Vec<(usize, [f64; 2])>,
+}
+
 /// A frame of a video that was followed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct FollowedFrame {
@@ -80,7 +71,7 @@ pub struct FollowedFrame {
     /// What moves there, where that is the ball.
     pub ball: Option<TrackedBlob>,
     /// Probability that what was found is the ball, by the log-odds of its tracklet (motion, size, what the network sees in it),
-    /// whose weights were chosen by hand; 0 without one. No model's confidence
+    /// whose weights are fitted ([`TrackerConfig`](crate::parts::TrackerConfig)); 0 without one. No model's confidence
     /// ([`ConfidenceKind`](crate::parts::ConfidenceKind)).
     pub confidence: f64,
     /// Where the camera looks, if not where it did at first: then a camera that was calibrated there makes no metres here.
@@ -91,6 +82,7 @@ pub struct FollowedFrame {
 
 /// All that flew in a video.
 pub struct Hypotheses<'a> {
+    config: TrackerConfig,
     kept: &'a [Kept],
     seen: &'a [Candidates],
     tracklets: Vec<Tracklet>,
@@ -116,7 +108,18 @@ impl<'a> Hypotheses<'a> {
         let numbers: Vec<usize> =
             kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
         let cuts = cuts.iter().map(|&place| numbers[place]).collect();
-        Self { kept, seen, tracklets, verdicts, numbers, cuts, views, elsewhere, unused: vec![] }
+        let config = TrackerConfig::default();
+        Self { config, kept, seen, tracklets, verdicts, numbers, cuts, views, elsewhere, unused: vec![] }
+    }
+
+    /// The same, weighed by numbers of one's own.
+    pub(super) fn with_config(self, config: TrackerConfig) -> Self {
+        Self { config, ..self }
+    }
+
+    /// The numbers that it is weighed by.
+    pub fn config(&self) -> TrackerConfig {
+        self.config
     }
 
     /// The same, with seeds that no tracklet goes through.
@@ -148,9 +151,9 @@ impl<'a> Hypotheses<'a> {
         let segments =
             (0..self.tracklets.len()).flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref())).collect();
         let mut balls: BTreeMap<usize, ((usize, usize), f64)> = BTreeMap::new();
-        for segment in chain(self.seen, segments) {
+        for segment in chain(self.seen, &self.config, segments) {
             for &member in &segment.members {
-                // Where two tracklets fraction a frame, the network's word decides.
+                // Where two tracklets share a frame, the network's word decides.
                 if balls.get(&member.0).is_none_or(|ball| self.is_seen(member) >= self.is_seen(ball.0)) {
                     balls.insert(member.0, (member, segment.confidence()));
                 }
@@ -218,92 +221,64 @@ impl<'a> Hypotheses<'a> {
                 let tracklet = &self.tracklets[number];
                 let odds = self.odds(tracklet, &members, gravity_test);
                 let verified = self.verdicts.has_motion();
-                segments.push(Segment { odds, verified, confirms: confirms(odds, verified), members });
+                let confirms = !verified || odds >= self.config.confirmed;
+                segments.push(Segment { odds, verified, confirms, members });
             }
             start = end;
         }
         segments
     }
 
-    /// Of all parts of tracklets that the motion network has seen, what tells whether they are the ball's (`Hypotheses::features`), and the frames
-    /// and places (px) in which they are: what [`MOTION_WEIGHTS`] are fitted to.
-    pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<(Vec<f64>, Vec<(usize, [f64; 2])>)> {
+    /// What tells of all parts of tracklets whether they are the ball's.
+    pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<Evidence> {
         let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
         let segments = (0..self.tracklets.len()).flat_map(|tracklet| {
             self.segments(tracklet, gravity_test.as_ref()).into_iter().map(move |it| (tracklet, it))
         });
-        let evidence = segments.filter_map(|(tracklet, segment)| {
-            let features = self.features_of(&self.tracklets[tracklet], &segment.members, gravity_test.as_ref()).ok()?;
+        let evidence = segments.map(|(tracklet, segment)| {
+            let features = self.features(&self.tracklets[tracklet], &segment.members, gravity_test.as_ref());
             let places = segment.members.iter().map(|&member| (self.numbers[member.0], self.followed(member).image));
-            Some((features.to_vec(), places.collect()))
+            Evidence { features, places: places.collect() }
         });
         evidence.collect()
     }
 
-    /// That a part of a tracklet is the ball, log of odds.
+    /// That a part of a tracklet is the ball, log-odds.
     fn odds(&self, tracklet: &Tracklet, members: &[(usize, usize)], gravity_test: Option<&GravityTest>) -> f64 {
         if tracklet.seeded {
             return SEEDED;
         }
-        match self.features_of(tracklet, members, gravity_test) {
-            Ok(features) => features.iter().zip(MOTION_WEIGHTS).map(|(value, weight)| value * weight).sum(),
-            Err(odds) => odds,
-        }
+        let config = &self.config;
+        let weights = if self.verdicts.has_motion() { config.weights } else { config.weights_without_motion };
+        let features = self.features(tracklet, members, gravity_test);
+        features.iter().zip(weights).map(|(value, weight)| value * weight).sum()
     }
 
-    /// The features of a part of a tracklet; where the motion network has not seen it, the log of odds without that.
-    fn features_of(
+    /// What tells whether a part of a tracklet is the ball's, as [`TrackerConfig::weights`] lists it.
+    fn features(
         &self,
         tracklet: &Tracklet,
         members: &[(usize, usize)],
         gravity_test: Option<&GravityTest>,
-    ) -> Result<[f64; 7], f64> {
+    ) -> [f64; 7] {
         let (mut told, mut seen) = (0.0, 0.0);
-        let mut motion: Vec<f64> = members.iter().filter_map(|&member| self.verdicts.motion(member)).collect();
-        if motion.is_empty() && self.verdicts.has_motion() {
-            // What the motion network could not be asked about has nothing for it.
-            motion.push(0.0);
-        }
         let place = |&(place, index): &(usize, usize)| {
             let blob = &self.seen[place].blobs[index];
             let word = self.verdicts.of((place, index));
             told += f64::from(u8::from(word.is_some()));
-            let ball = word.copied().flatten();
-            seen += f64::from(u8::from(ball.is_some()));
+            seen += f64::from(u8::from(word.is_some_and(Option::is_some)));
             Place { time: self.seen[place].time, at: blob.at.into(), radius: blob.radius, sigma: blob.sigma }
         };
-        let way: Vec<Place> = members.iter().map(place).collect();
-        let weights = if told > 0.0 { TOLD } else { UNTOLD };
-        let small = median(way.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
-        if let Some(features) =
-            self.features(tracklet, &motion, [told, seen], small, gravity_test.map_or(0.0, |it| it.odds(&way)))
-        {
-            return Ok(features);
-        }
-        Err(weights.constant
-            + weights.gain * (tracklet.gain / USUAL_GAIN).ln()
-            + if small { weights.small } else { 0.0 }
-            + weights.seen[usize::from(small)] * ((seen + 1.0) / (told - seen + 1.0)).ln()
-            + weights.bend * gravity_test.map_or(0.0, |gravity_test| gravity_test.odds(&way)))
-    }
-
-    /// What tells whether a part of a tracklet is the ball, where the motion network has seen it: 1, the logarithm of its gain over the usual one, the
-    /// mean of the motion network's log-odds, whether it is small, the log-odds of the detector, of a large ball and of a small one, and those of
-    /// the bend.
-    fn features(
-        &self,
-        tracklet: &Tracklet,
-        motion: &[f64],
-        [told, seen]: [f64; 2],
-        small: bool,
-        bend: f64,
-    ) -> Option<[f64; 7]> {
-        let count = motion.len() as f64;
-        let mean = motion.iter().sum::<f64>() / count;
-        let detector = ((seen + 1.0) / (told - seen + 1.0)).ln();
+        let path: Vec<Place> = members.iter().map(place).collect();
+        // What the motion network could not be asked about has nothing for it.
+        let motion: Vec<f64> = members.iter().filter_map(|&member| self.verdicts.motion(member)).collect();
+        let motion = motion.iter().sum::<f64>() / motion.len().max(1) as f64;
+        let small = median(path.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
+        let detector = ((seen + 1.0) / (told - seen + 1.0_f64)).ln();
         let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
         let gain = (tracklet.gain.max(1.0) / USUAL_GAIN).ln();
-        (count > 0.0).then(|| [1.0, gain, mean, f64::from(u8::from(small)), large, little, bend])
+        let bend = gravity_test.map_or(0.0, |gravity_test| gravity_test.odds(&path));
+        [1.0, gain, motion, f64::from(u8::from(small)), large, little, bend]
     }
 
     fn followed(&self, (frame, index): (usize, usize)) -> TrackedBlob {

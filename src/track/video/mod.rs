@@ -13,6 +13,7 @@
 mod association;
 mod blobs;
 mod clutter;
+mod config;
 mod gravity;
 mod hypotheses;
 mod planes;
@@ -31,7 +32,8 @@ use std::sync::Arc;
 
 use self::blobs::Blob;
 use self::clutter::Clutter;
-pub use self::hypotheses::{CameraMotion, FollowedFrame, Hypotheses, TrackedBlob};
+pub use self::config::TrackerConfig;
+pub use self::hypotheses::{CameraMotion, Evidence, FollowedFrame, Hypotheses, TrackedBlob};
 use self::planes::{Background, FIRST_FRAMES, Planes, Spare, contrast_of};
 pub use self::queries::Query;
 use self::queries::{Held, Verdicts};
@@ -86,6 +88,7 @@ const FEWEST_FRAMES: usize = 5;
 
 /// Follows the ball through frames that come one after the other.
 pub struct BallTracker {
+    config: TrackerConfig,
     /// Frames that wait for the next ones, and the planes of the last frame of all.
     coming: VecDeque<Coming>,
     latest: Option<Arc<Planes>>,
@@ -175,6 +178,7 @@ impl BallTracker {
     /// Without any frame yet.
     pub fn new() -> Self {
         Self {
+            config: TrackerConfig::default(),
             coming: VecDeque::new(),
             latest: None,
             cadence: None,
@@ -202,6 +206,11 @@ impl BallTracker {
             verdicts: Verdicts::default(),
             spare: Spare::default(),
         }
+    }
+
+    /// Without any frame yet, with numbers of one's own.
+    pub fn with_config(config: TrackerConfig) -> Self {
+        Self { config, ..Self::new() }
     }
 
     /// Takes the next frame, of `time` s.
@@ -519,7 +528,8 @@ impl BallTracker {
         let is_used = |seed| tracklets.iter().any(|tracklet| tracklet.seeded && search.goes_through(tracklet, seed));
         let unused = seeds.iter().zip(&own).filter(|(_, own)| !is_used(own)).map(|(seed, _)| *seed).collect();
         let frames = (self.views.as_slice(), self.elsewhere.as_slice());
-        Ok(Hypotheses::new(&self.kept, &self.seen, tracklets, &self.verdicts, &self.cuts, frames).with_unused(unused))
+        let hypotheses = Hypotheses::new(&self.kept, &self.seen, tracklets, &self.verdicts, &self.cuts, frames);
+        Ok(hypotheses.with_config(self.config).with_unused(unused))
     }
 
     /// Tracklets are searched from a frame on, of those that are not repeated.
@@ -532,6 +542,7 @@ impl BallTracker {
     ) -> Search<'a> {
         let [width, height] = self.size.map(|side| side as f64);
         Search {
+            config: &self.config,
             frames: &self.seen[from..],
             all: &self.seen,
             from,

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::BallTracker;
 use super::blobs::Blob;
 use super::stack::{NEIGHBOURS, Stack};
-use super::tracklets::{LEAST_GAIN, Tracklet};
+use super::tracklets::Tracklet;
 use nalgebra::Matrix3;
 
 use crate::camera::Detection;
@@ -154,7 +154,7 @@ impl BallTracker {
             }
             let from = self.seen.len().saturating_sub(WINDOW);
             self.verdicts.led.retain(|&(place, _)| place >= from);
-            let tracklets = self.search(from, SHORT_WAY, LEAST_GAIN, &[]).tracklets();
+            let tracklets = self.search(from, SHORT_WAY, self.config.min_gain, &[]).tracklets();
             let probes = if self.sees_ball() { MOST_PROBES } else { usize::MAX };
             self.verdicts.round = Some(Round { from, tracklets, probes });
         }
@@ -221,7 +221,7 @@ impl BallTracker {
     fn forget(&mut self) {
         for place in self.verdicts.forgotten..self.seen.len().saturating_sub(FORGOTTEN) {
             let kept: Vec<usize> = self.verdicts.asked.range((place, 0)..=(place, usize::MAX)).map(|it| it.1).collect();
-            let search = self.search(0, 1.0, LEAST_GAIN, &[]);
+            let search = self.search(0, 1.0, self.config.min_gain, &[]);
             let blobs = kept
                 .iter()
                 .map(|&blob| Blob { crowd: Some(search.crowd((place, blob))), ..self.seen[place].blobs[blob] });
@@ -243,7 +243,7 @@ impl BallTracker {
 
     /// Where the ball of a tracklet may be in the frames before and after it.
     fn beyond(&self, from: usize, tracklet: &Tracklet) -> Vec<Query> {
-        let search = self.search(from, SHORT_WAY, LEAST_GAIN, &[]);
+        let search = self.search(from, SHORT_WAY, self.config.min_gain, &[]);
         let (first, last) = (tracklet.members[0].0, tracklet.members[tracklet.members.len() - 1].0);
         let before = first.saturating_sub(BEYOND)..first;
         let after = last + 1..(last + 1 + BEYOND).min(search.frames.len());

@@ -4,21 +4,14 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::blobs::Blob;
 use super::clutter::Clutter;
+use super::config::TrackerConfig;
 
-/// Fastest ball, its radii a second: a tennis ball of 73 m/s (a served 263 km/h).
-const FASTEST: f64 = 2200.0;
-/// Largest acceleration of a slow ball, radii/s²: a table tennis ball's weight, 9.81 m/s² of radii of 0.02 m. A ball that is faster is braked by
-/// the air besides: by so many parts of its own radius a radius of way (a table tennis ball, 0.14 a metre).
-const ACCELERATION: f64 = 490.0;
-const DRAG: f64 = 0.0028;
 /// What a measured step may be off besides: px, and a fraction of it for a streak whose ends are not seen.
 const STEP_PX: f64 = 3.0;
 const STEP_FRACTION: f64 = 0.05;
 /// By how much a blob's radius may be too small, and the least that is assumed, px.
 const RADIUS_SLACK: f64 = 1.4;
 const LEAST_RADIUS: f64 = 1.5;
-/// Standard deviation of a ball's acceleration where that is unknown yet, radii/s²: the gate admits the largest.
-const ACCELERATION_SIGMA: f64 = ACCELERATION / GATE;
 /// How far from its line a parabola goes on, of its acceleration times the square of the time from one of three places to the next.
 const BEYOND_LINE: f64 = 5.0 / 3.0;
 /// Largest ratio of the radii of one ball's blobs.
@@ -27,10 +20,6 @@ const ALIKE: f64 = 2.2;
 const USUAL: f64 = 1.8;
 /// Standard deviation of a blob's place besides its own, a fraction of the way from the frame before.
 const PLACE_OF_STEP: f64 = 0.02;
-/// Deviations from where the tracklet leads within which a blob belongs to it.
-const GATE: f64 = 3.5;
-/// Frames in a row that a tracklet goes on unseen.
-const UNSEEN: usize = 4;
 /// Frames from a tracklet's first or last blob to the next beyond which that one is chance.
 const LONELY: usize = 2;
 /// How far a seed may be from its blob's end, px.
@@ -43,12 +32,10 @@ const FEWEST: usize = 5;
 const LEAST_WAY: f64 = 3.0;
 const LEAST_WAY_PX: f64 = 8.0;
 const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
-/// Gain below which a tracklet is chance, and cost of a frame in which the ball is not seen.
-pub(super) const LEAST_GAIN: f64 = 8.0;
-const COST_UNSEEN: f64 = 1.5;
 /// Distance (px) and frames within which other blobs tell how crowded a place is.
 const CROWD_PX: f64 = 80.0;
 const CROWD_FRAMES: usize = 6;
+
 /// Blobs of a frame, and when it was taken, s.
 pub(super) struct Candidates {
     pub time: f64,
@@ -68,6 +55,7 @@ pub(super) struct Tracklet {
 
 /// What tracklets are searched in.
 pub(super) struct Search<'a> {
+    pub config: &'a TrackerConfig,
     pub frames: &'a [Candidates],
     /// All frames, and the first of [`Self::frames`] among them.
     pub all: &'a [Candidates],
@@ -130,7 +118,7 @@ impl Search<'_> {
                     let way = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
                     let length = (way[0] * way[0] + way[1] * way[1]).sqrt();
                     let radius = RADIUS_SLACK * first.radius.max(second.radius).max(LEAST_RADIUS);
-                    let possible = length <= FASTEST * radius * before && length >= 0.5 * steps;
+                    let possible = length <= self.config.max_speed * radius * before && length >= 0.5 * steps;
                     if !(possible && alike(first, second) && along(first, way) && along(second, way)) {
                         continue;
                     }
@@ -138,7 +126,8 @@ impl Search<'_> {
                         let after = self.frames[third_frame].time - self.frames[second_frame].time;
                         let fraction = after / before;
                         let step = length * fraction;
-                        let bend = ACCELERATION * radius * after * (before + after) / 2.0 + DRAG * step * step / radius;
+                        let bend = self.config.max_acceleration * radius * after * (before + after) / 2.0
+                            + self.config.drag * step * step / radius;
                         let allowed = STEP_PX + STEP_FRACTION * step + bend;
                         let to = [second.at[0] + fraction * way[0], second.at[1] + fraction * way[1]];
                         for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
@@ -184,7 +173,7 @@ impl Search<'_> {
             return None;
         }
         let (gain, seeded) = (self.gain(&members), self.is_seeded(&members)?);
-        (seeded || gain >= LEAST_GAIN).then_some(Tracklet { members, gain, seeded })
+        (seeded || gain >= self.config.min_gain).then_some(Tracklet { members, gain, seeded })
     }
 
     /// Whether a seed is in a tracklet; none where one says that the ball was elsewhere then.
@@ -226,7 +215,7 @@ impl Search<'_> {
             let earlier = self.blob(before);
             (last.at[0] - earlier.at[0]).hypot(last.at[1] - earlier.at[1]) / end.0.abs_diff(before.0) as f64
         };
-        for gap in 1..=UNSEEN + 1 {
+        for gap in 1..=self.config.max_missed + 1 {
             let frame = if forward { end.0.checked_add(gap)? } else { end.0.checked_sub(gap)? };
             let seen = self.frames.get(frame)?;
             let (to, unsure) = way.at(seen.time);
@@ -235,7 +224,7 @@ impl Search<'_> {
                 let off = [blob.at[0] - to[0], blob.at[1] - to[1]];
                 let variance = deviation(blob, step).powi(2) + unsure * unsure;
                 let off = ((off[0] * off[0] + off[1] * off[1]) / variance).sqrt();
-                (off <= GATE).then_some((index, off + 2.0 * (blob.radius / last.radius).ln().abs()))
+                (off <= self.config.gate).then_some((index, off + 2.0 * (blob.radius / last.radius).ln().abs()))
             });
             if let Some((index, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
                 return Some((frame, index));
@@ -276,7 +265,7 @@ impl Search<'_> {
         let (first, last) = (members[0].0, members[members.len() - 1].0);
         // Three blobs make any way.
         gain *= (members.len() as f64 - 3.0) / members.len() as f64;
-        gain - COST_UNSEEN * (last - first + 1 - members.len()) as f64
+        gain - self.config.missed_cost * (last - first + 1 - members.len()) as f64
     }
 
     /// Blobs a px² about a blob, in the frames around its.
@@ -363,7 +352,8 @@ impl Parabola {
         let times = members.iter().map(time);
         let (first, last) = (times.clone().fold(f64::INFINITY, f64::min), times.fold(f64::NEG_INFINITY, f64::max));
         let interval = (last - first) / (count - 1.0).max(1.0);
-        let bend = ACCELERATION_SIGMA * radius * interval * interval;
+        // The gate admits the largest acceleration.
+        let bend = search.config.max_acceleration / search.config.gate * radius * interval * interval;
         Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, bend })
     }
 

@@ -13,7 +13,7 @@ use gravisight::internal::{TrackPoint, write_whole};
 use gravisight::{Camera, Findings, FitOptions, Forecaster, Picture, Scene, TrackedVideo, VideoTracker, WithFindings};
 
 use self::say::print;
-use super::fit::{Hits, PARTLY, hits, one_sigma};
+use super::fit::{Hits, PARTLY, config, hits, one_sigma};
 use super::print_line;
 use crate::device::DeviceChoice;
 use crate::footage::Footage;
@@ -24,7 +24,7 @@ use crate::report::{Flights, doubts, track2d, write_flights};
 
 /// Follow the ball through a video: its flights, bounces and hits in metres.
 ///
-/// The camera must stand still. Without --camera and --scene only the 2D track comes out. Exit status: 0 where every flight is
+/// The camera stays where it is; it may turn and zoom. Without --camera and --scene only the 2D track comes out. Exit status: 0 where every flight is
 /// explained, 3 where some are not (the output is written all the same), 1 where nothing can be said.
 #[derive(Args)]
 pub struct Arguments {
@@ -52,6 +52,9 @@ pub struct Arguments {
     /// Most hits of a racket, a foot or a hand between two pauses.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = hits)]
     hits: Hits,
+    /// Track by these numbers: `config` of what `--json` prints, changed.
+    #[arg(long, value_name = "CONFIG.JSON")]
+    config: Option<PathBuf>,
     /// Model that measures the ball [default: the built-in `any`].
     #[arg(long, value_name = "M")]
     model: Option<PathBuf>,
@@ -98,8 +101,11 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let name = || footage.name();
     let mut progress = Progress::new();
     let camera = place.as_ref().map(|place| place.camera.clone());
-    let tracker =
-        watched(&footage, VideoTracker::new(Arc::new(localiser), camera), &mut progress).with_context(name)?;
+    let mut tracker = VideoTracker::new(Arc::new(localiser), camera);
+    if let Some(path) = &arguments.config {
+        tracker = tracker.with_config(config(path, "track")?)?;
+    }
+    let tracker = watched(&footage, tracker, &mut progress).with_context(name)?;
     let seeds: Vec<(usize, [f64; 2])> =
         arguments.seed_label.iter().map(|SeedArgument(frame, at)| (*frame, *at)).collect();
     let known = place.as_ref().map(|place| (&place.camera, place.forecaster.scene()));
