@@ -251,7 +251,7 @@ impl TrackedVideo {
                 Some(CameraMotion::Moved(px)) => Some(px),
                 Some(CameraMotion::Cut) => None,
             };
-            match views.last_mut().filter(|_| goes_on) {
+            match views.last_mut().filter(|view| goes_on && view.moved_px.is_some() == moved_px.is_some()) {
                 Some(view) => {
                     view.to = *frame;
                     view.moved_px = view.moved_px.zip(moved_px).map(|(most, px)| most.max(px));

@@ -43,9 +43,14 @@ impl Segment {
         1.0 / (1.0 + (-self.odds).exp())
     }
 
+    /// By how much it is rather the ball than not: the difference of the probabilities.
+    fn lead(&self) -> f64 {
+        2.0 * self.confidence() - 1.0
+    }
+
     /// How many more of its frames would show the ball than not.
     fn worth(&self) -> f64 {
-        self.members.len() as f64 * (2.0 * self.confidence() - 1.0)
+        self.members.len() as f64 * self.lead()
     }
 
     /// Whether a ball can fly this and then the other: in a few frames they may be apart, for tracklets end where others take over.
@@ -169,7 +174,7 @@ fn exclude(frames: &[Candidates], segments: &mut [Segment]) {
 }
 
 /// Adds to the log-odds of segments (by their last frames, ascending) what those say that go before and after each: `continuation`, if one is
-/// the ball's.
+/// surely the ball's, and nothing if it is rather not.
 fn support(frames: &[Candidates], continuation: f64, segments: &mut [Segment]) {
     // Of the segment before each, and of the one after.
     let mut most = vec![[0.0_f64; 2]; segments.len()];
@@ -178,8 +183,8 @@ fn support(frames: &[Candidates], continuation: f64, segments: &mut [Segment]) {
         for other in near..place {
             let earlier = &segments[other];
             if earlier.meets(later, frames) {
-                most[place][0] = most[place][0].max(earlier.confidence());
-                most[other][1] = most[other][1].max(later.confidence());
+                most[place][0] = most[place][0].max(earlier.lead());
+                most[other][1] = most[other][1].max(later.lead());
             }
         }
     }

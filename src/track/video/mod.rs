@@ -346,19 +346,19 @@ impl BallTracker {
         let contrast = contrast_of(now.since.as_deref().or(until).unwrap_or(&differences));
         let shorter = self.size[0].min(self.size[1]) as f64;
         let radii = [LEAST_RADIUS, MOST_RADIUS * shorter];
+        if let Some(tolerance) = &tolerance {
+            planes::subtract(&mut differences, tolerance);
+        }
         if planes::share_above(&differences, contrast) > MOVED {
             self.moving += 1;
             self.seen.push(Candidates { time: now.time, blobs: vec![] });
             if self.moving >= MOVING_FRAMES {
-                self.cut();
+                self.lose_background();
             }
             return;
         }
         self.moving = 0;
         let width = self.size[0];
-        if let Some(tolerance) = &tolerance {
-            planes::subtract(&mut differences, tolerance);
-        }
         let mut found = blobs::blobs(&differences, width, contrast, radii);
         if let (Some(since), Some(until)) = (&now.since, until) {
             let moves = |blob: &Blob| {
@@ -482,11 +482,15 @@ impl BallTracker {
         }
     }
 
-    /// From some frames ago on it is another picture.
-    fn cut(&mut self) {
+    /// The background is no longer what the last frames show: it is made anew. Where these are not registered, they are another picture.
+    fn lose_background(&mut self) {
         let from = self.seen.len() - MOVING_FRAMES;
-        self.cuts.push(from);
         (self.background, self.moving) = (None, 0);
+        let is_registered = |view: &Option<CameraMotion>| matches!(view, Some(CameraMotion::Moved(_)));
+        if self.elsewhere[from..].iter().all(is_registered) {
+            return;
+        }
+        self.cuts.push(from);
         if let Some(registration) = &mut self.registration {
             registration.start_again();
             self.elsewhere[from..].fill(Some(CameraMotion::Cut));
