@@ -14,14 +14,17 @@ fn gravisight(arguments: &[&str]) -> Output {
 
 #[test]
 fn the_command_turns_a_clips_folder_into_a_labelled_one() {
-    let out = scratch("label").join("new");
-    let path = out.to_str().unwrap();
-    let output = gravisight(&["label", "tests/samples", "--out", path, "--json"]);
+    let folder = scratch("label");
+    let [given, out] = ["given", "new"].map(|name| folder.join(name));
+    let [given_path, path] = [&given, &out].map(|folder| folder.to_str().unwrap());
+    let made = gravisight(&["synth", "--set", "sd-s", "--split", "val", "--clips", "2", "--out", given_path]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let output = gravisight(&["label", given_path, "--out", path, "--json"]);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((report["frames"].as_u64(), report["clips"].as_array().map(Vec::len)), (Some(24), Some(2)));
+    assert_eq!((report["frames"].as_u64(), report["clips"].as_array().map(Vec::len)), (Some(180), Some(2)));
     let clips = Clips::read(&out).unwrap();
-    let truth = Clips::read(&root().join("tests/samples")).unwrap();
+    let truth = Clips::read(&given).unwrap();
     let pairs = clips.clips.iter().zip(&truth.clips).flat_map(|(ours, theirs)| ours.frames.iter().zip(&theirs.frames));
     let (mut offs, mut seen) = (vec![], 0);
     for (ours, theirs) in pairs {
@@ -32,12 +35,13 @@ fn the_command_turns_a_clips_folder_into_a_labelled_one() {
     assert_eq!(report["labelled"].as_u64(), Some(offs.len() as u64), "{report}");
     let right = offs.iter().filter(|off| **off < 1.0).count();
     println!("{} of {seen} labelled, {right} of them within 1 px: {offs:.2?}", offs.len());
-    assert!(seen == 24 && offs.len() >= 23 && right >= 22, "{right} of {seen} within 1 px: {offs:.2?}");
+    assert!(offs.len() >= seen * 98 / 100 && right >= seen * 97 / 100, "{right} of {seen} within 1 px: {offs:.2?}");
     let clip = &clips.clips[0];
     assert!(clip.frames.iter().all(|frame| frame.world.is_none() && clips.picture(clip, frame).is_ok()));
-    let table = std::fs::read_to_string(out.join("labels/train_env1_cam1_0000.csv")).unwrap();
-    assert_eq!(table.lines().count(), 13);
-    let again = gravisight(&["label", "tests/samples", "--out", path]);
+    let name = clip.id.replace('/', "_");
+    let table = std::fs::read_to_string(out.join(format!("labels/{name}.csv"))).unwrap();
+    assert_eq!(table.lines().count(), 91);
+    let again = gravisight(&["label", given_path, "--out", path]);
     assert!(!again.status.success() && String::from_utf8_lossy(&again.stderr).contains("already"));
 }
 
