@@ -1,7 +1,7 @@
 import { wasmFolder } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { pictureToSend } from "./picture.js";
-import type { Answer, CallName, PictureMessage, Request, Transport } from "./protocol.js";
+import type { Answer, CallName, Request, Transport } from "./protocol.js";
 import type {
   Calibration,
   CalibrationPoints,

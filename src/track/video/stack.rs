@@ -16,7 +16,7 @@ const MOST_MAGNIFIED: f64 = 1.5;
 /// Samples of a pixel of the stack along each axis, at most, where that covers several of the picture's.
 const MOST_SAMPLES: usize = 4;
 
-/// Two pictures of [`STACK_SIDE`] px about a candidate. The first holds, as red, green and blue, the brightness of the two frames before
+/// Two pictures of 64 px about a candidate. The first holds, as red, green and blue, the brightness of the two frames before
 /// and of the candidate's own; the second that of the two frames after, and the difference of red and blue in its own.
 #[derive(Debug, Clone)]
 pub struct Stack {
