@@ -9,7 +9,7 @@ import type { Ball, Camera, DrawablePicture, ModelOptions, Picture, Progress, Sc
 /** Options of {@link VideoTracker.create}. */
 export interface VideoTrackerOptions extends ModelOptions {
   /**
-   * The camera, which stands still. Without it and a scene only the 2D track comes out. Given here rather than to
+   * The camera, which stays where it is, and may turn and zoom. Without it and a scene only the 2D track comes out. Given here rather than to
    * {@link VideoTracker.track}, it also tells how balls away from the middle of a wide picture are drawn out.
    */
   camera?: Camera;
@@ -35,7 +35,7 @@ export interface TrackVideoOptions extends Pick<VideoTrackerOptions, "camera" | 
   onProgress?: (progress: Progress) => void;
 }
 
-/** Follows a ball through a video of a camera that stands still: its flights, bounces and hits in metres. */
+/** Follows a ball through a video of a camera that stays where it is, and may turn and zoom: its flights, bounces and hits in metres. */
 export class VideoTracker {
   readonly #transport: Transport;
   readonly #place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
@@ -94,7 +94,9 @@ export class VideoTracker {
   async track(options: TrackVideoOptions = {}): Promise<TrackedVideo> {
     this.#transport.throwIfClosed();
     const { signal, onProgress, hits, seeds = [], timesKnown = false, cameraSigma = [] } = options;
-    const { camera, scene, ball } = { ...this.#place, ...options };
+    const { scene, ball } = { ...this.#place, ...options };
+    // A camera that only the tracker was made with, without a scene, tells how balls look, and makes no metres.
+    const camera = options.camera ?? (scene ? this.#place.camera : undefined);
     if (!camera !== !scene) {
       throw new GravisightError(camera ? "scene-missing" : "camera-missing", `Metres need camera and scene, and there is no ${camera ? "scene" : "camera"}.`);
     }

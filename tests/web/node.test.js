@@ -114,6 +114,12 @@ test("a ball is tracked through frames, near the truth; what is missing or wrong
   await assert.rejects(tracker.track({ camera: { ...camera, width: 300, height: 100 }, scene }), { code: "camera-mismatch" });
   await assert.rejects(tracker.track({ camera, scene, seeds: [{ frame: 60, image: [1, 1] }] }), /frame 60, the last is 59/);
 
+  // A camera alone makes no metres, and is no mistake where the tracker was made with it.
+  const flat = await VideoTracker.create({ camera });
+  for (const { t, world } of frames.slice(0, 12)) await flat.add(await simulator.picture(world), 1000 * t);
+  assert.equal((await flat.track()).explained, null);
+  flat.dispose();
+
   const inPicture = await tracker.track();
   assert.equal(inPicture.explained, null);
   assert.ok(inPicture.frames.length === 60 && inPicture.frames.every(({ world }) => world === null));

@@ -23,7 +23,7 @@ pub(super) struct Segment {
     pub members: Vec<(usize, usize)>,
     /// That it is the ball, log of odds.
     pub odds: f64,
-    /// Whether the motion network is asked: else the log-odds are others.
+    /// Whether a motion network was asked.
     pub verified: bool,
     /// Whether its own log-odds confirm a track.
     pub confirms: bool,
@@ -104,7 +104,7 @@ impl Segment {
 /// The segments that one ball can fly: those of most worth together, ascending. What goes before and after a segment speaks for it.
 pub(super) fn chain(frames: &[Candidates], config: &TrackerConfig, mut segments: Vec<Segment>) -> Vec<Segment> {
     segments.sort_by_key(Segment::last);
-    // Log-odds that are not fitted are no measure for rivals: a shadow has as much as its ball.
+    // Without a motion network a shadow has the log-odds of its ball, and would divide them.
     if segments.iter().any(|segment| segment.verified) {
         exclude(frames, &mut segments);
     }

@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 
 /// How a ball is tracked in a video: what a ball's flight allows, and how evidence is weighed. Lengths are in the ball's own apparent radii,
-/// so that they hold at any resolution and frame rate.
+/// so that they hold at any resolution and frame rate. Speed, acceleration and drag are physical, the two sets of weights are fitted; `gate`, `max_missed`, `missed_cost`,
+/// `min_gain`, `continuation`, `min_confidence` and `confirmed` were chosen by hand.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
