@@ -21,3 +21,21 @@ pub fn scratch(name: &str) -> std::path::PathBuf {
     std::fs::create_dir_all(&folder).expect("a folder for temporary files");
     folder
 }
+
+/// Upper ends of the classes of confidence that are compared with the share of what is right.
+const CONFIDENCE_CLASSES: [f64; 6] = [0.8, 0.9, 0.95, 0.98, 0.999, 1.1];
+
+/// Prints how often detections of about the same confidence are right; of each detection its confidence and whether it is right.
+#[allow(dead_code)]
+pub fn print_reliability(detections: &[(f64, bool)]) {
+    let mut from = 0.0;
+    for to in CONFIDENCE_CLASSES {
+        let class: Vec<&(f64, bool)> =
+            detections.iter().filter(|(confidence, _)| (from..to).contains(confidence)).collect();
+        let all = class.len().max(1) as f64;
+        let said = class.iter().map(|(confidence, _)| confidence).sum::<f64>() / all;
+        let right = class.iter().filter(|(_, is_right)| *is_right).count() as f64 / all;
+        println!("confidence {from:.3} to {to:.3}: {:>5} frames, {said:.3} said, {right:.3} right", class.len());
+        from = to;
+    }
+}

@@ -2,6 +2,9 @@
 //! `cargo bench --package gravisight-cli --bench footage -- FOLDER`. Clips whose camera moves are counted by themselves: their truth is in
 //! the first view's metres.
 
+#[path = "../../benches/common/mod.rs"]
+mod common;
+
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::Command;
@@ -15,8 +18,6 @@ const NEAR_PX: f64 = 2.0;
 const NEAR_FRAMES: f64 = 1.5;
 /// How far a flight's ends may be from the true ones, as a share of how long it lasts.
 const ENDS: f64 = 0.25;
-/// Upper ends of the classes of confidence that are compared with the share of what is right.
-const SURE: [f64; 6] = [0.8, 0.9, 0.95, 0.98, 0.999, 1.1];
 
 /// Counts of a kind of footage: found, and of how many.
 #[derive(Default)]
@@ -141,15 +142,7 @@ fn main() {
         println!("{failed} of {} runs FAILED: nothing is found in these", videos.len());
     }
     let sure: Vec<(f64, bool)> = scores.values().flat_map(|score| score.sure.clone()).collect();
-    let mut from = 0.0;
-    for to in SURE {
-        let class: Vec<&(f64, bool)> = sure.iter().filter(|(sure, _)| (from..to).contains(sure)).collect();
-        let all = class.len().max(1) as f64;
-        let said = class.iter().map(|(sure, _)| sure).sum::<f64>() / all;
-        let right = class.iter().filter(|(_, right)| *right).count() as f64 / all;
-        println!("confidence {from:.3} to {to:.3}: {:>5} frames, {said:.3} said, {right:.3} right", class.len());
-        from = to;
-    }
+    common::print_reliability(&sure);
     println!(
         "{:<13} {:>7} {:>10} {:>10} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7}",
         "", "found", "right", "3D median", "flights", "hits", "bounces", "invented", "1 sigma", "2 sigma", "s"

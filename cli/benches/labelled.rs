@@ -1,6 +1,6 @@
 //! How well `gravisight track` follows the ball in a video that was labelled by hand (`Frame,Visibility,X,Y`, optionally `Radius`, as in
 //! `docs/labels`). Frames without a row do not count. A ball is found within its radius, at least 4 px.
-//! `cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv`.
+//! `cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv [FPS]`, of as many pairs as are given.
 
 #[path = "../../benches/common/mod.rs"]
 mod common;
@@ -29,9 +29,26 @@ fn main() {
     if common::is_check() {
         arguments = drawn();
     }
-    let [video, labels, rate @ ..] = arguments.as_slice() else {
-        return println!("usage: cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv [FPS]");
-    };
+    if arguments.len() < 2 {
+        return println!(
+            "usage: cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv [FPS] [VIDEO LABELS.csv [FPS]]…"
+        );
+    }
+    let mut sure = vec![];
+    let mut rest = arguments.as_slice();
+    while let [video, labels, more @ ..] = rest {
+        let rate = more.first().filter(|text| text.parse::<f64>().is_ok());
+        rest = &more[usize::from(rate.is_some())..];
+        sure.extend(score(video, labels, rate));
+    }
+    common::print_reliability(&sure);
+    if common::is_check() {
+        std::fs::remove_dir_all(&arguments[0]).unwrap();
+    }
+}
+
+/// Tracks a video and prints what is found. Returns the confidence of what was found in labelled frames, and whether it is the ball.
+fn score(video: &str, labels: &str, rate: Option<&String>) -> Vec<(f64, bool)> {
     let mut table = csv::Reader::from_path(labels).unwrap();
     let labels: BTreeMap<usize, Label> =
         table.deserialize().map(|label: Result<Label, _>| label.unwrap()).map(|label| (label.frame, label)).collect();
@@ -41,29 +58,29 @@ fn main() {
         .output()
         .unwrap();
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let (mut right, mut shown) = (0, 0);
+    let mut sure = vec![];
     for (number, frame) in found["frames"].as_array().unwrap().iter().enumerate() {
         let Some([x, y]) = frame["image"].as_array().map(|at| [0, 1].map(|axis| at[axis].as_f64().unwrap())) else {
             continue;
         };
         let Some(label) = labels.get(&number) else { continue };
-        shown += 1;
+        let confidence = frame["confidence"].as_f64().unwrap();
         let Label { visibility: 1.., x: Some(u), y: Some(v), radius, .. } = label else {
-            println!("frame {number}: ({x:.0}, {y:.0}) px, where no ball is visible");
+            println!("frame {number}: ({x:.0}, {y:.0}) px, where no ball is visible, confidence {confidence:.2}");
+            sure.push((confidence, false));
             continue;
         };
         let off = (x - u).hypot(y - v);
         let near = radius.map_or(NEAR_PX, |radius| radius.max(NEAR_PX));
-        right += usize::from(off <= near);
         if off > near {
-            println!("frame {number}: {off:.0} px off");
+            println!("frame {number}: {off:.0} px off, confidence {confidence:.2}");
         }
+        sure.push((confidence, off <= near));
     }
     let visible = labels.values().filter(|label| label.visibility > 0).count();
-    println!("found: {right} of {visible}; what was found is the ball: {right} of {shown}");
-    if common::is_check() {
-        std::fs::remove_dir_all(video).unwrap();
-    }
+    let right = sure.iter().filter(|(_, is_right)| *is_right).count();
+    println!("{video}: found: {right} of {visible}; what was found is the ball: {right} of {}", sure.len());
+    sure
 }
 
 /// Frames of a disc that flies before a grey wall, its labels, and the frame rate.

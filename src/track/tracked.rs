@@ -174,7 +174,9 @@ impl TrackedVideo {
         self.forget();
         for (number, frames) in ranges.into_iter().enumerate() {
             let observations = observations[frames.clone()].to_vec();
+            let confidences: Vec<f64> = self.frames[frames.clone()].iter().map(|frame| frame.confidence).collect();
             let fit = forecaster.fit(camera, &observations, &options).map_err(|error| error.to_string());
+            let fit = fit.map(|fit| fit.doubted(&confidences, forecaster.scene()));
             if let Ok(fit) = &fit {
                 self.add(frames.start, fit);
             }

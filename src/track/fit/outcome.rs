@@ -11,6 +11,8 @@ use crate::track::estimate::EstimatorConfig;
 
 /// By how much times that are one may differ, s: rounding.
 const SAME_TIME: f64 = 1e-9;
+/// Probability from which what was tracked is the ball surely enough for its flight to be told as explained.
+const SURELY_BALL: f64 = 0.9;
 
 /// The trajectory that physics allows and a 2D track's labels explain: what [`Forecaster::fit`](crate::Forecaster::fit) finds.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
@@ -97,7 +99,7 @@ pub struct FittedFrame {
 }
 
 /// A part of a trajectory in which only the scene acts on the ball.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 pub struct Flight {
@@ -270,6 +272,29 @@ impl Fit {
         self
     }
 
+    /// The same of labels that are the ball's with a probability each (0 where there is none): a flight whose labels are less surely the
+    /// ball's than [`SURELY_BALL`] is not explained, for the laws may as well explain another thing.
+    pub(crate) fn doubted(mut self, probabilities: &[f64], scene: &Scene) -> Self {
+        let mut sums = vec![[0.0; 2]; self.flights.len()];
+        for (frame, &probability) in self.frames.iter().zip(probabilities) {
+            if let Some(sum) = sums.get_mut(frame.flight).filter(|_| probability > 0.0 && !frame.outlier) {
+                *sum = [sum[0] + probability, sum[1] + 1.0];
+            }
+        }
+        for (flight, [sum, count]) in self.flights.iter_mut().zip(sums) {
+            let probability = sum / count;
+            if flight.explained && probability < SURELY_BALL {
+                flight.explained = false;
+                flight.reason = Some(format!(
+                    "what was tracked is the ball with a probability of {:.0} % only",
+                    100.0 * probability
+                ));
+            }
+        }
+        self.explained = self.flights.iter().all(|flight| flight.explained);
+        self.concluded(scene)
+    }
+
     /// Whether what happens at a time (s) belongs to explained flights alone; of a hit both count, the flight that it ends and
     /// the one that it begins.
     fn is_explained_at(&self, time: f64) -> bool {
@@ -304,5 +329,30 @@ impl Fit {
             }
             false => format!("not all explained: {parts}; {}", wrong.join("; ")),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_laws_may_as_well_explain_what_is_hardly_the_ball() {
+        let flight = |start: f64| Flight { start, end: start + 1.0, explained: true, ..Flight::default() };
+        let frame =
+            |index: usize| FittedFrame { time: 0.5 * index as f64, flight: index / 2, ..FittedFrame::default() };
+        let fit = Fit {
+            flights: vec![flight(0.0), flight(1.0)],
+            frames: (0..4).map(frame).collect(),
+            explained: true,
+            ..Fit::default()
+        };
+        let scene = Scene::new([0.0, 0.0, -9.81], 0.1);
+        let sure = fit.clone().doubted(&[0.99, 0.85, 0.0, 0.95], &scene);
+        assert!(sure.explained && sure.frames.iter().all(|frame| frame.explained));
+        let doubtful = fit.doubted(&[0.7, 0.8, 0.0, 0.95], &scene);
+        assert_eq!(doubtful.frames.iter().map(|frame| frame.explained).collect::<Vec<_>>(), [false, false, true, true]);
+        assert!(!doubtful.explained);
+        assert!(doubtful.verdict.contains("with a probability of 75 % only"), "{}", doubtful.verdict);
     }
 }

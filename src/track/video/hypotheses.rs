@@ -1,6 +1,7 @@
 //! What flew in a video, and which of it is the ball.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::super::file::TrackPoint;
 use super::Kept;
@@ -201,32 +202,36 @@ impl<'a> Hypotheses<'a> {
         self.verdicts.of(member).map(Option::is_some)
     }
 
-    /// A tracklet, cut where the network begins or ceases to see a ball for some frames: a ball's tracklet may end where its shadow's
-    /// goes on.
+    /// A tracklet, cut where the detector begins or ceases to see a ball for some frames, for a ball's tracklet may end where its shadow's
+    /// goes on; and before and after the part for which the motion network says most, where it says as much against the rest as makes a tracklet:
+    /// beyond a hit a tracklet may go on with something else.
     fn segments(&self, number: usize, gravity_test: Option<&GravityTest>) -> Vec<Segment> {
-        let members = &self.tracklets[number].members;
+        let tracklet = &self.tracklets[number];
+        let members = &tracklet.members;
         let seen: Vec<Option<bool>> = members.iter().map(|&member| self.is_seen(member)).collect();
         let lasts = |from: usize| {
             let run = seen[from..].iter().take(RUN);
             run.len() == RUN && seen[from].is_some() && run.clone().all(|&it| it == seen[from])
         };
-        let cut = |&end: &usize| {
-            end == members.len() || (lasts(end) && seen[end - 1].is_some() && seen[end - 1] != seen[end])
-        };
-        let mut start = 0;
-        let mut segments = Vec::new();
-        for end in (1..=members.len()).filter(cut) {
-            if end - start > 1 {
-                let members = members[start..end].to_vec();
-                let tracklet = &self.tracklets[number];
-                let odds = self.odds(tracklet, &members, gravity_test);
-                let verified = self.verdicts.has_motion();
-                let confirms = !verified || odds >= self.config.confirmed;
-                segments.push(Segment { odds, verified, confirms, members });
-            }
-            start = end;
+        let is_cut = |end: usize| lasts(end) && seen[end - 1].is_some() && seen[end - 1] != seen[end];
+        let mut cuts: Vec<usize> = (1..members.len()).filter(|&end| is_cut(end)).collect();
+        if !tracklet.seeded {
+            let motion: Vec<f64> = members.iter().map(|&member| self.verdicts.motion(member).unwrap_or(0.0)).collect();
+            let part = best_part(&motion);
+            let is_other = |odds: &[f64]| odds.iter().sum::<f64>() <= -self.config.min_gain;
+            cuts.extend(is_other(&motion[..part.start]).then_some(part.start));
+            cuts.extend(is_other(&motion[part.end..]).then_some(part.end));
         }
-        segments
+        cuts.extend([0, members.len()]);
+        cuts.sort_unstable();
+        let parts = cuts.windows(2).filter(|cut| cut[1] - cut[0] > 1).map(|cut| members[cut[0]..cut[1]].to_vec());
+        let segment = |members: Vec<(usize, usize)>| {
+            let odds = self.odds(tracklet, &members, gravity_test);
+            let verified = self.verdicts.has_motion();
+            let confirms = !verified || odds >= self.config.confirmed;
+            Segment { odds, verified, confirms, members }
+        };
+        parts.map(segment).collect()
     }
 
     /// What tells of all parts of tracklets whether they are the ball's.
@@ -276,7 +281,8 @@ impl<'a> Hypotheses<'a> {
         let small = median(path.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
         let detector = ((seen + 1.0) / (told - seen + 1.0_f64)).ln();
         let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
-        let gain = (tracklet.gain.max(1.0) / USUAL_GAIN).ln();
+        let gain = tracklet.gain * members.len() as f64 / tracklet.members.len() as f64;
+        let gain = (gain.max(1.0) / USUAL_GAIN).ln();
         let bend = gravity_test.map_or(0.0, |gravity_test| gravity_test.odds(&path));
         [1.0, gain, motion, f64::from(u8::from(small)), large, little, bend]
     }
@@ -285,6 +291,22 @@ impl<'a> Hypotheses<'a> {
         let blob = self.seen[frame].blobs[index].mapped(&self.views[frame].frame_from_first);
         TrackedBlob { image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
     }
+}
+
+/// The part of log-odds that has the greatest sum, the longest of several; all where none is positive.
+fn best_part(odds: &[f64]) -> Range<usize> {
+    let mut best = (0.0, 0..odds.len());
+    let (mut sum, mut start) = (0.0, 0);
+    for (place, odds) in odds.iter().enumerate() {
+        if sum < 0.0 {
+            (sum, start) = (0.0, place);
+        }
+        sum += odds;
+        if sum > 0.0 && sum >= best.0 {
+            best = (sum, start..place + 1);
+        }
+    }
+    best.1
 }
 
 /// A ball as a line of a 2D track, `sigma` (px) that of its place without a network; `nothing` has the frame's number and time.
@@ -307,5 +329,18 @@ fn share_doubt(frames: &mut [FollowedFrame]) {
         let near = sized.partition_point(|&other| other < time + DOUBT_LASTS)
             - sized.partition_point(|&other| other < time - DOUBT_LASTS);
         *sigma *= (1.0 - COMMON + COMMON * near.max(1) as f64).sqrt();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::best_part;
+
+    #[test]
+    fn the_best_part_leaves_out_what_speaks_against_it_at_its_ends_alone() {
+        assert_eq!(best_part(&[0.0, -7.0, -7.0, 0.0, 6.0, -1.0, 7.0, 0.0]), 3..8);
+        assert_eq!(best_part(&[5.0, 6.0, -1.0, -8.0]), 0..2);
+        assert_eq!(best_part(&[0.0, 0.0]), 0..2);
+        assert_eq!(best_part(&[-1.0, -2.0]), 0..2);
     }
 }
