@@ -18,6 +18,7 @@ export type FacadeErrorCode =
 
 /** Everything that this package throws, except the reason of an `AbortSignal`. */
 export class GravisightError extends Error {
+  /** By which it is told from other errors across Workers and bundles. */
   override readonly name = "GravisightError";
   /** What went wrong, for a program; `message` says it in words. */
   readonly code: FacadeErrorCode | (string & {});

@@ -51,7 +51,7 @@ export class FineTuner {
   }
 
   /**
-   * Goes on from a {@link checkpoint}, in another page or after a reload. The clips are not in it: give those that
+   * Goes on from a {@link FineTuner.checkpoint}, in another page or after a reload. The clips are not in it: give those that
    * {@link progress} awaits again (in any order), then step on. On the same device the run ends as if it had never stopped, to the
    * same bits on the CPU.
    *

@@ -14,6 +14,7 @@ import type {
   Observation,
   Parameter,
   Picture,
+  Pixels,
   Scene,
   SimulatedClip,
   Vector,
@@ -124,6 +125,12 @@ export class Toolbox {
 }
 makeDisposable(Toolbox);
 
+/** What a simulated scene looks like. */
+export interface SimulatedPicture extends Pixels {
+  /** RGBA, row by row: `new ImageData(data, width, height)` takes it. */
+  data: Uint8ClampedArray<ArrayBuffer>;
+}
+
 /** A synthetic scene: simulates and draws. Lives as long as its toolbox, or until disposed of. */
 export class Simulator {
   /** Its camera. */
@@ -149,7 +156,7 @@ export class Simulator {
   }
 
   /** The picture with the ball at `centre` (m). */
-  async picture(centre: Vector): Promise<{ data: Uint8ClampedArray<ArrayBuffer>; width: number; height: number }> {
+  async picture(centre: Vector): Promise<SimulatedPicture> {
     const rgba = await this.#transport.call("scenePicture", { id: this.#id, centre: [...centre] });
     const data = new Uint8ClampedArray(rgba.buffer as ArrayBuffer, rgba.byteOffset, rgba.length);
     return { data, width: this.camera.width, height: this.camera.height };

@@ -5,7 +5,9 @@ import type { Camera, CoreOptions, Fit, Observation, Parameter, Scene } from "./
 
 /** Options of {@link Track.create}. */
 export interface TrackOptions extends CoreOptions {
+  /** The camera that saw the ball; it stands still. */
   camera: Camera;
+  /** Gravity, the ball, and what it can touch. */
   scene: Scene;
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
   cameraSigma?: Camera[];
@@ -23,9 +25,11 @@ export interface TrackOptions extends CoreOptions {
 
 /** One sighting: what {@link Localiser.localiseVideoFrame} returns, or a 2D label. */
 export interface Sighting {
+  /** When the frame was taken, milliseconds from any start. */
   timestampMs: number;
-  /** Pixels; null where the ball was not seen. */
+  /** The ball's centre, pixels; null where the ball was not seen. */
   image: [number, number] | null;
+  /** How sure it is that this is the ball, 0 to 1. Default: it is. */
   confidence?: number;
   /** Apparent radius, pixels: one that is known makes the distance surer. */
   radiusPx?: number;
@@ -49,6 +53,7 @@ export class Track {
     this.#options = options;
   }
 
+  /** Loads the core, or takes the toolbox that is given. @throws {@link GravisightError} where the core cannot be had. */
   static async create(options: TrackOptions): Promise<Track> {
     return new Track(options.toolbox ?? (await Toolbox.create(options)), options);
   }

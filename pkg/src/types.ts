@@ -5,6 +5,8 @@ export type {
   Adapter,
   AdapterLimits,
   Added as ClipAdded,
+  Ball as SceneBall,
+  Bounds,
   Calibration,
   CalibrationMethod,
   Camera,
@@ -12,47 +14,64 @@ export type {
   Candidate,
   Card,
   ClipKey,
+  ConfidenceKind,
+  Contact,
+  ContactFinding,
   Court,
   CourtLine,
+  Cuboid,
+  Distortion,
   DrawablePicture,
-  ContactFinding,
   Estimate,
   EstimatorConfig,
-  FineTuneSupervision,
   Findings,
+  FineTuneSupervision,
+  FitSummary,
   FittedFrame,
   FittedImpact,
   Flight,
   FlightFinding,
   FloatMap,
+  Floor,
   Forecast,
   Hit,
   Impact,
   LineSeen,
-  Model,
+  Matrix3,
   Measured,
+  Model,
+  Normalisation,
   Observation,
   OtherView,
   Parameter,
   Picture,
   Pixels,
   Plan,
+  Point2,
+  Point3,
   PointSigma,
   Position,
   Reason,
   Region,
+  Rotation,
   Scene,
   SimulatedClip,
+  SimulatedFrame,
+  Size,
   Spot,
+  Spring,
   Statistic,
   Surface,
-  TrackedFrame,
-  TrackerConfig,
   ToldFit as Fit,
   ToldVideo as TrackedVideo,
+  TrackedFrame,
+  TrackerConfig,
   Tuned as TuneStep,
   TuneProgress,
   TuneScore,
+  Vector2,
+  Vector3,
+  Wall,
   WrongClick,
 } from "../wasm/cpu/gravisight.js";
 
@@ -63,6 +82,7 @@ export type DeviceChoice = DeviceKind | "auto";
 
 /** The device that was taken. */
 export interface Device {
+  /** Where it computes. */
   kind: DeviceKind;
   /** For people, such as `CPU (relaxed SIMD, one thread)`. */
   name: string;
@@ -74,6 +94,7 @@ export interface Device {
 
 /** How far loading is, or a fit. Stages may interleave: the wasm and the weights are fetched side by side. */
 export interface Progress {
+  /** What is waited for: the core, the model, a first picture, the comparison of devices, or a fit. */
   stage: "wasm" | "weights" | "warming up" | "measuring" | "fit";
   /** Bytes so far; of measuring the devices, pictures; of a fit, the parts of the video that are done. */
   loaded: number;
@@ -95,6 +116,7 @@ export interface CoreOptions {
   worker?: boolean | Worker;
   /** Stops the loading; the promise rejects with the signal's reason. */
   signal?: AbortSignal;
+  /** Hears how far the loading is. */
   onProgress?: (progress: Progress) => void;
 }
 
@@ -156,17 +178,21 @@ export interface FrameLocalisation extends Localisation {
 
 /** Labelled points: the content of a `points.json`. */
 export interface CalibrationPoints {
-  /** Of the picture, pixels. */
+  /** Width of the picture, pixels. */
   width: number;
+  /** Height of the picture, pixels. */
   height: number;
-  /** Where it is known. */
+  /** The intrinsic matrix, 3 rows of 3, where it is known. */
   intrinsic?: number[][];
+  /** The lens, where it is known. */
   distortion?: Camera["distortion"];
   /** Where each point was clicked, pixels. */
   image: [number, number][];
   /** Where each is in the world, metres; or `court` and `names`. */
   world?: Vector[];
+  /** Name of a court ({@link Toolbox.courts}). */
   court?: string;
+  /** Of each point its name on that court ({@link Toolbox.court}). */
   names?: string[];
   /** What is painted; without it, what is known of the court. */
   lines?: CourtLine[];
@@ -188,9 +214,13 @@ export interface FineTuneResumeOptions extends CoreOptions {
 export interface TrainingClip {
   /** Its name. */
   id: string;
+  /** Frames a second. */
   fps: number;
+  /** The camera that took it. */
   camera: Camera;
+  /** Gravity, the ball, and what it can touch. */
   scene: Scene;
+  /** All frames, in order. */
   frames: {
     /** Encoded, or as pixels. */
     picture: Picture;

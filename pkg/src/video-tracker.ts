@@ -19,10 +19,18 @@ export interface VideoTrackerOptions extends ModelOptions {
   ball?: Ball;
 }
 
+/** Where a person saw the ball. */
+export interface Seed {
+  /** The frame's number, from 0. */
+  frame: number;
+  /** The ball's centre, pixels. */
+  image: [number, number];
+}
+
 /** Options of {@link VideoTracker.track}. */
 export interface TrackVideoOptions extends Pick<VideoTrackerOptions, "camera" | "scene" | "ball"> {
-  /** Places in which a person saw the ball: the frame's index, and pixels. What flies through them is the ball. */
-  seeds?: { frame: number; image: [number, number] }[];
+  /** Places in which a person saw the ball. What flies through them is the ball. */
+  seeds?: Seed[];
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
   cameraSigma?: Camera[];
   /** Most hits of a racket, a foot or a hand between two pauses. Default: as many as the track needs. */

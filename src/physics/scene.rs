@@ -102,7 +102,7 @@ pub struct Ball {
     pub inertia_factor: f64,
 }
 
-/// The contact models.
+/// The contact models; `contact` in `docs/formats.md` says what their fields mean.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[serde(tag = "model", rename_all = "snake_case", deny_unknown_fields)]

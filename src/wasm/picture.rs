@@ -18,8 +18,11 @@ use crate::size::Size;
 const DECLARATIONS: &str = r#"
 /** RGBA pixels, row-major: an `ImageData`, or what looks like one. */
 export interface Pixels {
+    /** RGBA, row by row, 4 · width · height bytes. */
     data: Uint8ClampedArray | Uint8Array;
+    /** Pixels. */
     width: number;
+    /** Pixels. */
     height: number;
 }
 

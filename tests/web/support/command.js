@@ -3,7 +3,7 @@ import { execFileSync } from "node:child_process";
 import { homedir } from "node:os";
 import { join } from "node:path";
 
-const path = join(process.env.CARGO_TARGET_DIR ?? join(homedir(), ".cache/gravisight/target"), "debug/gravisight");
+export const path = join(process.env.CARGO_TARGET_DIR ?? join(homedir(), ".cache/gravisight/target"), "debug/gravisight");
 
 /** Runs `gravisight` and returns what it prints. */
 export function gravisight(args, options) {
