@@ -12,7 +12,7 @@ import { gravisight, path as command } from "./support/command.js";
 import { serveFolder } from "./support/server.js";
 
 const root = fileURLToPath(new URL("../..", import.meta.url));
-const site = join(root, "docs/site/dist");
+const site = join(root, "site/dist");
 const markdown = ["", "docs", "models", "pkg"].flatMap((folder) =>
   readdirSync(join(root, folder))
     .filter((file) => file.endsWith(".md"))
@@ -29,7 +29,7 @@ const complaints = [];
 let folder, server, browser;
 
 before(async () => {
-  assert.ok(existsSync(join(site, "index.html")), "docs/site/dist is not there: run `scripts/docs` first");
+  assert.ok(existsSync(join(site, "index.html")), "site/dist is not there: run `scripts/docs` first");
   folder = mkdtempSync(join(tmpdir(), "gravisight-recipes-"));
   server = await serveFolder(site);
   browser = await launch({ webgpu: false });

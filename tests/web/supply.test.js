@@ -57,12 +57,12 @@ test("crates come from crates.io and npm packages from a registry, whole; none r
 test("what makes the documentation is whole, may be used, and runs no script when it is installed", () => {
   // Parts of its tools that we use and do not give away: a parser of arguments, and icons.
   const asked = ["Python-2.0", "CC0-1.0"];
-  const packages = Object.entries(JSON.parse(text("docs/site/package-lock.json")).packages).filter(([path]) => path);
+  const packages = Object.entries(JSON.parse(text("site/package-lock.json")).packages).filter(([path]) => path);
   assert.ok(packages.length > 100);
   for (const [path, it] of packages) {
     assert.match(it.integrity ?? "", /^sha512-/, `${path} has no checksum`);
     assert.equal(it.resolved, undefined, `${path} comes from ${it.resolved}`);
     assert.ok(it.license && (known(it.license) || asked.includes(it.license)), `${path}: ${it.license}`);
   }
-  assert.match(text("docs/site/.npmrc"), /^ignore-scripts=true$/m);
+  assert.match(text("site/.npmrc"), /^ignore-scripts=true$/m);
 });

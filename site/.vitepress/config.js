@@ -4,7 +4,7 @@ import { dirname, join, relative, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { defineConfig } from "vitepress";
 
-const root = fileURLToPath(new URL("../../..", import.meta.url));
+const root = fileURLToPath(new URL("../..", import.meta.url));
 const { version, repository } = JSON.parse(readFileSync(join(root, "pkg/package.json"), "utf8"));
 /** Where the sources can be looked at: a forge's builds know it. Without it their names are no links. */
 const { GITHUB_SERVER_URL: server, GITHUB_REPOSITORY: name } = process.env;
@@ -97,12 +97,12 @@ export default defineConfig({
   description: "A ball's position in metres from a single picture of one calibrated camera, and its flight from a video",
   lang: "en",
   srcDir: root,
-  srcExclude: ["{cli,fuzz,src,target,tests,web}/**", "docs/{paper,site}/**"],
+  srcExclude: ["{cli,fuzz,site,src,target,tests,web}/**", "docs/paper/**"],
   rewrites: { "README.md": "index.md", "pkg/README.md": "pkg/index.md", "models/README.md": "models/index.md" },
   // Another build puts these pages beside ours.
   ignoreDeadLinks: [/^\/api\/js\//],
-  outDir: join(root, "docs/site/dist"),
-  cacheDir: join(root, "docs/site/node_modules/.cache"),
+  outDir: join(root, "site/dist"),
+  cacheDir: join(root, "site/node_modules/.cache"),
   head: [
     ["link", { rel: "icon", href: `data:image/svg+xml,${encodeURIComponent(readFileSync(join(root, "web/public/ball.svg"), "utf8"))}` }],
     ["style", {}, "html:root { --vp-code-lang-color: var(--vp-c-text-2) }"],
