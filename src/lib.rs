@@ -40,7 +40,8 @@
 //! - [`train`]: [`FineTuner`], [`FineTuneOptions`], [`FineTuneSupervision`]; natively `TrainSettings`, `TrainConfig`, `TrainEvent`
 //! - [`evaluate`]: [`score`], [`Sample`], [`Metrics`]
 //! - [`Error`], [`Result`]
-#![warn(missing_docs, clippy::unwrap_used)]
+#![deny(missing_docs)]
+#![warn(clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 // The tests inside run natively; those for wasm, which `wasm-pack test` runs, are tests/kernels.rs.
 #![cfg(not(all(target_arch = "wasm32", any(test, doctest))))]

@@ -17,6 +17,19 @@ const INDEX: &str = "clips.jsonl";
 const SHOWN: usize = 10;
 
 /// A folder of clips.
+///
+/// ```no_run
+/// # fn main() -> gravisight::Result<()> {
+/// use gravisight::Clips;
+///
+/// let clips = Clips::read("clips/train".as_ref())?;
+/// for clip in &clips.clips {
+///     let labelled = clip.frames.iter().filter(|frame| frame.image.is_some()).count();
+///     println!("{}: {labelled} of {} frames have a label", clip.id, clip.frames.len());
+/// }
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Clips {
     /// The folder.

@@ -88,7 +88,7 @@ pub struct Bins {
     pub z_max: f64,
 }
 
-/// FORMATS.md's `evaluate` result. Lengths in m.
+/// What `evaluate --json` prints (`docs/formats.md`). Lengths in m.
 #[derive(Debug, Clone, Serialize)]
 pub struct Metrics {
     /// Distance to ground truth, of all pictures, also those in which something hides the ball (as the paper has it).

@@ -143,6 +143,18 @@ impl Findings {
     }
 
     /// Of a fit, with its camera and scene.
+    ///
+    /// ```
+    /// # fn told(fit: gravisight::Fit, camera: gravisight::Camera, scene: gravisight::Scene) {
+    /// use gravisight::Findings;
+    ///
+    /// let findings = Findings::of_fit(&fit, &camera, &scene);
+    /// println!("{}", findings.headline);
+    /// for reason in &findings.reasons {
+    ///     println!("{}: {}", reason.what, reason.why);
+    /// }
+    /// # }
+    /// ```
     pub fn of_fit(fit: &Fit, camera: &Camera, scene: &Scene) -> Self {
         let mut findings = Self::default();
         findings.add(fit, camera);

@@ -24,6 +24,18 @@ pub const MAX_PIXELS: u64 = 64 * 1024 * 1024;
 const BYTE_SCALE: f32 = 255.0;
 
 /// An 8-bit RGB picture, rows from the top, and what was changed to make it one.
+///
+/// ```
+/// # fn main() -> gravisight::Result<()> {
+/// use gravisight::{Picture, Size};
+///
+/// // Pixels that a program has already; `Picture::decode` takes a PNG, JPEG or WebP file's bytes.
+/// let grey = Picture::from_rgba(&[128; 4 * 64 * 48], Size::new(64, 48))?;
+/// assert_eq!(grey.size(), Size::new(64, 48));
+/// assert!(Picture::decode(b"no picture").is_err());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Picture {
     rgb: RgbImage,

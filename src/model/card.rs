@@ -160,6 +160,16 @@ impl Card {
 
     /// Reads a card's file, and the weights that it names.
     ///
+    /// ```
+    /// # fn main() -> gravisight::Result<()> {
+    /// use gravisight::Card;
+    ///
+    /// let (card, weights) = Card::with_weights("models/any.json".as_ref())?;
+    /// println!("{}: {} ({} bytes)", card.name, card.description, weights.len());
+    /// # Ok(())
+    /// # }
+    /// ```
+    ///
     /// # Errors
     /// As [`Card::from_file`]; [`Error::Io`] for the weights.
     pub fn with_weights(path: &Path) -> Result<(Self, Vec<u8>)> {

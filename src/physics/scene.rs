@@ -1,4 +1,4 @@
-//! `scene.json` (FORMATS.md): what the physics needs to know of a place and its ball.
+//! `scene.json` (`docs/formats.md`): what the physics needs to know of a place and its ball.
 
 use nalgebra::{Matrix3, Point3, Quaternion, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
