@@ -197,13 +197,15 @@ export async function look(camera: Camera, scene: Scene, picture: Blob): Promise
   const { confidence_threshold, metrics } = localiser.card;
   return [world[2], heatmap?.values[0], dtg, frames[0]?.residualPx?.[1], ${name}, confidence_threshold, metrics?.dtg?.mean];
 }`;
-  const check = (name) => {
+  const check = (name, ...modules) => {
     writeFileSync(join(folder, "typed.ts"), read(name));
-    const options = ["--noEmit", "--strict", "--target", "es2022", "--module", "nodenext", "--lib", "es2022,dom", "--types", "", "typed.ts"];
+    const options = ["--noEmit", "--strict", "--target", "es2022", ...modules, "--lib", "es2022,dom", "--types", "", "typed.ts"];
     return spawnSync(join(root, "node_modules/.bin/tsc"), options, { cwd: folder, encoding: "utf8" }).stdout.trim();
   };
-  assert.equal(check("rmsPx"), "");
-  assert.match(check("rms_px"), /typed\.ts.*rms_px/);
+  for (const modules of [["--module", "nodenext"], ["--module", "preserve", "--moduleResolution", "bundler"]]) {
+    assert.equal(check("rmsPx", ...modules), "");
+    assert.match(check("rms_px", ...modules), /typed\.ts.*rms_px/);
+  }
 });
 
 test("publint and are-the-types-wrong find nothing", () => {
