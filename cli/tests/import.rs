@@ -20,7 +20,7 @@ const TOLERANCE: f64 = 1e-6;
 /// Name in expected.json, format, source below the fixtures, frames a second where the format does not say.
 type Set = (&'static str, Format, &'static str, Option<f64>);
 /// Every set of the fixtures.
-const SETS: [Set; 7] = [
+const SETS: [Set; 11] = [
     ("sd", Format::Sd, "sd", None),
     ("spring", Format::Spring, "spring", None),
     ("rd", Format::Rd, "rd", None),
@@ -28,6 +28,10 @@ const SETS: [Set; 7] = [
     ("cvat_images", Format::Cvat, "cvat/images.xml", Some(50.0)),
     ("cvat_video", Format::Cvat, "cvat/rally.xml", Some(50.0)),
     ("tracknet", Format::Tracknet, "tracknet", Some(30.0)),
+    ("yolo", Format::Yolo, "yolo", Some(50.0)),
+    ("labelme", Format::Labelme, "labelme", Some(50.0)),
+    ("label_studio", Format::LabelStudio, "label_studio/project-4.json", Some(50.0)),
+    ("label_studio_video", Format::LabelStudio, "label_studio_video/clip.json", Some(50.0)),
 ];
 
 fn fixtures() -> PathBuf {
@@ -37,7 +41,7 @@ fn fixtures() -> PathBuf {
 fn options((_, format, _, fps): Set) -> ImportOptions {
     let own = matches!(format, Format::Sd | Format::Spring | Format::Rd);
     let camera = (!own).then(|| Camera::from_file(&fixtures().join("camera.json")).unwrap());
-    let category = matches!(format, Format::Coco | Format::Cvat).then(|| "ball".to_string());
+    let category = (!own && format != Format::Tracknet).then(|| "ball".to_string());
     ImportOptions { camera, fps, category, ..ImportOptions::default() }
 }
 
@@ -215,7 +219,7 @@ fn refusal(set: Set, file: &str, find: &str, put: &str) -> String {
 fn what_is_wrong_is_refused_with_file_and_line() {
     let sd = "sd/synthetic_dataset/train/xml0/camera0/7/";
     let rd = "rd/real_dataset/train/camera1/0/";
-    let cases: [(&str, &str, &str, &str, &[&str]); 34] = [
+    let cases: [(&str, &str, &str, &str, &[&str]); 49] = [
         ("sd", "label.csv", "0.066666667", "nan", &["label.csv:3", "`t`", "finite"]),
         ("sd", "label.csv", "0.066666667", "-1", &["label.csv:3", "grow"]),
         ("sd", "label.csv", "ball imgy", "ball imgz", &["label.csv:1", "ball imgy"]),
@@ -250,6 +254,51 @@ fn what_is_wrong_is_refused_with_file_and_line() {
         ("cvat_video", "cvat/rally.xml", "frame=\"6\"", "frame=\"60\"", &["rally.xml:9", "60", "count frames alike"]),
         ("tracknet", "tracknet/match/1_02.csv", "3;1;", "1;1;", &["1_02.csv:5", "ascend"]),
         ("tracknet", "tracknet/match/1_02.csv", "3;1;15.0", "3;1;", &["1_02.csv:5", "`X`", "missing"]),
+        ("yolo", "yolo/labels/train/rally_000.txt", "\n1 ", "\n1.5 ", &["rally_000.txt:2", "class", "1.5"]),
+        (
+            "yolo",
+            "yolo/labels/train/rally_000.txt",
+            "0 0.5",
+            "0 0.5 0.5 0.5 0.5",
+            &["rally_000.txt:1", "must be a box"],
+        ),
+        ("yolo", "yolo/labels/train/rally_000.txt", "\n1 0.2", "\n1 1.2", &["rally_000.txt", "outside"]),
+        (
+            "yolo",
+            "yolo/labels/train/rally_000.txt",
+            "0 0.5",
+            "1 0.5",
+            &["rally_000.txt", "second `ball`", "--category"],
+        ),
+        ("yolo", "yolo/data.yaml", "1: ball", "1: bat", &["`ball`", "`bat`, `person`"]),
+        ("yolo", "yolo/data.yaml", "names:", "names: [", &["data.yaml"]),
+        ("labelme", "labelme/throw/1.json", "1.png", "7.png", &["7.png"]),
+        ("labelme", "labelme/throw/1.json", "\"imageWidth\": 32", "\"imageWidth\": 64", &["1.json", "64×24", "camera"]),
+        ("labelme", "labelme/throw/1.json", "\"circle\"", "\"point\"", &["1.json: shapes[0]", "2 points"]),
+        ("labelme", "labelme/throw/1.json", "\"circle\"", "\"mask\"", &["1.json", "`mask`", "circle"]),
+        ("labelme", "labelme/throw/1.json", "\"net\"", "\"ball\"", &["1.json", "second `ball`"]),
+        ("labelme", "labelme/throw/1.json", "\"points\"", "\"dots\"", &["1.json", "points"]),
+        (
+            "label_studio",
+            "label_studio/project-4.json",
+            "\"original_width\": 32",
+            "\"original_width\": 64",
+            &["task 2", "64×24"],
+        ),
+        (
+            "label_studio",
+            "label_studio/project-4.json",
+            "was_cancelled\": true",
+            "was_cancelled\": false",
+            &["task 24", "2 annotations"],
+        ),
+        (
+            "label_studio_video",
+            "label_studio_video/clip.json",
+            "\"frame\": 3",
+            "\"frame\": 1",
+            &["task 7", "once each"],
+        ),
     ];
     for (name, file, find, put, named) in cases {
         let file = match name {
@@ -304,7 +353,8 @@ fn a_missing_extra_broken_or_larger_picture_refuses_its_clip_alone() {
 #[test]
 fn two_balls_in_a_picture_are_not_chosen_between() {
     let out = scratch("two_balls");
-    for (name, named) in [("coco", "--category"), ("cvat_video", "--category")] {
+    let sets = ["coco", "cvat_video", "yolo", "labelme"];
+    for (name, named) in sets.map(|name| (name, "--category")) {
         let any = ImportOptions { category: None, ..options(set(name)) };
         let result = import(set(name).1, &fixtures().join(set(name).2), &out.join(name), &any, &mut |_, _| ());
         let reason = match result {
@@ -351,6 +401,73 @@ fn nothing_is_written_where_something_is_or_where_no_clip_is_left() {
     }
 }
 
+#[test]
+fn labels_where_tools_put_a_ball_that_is_not_visible_are_taken_as_that_and_counted() {
+    let out = scratch("nowhere");
+    for name in ["yolo", "labelme"] {
+        assert_eq!(imported(set(name), &fixtures(), &out.join(name)).unwrap().nowhere, 1, "{name}");
+    }
+    let spoilt = [
+        ("coco", "coco/instances.json", "    5.25,\n    7.5,", "    0, 0,"),
+        ("cvat_images", "cvat/images.xml", "4.5,10.75", "-1,-1"),
+        (
+            "cvat_video",
+            "cvat/rally.xml",
+            "xtl=\"6.0\" ytl=\"11.75\" xbr=\"9.0\" ybr=\"14.75\"",
+            "xtl=\"0\" ytl=\"0\" xbr=\"0\" ybr=\"0\"",
+        ),
+        ("tracknet", "tracknet/match/1_02.csv", "3;1;15.0;12.5", "3;1;-1;-1"),
+        ("sd", "sd/synthetic_dataset/train/xml0/camera0/7/label.csv", "", ""),
+    ];
+    for (name, file, find, put) in spoilt {
+        let from = copy(set(name), "nowhere_in");
+        let text = std::fs::read_to_string(from.join(file)).unwrap();
+        assert!(text.contains(find), "{file} holds no `{find}`: {text}");
+        let before = imported(set(name), &from, &from.join("before")).unwrap();
+        std::fs::write(from.join(file), text.replacen(find, put, 1)).unwrap();
+        let report = imported(set(name), &from, &from.join("out")).unwrap();
+        let taken = usize::from(!find.is_empty());
+        assert_eq!((report.nowhere, report.labels), (taken, before.labels - taken), "{name}");
+    }
+    let arguments =
+        ["import", "--from", "labelme", "labelme", "--class", "ball", "--camera", "camera.json", "--fps", "50"];
+    let words = out.join("words");
+    let arguments = [&arguments[..], &["--out", words.to_str().unwrap()]].concat();
+    let said = String::from_utf8(gravisight(&arguments, None).stdout).unwrap();
+    assert!(said.contains("NOTE: 1 frames have (0, 0) or (−1, −1): taken as not visible"), "{said}");
+}
+
+#[test]
+fn a_ball_drawn_in_pictures_becomes_a_track_with_radii() {
+    let out = scratch("drawn");
+    // By hand, of what make.py draws: half the smaller side of boxes of 4×3 px, and of 4×2; a circle's 2.5; of a point none.
+    let expected: [(&str, &str, &[Option<f64>]); 3] = [
+        ("yolo", "yolo", &[Some(1.5), None, None, None, Some(1.5)]),
+        ("labelme", "labelme", &[Some(2.5), Some(2.0), Some(1.0), None, None]),
+        ("label-studio", "label_studio/project-4.json", &[None, Some(1.5), Some(1.5), Some(1.5), None]),
+    ];
+    for (format, source, radii) in expected {
+        let track = out.join(format!("{format}.csv"));
+        let arguments =
+            ["import", "--from", format, source, "--class", "ball", "--fps", "50", "--track", track.to_str().unwrap()];
+        let output = gravisight(&arguments, None);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let track = gravisight::Track::from_file(&track).unwrap();
+        let found: Vec<Option<f64>> = track.points.iter().map(|point| point.radius).collect();
+        let close = |(one, other): (&Option<f64>, &Option<f64>)| match (one, other) {
+            (Some(one), Some(other)) => (one - other).abs() < TOLERANCE,
+            _ => one == other,
+        };
+        assert!(found.len() == radii.len() && found.iter().zip(radii).all(close), "{format}: {found:?}");
+        assert!((track.points[4].time.unwrap() - track.points[0].time.unwrap() - 0.08).abs() < 1e-9);
+    }
+    let said = |source: &str, more: &[&str]| {
+        let arguments = ["import", "--from", "label-studio", source, "--track", "/dev/null/track.csv"];
+        String::from_utf8(gravisight(&[&arguments[..], more].concat(), None).stderr).unwrap()
+    };
+    assert!(said("label_studio_video/clip.json", &[]).contains("--camera"));
+}
+
 fn gravisight(arguments: &[&str], path: Option<&Path>) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_gravisight"));
     if let Some(path) = path {
@@ -392,7 +509,8 @@ fn options_that_are_missing_or_mean_nothing_are_a_matter_of_usage() {
         &["--from", "sd", "sd", "--camera", "camera.json"],
         &["--from", "tracknet", "tracknet", "--camera", "camera.json", "--category", "ball"],
         &["--from", "sd", "sd", "--clip-frames", "0"],
-        &["--from", "yolo", "sd"],
+        &["--from", "voc", "sd"],
+        &["--from", "yolo", "yolo"],
     ] {
         let output = gravisight(&[&["import", "--out", out], arguments].concat(), None);
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
@@ -576,6 +694,11 @@ fn spoilt_files_are_refused_or_read_but_never_a_panic_and_what_is_written_can_be
         ("cvat_images", "cvat/images.xml".into()),
         ("cvat_video", "cvat/rally.xml".into()),
         ("tracknet", "tracknet/match/1_02.csv".into()),
+        ("yolo", "yolo/data.yaml".into()),
+        ("yolo", "yolo/labels/train/rally_004.txt".into()),
+        ("labelme", "labelme/throw/2.json".into()),
+        ("label_studio", "label_studio/project-4.json".into()),
+        ("label_studio_video", "label_studio_video/clip.json".into()),
     ];
     for (name, file) in files {
         let from = copy(set(name), "fuzz");

@@ -101,6 +101,8 @@ fn fit_reads_such_a_track() {
     let (output, track) = import(&annotations("fit", &text), &["--fps", "60"]);
     let said = String::from_utf8(output.stdout).unwrap();
     assert!(said.contains("30 frames of `ball`, CVAT's track 7") && !said.contains("NOTE"), "{said}");
+    let lines = std::fs::read_to_string(&track).unwrap();
+    std::fs::write(&track, lines + "30,1,0,0,0.5,,\n").unwrap();
     let file = |name: &str, text: &str| {
         let path = track.with_file_name(name);
         std::fs::write(&path, text).unwrap();
@@ -119,6 +121,8 @@ fn fit_reads_such_a_track() {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("track.csv: 1 frames have (0, 0) or (−1, −1): taken as not visible"), "{said}");
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     let start: Vec<f64> = serde_json::from_value(found["frames"][0]["world"].clone()).unwrap();
     assert!((start[1]).abs() < 0.3 && (start[2] - 2.5).abs() < 0.2, "{start:?}");

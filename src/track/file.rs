@@ -54,6 +54,8 @@ pub struct TrackPoint {
 pub struct Track {
     /// Its lines.
     pub points: Vec<TrackPoint>,
+    /// Lines of a file that have the ball at (0, 0) or (−1, −1) and do not say that it is not visible: it is taken as that.
+    pub nowhere: usize,
 }
 
 /// One line of a fitted trajectory.
@@ -139,7 +141,7 @@ impl Track {
             let reason = format!("is known of {timed} of {} points: give it of all of them, or of none", points.len());
             return Err(Error::value("track", TIME, reason));
         }
-        Ok(Self { points })
+        Ok(Self { points, nowhere: 0 })
     }
 
     /// Reads a file.
@@ -165,14 +167,16 @@ impl Track {
         };
         let columns = Columns::of(&table)?;
         let mut points: Vec<TrackPoint> = Vec::with_capacity(table.rows.len());
+        let mut nowhere = 0;
         for (index, row) in table.rows.iter().enumerate() {
-            let point = columns.point(row, index as u64)?;
+            let (point, is_nowhere) = columns.point(row, index as u64)?;
+            nowhere += usize::from(is_nowhere);
             if let Some(before) = points.last() {
                 point.follows(before).map_err(|(column, reason)| Error::value(&row.what, column, reason))?;
             }
             points.push(point);
         }
-        Ok(Self { points })
+        Ok(Self { points, nowhere })
     }
 
     /// The text of a file; optional columns are there if a point has a number in them.
@@ -262,8 +266,8 @@ impl Columns<'_> {
         })
     }
 
-    /// The point of a row, which is the track's `index`th.
-    fn point(&self, row: &Row, index: u64) -> Result<TrackPoint> {
+    /// The point of a row, which is the track's `index`th, and whether its ball is said to be seen, and nowhere.
+    fn point(&self, row: &Row, index: u64) -> Result<(TrackPoint, bool)> {
         let level = match self.visibility {
             Some(column) if !row.flag(column)? => 0,
             Some(column) => row.count(column).map_or(1, |level| level.min(255) as u8),
@@ -278,12 +282,9 @@ impl Columns<'_> {
                 [x?, y?]
             }
         };
-        let is_somewhere = |x: f64, y: f64| !NOWHERE.contains(&[x, y]);
-        let visibility = match place {
-            [Some(x), Some(y)] if is_somewhere(x, y) => level,
-            _ => 0,
-        };
         let [x, y] = place;
+        let is_nowhere = level > 0 && x.zip(y).is_some_and(|(x, y)| NOWHERE.contains(&[x, y]));
+        let visibility = if is_nowhere || x.is_none() || y.is_none() { 0 } else { level };
         let size = |column: Option<Column<'_>>| match column.map(|column| row.number_if_any(column)).transpose()? {
             Some(Some(size)) if size < 0.0 => {
                 let reason = format!("must not be negative, as {size} is");
@@ -292,7 +293,7 @@ impl Columns<'_> {
             size => Ok(size.flatten()),
         };
         let [radius, radius_sigma, sigma] = self.sizes;
-        Ok(TrackPoint {
+        let point = TrackPoint {
             frame: self.frame.map_or(Ok(index), |column| row.count(column))?,
             visibility,
             x,
@@ -301,7 +302,8 @@ impl Columns<'_> {
             radius: size(radius)?,
             radius_sigma: size(radius_sigma)?,
             sigma: size(sigma)?,
-        })
+        };
+        Ok((point, is_nowhere))
     }
 }
 

@@ -125,7 +125,7 @@ impl TrackedVideo {
 
     /// The 2D track.
     pub fn track(&self) -> Track {
-        Track { points: self.frames.iter().map(|frame| frame.followed.point).collect() }
+        Track { points: self.frames.iter().map(|frame| frame.followed.point).collect(), nowhere: 0 }
     }
 
     /// Frames that show the ball.

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
-use super::print_line;
+use super::{nowhere, print_line};
 use crate::choice::{Choice, one_of};
 use crate::report::{Flights, write_flights};
 use gravisight::internal::{read_text, write_whole};
@@ -108,6 +108,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let own_times = track.points.iter().any(|point| point.time.is_some());
     if let Some(fps) = arguments.fps.filter(|_| own_times) {
         eprintln!("gravisight: note: {}: its column Time counts; --fps {fps} is not used", arguments.track.display());
+    }
+    if track.nowhere > 0 {
+        eprintln!("gravisight: note: {}: {}", arguments.track.display(), nowhere(track.nowhere));
     }
     let estimate = arguments.estimate.clone();
     if let Some((_, twice)) = estimate.iter().enumerate().find(|(index, one)| estimate[..*index].contains(one)) {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::import::{CvatTrack, Format, ImportOptions, ImportReport, cvat_track, import};
+use crate::import::{DrawnTrack, Format, ImportOptions, ImportReport, drawn_track, import};
 use anyhow::{Context, Result};
 use clap::error::ErrorKind;
 use clap::{Args, ValueEnum};
@@ -11,13 +11,13 @@ use gravisight::parts::Statistic;
 use gravisight::{Camera, Scene};
 use serde_json::{Value, json};
 
-use super::print_line;
+use super::{nowhere, print_line};
 use crate::progress::Progress;
 
 /// Refused clips that are printed.
 const REFUSED: usize = 10;
 
-/// Turn other people's data into clips, or a ball labelled in CVAT into a 2D track for `fit`.
+/// Turn other people's data into clips, or a ball that was drawn into a 2D track for `fit`.
 #[derive(Args)]
 pub struct Arguments {
     /// The format.
@@ -28,11 +28,11 @@ pub struct Arguments {
     /// The clips folder to make.
     #[arg(long, value_name = "DIR", required_unless_present = "track")]
     out: Option<PathBuf>,
-    /// Write the ball's 2D track instead, with its radii (cvat; no camera is needed): the centre and the semi-minor axis of an
-    /// ellipse, or half the smaller side of a box. Where the ball is outside or occluded it is not visible.
+    /// Write the ball's 2D track instead, with its radii (cvat, yolo, labelme, label-studio; no camera is needed): the centre and the
+    /// semi-minor axis of an ellipse, or half the smaller side of a box. Where the ball is outside or occluded it is not visible.
     #[arg(long, value_name = "TRACK.CSV", conflicts_with_all = ["out", "camera", "scene", "clip_frames"])]
     track: Option<PathBuf>,
-    /// The camera of the pictures (camera.json): for coco, cvat and tracknet; sd, spring and rd bring theirs.
+    /// The camera of the pictures (camera.json): for all but sd, spring and rd, which bring theirs.
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: Option<PathBuf>,
     /// The place and its ball (scene.json), for every clip.
@@ -45,8 +45,8 @@ pub struct Arguments {
     /// track is to have.
     #[arg(long, value_name = "PATH")]
     pictures: Option<PathBuf>,
-    /// Category (coco) or label (cvat) of the ball, where there are others.
-    #[arg(long, value_name = "NAME")]
+    /// Category (coco), class (yolo) or label (cvat, labelme, label-studio) of the ball, where there are others.
+    #[arg(long, visible_alias = "class", value_name = "NAME")]
     category: Option<String>,
     /// Id of the ball's track (cvat), where several have its label.
     #[arg(long, value_name = "ID")]
@@ -62,6 +62,7 @@ pub struct Arguments {
 /// What is missing, or means nothing, of how it was called.
 fn misused(arguments: &Arguments) -> Option<(ErrorKind, String)> {
     let Arguments { from, camera, fps, pictures, category, object, track, .. } = arguments;
+    let is_drawn = matches!(from, Format::Cvat | Format::Yolo | Format::Labelme | Format::LabelStudio);
     let brings_its_own = matches!(from, Format::Sd | Format::Spring | Format::Rd);
     let given = [
         ("--camera", camera.is_some(), brings_its_own),
@@ -69,7 +70,7 @@ fn misused(arguments: &Arguments) -> Option<(ErrorKind, String)> {
         ("--pictures", pictures.is_some(), brings_its_own),
         ("--category", category.is_some(), brings_its_own || *from == Format::Tracknet),
         ("--object", object.is_some(), *from != Format::Cvat),
-        ("--track", track.is_some(), *from != Format::Cvat),
+        ("--track", track.is_some(), !is_drawn),
     ];
     let from = name(*from);
     if let Some((option, ..)) = given.into_iter().find(|(_, given, unused)| *given && *unused) {
@@ -96,9 +97,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
         pictures: arguments.pictures.clone(),
     };
     if let Some(path) = &arguments.track {
-        let found = cvat_track(&arguments.source, &options)?;
+        let found = drawn_track(arguments.from, &arguments.source, &options)?;
         write_whole(path, found.track.to_csv()?.as_bytes())?;
-        return print_track(path, &found, arguments.json);
+        return print_track(path, &found, &arguments);
     }
     let out = arguments.out.as_deref().context("--out is missing")?;
     let mut progress = Progress::new();
@@ -111,27 +112,36 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
 }
 
-fn print_track(path: &Path, found: &CvatTrack, as_json: bool) -> Result<()> {
-    let CvatTrack { track, label, objects, hidden, interpolated } = found;
+fn print_track(path: &Path, found: &DrawnTrack, arguments: &Arguments) -> Result<()> {
+    let DrawnTrack { track, label, objects, hidden, nowhere, interpolated } = found;
     let frames = track.points.len();
     let labels = track.points.iter().filter(|point| point.image().is_some()).count();
     let radii = track.points.iter().filter(|point| point.radius.is_some()).count();
-    if as_json {
+    if arguments.json {
         return Ok(print_line(
-            json!({"from": "cvat", "track": path, "label": label, "objects": objects, "frames": frames,
-            "labels": labels, "radii": radii, "hidden": hidden, "interpolated": interpolated}),
+            json!({"from": name(arguments.from), "track": path, "label": label, "objects": objects,
+            "frames": frames, "labels": labels, "radii": radii, "hidden": hidden, "nowhere": nowhere,
+            "interpolated": interpolated}),
         )?);
     }
     let ids = objects.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
     let of_tracks = if objects.is_empty() { String::new() } else { format!(", CVAT's track {ids}") };
     print_line(format_args!("track      {frames} frames of `{label}`{of_tracks}, in {}", path.display()))?;
     print_line(format_args!("labels     {labels}, {radii} with a radius; outside or occluded in {hidden} frames"))?;
+    print_nowhere(*nowhere)?;
     if *interpolated > 0 {
         print_line(format_args!(
             "NOTE: {interpolated} labels are between key frames, where CVAT draws straight lines and a ball's path is curved"
         ))?;
     }
     Ok(())
+}
+
+fn print_nowhere(frames: usize) -> Result<()> {
+    match frames {
+        0 => Ok(()),
+        _ => Ok(print_line(format_args!("NOTE: {}", nowhere(frames)))?),
+    }
 }
 
 fn name(from: Format) -> String {
@@ -143,16 +153,17 @@ fn as_json(arguments: &Arguments, report: &ImportReport) -> Value {
         |refused| json!({"clip": refused.clip, "code": refused.reason.code(), "reason": refused.reason.to_string()}),
     );
     json!({"from": name(arguments.from), "out": arguments.out, "clips": report.clips, "frames": report.frames,
-        "labels": report.labels, "positions": report.positions, "scenes": report.scenes, "gaps": report.gaps,
+        "labels": report.labels, "positions": report.positions, "scenes": report.scenes, "gaps": report.gaps, "nowhere": report.nowhere,
         "fps": Statistic::of(report.fps.iter().copied()),
         "reprojection_px": Statistic::of(report.reprojection_px.iter().copied()),
         "refused": refused.collect::<Vec<_>>()})
 }
 
 fn print(out: &Path, report: &ImportReport) -> Result<()> {
-    let ImportReport { clips, frames, labels, positions, scenes, gaps, .. } = report;
+    let ImportReport { clips, frames, labels, positions, scenes, gaps, nowhere, .. } = report;
     print_line(format_args!("clips      {clips} in {}", out.display()))?;
     print_line(format_args!("frames     {frames}, {labels} with a 2D label, {positions} with a 3D position"))?;
+    print_nowhere(*nowhere)?;
     let fps = |pick: fn(f64, f64) -> f64| report.fps.iter().copied().reduce(pick).unwrap_or_default();
     let (slowest, fastest) = (fps(f64::min), fps(f64::max));
     match fastest - slowest < 1e-3 {

@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::ImportOptions;
 use super::draft::{Draft, Job, Shot, fps_of_numbers};
-use super::pictures::{id_of, last_number, natural, read_text};
+use super::pictures::{id_of, natural, numbers_of, read_text};
 use gravisight::{Error, Result, Size};
 
 /// A keypoint's flag where it is seen; 1 is one that is labelled though hidden.
@@ -84,7 +84,7 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
         let read = move |_: &Path| {
             let shots = shots(&images, &folder, &balls, camera.size(), fps, &what)?;
             let fps = fps_of_numbers(frame_numbers(&images), fps);
-            Ok(Draft { camera: camera.clone(), scene: scene.clone(), fps, shots })
+            Ok(Draft::new(camera.clone(), scene.clone(), fps, shots))
         };
         Job { id, read: Box::new(read) }
     };
@@ -107,13 +107,10 @@ fn in_time(one: &Image, other: &Image) -> std::cmp::Ordering {
     by_frame.then(by_date).then_with(|| natural(&one.file_name, &other.file_name))
 }
 
-/// Frame numbers: those of the file, else those of the names where they grow, else the order's.
+/// Frame numbers: those of the file, else as [`numbers_of`].
 fn frame_numbers(images: &[Image]) -> Vec<u64> {
-    let grow = |numbers: &Vec<u64>| numbers.windows(2).all(|pair| pair[0] < pair[1]);
     let given = images.iter().map(|image| image.frame).collect::<Option<Vec<u64>>>();
-    let in_name = |image: &Image| last_number(&Path::new(&image.file_name).file_stem()?.to_string_lossy());
-    let in_names = || images.iter().map(in_name).collect::<Option<Vec<u64>>>().filter(grow);
-    given.or_else(in_names).unwrap_or_else(|| (0..images.len() as u64).collect())
+    given.unwrap_or_else(|| numbers_of(images.iter().map(|image| Path::new(&image.file_name))))
 }
 
 fn shots(images: &[Image], folder: &Path, balls: &Balls, size: Size, fps: f64, what: &str) -> Result<Vec<Shot>> {

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Point2, distance};
 
+use super::ball::is_nowhere;
 use super::pictures::format_of;
 use gravisight::internal::read;
 use gravisight::{Camera, Clip, Error, Frame, Picture, Result, Scene};
@@ -30,6 +31,8 @@ pub(super) struct Draft {
     pub fps: f64,
     /// Its frames.
     pub shots: Vec<Shot>,
+    /// Frames whose label is where tools put a ball that is not visible.
+    pub nowhere: usize,
 }
 
 /// A frame.
@@ -48,6 +51,14 @@ pub(super) struct Shot {
 }
 
 impl Draft {
+    /// Labels that are nowhere are taken as not visible, and counted.
+    pub fn new(camera: Camera, scene: Option<Scene>, fps: f64, mut shots: Vec<Shot>) -> Self {
+        let is_there = |shot: &Shot| shot.image.as_ref().is_some_and(is_nowhere);
+        let nowhere = shots.iter().filter(|shot| is_there(shot)).count();
+        shots.iter_mut().filter(|shot| is_there(shot)).for_each(|shot| shot.image = None);
+        Self { camera, scene, fps, shots, nowhere }
+    }
+
     /// In clips of `length` frames; the last may be shorter.
     pub fn cut(self, id: &str, length: Option<usize>) -> Vec<(String, Draft)> {
         let length = length.unwrap_or(usize::MAX);
@@ -56,7 +67,8 @@ impl Draft {
         }
         let part = |(index, shots): (usize, &[Shot])| {
             let (camera, scene) = (self.camera.clone(), self.scene.clone());
-            (format!("{id}/{index:02}"), Draft { camera, scene, fps: self.fps, shots: shots.to_vec() })
+            let nowhere = if index == 0 { self.nowhere } else { 0 };
+            (format!("{id}/{index:02}"), Draft { camera, scene, fps: self.fps, shots: shots.to_vec(), nowhere })
         };
         self.shots.chunks(length).enumerate().map(part).collect()
     }

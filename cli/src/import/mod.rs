@@ -4,15 +4,20 @@
 //! annotation file that cannot be parsed) fails the import, what is wrong with one clip refuses that clip.
 //! Pictures are copied byte for byte.
 
+mod ball;
 mod coco;
 mod cvat;
 mod draft;
+mod drawn;
+mod label_studio;
+mod labelme;
 mod npz;
 mod pictures;
 mod rd;
 mod sd;
 mod tracknet;
 mod video;
+mod yolo;
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -20,8 +25,8 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use rayon::prelude::*;
 
-pub use self::cvat::{CvatTrack, cvat_track};
 use self::draft::{Draft, Job};
+pub use self::drawn::{DrawnTrack, drawn_track};
 pub use self::pictures::{is_picture, left_out, pictures_in};
 pub use self::video::video_frames;
 use gravisight::internal::NewFolder;
@@ -55,12 +60,24 @@ pub enum Format {
     ///
     /// X, Y of pixel centres.
     Tracknet,
+    /// YOLO labels (text: class, cx, cy, width, height) beside pictures, or in `labels` where they are in `images`.
+    ///
+    /// The folder, or its data.yaml. The box's centre; a picture without labels is one without the ball.
+    Yolo,
+    /// LabelMe annotations (JSON, one a picture): point, circle, rectangle or polygon.
+    ///
+    /// The folder of them, or one file. The centre; of a polygon that of the box around it.
+    Labelme,
+    /// Label Studio's export (JSON): keypoints, rectangles, ellipses, or rectangles in a video.
+    ///
+    /// The centre; all are in per cent of the picture.
+    LabelStudio,
 }
 
 /// What the files themselves do not say.
 #[derive(Debug, Clone, Default)]
 pub struct ImportOptions {
-    /// The camera of the pictures: for COCO, CVAT and TrackNet, which bring none.
+    /// The camera of the pictures: for formats that bring none.
     pub camera: Option<Camera>,
     /// The scene of every clip.
     pub scene: Option<Scene>,
@@ -68,7 +85,7 @@ pub struct ImportOptions {
     pub fps: Option<f64>,
     /// Frames of a clip: longer ones are cut. Without it, 16 for the real data set, else they stay whole.
     pub clip_frames: Option<usize>,
-    /// Name of the ball's category or label, where there are others.
+    /// Name of the ball's category, class or label, where there are others.
     pub category: Option<String>,
     /// Id of the ball's track in CVAT, where several have its label.
     pub object: Option<u64>,
@@ -100,6 +117,8 @@ pub struct ImportReport {
     pub scenes: usize,
     /// Steps in time that are longer than a frame: frames are missing there.
     pub gaps: usize,
+    /// Frames whose label is (0, 0) or (−1, −1): the ball is taken as not visible.
+    pub nowhere: usize,
     /// Frames a second of every clip.
     pub fps: Vec<f64>,
     /// Distance of the 2D label from the projected 3D position of every frame that has both, px.
@@ -138,6 +157,9 @@ pub fn import(
         Format::Coco => coco::jobs(source, options)?,
         Format::Cvat => cvat::jobs(source, options)?,
         Format::Tracknet => tracknet::jobs(source, options)?,
+        Format::Yolo => drawn::jobs(yolo::drawn(source, options)?, options)?,
+        Format::Labelme => drawn::jobs(labelme::drawn(source)?, options)?,
+        Format::LabelStudio => label_studio::jobs(source, options)?,
     };
     let mut report = ImportReport::default();
     let mut names = HashSet::new();
@@ -254,6 +276,7 @@ impl ImportReport {
         self.positions += clip.frames.iter().filter(|frame| frame.world.is_some()).count();
         self.scenes += usize::from(clip.scene.is_some());
         self.gaps += clip.frames.windows(2).filter(|pair| (pair[1].t - pair[0].t) * clip.fps > GAP).count();
+        self.nowhere += draft.nowhere;
         self.fps.push(clip.fps);
         self.reprojection_px.extend(draft.reprojection_px());
     }

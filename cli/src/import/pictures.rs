@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 /// Folders in folders that are looked into.
 const MAX_DEPTH: usize = 8;
 /// Extensions of pictures.
-const PICTURES: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
+pub(super) const PICTURES: [&str; 4] = ["png", "jpg", "jpeg", "webp"];
 /// Most numbers that are told to be left out in one place.
 const MOST_LEFT_OUT: u64 = 1000;
 
@@ -134,6 +134,15 @@ pub(super) fn last_number(name: &str) -> Option<u64> {
         at + name[at..].chars().next().map_or(1, char::len_utf8)
     });
     name[from..until].parse().ok()
+}
+
+/// Frame numbers of pictures in the order of time: the last numbers in their names where they grow, else the order's.
+pub(super) fn numbers_of<'a>(pictures: impl ExactSizeIterator<Item = &'a Path> + Clone) -> Vec<u64> {
+    let count = pictures.len() as u64;
+    let in_name = |picture: &Path| last_number(&picture.file_stem()?.to_string_lossy());
+    let in_names = pictures.map(in_name).collect::<Option<Vec<u64>>>();
+    let grow = |numbers: &Vec<u64>| numbers.windows(2).all(|pair| pair[0] < pair[1]);
+    in_names.filter(grow).unwrap_or_else(|| (0..count).collect())
 }
 
 /// Order of names in which numbers count as such: `frame2` before `frame10`.

@@ -100,7 +100,7 @@ fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {
         Ok(Shot { picture, what: row.what.clone(), t, image, world })
     };
     let shots = labels.rows.iter().zip(pictures).zip(seconds).map(shot).collect::<Result<Vec<_>>>()?;
-    Ok(Draft { camera, scene, fps: fps_of(&shots)?, shots })
+    Ok(Draft::new(camera, scene, fps_of(&shots)?, shots))
 }
 
 /// The file `name` of a video: in its folder, or of its camera, in whichever folder above.

@@ -76,7 +76,7 @@ fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {
     let info = folder.join(INFO);
     let camera = Matrices::from_text(&read_text(&info)?, &info.display().to_string())?.camera(size)?;
     let shots = shots(&table, pictures, f64::from(size.height))?;
-    let draft = Draft { camera, scene, fps: fps_of(&shots)?, shots };
+    let draft = Draft::new(camera, scene, fps_of(&shots)?, shots);
     draft.agrees(&info)?;
     Ok(draft)
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::ImportOptions;
-use super::draft::Job;
+use super::draft::{Draft, Job};
 use super::pictures::{files_below, has_extension, id_of};
 use super::video::{Labelled, Media, draft};
 use gravisight::Track;
@@ -29,17 +29,19 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
         let (camera, options) = (camera.clone(), options.clone());
         let read = move |scratch: &Path| {
             let media = Media::beside(&path, &options, None)?;
-            draft(&labels(&path)?, &media, &camera, &options, scratch)
+            let track = Track::from_file(&path)?;
+            let draft = draft(&labels(&track, &path), &media, &camera, &options, scratch)?;
+            Ok(Draft { nowhere: track.nowhere, ..draft })
         };
         Job { id, read: Box::new(read) }
     };
     Ok(tracks.into_iter().map(job).collect())
 }
 
-fn labels(path: &Path) -> Result<BTreeMap<u64, Labelled>> {
+fn labels(track: &Track, path: &Path) -> BTreeMap<u64, Labelled> {
     let label = |point: &TrackPoint| {
         let what = format!("{}: frame {}", path.display(), point.frame);
         (point.frame, Labelled { what, image: point.image(), time: point.time })
     };
-    Ok(Track::from_file(path)?.points.iter().map(label).collect())
+    track.points.iter().map(label).collect()
 }

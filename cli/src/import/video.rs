@@ -6,13 +6,14 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point2;
 
 use super::ImportOptions;
+use super::ball::is_nowhere;
 use super::draft::{Draft, Shot, fps_of, fps_of_numbers};
 use super::pictures::by_number;
 use crate::video::{count_frames, evenly, extract, frame_times};
 use gravisight::{Camera, Error, Result};
 
 /// Extensions of videos.
-const VIDEOS: [&str; 8] = ["mp4", "avi", "mov", "mkv", "webm", "m4v", "mpg", "mts"];
+pub(super) const VIDEOS: [&str; 8] = ["mp4", "avi", "mov", "mkv", "webm", "m4v", "mpg", "mts"];
 /// What trackers add to a video's name for its track.
 const SUFFIXES: [&str; 3] = ["", "_ball", "_predict"];
 
@@ -86,6 +87,7 @@ pub(super) fn draft(
 ) -> Result<Draft> {
     let (Media::Pictures(path) | Media::Video(path)) = media;
     let what = path.display().to_string();
+    let (labels, nowhere) = &without_nowhere(labels.clone());
     let seen = || labels.iter().filter(|(_, label)| label.image.is_some()).map(|(number, _)| *number);
     let (Some(first), Some(last)) = (seen().next(), seen().next_back()) else {
         return Err(Error::Data { what, reason: "no frame of it has a label".into() });
@@ -115,7 +117,17 @@ pub(super) fn draft(
         Some(fps) => fps_of_numbers(numbers, fps),
         None => fps_of(&shots)?,
     };
-    Ok(Draft { camera: camera.clone(), scene: options.scene.clone(), fps, shots })
+    Ok(Draft { nowhere: *nowhere, ..Draft::new(camera.clone(), options.scene.clone(), fps, shots) })
+}
+
+/// Labels that are nowhere are taken as not visible; how many.
+fn without_nowhere(mut labels: BTreeMap<u64, Labelled>) -> (BTreeMap<u64, Labelled>, usize) {
+    let mut nowhere = 0;
+    for label in labels.values_mut().filter(|label| label.image.as_ref().is_some_and(is_nowhere)) {
+        label.image = None;
+        nowhere += 1;
+    }
+    (labels, nowhere)
 }
 
 /// The times that labels say, in place of the pictures' own.

@@ -242,7 +242,108 @@ def tracknet(cam):
         expected.setdefault("tracknet", {})[name + suffix] = {"fps": 30, "camera": cam, "frames": out}
 
 
-for folder in ["sd", "spring", "rd", "coco", "cvat", "tracknet"]:
+def yolo(cam):
+    """As Ultralytics writes it: several classes, a picture without a ball, one without labels, a confidence."""
+    out = []
+    for i in range(5):
+        image = np.array([6.0 + 4 * i, 9.5])
+        file = HERE / f"yolo/images/train/rally_{i:03}.png"
+        picture(file, image)
+        cx, cy = (image + 0.5) / [W, H]
+        lines = ["0 0.5 0.5 0.25 0.5"]
+        if i not in (1, 2, 3):
+            lines.append(f"1 {cx:.9f} {cy:.9f} {4 / W:.9f} {3 / H:.9f}" + (" 0.87" if i == 4 else ""))
+        if i == 2:
+            lines.append("1 0 0 0 0")
+        if i != 3:
+            write(HERE / f"yolo/labels/train/rally_{i:03}.txt", "\n".join(lines) + "\n")
+        out.append(frame(file, i / 50, None if i in (1, 2, 3) else image))
+    data = "# one class more than needed\npath: ../yolo\ntrain: images/train\nval: images/train\n\nnames:\n  0: person\n  1: ball\n"
+    write(HERE / "yolo/data.yaml", data)
+    expected["yolo"] = {"train": {"fps": 50, "camera": cam, "frames": out}}
+
+
+def labelme(cam):
+    """As LabelMe 5 writes it, a file a picture."""
+    out = []
+    for i in range(5):
+        image = np.array([5.0 + 3 * i, 8.25])
+        file = HERE / f"labelme/throw/{i + 1}.png"
+        picture(file, image)
+        x, y = (image + 0.5).tolist()
+        kind, points = [
+            ("circle", [[x, y], [x + 1.5, y + 2.0]]),
+            ("rectangle", [[x + 2, y - 2], [x - 2, y + 2]]),
+            ("polygon", [[x - 2, y], [x, y - 1], [x + 2, y], [x, y + 1]]),
+            ("point", [[0.0, 0.0]]),
+            ("point", [[x, y]]),
+        ][i]
+        shape = lambda label, kind, points: {
+            "label": label, "points": points, "group_id": None, "description": "", "shape_type": kind, "flags": {}, "mask": None
+        }
+        shapes = [shape("ball", kind, points), shape("net", "line", [[0, 0], [9, 9]])]
+        path = file.name if i else "..\\throw\\" + file.name
+        text = {"version": "5.5.0", "flags": {}, "shapes": shapes, "imagePath": path, "imageData": None, "imageHeight": H, "imageWidth": W}
+        write(HERE / f"labelme/throw/{i + 1}.json", json.dumps(text, indent=2))
+        out.append(frame(file, i / 50, None if i == 3 else image))
+    # not LabelMe's
+    write(HERE / "labelme/camera.json", json.dumps(cam) + "\n")
+    expected["labelme"] = {"throw": {"fps": 50, "camera": cam, "frames": out}}
+
+
+def label_studio(cam):
+    """As Label Studio 1.13 exports it (JSON): uploads, whose names begin with eight digits, and a file of the server's disk."""
+    tasks, out = [], []
+    for i in range(5):
+        image = np.array([7.0 + 3 * i, 11.0])
+        file = HERE / f"label_studio/images/serve {i}.png"
+        picture(file, image)
+        x, y = ((image + 0.5) / [W, H] * 100).tolist()
+        w, h = 4 / W * 100, 3 / H * 100
+        turned = np.radians(90.0)
+        corner = (image + 0.5 - [2 * np.cos(turned) - 1.5 * np.sin(turned), 2 * np.sin(turned) + 1.5 * np.cos(turned)]) / [W, H] * 100
+        kind, value = [
+            ("keypointlabels", {"x": x, "y": y, "width": 0.4}),
+            ("rectanglelabels", {"x": x - w / 2, "y": y - h / 2, "width": w, "height": h, "rotation": 0}),
+            ("rectanglelabels", {"x": float(corner[0]), "y": float(corner[1]), "width": w, "height": h, "rotation": 90.0}),
+            ("ellipselabels", {"x": x, "y": y, "radiusX": w / 2, "radiusY": h / 2, "rotation": 0}),
+            (None, None),
+        ][i]
+        region = {"original_width": W, "original_height": H, "image_rotation": 0, "value": value and {**value, kind: ["ball"]},
+                  "id": f"r{i}", "from_name": "label", "to_name": "image", "type": kind, "origin": "manual"}
+        said = {"value": {"choices": ["outdoors"]}, "id": "c", "from_name": "where", "to_name": "image", "type": "choices", "origin": "manual"}
+        done = {"id": i, "completed_by": 1, "result": [said] + ([region] if kind else []), "was_cancelled": False, "ground_truth": False,
+                "lead_time": 3.2, "result_count": 0, "unique_id": "0d5c1c7e", "task": i, "project": 4}
+        skipped = {**done, "result": [], "was_cancelled": True}
+        where = f"/data/local-files/?d=serve%20{i}.png" if i == 4 else f"/data/upload/4/3f2a90c{i}-serve%20{i}.png"
+        tasks.append({"id": 20 + i, "annotations": [skipped, done], "file_upload": f"3f2a90c{i}-serve {i}.png", "drafts": [],
+                      "predictions": [], "data": {"image": where, "note": "first set"}, "meta": {}, "inner_id": i + 1, "project": 4})
+        out.append((file, None if kind is None else image))
+    # the newest comes first in some exports
+    write(HERE / "label_studio/project-4.json", json.dumps(tasks[::-1]) + "\n")
+    frames = [frame(file, i / 50, image) for i, (file, image) in enumerate(out)]
+    expected["label_studio"] = {"project-4": {"fps": 50, "camera": cam, "frames": frames}}
+
+
+def label_studio_video(cam):
+    """A rectangle's key frames, from 1: 1 to 3 on a straight line, then away, then 6."""
+    out = []
+    for i in range(6):
+        image = np.array([6.0 + 3 * i, 12.0])
+        file = HERE / f"label_studio_video/clip/{i:04}.png"
+        picture(file, image)
+        out.append(frame(file, i / 50, None if i in (3, 4) else image))
+    key = lambda i, enabled: {"frame": i + 1, "enabled": enabled, "rotation": 0, "x": (4.5 + 3 * i) / W * 100, "y": 11 / H * 100,
+                              "width": 4 / W * 100, "height": 3 / H * 100, "time": (i + 1) / 50}
+    value = {"framesCount": 6, "duration": 0.12, "sequence": [key(0, True), key(2, False), key(5, False)], "labels": ["ball"]}
+    region = {"value": value, "id": "v", "from_name": "box", "to_name": "video", "type": "videorectangle", "origin": "manual"}
+    task = {"id": 7, "annotations": [{"id": 1, "result": [region], "was_cancelled": False, "ground_truth": False}],
+            "data": {"video": "/data/upload/5/1b2c3d4e-rally.mp4"}, "predictions": [], "drafts": []}
+    write(HERE / "label_studio_video/clip.json", json.dumps([task]) + "\n")
+    expected["label_studio_video"] = {"rally": {"fps": 50, "camera": cam, "frames": out}}
+
+
+for folder in ["sd", "spring", "rd", "coco", "cvat", "tracknet", "yolo", "labelme", "label_studio", "label_studio_video"]:
     shutil.rmtree(HERE / folder, ignore_errors=True)
 synthetic()
 real()
@@ -250,4 +351,8 @@ cam = own_camera()
 coco(cam)
 cvat(cam)
 tracknet(cam)
+yolo(cam)
+labelme(cam)
+label_studio(cam)
+label_studio_video(cam)
 write(HERE / "expected.json", json.dumps(expected, indent=1) + "\n")

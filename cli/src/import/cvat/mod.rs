@@ -1,6 +1,5 @@
 //! CVAT's annotation files (XML 1.1), for images and for video: as clips, and as a 2D track with the ball's radii.
 
-mod radius;
 mod track;
 
 use std::collections::BTreeMap;
@@ -9,15 +8,14 @@ use std::path::{Path, PathBuf};
 use nalgebra::Point2;
 use roxmltree::{Document, Node, ParsingOptions};
 
-pub use self::track::{CvatTrack, cvat_track};
+pub(super) use self::track::{Clock, cvat_track};
 use super::ImportOptions;
+use super::ball::Ball;
 use super::draft::{Draft, Job, Shot, fps_of_numbers};
 use super::pictures::{id_of, read_text};
 use super::video::{Labelled, Media, draft};
 use gravisight::{Error, Result, Size};
 
-/// From the picture's corner, where CVAT counts from, to the middle of its first pixel, px.
-const HALF_PIXEL: f64 = 0.5;
 /// Name of the file in an export.
 const NAME: &str = "annotations.xml";
 
@@ -28,13 +26,6 @@ struct Annotations<'a> {
     category: Option<&'a str>,
     /// Id of the ball's track.
     object: Option<u64>,
-}
-
-/// The ball by a shape that is drawn around it, px.
-struct Ball {
-    centre: Point2<f64>,
-    /// Its radius and the standard deviation of that; a point has none.
-    radius: Option<[f64; 2]>,
 }
 
 /// An image of a file for images.
@@ -119,27 +110,23 @@ impl<'a> Annotations<'a> {
     /// The ball by a shape; none for a shape of another kind.
     fn ball(&self, shape: Node<'_, '_>) -> Result<Option<Ball>> {
         let attribute = |name: &str| self.number(shape, name, self.attribute(shape, name)?);
-        let ([x, y], radius) = match shape.tag_name().name() {
+        Ok(Some(match shape.tag_name().name() {
             "points" => {
                 let points = self.attribute(shape, "points")?;
                 let first = points.split(';').next().unwrap_or_default();
                 let (x, y) = first.split_once(',').ok_or_else(|| {
                     Error::value(self.line(shape), "points", format!("must be x,y;x,y;…, not `{points}`"))
                 })?;
-                ([self.number(shape, "points", x)?, self.number(shape, "points", y)?], None)
+                Ball::at([self.number(shape, "points", x)?, self.number(shape, "points", y)?])
             }
             "box" => {
                 let [left, top, right, bottom] =
                     [attribute("xtl")?, attribute("ytl")?, attribute("xbr")?, attribute("ybr")?];
-                let sides = [(right - left).abs(), (bottom - top).abs()];
-                ([(left + right) / 2.0, (top + bottom) / 2.0], radius::of_box(sides))
+                Ball::in_box([(left + right) / 2.0, (top + bottom) / 2.0], [right - left, bottom - top])
             }
-            "ellipse" => {
-                ([attribute("cx")?, attribute("cy")?], radius::of_ellipse([attribute("rx")?, attribute("ry")?]))
-            }
+            "ellipse" => Ball::in_ellipse([attribute("cx")?, attribute("cy")?], [attribute("rx")?, attribute("ry")?]),
             _ => return Ok(None),
-        };
-        Ok(Some(Ball { centre: Point2::new(x - HALF_PIXEL, y - HALF_PIXEL), radius }))
+        }))
     }
 
     /// Refuses a size of the pictures that is not the camera's.
@@ -215,8 +202,7 @@ impl<'a> Annotations<'a> {
             let shots: Vec<Shot> = images.iter().map(shot).collect();
             let fps = fps_of_numbers(images.iter().map(|image| image.frame), fps);
             let (camera, scene) = (camera.clone(), options.scene.clone());
-            let read =
-                move |_: &Path| Ok(Draft { camera: camera.clone(), scene: scene.clone(), fps, shots: shots.clone() });
+            let read = move |_: &Path| Ok(Draft::new(camera.clone(), scene.clone(), fps, shots.clone()));
             Job { id, read: Box::new(read) }
         };
         Ok(groups.into_iter().map(job).collect())

@@ -6,8 +6,10 @@ use std::path::Path;
 use roxmltree::Node;
 
 use super::super::ImportOptions;
+use super::super::ball::{Ball, is_nowhere};
+use super::super::drawn::DrawnTrack;
 use super::super::pictures::read_text;
-use super::{Annotations, Ball, file_of};
+use super::{Annotations, file_of};
 use crate::video::frame_times;
 use gravisight::internal::TrackPoint;
 use gravisight::{Error, Result, Track};
@@ -15,22 +17,8 @@ use gravisight::{Error, Result, Track};
 /// Tracks that an error names.
 const NAMED: usize = 10;
 
-/// A ball's track as it was drawn.
-#[derive(Debug)]
-pub struct CvatTrack {
-    /// One point for each frame of which the file says something.
-    pub track: Track,
-    /// The ball's label.
-    pub label: String,
-    /// Ids of the tracks that it is made of; none of images.
-    pub objects: Vec<u64>,
-    /// Frames in which it is hidden: outside or occluded.
-    pub hidden: usize,
-    /// Frames in which it is visible, and where CVAT interpolated between key frames.
-    pub interpolated: usize,
-}
-
 /// What the file says of a frame.
+#[derive(Default)]
 struct Said {
     what: String,
     /// The track's id.
@@ -38,6 +26,7 @@ struct Said {
     /// None where it is not visible.
     ball: Option<Ball>,
     is_hidden: bool,
+    is_nowhere: bool,
     is_interpolated: bool,
 }
 
@@ -47,8 +36,7 @@ struct Said {
 /// # Errors
 /// [`Error::Io`], [`Error::Format`], [`Error::Value`] with file and line; [`Error::Data`] for several balls, which it names, and
 /// for none.
-pub fn cvat_track(source: &Path, options: &ImportOptions) -> Result<CvatTrack> {
-    options.check()?;
+pub fn cvat_track(source: &Path, options: &ImportOptions) -> Result<DrawnTrack> {
     let source = file_of(source);
     let text = read_text(&source)?;
     let annotations = Annotations::of(&text, &source, options)?;
@@ -63,25 +51,16 @@ pub fn cvat_track(source: &Path, options: &ImportOptions) -> Result<CvatTrack> {
         return Err(annotations.refused("no frame shows the ball: each is outside or occluded".into()));
     }
     let clock = Clock::of(options)?;
-    let point = |(&frame, said): (&u64, &Said)| {
-        let point = match &said.ball {
-            Some(Ball { centre, radius }) => TrackPoint {
-                radius: radius.map(|[radius, _]| radius),
-                radius_sigma: radius.map(|[_, sigma]| sigma),
-                ..TrackPoint::seen(frame, *centre)
-            },
-            None => TrackPoint::unseen(frame),
-        };
-        Ok(TrackPoint { time: clock.at(frame, &said.what)?, ..point })
-    };
+    let point = |(&frame, said): (&u64, &Said)| clock.point(frame, said.ball.as_ref(), &said.what);
     let track = Track::new(said.iter().map(point).collect::<Result<_>>()?)?;
     let seen = || said.values().filter(is_seen);
     let objects: BTreeSet<u64> = seen().filter_map(|said| said.object).collect();
-    Ok(CvatTrack {
+    Ok(DrawnTrack {
         track,
         label,
         objects: objects.into_iter().collect(),
         hidden: said.values().filter(|said| said.is_hidden && said.ball.is_none()).count(),
+        nowhere: said.values().filter(|said| said.is_nowhere).count(),
         interpolated: seen().filter(|said| said.is_interpolated).count(),
     })
 }
@@ -186,9 +165,7 @@ impl Annotations<'_> {
             let frame = self.count(node, "id")?;
             let name = Path::new(self.attribute(node, "name")?);
             folders.insert(name.parent().unwrap_or(Path::new("")).display().to_string());
-            let nothing =
-                Said { what: self.line(node), object: None, ball: None, is_hidden: false, is_interpolated: false };
-            let mut of_image = nothing;
+            let mut of_image = Said { what: self.line(node), ..Said::default() };
             for shape in node.children().filter(|shape| shape.attribute("label") == Some(label)) {
                 let Some(ball) = self.ball(shape)? else { continue };
                 let said = self.said(shape, ball, None);
@@ -213,11 +190,13 @@ impl Annotations<'_> {
 
     fn said(&self, shape: Node<'_, '_>, ball: Ball, object: Option<u64>) -> Said {
         let is_hidden = is_outside(shape) || is_set(shape, "occluded");
+        let is_nowhere = !is_hidden && is_nowhere(&ball.centre);
         Said {
             what: self.line(shape),
             object,
-            ball: (!is_hidden).then_some(ball),
+            ball: (!is_hidden && !is_nowhere).then_some(ball),
             is_hidden,
+            is_nowhere,
             is_interpolated: shape.attribute("keyframe").is_some_and(|keyframe| keyframe.trim() == "0"),
         }
     }
@@ -232,7 +211,7 @@ fn is_outside(shape: Node<'_, '_>) -> bool {
 }
 
 /// When frames were taken.
-enum Clock {
+pub(in super::super) enum Clock {
     Unknown,
     /// Frames a second.
     Rate(f64),
@@ -241,7 +220,7 @@ enum Clock {
 }
 
 impl Clock {
-    fn of(options: &ImportOptions) -> Result<Self> {
+    pub fn of(options: &ImportOptions) -> Result<Self> {
         Ok(match (options.fps, &options.pictures) {
             (Some(fps), _) => Self::Rate(fps),
             (None, Some(folder)) if folder.is_dir() => {
@@ -251,6 +230,19 @@ impl Clock {
             (None, Some(video)) => Self::Video(video.display().to_string(), frame_times(video)?),
             (None, None) => Self::Unknown,
         })
+    }
+
+    /// A track's point: the ball in a frame of which `what` speaks.
+    pub fn point(&self, frame: u64, ball: Option<&Ball>, what: &str) -> Result<TrackPoint> {
+        let point = match ball {
+            Some(Ball { centre, radius }) => TrackPoint {
+                radius: radius.map(|[radius, _]| radius),
+                radius_sigma: radius.map(|[_, sigma]| sigma),
+                ..TrackPoint::seen(frame, *centre)
+            },
+            None => TrackPoint::unseen(frame),
+        };
+        Ok(TrackPoint { time: self.at(frame, what)?, ..point })
     }
 
     /// Of a frame of which `what` speaks, s.
