@@ -231,3 +231,99 @@ fn a_training_that_is_killed_often_ends_in_the_same_weights() {
     }
     println!("train: killed {died} times in {rounds} runs, resumed {resumed} times");
 }
+
+/// Kills runs that make `out` and writes again where nothing is left of them; what is there under its name is `whole`.
+fn killed_often(name: &str, out: &Path, made: &dyn Fn(&Path) -> Child) {
+    let first = out.with_file_name(format!("first-{}", out.file_name().unwrap().to_string_lossy()));
+    let started = Instant::now();
+    assert!(ended(made(&first)));
+    let mut fuse = Fuse::new(started.elapsed());
+    let whole = all_of(&first);
+    assert!(!whole.is_empty());
+    let (mut went_on, mut there) = (0, 0);
+    while fuse.died < times() || went_on == 0 {
+        let died = fuse.burns(made(out));
+        let found = all_of(out);
+        there += u32::from(!found.is_empty());
+        assert!(found.is_empty() || found == whole, "{name}: something is there and is not whole");
+        assert!(died || found == whole, "{name}: it came to its end, and not all is there");
+        if found.is_empty() {
+            assert!(
+                ended(made(out)) && all_of(out) == whole,
+                "{name}: the run after a killed one gives something else"
+            );
+            went_on += 1;
+        }
+        remove(out);
+    }
+    println!(
+        "{name}: {} of {} killed before the end, {there} had ended, {went_on} done again",
+        fuse.died, fuse.started
+    );
+}
+
+/// Whether a run came to its end, all explained or not.
+fn ended(mut child: Child) -> bool {
+    matches!(child.wait().unwrap().code(), Some(0 | 3))
+}
+
+/// What is in a folder's files, or in a file.
+fn all_of(path: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    match std::fs::read(path) {
+        Ok(bytes) => BTreeMap::from([(PathBuf::new(), bytes)]),
+        Err(_) => contents(path),
+    }
+}
+
+fn remove(path: &Path) {
+    std::fs::remove_dir_all(path).or_else(|_| std::fs::remove_file(path)).ok();
+}
+
+#[test]
+fn imported_clips_are_there_whole_or_not_at_all() {
+    let folder = scratch("import");
+    let source = folder.join("set");
+    common::copy_tree(&root().join("tests/golden/import/tracknet"), &source);
+    // Many tracks, so that it lasts.
+    for number in 0..60 {
+        common::copy_tree(&source.join("match"), &source.join(format!("more/{number}")));
+    }
+    let camera = "tests/golden/import/camera.json";
+    killed_often("import", &folder.join("clips"), &|out| {
+        start(&["import", "--from", "tracknet", text(&source), "--camera", camera, "--fps", "30", "--out", text(out)])
+    });
+}
+
+/// Frames with a ball and their camera.
+const FRAMES: &str = "tests/samples/frames/train_e1_c1_0000";
+
+/// The camera of those frames.
+fn camera_in(folder: &Path) -> PathBuf {
+    let camera = folder.join("camera.json");
+    let clips = Clips::read(&root().join("tests/samples")).unwrap();
+    std::fs::write(&camera, serde_json::to_string(&clips.clips[0].camera).unwrap()).unwrap();
+    camera
+}
+
+#[test]
+fn labels_are_there_whole_or_not_at_all() {
+    let folder = scratch("label");
+    let camera = camera_in(&folder);
+    killed_often("label", &folder.join("labels"), &|out| {
+        start(&["label", FRAMES, "--out", text(out), "--camera", text(&camera), "--fps", "15", "--format", "csv"])
+    });
+}
+
+#[test]
+fn what_track_writes_is_there_whole_or_not_at_all() {
+    let folder = scratch("track");
+    killed_often("track", &folder.join("track.csv"), &|out| {
+        start(&["track", FRAMES, "--fps", "15", "--out", text(out)])
+    });
+    killed_often("track --report", &folder.join("report.html"), &|out| {
+        start(&["track", FRAMES, "--fps", "15", "--report", text(out)])
+    });
+    killed_often("track --overlay", &folder.join("overlay.mp4"), &|out| {
+        start(&["track", FRAMES, "--fps", "15", "--overlay", text(out)])
+    });
+}
