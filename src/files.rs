@@ -153,8 +153,10 @@ impl NewFolder {
         remove_left(&goal);
         let temporary = temporary_name(&goal);
         std::fs::create_dir_all(&temporary).map_err(Error::io(&temporary))?;
-        let claim = Some(Claim::of(&temporary)?);
-        Ok(Self { goal, temporary, claim })
+        let mut new = Self { goal, temporary, claim: None };
+        // Where that fails, `new` removes what it made.
+        new.claim = Some(Claim::of(&new.temporary)?);
+        Ok(new)
     }
 
     /// Where to put what belongs into it.
