@@ -105,7 +105,7 @@ pub use self::volume::Volume;
 /// Names that are in the modules of their subjects.
 #[doc(hidden)]
 pub mod parts {
-    pub use crate::camera::{Detection, Distortion, Outline};
+    pub use crate::camera::{Detection, Distortion, LensModel, Outline};
     pub use crate::evaluate::{Bins, CalibrationGroup, DepthMapScore, Statistic, score_depth_maps};
     pub use crate::localise::{Candidate, Maps, Saliency};
     pub use crate::model::ConfidenceKind;

@@ -8,7 +8,7 @@ mod common;
 use clicking::Noise;
 use common::looking;
 use gravisight::camera::CalibrationMethod;
-use gravisight::parts::Distortion;
+use gravisight::parts::{Distortion, LensModel};
 use gravisight::{Calibration, Camera, Court, Points, Scene, Size, Unknowns, calibrate};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -225,6 +225,19 @@ fn a_wrong_click_is_named_and_left_out() {
     let mut points = clicked(&camera, &world, true, 0.5, 5);
     points.image.swap(2, 6);
     assert_eq!(wrong_clicks(&calibrate(&points, &ONLY_POSE).unwrap()), [2, 6]);
+}
+
+#[test]
+fn a_known_fisheye_gives_its_camera_and_is_not_estimated() {
+    let lens = Distortion { model: LensModel::Fisheye, k1: 0.03, k2: -0.01, ..Distortion::default() };
+    let camera = looking([2.5, -1.5, 3.0], [1.0, 1.5, 0.5], 420.0, Size::new(1280, 720), lens);
+    let mut points = clicked(&camera, &BOX, true, 0.0, 1);
+    points.distortion = lens;
+    let found = calibrate(&points, &ONLY_POSE).unwrap();
+    assert!(apart(&found.camera, &camera).0 < 1e-6);
+    assert!(found.doubts.is_empty(), "{:?}", found.doubts);
+    let error = calibrate(&points, &Unknowns { distortion: 2, ..ONLY_POSE }).unwrap_err().to_string();
+    assert!(error.contains("fisheye"), "{error}");
 }
 
 #[test]

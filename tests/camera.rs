@@ -6,7 +6,7 @@ mod common;
 
 use common::golden;
 use gravisight::Error;
-use gravisight::parts::Distortion;
+use gravisight::parts::{Distortion, LensModel};
 use gravisight::{Camera, Size};
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -67,14 +67,23 @@ fn projection_and_its_inverse_equal_the_reference() {
     }
 }
 
-/// Cameras with real lenses: barrel and pincushion, tangential terms, skew.
+/// Real lenses: barrel and pincushion with tangential terms, rational, fisheye.
+fn any_lens() -> impl Strategy<Value = Distortion> {
+    let brown = (-0.3..0.2_f64, -0.05..0.1_f64, -0.01..0.01_f64, -0.01..0.01_f64, -0.02..0.02_f64)
+        .prop_map(|(k1, k2, p1, p2, k3)| Distortion { k1, k2, p1, p2, k3, ..Distortion::default() });
+    let rational = (brown.clone(), -0.3..0.3_f64, -0.2..0.2_f64, -0.05..0.05_f64)
+        .prop_map(|(lens, k4, k5, k6)| Distortion { k4, k5, k6, ..lens });
+    let fisheye = (-0.05..0.1_f64, -0.02..0.02_f64, -0.01..0.01_f64, -0.002..0.002_f64)
+        .prop_map(|(k1, k2, k3, k4)| Distortion { model: LensModel::Fisheye, k1, k2, k3, k4, ..Distortion::default() });
+    prop_oneof![brown, rational, fisheye]
+}
+
+/// Cameras with real lenses and skew.
 fn any_camera() -> impl Strategy<Value = Camera> {
-    let lens = (-0.3..0.2_f64, -0.05..0.1_f64, -0.01..0.01_f64, -0.01..0.01_f64, -0.02..0.02_f64);
     let pose = (-3.0..3.0_f64, -3.0..3.0_f64, -3.0..3.0_f64, -5.0..5.0_f64, -5.0..5.0_f64, -5.0..5.0_f64);
-    (lens, pose, 300.0..1500.0_f64, -5.0..5.0_f64).prop_map(|((k1, k2, p1, p2, k3), (a, b, c, x, y, z), f, skew)| {
+    (any_lens(), pose, 300.0..1500.0_f64, -5.0..5.0_f64).prop_map(|(distortion, (a, b, c, x, y, z), f, skew)| {
         let intrinsic = Matrix3::new(f, skew, 320.0, 0.0, 1.1 * f, 240.0, 0.0, 0.0, 1.0);
         let rotation = Rotation3::from_scaled_axis(Vector3::new(a, b, c)).into_inner();
-        let distortion = Distortion { k1, k2, p1, p2, k3 };
         Camera::new(Size::new(640, 480), intrinsic, distortion, rotation, Vector3::new(x, y, z)).unwrap()
     })
 }
@@ -136,7 +145,11 @@ proptest! {
         prop_assert!((back.intrinsic() - camera.intrinsic()).amax() < 1e-9);
         let point = Point3::new(1.0, 2.0, 3.0);
         prop_assert!((back.camera_from_world(&point) - camera.camera_from_world(&point)).norm() < 1e-12);
-        prop_assert!((back.distortion().k1 - camera.distortion().k1).abs() < 1e-12);
+        prop_assert_eq!(back.distortion().model, camera.distortion().model);
+        let coefficients = |camera: &Camera| [camera.distortion().k1, camera.distortion().p2, camera.distortion().k4, camera.distortion().k6];
+        for (found, written) in coefficients(&back).iter().zip(coefficients(&camera)) {
+            prop_assert!((found - written).abs() < 1e-12);
+        }
     }
 }
 
@@ -202,7 +215,8 @@ fn with_lens(lens: Distortion) -> Camera {
 #[test]
 fn a_point_beyond_the_lens_fold_has_no_image_though_the_model_would_put_it_into_the_picture() {
     // r·(1 − 0.26·r² + 0.89·r⁴ − 3.4·r⁶) grows up to r = 0.62 only, and is 0 again at r = 0.87.
-    let camera = with_lens(Distortion { k1: -0.26, k2: 0.89, p1: 0.004, p2: -0.002, k3: -3.4 });
+    let camera =
+        with_lens(Distortion { k1: -0.26, k2: 0.89, p1: 0.004, p2: -0.002, k3: -3.4, ..Distortion::default() });
     for (radius, is_seen) in [(0.0, true), (0.5, true), (0.6, true), (0.64, false), (0.87, false), (40.0, false)] {
         for turn in 0..12 {
             let (sin, cos) = (f64::from(turn) * 0.52).sin_cos();
@@ -218,13 +232,91 @@ fn a_point_beyond_the_lens_fold_has_no_image_though_the_model_would_put_it_into_
     assert!(wide.image_from_camera(&Point3::new(20.0, 3.0, 1.0)).is_ok());
 }
 
+/// Points, and their images by OpenCV 5.0: `cv2.projectPoints` with these 8 coefficients, `cv2.fisheye.projectPoints` with these 4, no
+/// rotation, no translation.
+#[test]
+fn rational_and_fisheye_lenses_equal_opencvs_and_their_inverse_gives_the_point_back() {
+    let rational = Distortion {
+        k1: 0.9,
+        k2: -0.35,
+        p1: 0.0012,
+        p2: -0.0007,
+        k3: 0.04,
+        k4: 1.15,
+        k5: -0.22,
+        k6: 0.015,
+        ..Distortion::default()
+    };
+    let fisheye =
+        Distortion { model: LensModel::Fisheye, k1: 0.04, k2: -0.012, k3: 0.006, k4: -0.0011, ..Distortion::default() };
+    let of_rational = [
+        ([0.1, 0.2, 1.0], [741.273759783156, 560.940310558558]),
+        ([-0.7, 0.35, 1.0], [18.105790225472, 672.927278037575]),
+        ([0.55, -0.42, 1.0], [1141.380744194184, -17.267095948686]),
+        ([-1.1, -0.8, 2.0], [138.461754215622, -0.990471319208]),
+        ([0.9, 0.9, 1.0], [1302.597567980737, 1023.168197743209]),
+    ];
+    let of_fisheye = [
+        ([0.1, 0.2, 1.0], [688.813293598859, 456.482309751060]),
+        ([-0.7, 0.35, 1.0], [351.906020884821, 506.443668767766]),
+        ([1.6, -1.1, 1.0], [1091.499777707436, 54.164214689362]),
+        ([-3.0, -2.0, 1.0], [94.506118017673, -0.893160538267]),
+        ([5.0, 0.9, 0.5], [1383.949964596095, 495.334156153850]),
+    ];
+    for (lens, [fx, fy], points) in [(rational, [1010.0, 1005.0], of_rational), (fisheye, [480.0, 478.0], of_fisheye)] {
+        let intrinsic = Matrix3::new(fx, 0.0, 641.5, 0.0, fy, 362.25, 0.0, 0.0, 1.0);
+        let camera = Camera::new(Size::new(1280, 720), intrinsic, lens, Matrix3::identity(), Vector3::zeros()).unwrap();
+        for (point, expected) in points {
+            let image = camera.image_from_camera(&point.into()).unwrap();
+            assert_close(image.coords.as_slice(), &expected, "image");
+            let again = camera.image_from_camera(&camera.camera_from_image(&image, point[2]).unwrap()).unwrap();
+            assert_close(again.coords.as_slice(), &expected, "there and back");
+        }
+    }
+}
+
+#[test]
+fn a_fisheye_ends_where_its_radius_no_longer_grows_or_beside_the_camera() {
+    let equidistant = Distortion { model: LensModel::Fisheye, ..Distortion::default() };
+    assert!((equidistant.undistort([0.25 * std::f64::consts::PI, 0.0].into()).unwrap().x - 1.0).abs() < 1e-12);
+    assert_eq!(equidistant.undistort([1.6, 0.0].into()).unwrap_err().code(), "distortion");
+    assert_eq!(equidistant.undistort([0.0, 0.0].into()).unwrap().norm(), 0.0);
+    // θ·(1 − θ²/3) grows up to θ = 1, where it is 2/3.
+    let folds = Distortion { k1: -1.0 / 3.0, ..equidistant };
+    assert!(folds.undistort([0.0, 0.66].into()).is_ok() && folds.undistort([0.0, 0.67].into()).is_err());
+    let camera = with_lens(folds);
+    assert!(camera.image_from_camera(&Point3::new(0.99_f64.tan(), 0.0, 1.0)).is_ok());
+    assert_eq!(camera.image_from_camera(&Point3::new(1.01_f64.tan(), 0.0, 1.0)).unwrap_err().code(), "distortion");
+    assert_eq!(camera.image_from_camera(&Point3::new(1.0, 0.0, 0.0)).unwrap_err().code(), "behind-camera");
+}
+
+#[test]
+fn a_rational_lens_ends_where_its_denominator_is_zero() {
+    // 1 − r²/4 is 0 at r = 2, where the image is infinitely far out; beyond, the model comes back from the other side.
+    let camera = with_lens(Distortion { k4: -0.25, ..Distortion::default() });
+    assert!(camera.image_from_camera(&Point3::new(0.0, 1.99, 1.0)).is_ok());
+    assert_eq!(camera.image_from_camera(&Point3::new(0.0, 2.01, 1.0)).unwrap_err().code(), "distortion");
+}
+
+#[test]
+fn coefficients_that_a_fisheye_does_not_have_are_refused() {
+    let mut file = good();
+    file["distortion"] = json!({"model": "fisheye", "k1": 0.1, "p1": 0.01});
+    assert!(parse(&file).unwrap_err().to_string().contains("p1"));
+    file["distortion"] = json!({"model": "fisheye", "k1": 0.1});
+    assert!(parse(&file).unwrap().distortion().is_fisheye());
+    file["distortion"] = json!({"model": "omni"});
+    assert!(parse(&file).unwrap_err().to_string().contains("omni"));
+}
+
 proptest! {
     #[test]
     fn what_has_an_image_is_found_again_from_it(
         k1 in -1.0..0.5_f64, k2 in -1.0..1.0_f64, k3 in -4.0..4.0_f64, p1 in -0.05..0.05_f64, p2 in -0.05..0.05_f64,
+        [k4, k5, k6] in prop_oneof![Just([0.0; 3]), [-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64]],
         x in -2.0..2.0_f64, y in -2.0..2.0_f64,
     ) {
-        let camera = with_lens(Distortion { k1, k2, p1, p2, k3 });
+        let camera = with_lens(Distortion { k1, k2, p1, p2, k3, k4, k5, k6, ..Distortion::default() });
         let point = Point3::new(x, y, 1.0);
         // At the fold itself two points meet in one image.
         prop_assume!(camera.image_from_camera(&Point3::new(1.02 * x, 1.02 * y, 1.0)).is_ok());
@@ -283,8 +375,8 @@ fn unknown_and_missing_fields_are_named() {
     file["focal"] = json!(3);
     assert!(parse(&file).unwrap_err().to_string().contains("focal"));
     let mut file = good();
-    file["distortion"] = json!({"k4": 1.0});
-    assert!(parse(&file).unwrap_err().to_string().contains("k4"));
+    file["distortion"] = json!({"k7": 1.0});
+    assert!(parse(&file).unwrap_err().to_string().contains("k7"));
     for field in ["width", "height", "intrinsic", "camera_from_world"] {
         let mut file = good();
         file.as_object_mut().unwrap().remove(field);

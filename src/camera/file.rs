@@ -28,7 +28,7 @@ struct CameraFile {
     intrinsic: [[f64; 3]; 3],
     /// Rigid, m.
     camera_from_world: [[f64; 4]; 4],
-    /// Brown–Conrady, in OpenCV's order.
+    /// Brown–Conrady, OpenCV's rational model or a fisheye.
     #[serde(default, skip_serializing_if = "Distortion::is_none")]
     distortion: Distortion,
     /// Of a rolling shutter: from the first row to the last, s.
@@ -154,16 +154,19 @@ pub(super) fn check(
     if size.width == 0 || size.height == 0 {
         return refuse("width/height", format!("must be positive, not {size}"));
     }
-    let Distortion { k1, k2, p1, p2, k3 } = *distortion;
+    let Distortion { k1, k2, p1, p2, k3, k4, k5, k6, model: _ } = *distortion;
     let sensible = |values: &[f64]| values.iter().all(|value| value.abs() <= MAX_ENTRY);
     for (field, fine) in [
         ("intrinsic", sensible(intrinsic.as_slice())),
         ("camera_from_world", sensible(rotation.as_slice()) && sensible(translation.as_slice())),
-        ("distortion", sensible(&[k1, k2, p1, p2, k3])),
+        ("distortion", sensible(&[k1, k2, p1, p2, k3, k4, k5, k6])),
     ] {
         if !fine {
             return refuse(field, format!("holds NaN, infinity or a number beyond {MAX_ENTRY:e}"));
         }
+    }
+    if distortion.is_fisheye() && [p1, p2, k5, k6] != [0.0; 4] {
+        return refuse("distortion", "of a fisheye has k1, k2, k3 and k4 alone: p1, p2, k5 and k6 must be 0".into());
     }
     if intrinsic[(1, 0)] != 0.0 || intrinsic.row(2) != nalgebra::RowVector3::new(0.0, 0.0, 1.0) {
         return refuse("intrinsic", "must have the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]".into());

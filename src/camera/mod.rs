@@ -22,7 +22,7 @@ pub use self::calibrate::{
     calibrate_by_lines,
 };
 pub use self::court::{Court, CourtLine};
-pub use self::distortion::Distortion;
+pub use self::distortion::{Distortion, LensModel};
 use self::fold::Range;
 use self::projection::projected;
 pub use self::sphere::{Detection, Outline};
@@ -34,7 +34,7 @@ const MIN_DETERMINANT: f64 = 1e-9;
 /// Relative difference of two aspect ratios that rounding to whole pixels explains.
 const ASPECT_TOLERANCE: f64 = 0.01;
 
-/// A pinhole camera with Brown–Conrady distortion: paper eq. (1)–(2), M_int and M_ext.
+/// A pinhole camera with a lens ([`Distortion`]): paper eq. (1)–(2), M_int and M_ext.
 ///
 /// ```
 /// use gravisight::camera::Distortion;

@@ -129,7 +129,7 @@ mod tests {
     use nalgebra::{Matrix3, Rotation3, Vector3};
     use proptest::prelude::*;
 
-    use super::super::Distortion;
+    use super::super::{Distortion, LensModel};
     use super::*;
     use crate::size::Size;
 
@@ -166,10 +166,16 @@ mod tests {
     #[test]
     fn outlines_are_what_rays_see() {
         let bent = Distortion { k1: -0.2, k2: 0.05, p1: 0.002, p2: -0.001, ..Distortion::default() };
+        let bent_little = Distortion { k1: -0.02, k4: 0.001, ..Distortion::default() };
         for (camera, centre, radius) in [
             (camera([500.0, 500.0], Distortion::default()), Point3::new(0.0, 0.0, 2.0), 0.2),
             (camera([500.0, 500.0], Distortion::default()), Point3::new(1.9, 1.5, 2.0), 0.3),
             (camera([500.0, 420.0], Distortion::default()), Point3::new(-1.8, 0.4, 2.0), 0.2),
+            (
+                camera([400.0, 400.0], Distortion { model: LensModel::Fisheye, ..bent_little }),
+                Point3::new(2.9, 0.8, 1.5),
+                0.3,
+            ),
             (camera([600.0, 600.0], bent), Point3::new(1.2, -0.9, 2.0), 0.2),
         ] {
             let outline = camera.outline(&centre, radius).unwrap();
@@ -198,8 +204,9 @@ mod tests {
         #[test]
         fn outlines_give_their_balls_back(
             x in -0.95..0.95_f64, y in -0.75..0.75_f64, z in 0.5..60.0_f64, radius in 0.01..0.12_f64, k1 in -0.12..0.1_f64,
+            model in prop_oneof![Just(LensModel::BrownConrady), Just(LensModel::Fisheye)],
         ) {
-            let camera = camera([500.0, 480.0], Distortion { k1, ..Distortion::default() });
+            let camera = camera([500.0, 480.0], Distortion { model, k1, ..Distortion::default() });
             let centre = Point3::new(x * z, y * z, z);
             let outline = camera.outline(&centre, radius).unwrap();
             let found = camera.ball_from_outline(&outline, radius).unwrap();

@@ -89,6 +89,10 @@ impl Calibration {
     }
 
     fn lens(&self) -> Option<String> {
+        // No calibration finds a fisheye: it was given.
+        if self.camera.distortion().is_fisheye() {
+            return None;
+        }
         match self.camera.bend_of_corners() {
             None => Some(
                 "the lens found does not reach the picture's corners: estimate less of it, or add points near the corners".into(),

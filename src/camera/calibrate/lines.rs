@@ -12,7 +12,7 @@ use serde::Serialize;
 use super::lens::{NO_LENS, two_sided};
 use super::paint::{Expected, Grey, find};
 use super::refine::{Guess, Refined, Seen, refine};
-use super::{Calibration, Points, Problem, Unknowns, refuse};
+use super::{Calibration, Points, Problem, Unknowns, check_lens, refuse};
 use crate::camera::court::CourtLine;
 use crate::camera::fold::Range;
 use crate::error::Result;
@@ -82,6 +82,7 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
             "the picture with the lines has {shown} pixels, the clicks are on one of {clicked}"
         )));
     }
+    check_lens(points, unknowns)?;
     let whole = Problem::new(points, unknowns);
     // First what the clicks can tell.
     let clicked = Problem::new(points, &Unknowns { focal: unknowns.focal, ..Unknowns::default() });

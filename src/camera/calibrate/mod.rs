@@ -69,6 +69,7 @@ pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
 
 /// The same without what follows from it.
 fn calibrated(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
+    check_lens(points, unknowns)?;
     let (problem, (solution, outliers)) = Problem::new(points, unknowns).by_clicks_and_lens()?;
     let variance = problem.variance(&solution.0, &outliers);
     problem.result(solution, outliers, variance)
@@ -84,6 +85,14 @@ struct Problem<'a> {
 
 fn refuse(reason: impl Into<String>) -> Error {
     Error::Calibration { reason: reason.into() }
+}
+
+/// Refuses to estimate a fisheye, whose coefficients are others.
+fn check_lens(points: &Points, unknowns: &Unknowns) -> Result<()> {
+    match points.distortion.is_fisheye() && unknowns.distortion > 0 {
+        true => Err(refuse("a fisheye's coefficients are not estimated: do without `distortion` in what is estimated")),
+        false => Ok(()),
+    }
 }
 
 impl<'a> Problem<'a> {

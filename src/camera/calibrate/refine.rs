@@ -114,7 +114,7 @@ impl Guess {
             moved.intrinsic[(0, 2)] += next();
             moved.intrinsic[(1, 2)] += next();
         }
-        let Distortion { k1, k2, p1, p2, k3 } = &mut moved.distortion;
+        let Distortion { k1, k2, p1, p2, k3, .. } = &mut moved.distortion;
         [k1, k2, p1, p2, k3].into_iter().take(unknowns.distortion).for_each(|value| *value += next());
         moved
     }
@@ -142,7 +142,7 @@ impl Guess {
             derivatives.extend([Vector2::x(), Vector2::y()]);
         }
         let focal = self.intrinsic.fixed_view::<2, 2>(0, 0).into_owned();
-        let lens = Distortion::by_coefficients(&ideal).into_iter().take(unknowns.distortion);
+        let lens = self.distortion.by_coefficients(&ideal).into_iter().take(unknowns.distortion);
         derivatives.extend(lens.map(|by| focal * by));
         Some((found - image, derivatives))
     }
@@ -288,7 +288,15 @@ mod tests {
         let guess = Guess {
             pose: Pose { rotation, translation: Vector3::new(0.2, -0.1, 5.0) },
             intrinsic: Matrix3::new(900.0, 1.5, 640.0, 0.0, 880.0, 350.0, 0.0, 0.0, 1.0),
-            distortion: Distortion { k1: -0.2, k2: 0.05, p1: 0.002, p2: -0.001, k3: 0.01 },
+            distortion: Distortion {
+                k1: -0.2,
+                k2: 0.05,
+                p1: 0.002,
+                p2: -0.001,
+                k3: 0.01,
+                k4: 0.1,
+                ..Distortion::default()
+            },
         };
         let unknowns = Unknowns { focal: true, principal_point: true, distortion: 5 };
         for world in [Point3::new(0.5, -0.8, 0.3), Point3::new(-1.5, 0.4, 1.0)] {

@@ -107,7 +107,7 @@ mod tests {
     /// A camera with a lens, two metres above the ground, turned down and aside.
     fn camera() -> Camera {
         let intrinsic = Matrix3::new(1100.0, 0.0, 639.5, 0.0, 1080.0, 359.5, 0.0, 0.0, 1.0);
-        let lens = Distortion { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, k3: 0.0 };
+        let lens = Distortion { k1: -0.2, k2: 0.05, p1: 0.001, p2: -0.002, ..Distortion::default() };
         let level = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
         let rotation = Rotation3::from_euler_angles(0.3, 0.2, 0.05).into_inner() * level;
         Camera::new(Size::new(1280, 720), intrinsic, lens, rotation, rotation * Vector3::new(0.5, 4.0, -2.0)).unwrap()
