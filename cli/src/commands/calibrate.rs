@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
@@ -12,6 +12,7 @@ use gravisight::camera::{CalibrationMethod, PointSigma};
 use gravisight::internal::write_whole;
 use gravisight::{Calibration, Court, Picture, Points, Unknowns, calibrate, calibrate_by_lines};
 
+use crate::cameras::{self, Intrinsics};
 use crate::footage::Footage;
 use crate::import::is_picture;
 
@@ -34,6 +35,9 @@ pub struct Arguments {
     /// The points (points.json: width, height, intrinsic if known, image, and world or court and names).
     #[arg(long, value_name = "POINTS.JSON", required_unless_present = "list")]
     points: Option<PathBuf>,
+    /// Intrinsics and lens are this camera's: a camera.json, or another tool's file (see `gravisight camera import --help`).
+    #[arg(long, value_name = "CAMERA", conflicts_with = "list")]
+    camera: Option<PathBuf>,
     /// Estimate these, too; the focal length is estimated where the file has no intrinsic.
     #[arg(long, value_delimiter = ',', value_parser = unknowns())]
     estimate: Vec<String>,
@@ -61,7 +65,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         return list(court, arguments.json);
     }
     let path = arguments.points.context("--points is missing")?;
-    let points = Points::from_file(&path)?;
+    let points = with_camera(Points::from_file(&path)?, arguments.camera.as_deref())?;
     let unknowns = Unknowns::named(&arguments.estimate)?;
     let found = match &arguments.refine_lines {
         Some(shown) => calibrate_by_lines(&points, &unknowns, &first_picture(shown)?),
@@ -76,6 +80,18 @@ pub fn run(arguments: Arguments) -> Result<()> {
         false => print(&points, &found, arguments.out.is_none())?,
     }
     Ok(())
+}
+
+/// The points, with intrinsics and lens of a camera's file.
+fn with_camera(points: Points, camera: Option<&Path>) -> Result<Points> {
+    let Some(path) = camera else { return Ok(points) };
+    let name = path.display();
+    ensure!(points.intrinsic.is_none(), "{name}: --camera and `intrinsic` in the points cannot both be given");
+    let Intrinsics { size, intrinsic, distortion } = cameras::intrinsics(path)?;
+    if let Some(size) = size.filter(|&size| size != points.size) {
+        bail!("{name}: is of {size} pictures, the points are of one of {}", points.size);
+    }
+    Ok(Points { intrinsic: Some(intrinsic), distortion, ..points })
 }
 
 fn first_picture(path: &Path) -> Result<Picture> {

@@ -7,6 +7,7 @@ use anyhow::{Context, Result, bail, ensure};
 use clap::Args;
 
 use super::{nowhere, print_line};
+use crate::cameras;
 use crate::choice::{Choice, one_of};
 use crate::report::{Flights, write_flights};
 use gravisight::internal::{read_text, write_whole};
@@ -95,7 +96,7 @@ pub(super) fn hits(text: &str) -> Result<Hits, String> {
 
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
     ensure!(arguments.noise_px.is_none_or(|noise| noise.is_finite() && noise > 0.0), "--noise-px must be positive");
-    let camera = Camera::from_file(&arguments.camera)?;
+    let camera = cameras::open(&arguments.camera)?;
     let scene = Scene::open(&arguments.scene)?;
     let scene = match &arguments.ball {
         Some(name) => scene.with_ball(name)?,

@@ -2,13 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::cameras;
 use crate::import::{DrawnTrack, Format, ImportOptions, ImportReport, drawn_track, import};
 use anyhow::{Context, Result};
 use clap::error::ErrorKind;
 use clap::{Args, ValueEnum};
+use gravisight::Scene;
 use gravisight::internal::write_whole;
 use gravisight::parts::Statistic;
-use gravisight::{Camera, Scene};
 use serde_json::{Value, json};
 
 use super::{nowhere, print_line};
@@ -88,7 +89,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
         clap::Error::raw(kind, message + "\n").exit();
     }
     let options = ImportOptions {
-        camera: arguments.camera.as_deref().map(Camera::from_file).transpose()?,
+        camera: arguments.camera.as_deref().map(cameras::open).transpose()?,
         scene: arguments.scene.as_deref().map(Scene::open).transpose()?,
         fps: arguments.fps,
         clip_frames: arguments.clip_frames.map(|frames| frames as usize),

@@ -7,10 +7,11 @@ use std::sync::Arc;
 use anyhow::{Context, Result, bail, ensure};
 use clap::{Args, ValueEnum};
 use gravisight::internal::{NewFolder, write_whole};
-use gravisight::{Camera, Clip, Clips, Frame, Localiser, Picture, Scene, TrackedVideo, VideoTracker};
+use gravisight::{Clip, Clips, Frame, Localiser, Picture, Scene, TrackedVideo, VideoTracker};
 use serde_json::json;
 
 use super::print_line;
+use crate::cameras;
 use crate::device::DeviceChoice;
 use crate::export::{cvat_xml, is_doubtful, labels_csv};
 use crate::footage::note_left_out;
@@ -120,7 +121,7 @@ fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<LabelSource>> {
     let Some(camera) = &arguments.camera else {
         bail!("{}: --camera camera.json is needed where there is no clips.jsonl", input.display());
     };
-    let (camera, scene) = (Camera::from_file(camera)?, arguments.scene.as_deref().map(Scene::open).transpose()?);
+    let (camera, scene) = (cameras::open(camera)?, arguments.scene.as_deref().map(Scene::open).transpose()?);
     ensure!(arguments.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps must be positive");
     let (pictures, times, fps) = if input.is_dir() {
         let Some(fps) = arguments.fps else { bail!("{}: --fps is needed for a folder of frames", input.display()) };

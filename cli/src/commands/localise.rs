@@ -7,10 +7,10 @@ use clap::Args;
 
 use super::print_line;
 use crate::device::DeviceChoice;
-use crate::{draw, model};
+use crate::{cameras, draw, model};
 use gravisight::internal::write_whole;
 use gravisight::parts::Candidate;
-use gravisight::{Camera, Localisation, LocaliseOptions, Picture, Region, Scene};
+use gravisight::{Localisation, LocaliseOptions, Picture, Region, Scene};
 
 /// Find the ball's 3D position in pictures.
 #[derive(Args)]
@@ -53,7 +53,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let Some(out) = &arguments.overlay {
         check_png("--overlay", out)?;
     }
-    let camera = Camera::from_file(&arguments.camera)?;
+    let camera = cameras::open(&arguments.camera)?;
     let scene = arguments.scene.as_deref().map(Scene::open).transpose()?;
     let ball_radius = arguments.ball_radius.or(scene.as_ref().map(|scene| scene.ball.radius));
     let localiser = model::open(arguments.model.as_deref(), ball_radius, &arguments.device.open()?)?;

@@ -2,6 +2,7 @@
 
 mod batch;
 mod calibrate;
+mod camera;
 mod evaluate;
 mod film;
 mod fit;
@@ -35,6 +36,8 @@ enum Command {
     Localise(localise::Arguments),
     Track(track::Arguments),
     Calibrate(calibrate::Arguments),
+    #[command(subcommand)]
+    Camera(camera::Subcommands),
     Scene(scene::Arguments),
     Label(label::Arguments),
     Import(import::Arguments),
@@ -63,6 +66,7 @@ impl Arguments {
             Command::Train(arguments) => train::run(arguments),
             Command::Forecast(arguments) => forecast::run(arguments),
             Command::Calibrate(arguments) => calibrate::run(arguments),
+            Command::Camera(command) => camera::run(command),
             Command::Synth(arguments) => synth::run(arguments),
             Command::Import(arguments) => import::run(arguments),
             Command::Label(arguments) => label::run(arguments),

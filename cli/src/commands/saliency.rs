@@ -7,11 +7,12 @@ use anyhow::{Context, Result};
 use clap::Args;
 use gravisight::internal::write_whole;
 use gravisight::parts::Saliency;
-use gravisight::{Camera, Localisation, LocaliseOptions, Size};
+use gravisight::{Localisation, LocaliseOptions, Size};
 use serde_json::json;
 
 use super::localise::{check_png, open_picture};
 use super::print_line;
+use crate::cameras;
 use crate::device::DeviceChoice;
 use crate::model;
 
@@ -43,7 +44,7 @@ pub struct Arguments {
 
 pub fn run(arguments: Arguments) -> Result<()> {
     check_png("--out", &arguments.out)?;
-    let camera = Camera::from_file(&arguments.camera)?;
+    let camera = cameras::open(&arguments.camera)?;
     let localiser = model::open(arguments.model.as_deref(), arguments.ball_radius, &DeviceChoice::Cpu.open()?)?;
     let picture = open_picture(&arguments.image)?;
     let name = || arguments.image.display().to_string();

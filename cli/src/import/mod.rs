@@ -11,7 +11,7 @@ mod draft;
 mod drawn;
 mod label_studio;
 mod labelme;
-mod npz;
+pub(crate) mod npz;
 mod pictures;
 mod rd;
 mod sd;

@@ -11,6 +11,15 @@ const MAX_BYTES: u64 = 1 << 20;
 /// What a `.npy` file begins with.
 const MAGIC: &[u8] = b"\x93NUMPY";
 
+/// An array of numbers of any shape.
+#[derive(Debug)]
+pub(crate) struct Array {
+    /// Its sides.
+    pub shape: Vec<usize>,
+    /// The last index runs fastest.
+    pub values: Vec<f64>,
+}
+
 /// A matrix of numbers.
 #[derive(Debug)]
 pub(super) struct Matrix {
@@ -40,16 +49,40 @@ pub(super) fn matrix(path: &Path, name: &str) -> Result<Matrix> {
     let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).map_err(Error::format(&what))?;
     let what = format!("{what}: {name}");
     let file = archive.by_name(&format!("{name}.npy")).map_err(Error::format(&what))?;
-    let mut array = Vec::new();
-    file.take(MAX_BYTES).read_to_end(&mut array).map_err(Error::format(&what))?;
-    let matrix = parse(&array).map_err(Error::format(&what))?;
+    let Array { shape, values } = array(file).map_err(Error::format(&what))?;
+    let shape = <[usize; 2]>::try_from(shape)
+        .map_err(|shape| Error::format(&what)(format!("has the shape {shape:?}; a matrix is needed")))?;
+    let matrix = Matrix { shape, values };
     match matrix.values.iter().all(|value| value.is_finite()) {
         true => Ok(matrix),
         false => Err(Error::value(path.display().to_string(), name, "holds NaN or infinity")),
     }
 }
 
-fn parse(bytes: &[u8]) -> std::result::Result<Matrix, String> {
+/// All arrays of the `.npz` file at `path` by their names, or why one cannot be read.
+///
+/// # Errors
+/// [`Error::Io`]; [`Error::Format`] for another file.
+pub(crate) fn arrays(path: &Path) -> Result<Vec<(String, std::result::Result<Array, String>)>> {
+    let bytes = read(path)?;
+    let what = path.display().to_string();
+    let mut archive = zip::ZipArchive::new(Cursor::new(bytes)).map_err(Error::format(&what))?;
+    let count = archive.len();
+    let read = |index: usize| {
+        let file = archive.by_index(index).map_err(Error::format(&what))?;
+        let name = file.name().map_err(Error::format(&what))?.trim_end_matches(".npy").to_string();
+        Ok((name, array(file)))
+    };
+    (0..count).map(read).collect()
+}
+
+fn array(file: impl std::io::Read) -> std::result::Result<Array, String> {
+    let mut bytes = Vec::new();
+    file.take(MAX_BYTES).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    parse(&bytes)
+}
+
+fn parse(bytes: &[u8]) -> std::result::Result<Array, String> {
     let rest = bytes.strip_prefix(MAGIC).ok_or("is no .npy array")?;
     let (length, rest) = match *rest {
         [1, _, a, b, ref rest @ ..] => (usize::from(u16::from_le_bytes([a, b])), rest),
@@ -59,7 +92,7 @@ fn parse(bytes: &[u8]) -> std::result::Result<Matrix, String> {
     let (header, data) = rest.split_at_checked(length).ok_or("breaks off in its header")?;
     let header = std::str::from_utf8(header).map_err(|error| error.to_string())?;
     let shape = shape(header)?;
-    let count = shape[0].checked_mul(shape[1]).ok_or("is too large")?;
+    let count = shape.iter().try_fold(1_usize, |count, side| count.checked_mul(*side)).ok_or("is too large")?;
     let kind = entry(header, "descr").and_then(|text| text.trim_start().split(['\'', '"']).nth(1)).unwrap_or_default();
     let values =
         values(data, kind).ok_or_else(|| format!("is of type `{kind}`; float32, float64 or int64 is needed"))?;
@@ -67,11 +100,19 @@ fn parse(bytes: &[u8]) -> std::result::Result<Matrix, String> {
         return Err(format!("has {} of its {count} numbers", values.len()));
     }
     let by_columns = entry(header, "fortran_order").is_some_and(|text| text.trim_start().starts_with("True"));
-    let at = |index: usize| match by_columns {
-        true => values[(index % shape[1]) * shape[0] + index / shape[1]],
-        false => values[index],
+    // Of the element that is `index`th where the last index runs fastest, its place where the first one does.
+    let place = |index: usize| {
+        let (mut rest, mut after, mut place) = (index, count, 0);
+        for side in shape.iter().rev() {
+            after /= side;
+            place += (rest % side) * after;
+            rest /= side;
+        }
+        place
     };
-    Ok(Matrix { shape, values: (0..count).map(at).collect() })
+    let at = |index: usize| if by_columns { values[place(index)] } else { values[index] };
+    let values = (0..count).map(at).collect();
+    Ok(Array { shape, values })
 }
 
 /// What follows `'key':` in the header, a Python dictionary.
@@ -80,11 +121,10 @@ fn entry<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     after.trim_start().strip_prefix(':')
 }
 
-fn shape(header: &str) -> std::result::Result<[usize; 2], String> {
+fn shape(header: &str) -> std::result::Result<Vec<usize>, String> {
     let text = entry(header, "shape").and_then(|text| text.split_once('(')?.1.split_once(')')).ok_or("has no shape")?.0;
     let sides = text.split(',').map(str::trim).filter(|side| !side.is_empty());
-    let sides: Vec<usize> = sides.map(str::parse).collect::<std::result::Result<_, _>>().map_err(|_| "has no shape")?;
-    sides.try_into().map_err(|_| format!("has the shape ({text}); a matrix is needed"))
+    sides.map(str::parse).collect::<std::result::Result<_, _>>().map_err(|_| "has no shape".into())
 }
 
 fn values(data: &[u8], kind: &str) -> Option<Vec<f64>> {

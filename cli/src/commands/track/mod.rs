@@ -15,6 +15,7 @@ use gravisight::{Camera, Findings, FitOptions, Forecaster, Picture, Scene, Track
 use self::say::print;
 use super::fit::{Hits, PARTLY, config, hits, one_sigma};
 use super::print_line;
+use crate::cameras;
 use crate::device::DeviceChoice;
 use crate::footage::Footage;
 use crate::model;
@@ -177,7 +178,7 @@ fn place(arguments: &Arguments) -> Result<Option<SceneOfTrack>> {
         }
     }
     let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
-    Ok(Some(SceneOfTrack { camera: Camera::from_file(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
+    Ok(Some(SceneOfTrack { camera: cameras::open(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
 }
 
 /// Once through the footage.
