@@ -172,8 +172,8 @@ mod tests {
             (camera([500.0, 500.0], Distortion::default()), Point3::new(1.9, 1.5, 2.0), 0.3),
             (camera([500.0, 420.0], Distortion::default()), Point3::new(-1.8, 0.4, 2.0), 0.2),
             (
-                camera([400.0, 400.0], Distortion { model: LensModel::Fisheye, ..bent_little }),
-                Point3::new(2.9, 0.8, 1.5),
+                camera([800.0, 800.0], Distortion { model: LensModel::Fisheye, ..bent_little }),
+                Point3::new(2.0, 0.8, 2.0),
                 0.3,
             ),
             (camera([600.0, 600.0], bent), Point3::new(1.2, -0.9, 2.0), 0.2),
