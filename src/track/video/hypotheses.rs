@@ -203,8 +203,8 @@ impl<'a> Hypotheses<'a> {
     }
 
     /// A tracklet, cut where the detector begins or ceases to see a ball for some frames, for a ball's tracklet may end where its shadow's
-    /// goes on; and before and after the part for which the motion network says most, where it says as much against the rest as makes a tracklet:
-    /// beyond a hit a tracklet may go on with something else.
+    /// goes on; and, of what it says is the ball's, before and after the part for which the motion network says most, where it says as much against
+    /// the rest as makes a tracklet: beyond a hit a tracklet may go on with something else.
     fn segments(&self, number: usize, gravity_test: Option<&GravityTest>) -> Vec<Segment> {
         let tracklet = &self.tracklets[number];
         let members = &tracklet.members;
@@ -218,7 +218,9 @@ impl<'a> Hypotheses<'a> {
         if !tracklet.seeded {
             let motion: Vec<f64> = members.iter().map(|&member| self.verdicts.motion(member).unwrap_or(0.0)).collect();
             let part = best_part(&motion);
-            let is_other = |odds: &[f64]| odds.iter().sum::<f64>() <= -self.config.min_gain;
+            let sum = |odds: &[f64]| odds.iter().sum::<f64>();
+            // Of what is no ball's some part may look like one.
+            let is_other = |odds: &[f64]| sum(&motion) > 0.0 && sum(odds) <= -self.config.min_gain;
             cuts.extend(is_other(&motion[..part.start]).then_some(part.start));
             cuts.extend(is_other(&motion[part.end..]).then_some(part.end));
         }
