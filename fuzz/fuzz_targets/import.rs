@@ -41,7 +41,11 @@ fn copy(from: &Path, to: &Path) {
     for entry in std::fs::read_dir(from).unwrap() {
         let entry = entry.unwrap();
         let to = to.join(entry.file_name());
-        if entry.path().is_dir() { copy(&entry.path(), &to) } else { drop(std::fs::copy(entry.path(), to).unwrap()) }
+        if entry.path().is_dir() {
+            copy(&entry.path(), &to);
+        } else {
+            std::fs::copy(entry.path(), to).unwrap();
+        }
     }
 }
 
@@ -74,7 +78,9 @@ fuzz_target!(|bytes: &[u8]| {
         std::fs::remove_dir_all(&out).unwrap();
     }
     if let Ok(found) = drawn_track(format, &SETS.join(source), &options) {
-        assert!(found.track.points.iter().filter_map(|point| point.image()).all(|at| at.x.is_finite() && at.y.is_finite()));
+        assert!(
+            found.track.points.iter().filter_map(|point| point.image()).all(|at| at.x.is_finite() && at.y.is_finite())
+        );
         found.track.to_csv().unwrap();
     }
     std::fs::write(&path, whole).unwrap();
