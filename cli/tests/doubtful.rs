@@ -204,7 +204,7 @@ fn another_file_than_asked_for_is_named_with_where_to_get_it() {
     let picture = root().join("tests/samples/frames/train_e1_c1_0000/000.png");
     std::fs::copy(picture, folder.join("ball.png")).unwrap();
     std::fs::write(folder.join("page.html"), "<!doctype html>\n<title>Not found</title>\n").unwrap();
-    std::fs::write(folder.join("other.json"), r#"{"K": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "R": [], "t": []}"#).unwrap();
+    std::fs::write(folder.join("other.json"), r#"{"speed": 3.5, "spin": [0, 0, 1]}"#).unwrap();
     std::fs::create_dir(folder.join("clips")).unwrap();
     for foreign in ["ball.png", "page.html", "other.json"] {
         std::fs::copy(folder.join(foreign), folder.join("clips/clips.jsonl")).unwrap();
