@@ -36,6 +36,7 @@ export type {
   Forecast,
   Hit,
   Impact,
+  LensModel,
   LineSeen,
   Matrix3,
   Measured,
