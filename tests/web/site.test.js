@@ -94,11 +94,11 @@ test("who starts here gets a position and a flight, and each recipe does what it
 
 test("every option that the documentation names is one", () => {
   const known = new Map();
-  const helpOf = (subcommand) => known.get(subcommand) ?? known.set(subcommand, gravisight([subcommand, "--help"])).get(subcommand);
+  const helpOf = (subcommand) => known.get(subcommand) ?? known.set(subcommand, gravisight([...subcommand.split(" "), "--help"])).get(subcommand);
   let options = 0;
   for (const page of markdown) {
     const text = readFileSync(join(root, page), "utf8").replaceAll(/\\\n\s*/g, "");
-    for (const [line, subcommand, rest] of text.matchAll(/^(?:srun )?gravisight ([a-z]+)([^\n]*)$/gm)) {
+    for (const [line, subcommand, rest] of text.matchAll(/^(?:srun )?gravisight (camera import|[a-z]+)([^\n]*)$/gm)) {
       const own = subcommand === "batch" ? rest.split(" -- ")[0] : rest;
       for (const [option] of own.matchAll(/(?<= )--[a-z][a-z-]*/g)) {
         options += 1;
