@@ -272,17 +272,17 @@ impl Fit {
         self
     }
 
-    /// The same of labels that are the ball's with a probability each (0 where there is none): a flight whose labels are less surely the
-    /// ball's than [`SURELY_BALL`] is not explained, for the laws may as well explain another thing.
+    /// The same of labels that are the ball's with a probability each (0 where there is none): a flight none of whose labels is the ball's as
+    /// surely as [`SURELY_BALL`] is not explained, for the laws may as well explain another thing. Of one that has some, the laws speak for
+    /// the others.
     pub(crate) fn doubted(mut self, probabilities: &[f64], scene: &Scene) -> Self {
-        let mut sums = vec![[0.0; 2]; self.flights.len()];
+        let mut surest = vec![0.0_f64; self.flights.len()];
         for (frame, &probability) in self.frames.iter().zip(probabilities) {
-            if let Some(sum) = sums.get_mut(frame.flight).filter(|_| probability > 0.0 && !frame.outlier) {
-                *sum = [sum[0] + probability, sum[1] + 1.0];
+            if let Some(surest) = surest.get_mut(frame.flight).filter(|_| !frame.outlier) {
+                *surest = surest.max(probability);
             }
         }
-        for (flight, [sum, count]) in self.flights.iter_mut().zip(sums) {
-            let probability = sum / count;
+        for (flight, probability) in self.flights.iter_mut().zip(surest) {
             if flight.explained && probability < SURELY_BALL {
                 flight.explained = false;
                 flight.reason = Some(format!(
@@ -353,6 +353,6 @@ mod tests {
         let doubtful = fit.doubted(&[0.7, 0.8, 0.0, 0.95], &scene);
         assert_eq!(doubtful.frames.iter().map(|frame| frame.explained).collect::<Vec<_>>(), [false, false, true, true]);
         assert!(!doubtful.explained);
-        assert!(doubtful.verdict.contains("with a probability of 75 % only"), "{}", doubtful.verdict);
+        assert!(doubtful.verdict.contains("with a probability of 80 % only"), "{}", doubtful.verdict);
     }
 }

@@ -283,8 +283,7 @@ impl<'a> Hypotheses<'a> {
         let small = median(path.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
         let detector = ((seen + 1.0) / (told - seen + 1.0_f64)).ln();
         let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
-        let gain = tracklet.gain * members.len() as f64 / tracklet.members.len() as f64;
-        let gain = (gain.max(1.0) / USUAL_GAIN).ln();
+        let gain = (tracklet.gain.max(1.0) / USUAL_GAIN).ln();
         let bend = gravity_test.map_or(0.0, |gravity_test| gravity_test.odds(&path));
         [1.0, gain, motion, f64::from(u8::from(small)), large, little, bend]
     }
