@@ -11,7 +11,8 @@ use crate::track::estimate::EstimatorConfig;
 
 /// By how much times that are one may differ, s: rounding.
 const SAME_TIME: f64 = 1e-9;
-/// Probability from which what was tracked is the ball surely enough for its flight to be told as explained.
+/// Probability from which what was tracked is the ball surely enough for its flight to be told as explained: chosen, not fitted. On simulated
+/// footage with much that looks like a ball two in three detections are right at 0.8 to 0.9, and nearly nine in ten at 0.9 to 0.95.
 const SURELY_BALL: f64 = 0.9;
 
 /// The trajectory that physics allows and a 2D track's labels explain: what [`Forecaster::fit`](crate::Forecaster::fit) finds.
