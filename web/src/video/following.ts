@@ -23,6 +23,8 @@ interface Heard {
   /** What was found before is to be forgotten. */
   begin: () => void;
   found: (curve: Curve) => void;
+  /** What a person should know of the video. */
+  told: (words: string) => void;
 }
 
 export class Following {
@@ -59,6 +61,7 @@ export class Following {
           transport.showTime(timeMs);
         });
         await this.#show(watch);
+        if (this.#tracking.broken) this.#heard.told(this.#tracking.broken);
       });
     } catch (thrown) {
       this.#heard.begin();

@@ -88,7 +88,7 @@ class Step {
     );
     this.#following = new Following(
       { part, place: this.#place, overlay: this.#overlay, transport: this.#transport, looker: this.#looker, job: this.#job },
-      { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve) },
+      { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve), told: (words) => this.#alert.say(words) },
     );
     this.#listen();
     this.#showPlace();

@@ -3,6 +3,7 @@ import { VideoTracker, type Camera, type DeviceChoice, type Picture, type Scene,
 import type { Watch } from "../shared/job";
 import type { Curve, Seen } from "./sightings";
 import { PictureSource, type Frame, type Source } from "./sources";
+import { VideoSource } from "./video-source";
 
 /** Frames that wait for the tracker, above which the video pauses, and below which it goes on. */
 const MOST_WAITING = 3;
@@ -29,6 +30,8 @@ export class Tracking {
   readonly #times: number[] = [];
   /** Frames that the browser did not show. */
   missed = 0;
+  /** Why frames at the end are missing, in words; empty where none are. */
+  broken = "";
   readonly #seeds: { frame: number; image: [number, number] }[] = [];
 
   private constructor(tracker: VideoTracker, known: Known) {
@@ -49,12 +52,19 @@ export class Tracking {
         tracking.#times.push(timeMs);
         progress(timeMs, source.durationMs);
       };
-      if (source instanceof PictureSource) {
-        for (const frame of source.frames) {
-          shown(frame);
-          await add(frame.picture, frame.timeMs);
-        }
-      } else tracking.missed = await played(source, add, signal, shown);
+      // Loaded only here: it is a third of the step.
+      const decoded = source instanceof VideoSource && source.file ? await (await import("./decoded")).DecodedVideo.open(source.file) : undefined;
+      try {
+        if (decoded || source instanceof PictureSource) {
+          for await (const frame of decoded?.frames() ?? (source as PictureSource).frames) {
+            shown(frame);
+            await add(frame.picture, frame.timeMs);
+          }
+        } else tracking.missed = await played(source, add, signal, shown);
+        if (decoded) tracking.broken = decoded.broken;
+      } finally {
+        decoded?.close();
+      }
       return tracking;
     } catch (thrown) {
       tracker.dispose();

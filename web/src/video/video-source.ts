@@ -12,6 +12,7 @@ export class VideoSource implements Source {
   onState: Source["onState"] = () => {};
   current: Frame | undefined;
   readonly element: HTMLVideoElement;
+  readonly file: File | undefined;
   #frameSeconds = USUAL_FRAME;
   #presented = 0;
   /** The webcam's clock starts with its first frame. */
@@ -25,10 +26,12 @@ export class VideoSource implements Source {
     readonly kind: "video" | "webcam",
     readonly name: string,
     element: HTMLVideoElement,
-    stream?: MediaStream,
+    from: File | MediaStream,
   ) {
+    const stream = from instanceof MediaStream ? from : undefined;
     this.element = element;
     this.#stream = stream;
+    this.file = from instanceof File ? from : undefined;
     for (const event of ["play", "pause", "ended"]) element.addEventListener(event, () => this.onState());
     if (!stream) {
       const shownSoon = () => (this.#timer = window.setTimeout(() => this.#shown(element.currentTime * 1000, 1), PATIENCE));
@@ -43,7 +46,7 @@ export class VideoSource implements Source {
 
   static async file(file: File): Promise<VideoSource> {
     const element = await openVideo(file, `${file.name} is no video or picture that this browser can read. MP4 (H.264) and WebM play nearly everywhere.`);
-    if (element.videoWidth) return new VideoSource("video", file.name, element);
+    if (element.videoWidth) return new VideoSource("video", file.name, element, file);
     closeVideo(element);
     throw new Error(`${file.name} has sound, but no pictures.`);
   }

@@ -1,0 +1,54 @@
+/** Every frame of a video file, decoded one after the other: none is left out, however busy the computer is. */
+import { BlobSource, CanvasSink, Input, MATROSKA, MP4, QTFF, WEBM } from "mediabunny";
+import { wordsOf } from "../dom";
+import type { Frame } from "./sources";
+
+/** Frames decoded ahead of the one that is looked at. */
+const AHEAD = 4;
+
+export class DecodedVideo {
+  /** Why not all frames came, in words; empty where they did. */
+  broken = "";
+  readonly #input: Input;
+  readonly #sink: CanvasSink;
+
+  private constructor(input: Input, sink: CanvasSink) {
+    this.#input = input;
+    this.#sink = sink;
+  }
+
+  /** Undefined where this browser or this file cannot be decoded so (no WebCodecs, another container or codec): it has to be played. */
+  static async open(file: File): Promise<DecodedVideo | undefined> {
+    if (typeof VideoDecoder !== "function") return undefined;
+    const input = new Input({ source: new BlobSource(file), formats: [MP4, QTFF, WEBM, MATROSKA] });
+    try {
+      const track = await input.getPrimaryVideoTrack();
+      if (track && (await track.canDecode())) {
+        const sink = new CanvasSink(track, { poolSize: AHEAD });
+        if (await sink.getCanvas(await track.getFirstTimestamp())) return new DecodedVideo(input, sink);
+      }
+    } catch {
+      // What the player makes of it decides.
+    }
+    input.dispose();
+    return undefined;
+  }
+
+  /** In order of time, as they are to be shown: turned, with square pixels. A frame is good until the next one is asked for. */
+  async *frames(): AsyncGenerator<Frame> {
+    let last: number | undefined;
+    try {
+      for await (const { canvas, timestamp } of this.#sink.canvases()) {
+        yield { picture: canvas, image: canvas, timeMs: 1000 * timestamp };
+        last = timestamp;
+      }
+    } catch (thrown) {
+      if (last === undefined) throw new Error(`The video cannot be decoded: ${wordsOf(thrown)}`);
+      this.broken = `The video is broken after ${last.toFixed(2)} s: ${wordsOf(thrown)} What comes before is tracked.`;
+    }
+  }
+
+  close(): void {
+    this.#input.dispose();
+  }
+}
