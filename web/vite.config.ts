@@ -75,6 +75,8 @@ export default defineConfig({
   plugins: [models(), offline()],
   build: {
     target: "es2022",
+    // What the bundled libraries ask for.
+    license: { fileName: "licences.md" },
     rollupOptions: { input: { index: join(here, "index.html"), harness: join(here, "harness.html") } },
   },
 });
