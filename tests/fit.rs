@@ -271,6 +271,9 @@ fn tracks_that_cannot_be_fitted_are_refused_in_words() {
     let mut twice = whole.clone();
     twice[5].time = twice[4].time;
     assert!(message(&twice).contains("ascend"), "{}", message(&twice));
+    let mut late = whole.clone();
+    late.last_mut().unwrap().time = 1e242;
+    assert!(message(&late).contains("in the air"), "{}", message(&late));
     let mut nan = whole.clone();
     nan[3].image = Some(Point2::new(f64::NAN, 1.0));
     assert!(message(&nan).contains("NaN"));

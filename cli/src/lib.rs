@@ -1,9 +1,9 @@
-//! The `gravisight` command: [`main`] is all of it. [`import`], [`report`] and [`footage`] are public for its tests and benches.
+//! The `gravisight` command: [`main`] is all of it. [`cameras`], [`import`], [`report`] and [`footage`] are public for its tests, benches and fuzzing.
 #![warn(missing_docs, clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 #![deny(unsafe_code)]
 
-mod cameras;
+pub mod cameras;
 mod choice;
 mod commands;
 mod device;

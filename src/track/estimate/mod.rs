@@ -33,22 +33,25 @@ pub use self::config::EstimatorConfig;
 use self::part::Part;
 use super::fit::{Estimate, Fit, FitOptions, FitSummary, FittedFrame, Flight, Hit, Observation as Label};
 use crate::camera::Camera;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::physics::Forecaster;
 
 /// Time without a label after which a track begins anew, s: what happens then says nothing about what was before.
 const PAUSE: f64 = 0.6;
 /// Fewest labels between two pauses.
 const SHORTEST: usize = 6;
+/// Longer than any ball is in the air between two labels, s: 100 m/s straight up, without air, come back after 20.
+const LONGEST_FLIGHT: f64 = 60.0;
 
 /// The flights that explain the labels best.
 ///
 /// # Errors
-/// [`Error::Fit`](crate::Error::Fit) for a track that nothing explains.
+/// [`Error::Fit`] for a track that nothing explains.
 pub fn estimated(forecaster: &Forecaster, camera: &Camera, labels: &[Label], options: &FitOptions) -> Result<Fit> {
     let mut fits = vec![];
     let mut hits = options.hits;
     for range in parts(labels) {
+        check_gaps(&labels[range.clone()])?;
         let options = FitOptions { hits, ..options.clone() };
         let part = Part { forecaster, camera, labels: &labels[range], options: &options, scale: 1.0, clock: 1.0 };
         let fit = part.fit()?;
@@ -73,6 +76,18 @@ fn parts(labels: &[Label]) -> Vec<Range<usize>> {
     }
     let ends = starts[1..].iter().copied().chain([labels.len()]);
     starts.iter().zip(ends).map(|(&start, end)| start..end).collect()
+}
+
+/// Refuses a part whose labels no flight connects, and that are too few to be two parts.
+fn check_gaps(labels: &[Label]) -> Result<()> {
+    let seen: Vec<f64> = labels.iter().filter(|label| label.image.is_some()).map(|label| label.time).collect();
+    let Some(gap) = seen.windows(2).find(|pair| pair[1] - pair[0] > LONGEST_FLIGHT) else { return Ok(()) };
+    let reason = format!(
+        "no ball is in the air from its label at {} s to the next one at {} s: are the times in seconds? Else leave out \
+         what is on one side, which is fewer than {SHORTEST} labels",
+        gap[0], gap[1]
+    );
+    Err(Error::Fit { reason })
 }
 
 /// One result of the parts of a track.
