@@ -88,6 +88,7 @@ test("who starts here gets a position and a flight, and each recipe does what it
   assert.match(said.get("fit"), /flight 1: /);
   assert.match(said.get("ball"), /confidence 0\.\d+[^]*explained: 1 flight/);
   assert.equal(said.get("batch").match(/"status":"done"/g).length, 2);
+  assert.equal(said.get("match").match(/"status":"done"/g).length, 1);
   assert.match(said.get("paper"), /DtG /);
   assert.match(said.get("label"), /label/);
 });

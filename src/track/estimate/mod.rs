@@ -83,9 +83,9 @@ fn check_gaps(labels: &[Label]) -> Result<()> {
     let seen: Vec<f64> = labels.iter().filter(|label| label.image.is_some()).map(|label| label.time).collect();
     let Some(gap) = seen.windows(2).find(|pair| pair[1] - pair[0] > LONGEST_FLIGHT) else { return Ok(()) };
     let reason = format!(
-        "no ball is in the air from its label at {} s to the next one at {} s: are the times in seconds? Else leave out \
-         what is on one side, which is fewer than {SHORTEST} labels",
-        gap[0], gap[1]
+        "no ball is in the air from its label at {:.3} s to the next one, over {LONGEST_FLIGHT:.0} s later: are the times \
+         in seconds? Else leave out what is on one side, which is fewer than {SHORTEST} labels",
+        gap[0]
     );
     Err(Error::Fit { reason })
 }

@@ -16,15 +16,16 @@ const file = readFileSync(`${folder}/pictures.safetensors`);
 const start = 8 + Number(file.readBigUInt64LE(0));
 const { pictures } = JSON.parse(file.subarray(8, start));
 const [count, height, width] = pictures.shape;
-const found = { heatmap: [], depth: [], world: [] };
+const found = { heatmap: [], depth: [], world: [], sigma: [] };
 for (let index = 0; index < count; index++) {
   const from = start + pictures.data_offsets[0] + index * width * height * 3;
   const data = new Uint8Array(4 * width * height).fill(255);
   for (let at = 0; at < width * height; at++) for (let channel = 0; channel < 3; channel++) data[4 * at + channel] = file[from + 3 * at + channel];
-  const { heatmap, depthMap, world } = await localiser.localise({ data, width, height }, camera, asked);
+  const { heatmap, depthMap, world, depthSigma: sigma } = await localiser.localise({ data, width, height }, camera, asked);
   found.heatmap.push(heatmap.values);
   found.depth.push(depthMap.values);
   found.world.push(Float32Array.from(world));
+  found.sigma.push(Float32Array.of(sigma));
 }
 
 const header = {};
