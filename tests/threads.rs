@@ -17,7 +17,9 @@ use gravisight::{LocaliseOptions, Localiser, Picture, Size};
 const POOLS: usize = 4;
 const THREADS: usize = 3;
 /// Pictures, each of a few dozen layers that wait for their threads.
-const ROUNDS: usize = 20_000;
+fn rounds() -> usize {
+    std::env::var("GRAVISIGHT_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(20_000)
+}
 
 #[test]
 fn threads_kept_awake_never_wait_for_each_other() {
@@ -31,7 +33,7 @@ fn threads_kept_awake_never_wait_for_each_other() {
         std::thread::spawn(move || {
             let (localiser, camera, picture) = &*shared;
             let pool = rayon::ThreadPoolBuilder::new().num_threads(THREADS).build().unwrap();
-            for _ in 0..ROUNDS {
+            for _ in 0..rounds() {
                 let found = pool
                     .install(|| pollster::block_on(localiser.localise(picture, camera, LocaliseOptions::default())));
                 assert!(found.unwrap().depth.is_finite());

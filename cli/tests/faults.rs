@@ -265,6 +265,14 @@ fn in_a_folder_that_can_only_be_read_it_says_so() {
     }
 }
 
+/// An import of TrackNet's layout.
+fn importing(source: &Path, out: &Path) -> Command {
+    let mut command = gravisight();
+    command.args(["import", "--from", "tracknet", text(source), "--camera", CAMERA]);
+    command.args(["--fps", "30", "--out", text(out)]);
+    command
+}
+
 #[test]
 fn pictures_that_vanish_while_they_are_read_are_named_and_nothing_half_read_is_left() {
     let folder = scratch("vanishing");
@@ -274,19 +282,7 @@ fn pictures_that_vanish_while_they_are_read_are_named_and_nothing_half_read_is_l
         for copy in 0..40 {
             copy_tree(&root().join("tests/golden/import/tracknet/match"), &source.join(copy.to_string()));
         }
-        let mut command = gravisight();
-        command.args([
-            "import",
-            "--from",
-            "tracknet",
-            text(&source),
-            "--camera",
-            CAMERA,
-            "--fps",
-            "30",
-            "--out",
-            text(&out),
-        ]);
+        let mut command = importing(&source, &out);
         let run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
         std::thread::sleep(Duration::from_millis(8 * number));
         std::fs::remove_dir_all(&source).unwrap();
@@ -469,19 +465,7 @@ fn of_two_imports_into_one_folder_one_is_whole_and_the_other_says_why_not() {
     }
     let out = folder.join("clips");
     let start = || {
-        let mut command = gravisight();
-        command.args([
-            "import",
-            "--from",
-            "tracknet",
-            text(&source),
-            "--camera",
-            CAMERA,
-            "--fps",
-            "30",
-            "--out",
-            text(&out),
-        ]);
+        let mut command = importing(&source, &out);
         command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
     };
     let runs = [start(), start()].map(|run| run.wait_with_output().unwrap());

@@ -11,6 +11,16 @@ use crate::error::{Error, Result};
 
 /// A court's named points. World frame: origin on the floor in the court's middle, x to the right and y away as seen
 /// from the near end, z up; metres.
+///
+/// ```
+/// use gravisight::Court;
+///
+/// # fn main() -> gravisight::Result<()> {
+/// let court = Court::named("tennis")?;
+/// assert_eq!(court.points["far service T"], [0.0, 6.4, 0.0]);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(hashmap_as_object))]
 #[serde(deny_unknown_fields)]

@@ -279,6 +279,21 @@ fn grouped(samples: &[Sample], prefix: &str) -> BTreeMap<String, Statistic> {
 /// that of a clip's scene. `clock` tells the time, s since any moment: what
 /// clock there is, only the caller knows. `progress` gets the number done and in all.
 ///
+/// ```no_run
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let localiser: gravisight::Localiser = unimplemented!();
+/// use gravisight::{Clips, Metrics, score};
+/// use gravisight::evaluate::Bins;
+///
+/// let clips = Clips::read("clips".as_ref())?;
+/// let start = std::time::Instant::now();
+/// let clock = || start.elapsed().as_secs_f64();
+/// let samples = pollster::block_on(score(&localiser, &clips, None, None, &clock, &mut |_, _| ()))?;
+/// println!("DtG {:?} m", Metrics::of(&samples, Bins::over(&samples, 5)).dtg.mean);
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// As [`Clips::picture`] and [`Localiser::localise`]; [`Error::Data`] where no frame has labels.
 pub async fn score(
