@@ -22,6 +22,9 @@ pub use memory::Shared;
 pub use tile::{ConvRow, WeightTile};
 pub(super) use transform::{Finish, Patch, Transform};
 
+#[cfg(not(target_arch = "wasm32"))]
+use std::sync::LazyLock;
+
 use pulp::{Simd, WithSimd};
 
 /// Most output positions in a tile.
@@ -101,7 +104,20 @@ macro_rules! strip_kernel {
 use strip_kernel;
 
 impl Vectors {
-    /// The widest set.
+    /// The widest set; natively, to compare them, a narrower one that `GRAVISIGHT_VECTORS` names (`avx2`, `scalar`).
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn best() -> Self {
+        static BEST: LazyLock<Vectors> = LazyLock::new(|| match std::env::var("GRAVISIGHT_VECTORS").as_deref() {
+            #[cfg(target_arch = "x86_64")]
+            Ok("avx2") => Vectors(V3::try_new().map_or_else(Arch::new, Arch::V3)),
+            Ok("scalar") => Vectors(Arch::Scalar),
+            _ => Vectors(Arch::new()),
+        });
+        *BEST
+    }
+
+    /// The build's set.
+    #[cfg(target_arch = "wasm32")]
     pub fn best() -> Self {
         Self(Arch::new())
     }
