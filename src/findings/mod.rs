@@ -11,7 +11,7 @@ pub use self::plan::{Plan, Spot};
 use self::say::{counted, inside_sentence, length, sentence, surface};
 use crate::camera::Camera;
 use crate::physics::Scene;
-use crate::track::{Fit, FittedFrame, FittedImpact, FittedSegment, Flight, Hit, TrackedVideo};
+use crate::track::{Fit, FittedFrame, FittedImpact, FittedSegment, Flight, Hit, TrackedVideo, listed};
 
 /// A position is precise where its error to expect is at most this, m, and at most [`PRECISE_FRACTION`] of its distance from the camera:
 /// about a step, on a court.
@@ -296,13 +296,19 @@ fn view_notes(video: &TrackedVideo) -> Vec<String> {
         1 => Some("1 frame shows the picture before again and is left out.".into()),
         count => Some(format!("{count} frames show the picture before again and are left out.")),
     };
-    let cuts: Vec<String> = video.cuts.iter().map(usize::to_string).collect();
-    let cuts = (!cuts.is_empty())
-        .then(|| format!("Most of the picture changes at frame {}: a cut, or the camera moved.", cuts.join(", ")));
+    let note = |spans: Vec<String>, before: &str, after: &str| {
+        (!spans.is_empty()).then(|| format!("{before} {}{after}.", listed(&spans, ", ")))
+    };
+    let cuts = video.cuts.iter().map(usize::to_string).collect();
+    let moved = video.elsewhere.iter();
+    let moved = moved.filter_map(|it| Some(format!("{} to {} (by up to {:.0} px)", it.from, it.to, it.moved_px?)));
+    let lost = video.elsewhere.iter().filter(|view| view.moved_px.is_none());
+    let lost = lost.map(|view| format!("{} to {}", view.from, view.to));
     let metres = if video.explained.is_some() { ": no metres there" } else { "" };
-    let views = video.elsewhere.iter().map(|view| match view.moved_px {
-        Some(px) => format!("The camera moves in frames {} to {} (by up to {px:.0} px).", view.from, view.to),
-        None => format!("Another view than the first is shown in frames {} to {}{metres}.", view.from, view.to),
-    });
-    repeated.into_iter().chain(cuts).chain(views).collect()
+    let notes = [
+        note(cuts, "Most of the picture changes at frame", ": a cut, or the camera moved"),
+        note(moved.collect(), "The camera moves in frames", ""),
+        note(lost.collect(), "Another view than the first is shown in frames", metres),
+    ];
+    repeated.into_iter().chain(notes.into_iter().flatten()).collect()
 }

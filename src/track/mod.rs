@@ -13,6 +13,7 @@ pub(crate) use self::fit::SOLVER_VERSION;
 pub use self::fit::{
     Estimate, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, Flight, Hit, Observation, Parameter,
 };
+pub(crate) use self::tracked::listed;
 pub use self::tracked::{FittedSegment, OtherView, TrackedFrame, TrackedVideo};
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::video::STACK_SIDE;

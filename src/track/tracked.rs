@@ -18,6 +18,9 @@ use crate::statistics::median;
 /// larger (a tennis ball of 3.5 px in a broadcast by 0.8 px).
 const RADIUS_BIAS: f64 = 0.6;
 
+/// Items of a list in words, at most.
+const MOST_LISTED: usize = 5;
+
 /// The ball in a video ([`VideoTracker::track`](crate::VideoTracker::track)): in each frame, and its flights.
 #[derive(Debug, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
@@ -230,11 +233,12 @@ impl TrackedVideo {
             [segment] => format!("{}; {seen}", segment.verdict()),
             segments => {
                 let wrong = segments.iter().enumerate().filter(|(_, segment)| !segment.explained());
-                let wrong: String =
-                    wrong.map(|(number, segment)| format!("; segment {}: {}", number + 1, segment.verdict())).collect();
+                let wrong: Vec<String> =
+                    wrong.map(|(number, segment)| format!("segment {}: {}", number + 1, segment.verdict())).collect();
                 let head = if wrong.is_empty() { "explained" } else { "not all explained" };
-                let explained = segments.iter().filter(|segment| segment.explained()).count();
-                format!("{head}: {explained} of {} segments; {seen}{wrong}", segments.len())
+                let (explained, all) = (segments.len() - wrong.len(), segments.len());
+                let wrong = if wrong.is_empty() { String::new() } else { format!("; {}", listed(&wrong, "; ")) };
+                format!("{head}: {explained} of {all} segments; {seen}{wrong}")
             }
         };
         said + &self.cuts_in_words() + &self.moved_in_words() + &self.clicks_in_words()
@@ -275,11 +279,11 @@ impl TrackedVideo {
         let mut said = String::new();
         if !moved.is_empty() {
             let hold = if self.explained.is_some() { ", which is counted in" } else { "" };
-            said += &format!("; the camera moves in frames {}{hold}", moved.join(", "));
+            said += &format!("; the camera moves in frames {}{hold}", listed(&moved, ", "));
         }
         if !lost.is_empty() {
             let hold = if self.explained.is_some() { ", so there are no metres there" } else { "" };
-            said += &format!("; another view than the first is shown in frames {}{hold}", lost.join(", "));
+            said += &format!("; another view than the first is shown in frames {}{hold}", listed(&lost, ", "));
         }
         said
     }
@@ -303,8 +307,15 @@ impl TrackedVideo {
             return String::new();
         }
         let frames: Vec<String> = self.cuts.iter().map(usize::to_string).collect();
-        format!("; most of the picture changes at frame {}: a cut, or the camera moved", frames.join(", "))
+        format!("; most of the picture changes at frame {}: a cut, or the camera moved", listed(&frames, ", "))
     }
+}
+
+/// A list in words: of a long one the first few, and how many there are besides.
+pub(crate) fn listed(words: &[String], separator: &str) -> String {
+    let (first, others) = words.split_at(words.len().min(MOST_LISTED));
+    let others = if others.is_empty() { String::new() } else { format!(" and {} more", others.len()) };
+    first.join(separator) + &others
 }
 
 impl TrackedFrame {
@@ -327,5 +338,17 @@ impl FittedSegment {
             Ok(fit) => fit.verdict.clone(),
             Err(error) => format!("not explained: {error}"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::listed;
+
+    #[test]
+    fn of_a_long_list_the_first_items_are_named_and_the_others_counted() {
+        let words: Vec<String> = (1..=7).map(|number| number.to_string()).collect();
+        assert_eq!(listed(&words[..5], ", "), "1, 2, 3, 4, 5");
+        assert_eq!(listed(&words, ", "), "1, 2, 3, 4, 5 and 2 more");
     }
 }
