@@ -4,6 +4,7 @@ import { existsSync, readdirSync, readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { launch, open } from "./support/browser.js";
 import { located, pictureOf, samples } from "./support/demo.js";
+import { losesDevice } from "./support/in-page.js";
 import { serve } from "./support/server.js";
 
 const here = (path) => new URL(path, import.meta.url);
@@ -189,16 +190,7 @@ async function offerTiny(page) {
   await page.addScriptTag({ content: `window.tiny = ${JSON.stringify({ camera: TINY_CAMERA, size: SIZE })}` });
 }
 
-// The functions below run in the page; the first in its Worker.
-
-function losesDevice() {
-  const request = GPUAdapter.prototype.requestDevice;
-  let device;
-  GPUAdapter.prototype.requestDevice = async function (...options) {
-    return (device = await request.apply(this, options));
-  };
-  addEventListener("message", ({ data }) => data === "lose" && device.destroy());
-}
+// The functions below run in the page.
 
 async function loseDevice(model) {
   const { camera, size } = window.tiny;

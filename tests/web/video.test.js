@@ -199,12 +199,7 @@ test("closing ends the localiser and keeps the positions", async () => {
 });
 
 test("a video is played, and its positions are near the truth", PATIENCE, async () => {
-  const filming = await open(browser, `${server.url}harness.html`, complaints);
-  const made = await filming.evaluate(drawClip);
-  // Not the size that the camera.json speaks of.
-  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
-  await filming.close();
-  const file = { name: "clip.webm", mimeType: "video/webm", buffer };
+  const { made, file } = await filmed();
   const own = await step();
   await own.getByTestId("video-input").setInputFiles([file, jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
   await count(own, 1);
@@ -227,12 +222,9 @@ test("a video is played, and its positions are near the truth", PATIENCE, async 
 });
 
 test("a video is tracked, corrected by a click, and its flight is near the truth", PATIENCE, async () => {
-  const filming = await open(browser, `${server.url}harness.html`, complaints);
-  const made = await filming.evaluate(drawClip);
-  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
-  await filming.close();
+  const { made, file } = await filmed();
   const own = await step();
-  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }, jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
+  await own.getByTestId("video-input").setInputFiles([file, jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
   await count(own, 1);
   await own.getByTestId("video-track").click();
   await own.getByTestId("video-fit-words").waitFor(PATIENCE);
@@ -264,13 +256,10 @@ test("a video is tracked, corrected by a click, and its flight is near the truth
 });
 
 test("a browser without a decoder plays the video to track it", PATIENCE, async () => {
-  const filming = await open(browser, `${server.url}harness.html`, complaints);
-  const made = await filming.evaluate(drawClip);
-  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
-  await filming.close();
+  const { made, file } = await filmed();
   const own = await step();
   await own.evaluate(() => delete window.VideoDecoder);
-  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }]);
+  await own.getByTestId("video-input").setInputFiles([file]);
   await own.getByTestId("video-track").click();
   await own.getByTestId("video-fit-words").filter({ hasText: "The ball was found in" }).waitFor(PATIENCE);
   const watched = await value(own, "video-processed");
@@ -280,33 +269,19 @@ test("a browser without a decoder plays the video to track it", PATIENCE, async 
   await own.close();
 });
 
-test("of a video that was cut off what is there is tracked; one that cannot be decoded is told in words", PATIENCE, async () => {
+/** The clip that {@link drawClip} draws, and a film of it, not of the size that its camera.json speaks of. */
+async function filmed() {
   const filming = await open(browser, `${server.url}harness.html`, complaints);
   const made = await filming.evaluate(drawClip);
   const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
   await filming.close();
-  const own = await step();
-  await own.getByTestId("video-input").setInputFiles([{ name: "cut.webm", mimeType: "video/webm", buffer: buffer.subarray(0, 0.7 * buffer.length) }]);
-  await own.getByTestId("video-track").click();
-  await own.getByTestId("video-fit-words").filter({ hasText: /The ball was found in [1-9]\d* of [1-9]\d* frames/ }).waitFor(PATIENCE);
-  await own.getByTestId("video-input").setInputFiles([{ name: "spoilt.webm", mimeType: "video/webm", buffer: spoilt(buffer) }]);
-  await own.getByTestId("video-track").click();
-  await own.getByTestId("video-alert").filter({ hasText: /The video (cannot be decoded: |is broken after \d)/ }).waitFor(PATIENCE);
-  await own.close();
-});
-
-/** Its last third is noise. */
-function spoilt(buffer) {
-  return Buffer.from(buffer.map((byte, at) => (at < 0.7 * buffer.length ? byte : (at * 2654435761) >>> 24)));
+  return { made, file: { name: "clip.webm", mimeType: "video/webm", buffer } };
 }
 
 test("without a camera the ball is tracked in pixels, with a table to take along and how to get metres", PATIENCE, async () => {
-  const filming = await open(browser, `${server.url}harness.html`, complaints);
-  const made = await filming.evaluate(drawClip);
-  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
-  await filming.close();
+  const { made, file } = await filmed();
   const own = await step();
-  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }]);
+  await own.getByTestId("video-input").setInputFiles([file]);
   await own.getByTestId("video-needs-camera").waitFor(PATIENCE);
   assert.match(await own.getByTestId("video-track-why").textContent(), /In pixels, for its camera is not known; with it, in metres/);
   await own.getByTestId("video-track").click();
@@ -333,14 +308,11 @@ test("without a camera the ball is tracked in pixels, with a table to take along
 });
 
 test("of a flight that is not explained no number is shown, and the reason is folded away", PATIENCE, async () => {
-  const filming = await open(browser, `${server.url}harness.html`, complaints);
-  const made = await filming.evaluate(drawClip);
-  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
-  await filming.close();
+  const { made, file } = await filmed();
   const own = await step();
   // No ball falls so slowly.
   const moon = { ...made.scene, gravity: [0, 0, -1.62] };
-  await own.getByTestId("video-input").setInputFiles([{ name: "clip.webm", mimeType: "video/webm", buffer }, jsonFile(made.camera), jsonFile(moon, "scene.json")]);
+  await own.getByTestId("video-input").setInputFiles([file, jsonFile(made.camera), jsonFile(moon, "scene.json")]);
   await count(own, 1);
   await own.getByTestId("video-track").click();
   await own.getByTestId("video-fit-words").waitFor(PATIENCE);
@@ -357,9 +329,9 @@ test("of a flight that is not explained no number is shown, and the reason is fo
 
 test("a webcam starts and stops", PATIENCE, async () => {
   const args = ["--no-sandbox", "--disable-quic", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"];
-  const filmed = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", headless: true, args });
+  const withWebcam = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", headless: true, args });
   try {
-    const own = await step({}, filmed);
+    const own = await step({}, withWebcam);
     const camera = { ...samples[0].camera, width: 640, height: 480, intrinsic: [[600, 0, 320], [0, 600, 240], [0, 0, 1]] };
     await own.getByTestId("video-sport").selectOption("tennis");
     await own.getByTestId("video-input").setInputFiles([jsonFile(camera)]);
@@ -378,7 +350,7 @@ test("a webcam starts and stops", PATIENCE, async () => {
     await own.waitForTimeout(500);
     assert.equal(await value(own, "video-processed"), seen, "no frame came after");
   } finally {
-    await filmed.close();
+    await withWebcam.close();
   }
 });
 

@@ -5,6 +5,7 @@
  */
 import { readdirSync, readFileSync } from "node:fs";
 import { launch, open } from "../support/browser.js";
+import { losesDevice } from "../support/in-page.js";
 import { serve } from "../support/server.js";
 
 const [frames = 100_000, times = 1000] = process.argv.slice(2).map(Number);
@@ -91,7 +92,7 @@ check(complaints.length === 0, `nothing reported to the console ${complaints.sli
 await server.close();
 process.exit(failed ? 1 : 0);
 
-// The functions below run in the page; one of them in its Worker.
+// The functions below run in the page.
 
 async function localises(count) {
   const start = performance.now();
@@ -136,15 +137,6 @@ async function worlds({ count, camera }) {
   }
   localiser.dispose();
   return found;
-}
-
-function losesDevice() {
-  const request = GPUAdapter.prototype.requestDevice;
-  let device;
-  GPUAdapter.prototype.requestDevice = async function (...options) {
-    return (device = await request.apply(this, options));
-  };
-  addEventListener("message", ({ data }) => data === "lose" && device.destroy());
 }
 
 async function loses(camera) {

@@ -117,3 +117,13 @@ export async function abortARun({ model, camera, base64 }) {
   localiser.dispose();
   return { aborted, served: next.world.length };
 }
+
+/** Runs in a Worker: a message "lose" takes its WebGPU device away. */
+export function losesDevice() {
+  const request = GPUAdapter.prototype.requestDevice;
+  let device;
+  GPUAdapter.prototype.requestDevice = async function (...options) {
+    return (device = await request.apply(this, options));
+  };
+  addEventListener("message", ({ data }) => data === "lose" && device.destroy());
+}

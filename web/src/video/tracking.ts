@@ -13,6 +13,8 @@ const FIRST_RATE = 0.25;
 const SLOWEST = 0.0625;
 /** Share of the time between two frames that the tracker may take; and what is left of the speed after a frame was missed. */
 const BUSY = 0.7;
+/** A video that shows no frame for so long while it plays has ended without a word, as one that was cut off does; milliseconds. */
+const ENDED_SILENTLY = 5000;
 const SLOWER = 0.7;
 
 /** Without camera and scene the ball is tracked in pixels. */
@@ -115,8 +117,14 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
   let taken = 0;
   let between = Infinity;
   let chain = Promise.resolve();
+  let latest = performance.now();
+  let watch = 0;
   try {
     await new Promise<void>((resolve, reject) => {
+      watch = window.setInterval(() => {
+        if (waiting > 0) latest = performance.now();
+        else if (performance.now() - latest > ENDED_SILENTLY / video.playbackRate) resolve();
+      }, 500);
       const fail = (thrown: unknown) => reject(thrown instanceof Error ? thrown : new Error(String(thrown)));
       signal.addEventListener("abort", () => fail(signal.reason), { once: true });
       source.onFrame = (frame, more) => {
@@ -126,6 +134,7 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
           rate *= SLOWER;
         } else between = Math.min(between, (frame.timeMs - last) / 1000);
         last = frame.timeMs;
+        latest = performance.now();
         const fit = taken ? Math.min(rate, (BUSY * between) / taken) : rate;
         source.setRate(Math.min(1, Math.max(SLOWEST, fit)));
         shown(frame);
@@ -158,6 +167,7 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
       source.play().catch(fail);
     });
   } finally {
+    clearInterval(watch);
     source.pause();
     source.setRate(before);
     [source.onFrame, source.onState] = [onFrame, onState];
