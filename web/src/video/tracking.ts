@@ -13,8 +13,8 @@ const FIRST_RATE = 0.25;
 const SLOWEST = 0.0625;
 /** Share of the time between two frames that the tracker may take; and what is left of the speed after a frame was missed. */
 const BUSY = 0.7;
-/** A video that shows no frame for so long while it plays has ended without a word, as one that was cut off does; milliseconds. */
-const ENDED_SILENTLY = 5000;
+/** A video that plays and shows no frame for so long has ended, though the browser does not say so (one that was cut off), milliseconds at usual speed. */
+const LONGEST_WAIT = 5000;
 const SLOWER = 0.7;
 
 /** Without camera and scene the ball is tracked in pixels. */
@@ -54,7 +54,7 @@ export class Tracking {
         tracking.#times.push(timeMs);
         progress(timeMs, source.durationMs);
       };
-      // Loaded only here: it is a third of the step.
+      // Loaded only here: it is five times as large as the rest of the step.
       const decoded = source instanceof VideoSource && source.file ? await (await import("./decoded")).DecodedVideo.open(source.file) : undefined;
       try {
         if (decoded || source instanceof PictureSource) {
@@ -123,7 +123,7 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
     await new Promise<void>((resolve, reject) => {
       watch = window.setInterval(() => {
         if (waiting > 0) latest = performance.now();
-        else if (performance.now() - latest > ENDED_SILENTLY / video.playbackRate) resolve();
+        else if (performance.now() - latest > LONGEST_WAIT / video.playbackRate) resolve();
       }, 500);
       const fail = (thrown: unknown) => reject(thrown instanceof Error ? thrown : new Error(String(thrown)));
       signal.addEventListener("abort", () => fail(signal.reason), { once: true });
