@@ -269,13 +269,29 @@ test("a browser without a decoder plays the video to track it", PATIENCE, async 
   await own.close();
 });
 
-/** The clip that {@link drawClip} draws, and a film of it, not of the size that its camera.json speaks of. */
-async function filmed() {
+test("of a video that was cut off, or that is broken from a frame on, what comes before is tracked; it is told in words", PATIENCE, async () => {
+  const { file, spoilt } = await filmed(31);
+  const own = await step();
+  await own.getByTestId("video-input").setInputFiles([{ ...file, buffer: file.buffer.subarray(0, 0.7 * file.buffer.length) }]);
+  await own.getByTestId("video-track").click();
+  await own.getByTestId("video-fit-words").filter({ hasText: /The ball was found in [1-9]\d* of [1-9]\d* frames/ }).waitFor(PATIENCE);
+  // Asked for at once: it is the new video that is tracked, not the one before.
+  await own.getByTestId("video-input").setInputFiles([spoilt]);
+  await own.getByTestId("video-track").click();
+  await own.getByTestId("video-alert").filter({ hasText: /The video is broken after \d/ }).waitFor(PATIENCE);
+  assert.equal(await value(own, "video-processed"), 31);
+  await own.close();
+});
+
+/** The clip that {@link drawClip} draws, and films of it, not of the size that its camera.json speaks of; in one the frame `broken` is noise. */
+async function filmed(broken = 0) {
   const filming = await open(browser, `${server.url}harness.html`, complaints);
   const made = await filming.evaluate(drawClip);
-  const buffer = await film(filming, { ...made, width: 2 * made.camera.width, height: 2 * made.camera.height });
+  const [width, height] = [2 * made.camera.width, 2 * made.camera.height];
+  const file = { name: "clip.webm", mimeType: "video/webm", buffer: await film(filming, { ...made, width, height }) };
+  const spoilt = { ...file, name: "spoilt.webm", buffer: await film(filming, { ...made, width, height, spoilt: broken }) };
   await filming.close();
-  return { made, file: { name: "clip.webm", mimeType: "video/webm", buffer } };
+  return { made, file, spoilt };
 }
 
 test("without a camera the ball is tracked in pixels, with a table to take along and how to get metres", PATIENCE, async () => {

@@ -1,5 +1,5 @@
 /** Every frame of a video file, decoded one after the other: none is left out, however busy the computer is. */
-import { BlobSource, CanvasSink, Input, MATROSKA, MP4, QTFF, WEBM } from "mediabunny";
+import { BlobSource, CanvasSink, EncodedPacketSink, Input, MATROSKA, MP4, QTFF, WEBM, type InputVideoTrack, type WrappedCanvas } from "mediabunny";
 import { wordsOf } from "../dom";
 import type { Frame } from "./sources";
 
@@ -10,10 +10,12 @@ export class DecodedVideo {
   /** Why not all frames came, in words; empty where they did. */
   broken = "";
   readonly #input: Input;
+  readonly #track: InputVideoTrack;
   readonly #sink: CanvasSink;
 
-  private constructor(input: Input, sink: CanvasSink) {
+  private constructor(input: Input, track: InputVideoTrack, sink: CanvasSink) {
     this.#input = input;
+    this.#track = track;
     this.#sink = sink;
   }
 
@@ -25,7 +27,7 @@ export class DecodedVideo {
       const track = await input.getPrimaryVideoTrack();
       if (track && (await track.canDecode())) {
         const sink = new CanvasSink(track, { poolSize: AHEAD });
-        if (await sink.getCanvas(await track.getFirstTimestamp())) return new DecodedVideo(input, sink);
+        if (await sink.getCanvas(await track.getFirstTimestamp())) return new DecodedVideo(input, track, sink);
       }
     } catch {
       // What the player makes of it decides.
@@ -37,14 +39,23 @@ export class DecodedVideo {
   /** In order of time, as they are to be shown: turned, with square pixels. A frame is good until the next one is asked for. */
   async *frames(): AsyncGenerator<Frame> {
     let last: number | undefined;
+    const shown = ({ canvas, timestamp }: WrappedCanvas): Frame => {
+      last = timestamp;
+      return { picture: canvas, image: canvas, timeMs: 1000 * timestamp };
+    };
     try {
-      for await (const { canvas, timestamp } of this.#sink.canvases()) {
-        yield { picture: canvas, image: canvas, timeMs: 1000 * timestamp };
-        last = timestamp;
+      for await (const decoded of this.#sink.canvases()) yield shown(decoded);
+    } catch {
+      try {
+        // What was decoded ahead is lost with the one that is broken: up to that one, each alone.
+        for await (const { timestamp } of new EncodedPacketSink(this.#track).packets(undefined, undefined, { metadataOnly: true })) {
+          const decoded = last === undefined || timestamp > last ? await this.#sink.getCanvas(timestamp) : null;
+          if (decoded) yield shown(decoded);
+        }
+      } catch (thrown) {
+        if (last === undefined) throw new Error(`The video cannot be decoded: ${wordsOf(thrown)}`);
+        this.broken = `The video is broken after ${last.toFixed(2)} s: ${wordsOf(thrown)} What comes before is tracked.`;
       }
-    } catch (thrown) {
-      if (last === undefined) throw new Error(`The video cannot be decoded: ${wordsOf(thrown)}`);
-      this.broken = `The video is broken after ${last.toFixed(2)} s: ${wordsOf(thrown)} What comes before is tracked.`;
     }
   }
 

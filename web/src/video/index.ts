@@ -53,6 +53,8 @@ class Step {
   /** What the positions are of; stays when the source is closed. */
   #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
   #loading: Promise<void> | undefined;
+  /** Sources that are being opened: one, or more for a moment where somebody does not wait. */
+  #opening = 0;
   #fit: Curve | undefined;
   readonly #following: Following;
   /** The sightings that the fit is of. */
@@ -163,27 +165,41 @@ class Step {
 
   async #openFile(file: File): Promise<void> {
     if (file.size === 0) throw new Error(`${file.name} is empty.`);
-    const source = await this.#job.run(`Opening ${file.name}…`, async () => (file.type.startsWith("image/") ? PictureSource.file(file) : VideoSource.file(file)));
+    const { source } = await this.#open(`Opening ${file.name}…`, async () => ({
+      source: await (file.type.startsWith("image/") ? PictureSource.file(file) : VideoSource.file(file)),
+    }));
     this.#place.example = undefined;
     await this.#use(source);
   }
 
   async #openWebcam(): Promise<void> {
-    const source = await this.#job.run("Asking for the webcam…", async ({ signal }) => {
-      const opened = await VideoSource.webcam();
-      if (signal.aborted) opened.dispose();
-      signal.throwIfAborted();
-      return opened;
-    });
+    const { source } = await this.#open("Asking for the webcam…", async () => ({ source: await VideoSource.webcam() }));
     this.#place.example = undefined;
     await this.#use(source);
     await this.#play();
   }
 
   async #openExample(words: string, make: (watch: Watch) => Promise<Example>): Promise<void> {
-    const { source, ...place } = await this.#job.run(words, make);
+    const { source, ...place } = await this.#open(words, make);
     this.#place.example = place;
     await this.#use(source);
+  }
+
+  /** Opens a source; meanwhile nothing can be begun with the last one. */
+  async #open<T extends { source: Source }>(words: string, make: (watch: Watch) => Promise<T>): Promise<T> {
+    this.#opening++;
+    this.#part("video-work").inert = true;
+    try {
+      return await this.#job.run(words, async (watch) => {
+        const opened = await make(watch);
+        if (watch.signal.aborted) opened.source.dispose();
+        watch.signal.throwIfAborted();
+        return opened;
+      });
+    } finally {
+      this.#opening--;
+      this.#part("video-work").inert = this.#opening > 0;
+    }
   }
 
   /** Takes a source in place of the last one, and looks at its first frame. */

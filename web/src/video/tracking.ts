@@ -13,8 +13,8 @@ const FIRST_RATE = 0.25;
 const SLOWEST = 0.0625;
 /** Share of the time between two frames that the tracker may take; and what is left of the speed after a frame was missed. */
 const BUSY = 0.7;
-/** A video that plays and shows no frame for so long has ended, though the browser does not say so (one that was cut off), milliseconds at usual speed. */
-const LONGEST_WAIT = 5000;
+/** A video that plays and whose clock stands for so long has ended, though the browser does not say so (one that was cut off), milliseconds. */
+const LONGEST_STANDSTILL = 5000;
 const SLOWER = 0.7;
 
 /** Without camera and scene the ball is tracked in pixels. */
@@ -117,13 +117,15 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
   let taken = 0;
   let between = Infinity;
   let chain = Promise.resolve();
+  // When the video's clock moved last, and where it was.
   let latest = performance.now();
+  let clock = -1;
   let watch = 0;
   try {
     await new Promise<void>((resolve, reject) => {
       watch = window.setInterval(() => {
-        if (waiting > 0) latest = performance.now();
-        else if (performance.now() - latest > LONGEST_WAIT / video.playbackRate) resolve();
+        if (waiting > 0 || video.currentTime !== clock) [latest, clock] = [performance.now(), video.currentTime];
+        else if (performance.now() - latest > LONGEST_STANDSTILL) resolve();
       }, 500);
       const fail = (thrown: unknown) => reject(thrown instanceof Error ? thrown : new Error(String(thrown)));
       signal.addEventListener("abort", () => fail(signal.reason), { once: true });
@@ -134,7 +136,6 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
           rate *= SLOWER;
         } else between = Math.min(between, (frame.timeMs - last) / 1000);
         last = frame.timeMs;
-        latest = performance.now();
         const fit = taken ? Math.min(rate, (BUSY * between) / taken) : rate;
         source.setRate(Math.min(1, Math.max(SLOWEST, fit)));
         shown(frame);
