@@ -1,6 +1,6 @@
 //! `gravisight batch`.
 
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
@@ -135,15 +135,20 @@ fn claim(out: &Path, command: &[OsString]) -> Result<()> {
 /// What a result depends on, as a hash: the subcommand, the input, and what is in it and in the files that the subcommand names.
 fn key(command: &[OsString], input: &Path) -> io::Result<String> {
     let mut hash = Sha256::new();
+    let mut option: Option<&OsStr> = None;
     for word in command {
         let bytes = word.as_encoded_bytes();
         hash.update(bytes.len().to_le_bytes());
         hash.update(bytes);
         // `--camera camera.json` and `--camera=camera.json`.
-        let value =
-            word.to_str().and_then(|word| word.split_once('=')).map_or(word.as_os_str(), |(_, value)| value.as_ref());
-        if Path::new(value).is_file() {
-            add_file(&mut hash, Path::new(value))?;
+        let of_option = word.to_str().and_then(|word| word.split_once('='));
+        let (option, value) = of_option.map_or((option.replace(word), word.as_os_str()), |(option, value)| {
+            (Some(option.as_ref()), value.as_ref())
+        });
+        let path = Path::new(value);
+        // A camera may be a folder (COLMAP). No other is looked into: it may be for results, or be called as a subcommand is.
+        if path.is_file() || (path.is_dir() && option == Some("--camera".as_ref())) {
+            add(&mut hash, path)?;
         }
     }
     if input.exists() {
@@ -245,6 +250,25 @@ mod tests {
             assert_ne!(one, other);
         }
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_camera_that_is_a_folder_is_hashed_and_no_other_folder() {
+        let folder = std::env::temp_dir().join(format!("gravisight-batch-camera-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let keys = |text: &str| {
+            std::fs::write(folder.join("cameras.txt"), text).unwrap();
+            let joined = format!("--camera={}", folder.display());
+            let commands: [[&OsStr; 2]; 3] = [
+                ["--camera".as_ref(), folder.as_ref()],
+                ["track".as_ref(), joined.as_ref()],
+                ["--out".as_ref(), folder.as_ref()],
+            ];
+            commands.map(|words| key(&words.map(OsStr::to_os_string), Path::new("absent")).unwrap())
+        };
+        let [before, after] = [keys("1 PINHOLE"), keys("2 PINHOLE")];
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!([0, 1, 2].map(|at| before[at] == after[at]), [false, false, true]);
     }
 
     #[test]
