@@ -132,8 +132,7 @@ impl VideoTracker {
                 return Ok(());
             }
             for query in queries {
-                let stack = self.follower.stack(&query).filter(|_| query.is_of_blob());
-                let moves = match stack {
+                let moves = match query.is_of_blob().then(|| self.follower.stack(&query)).flatten() {
                     Some(stack) => self.localiser.moves_as_a_ball(&stack.pictures).await?,
                     None => None,
                 };

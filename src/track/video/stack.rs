@@ -1,9 +1,8 @@
 //! What the motion network sees of a candidate: its surroundings in five stabilised frames.
 
 use image::RgbImage;
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
-use super::view::mapped;
 use crate::image::Picture;
 
 /// Side of a stack's pictures, px, and the radius that a candidate has in it.
@@ -34,32 +33,21 @@ impl Stack {
     pub(super) fn of(centre: [f64; 2], radius: f64, frames: &[(&Picture, Matrix3<f64>); 2 * NEIGHBOURS + 1]) -> Self {
         let magnification = (STACK_RADIUS / radius).min(MOST_MAGNIFIED);
         let mut pictures = [(); 2].map(|()| RgbImage::new(STACK_SIDE, STACK_SIDE));
-        let samples = (magnification.recip().ceil() as usize).clamp(1, MOST_SAMPLES);
-        let middle = f64::from(STACK_SIDE - 1) / 2.0;
-        for (number, (picture, frame_from_own)) in frames.iter().enumerate() {
+        let [of_before, of_after] = &mut pictures;
+        let set = |picture: &mut RgbImage, channel: usize, levels: Vec<f32>| {
+            picture.pixels_mut().zip(levels).for_each(|(pixel, level)| pixel[channel] = level.round() as u8);
+        };
+        for (number, &(picture, frame_from_own)) in frames.iter().enumerate() {
             let rgb = picture.rgb();
-            for y in 0..STACK_SIDE {
-                for x in 0..STACK_SIDE {
-                    let mut sum = [0.0; 3];
-                    for sample in 0..samples * samples {
-                        let part = |index: usize| (index as f64 + 0.5) / samples as f64 - 0.5;
-                        let [u, v] = [(x, sample % samples), (y, sample / samples)]
-                            .map(|(at, index)| (f64::from(at) + part(index) - middle) / magnification);
-                        let at = mapped(frame_from_own, [centre[0] + u, centre[1] + v]);
-                        let pixel = interpolated(rgb, at);
-                        (0..3).for_each(|channel| sum[channel] += pixel[channel]);
-                    }
-                    let [red, green, blue] = sum.map(|sum| sum / (samples * samples) as f64);
-                    let [of_before, of_after] = &mut pictures;
-                    let grey = (0.299 * red + 0.587 * green + 0.114 * blue).round() as u8;
-                    match number {
-                        0..=NEIGHBOURS => of_before.get_pixel_mut(x, y)[number] = grey,
-                        _ => of_after.get_pixel_mut(x, y)[number - NEIGHBOURS - 1] = grey,
-                    }
-                    if number == NEIGHBOURS {
-                        of_after.get_pixel_mut(x, y)[2] = (128.0 + (red - blue) / 2.0).round() as u8;
-                    }
-                }
+            let grey = |[red, green, blue]: [f32; 3]| 0.299 * red + 0.587 * green + 0.114 * blue;
+            let levels = averages(rgb, &frame_from_own, centre, magnification, grey);
+            match number {
+                0..=NEIGHBOURS => set(of_before, number, levels),
+                _ => set(of_after, number - NEIGHBOURS - 1, levels),
+            }
+            if number == NEIGHBOURS {
+                let difference = |[red, _, blue]: [f32; 3]| 128.0 + (red - blue) / 2.0;
+                set(of_after, 2, averages(rgb, &frame_from_own, centre, magnification, difference));
             }
         }
         Self { pictures, magnification, centre }
@@ -72,19 +60,105 @@ impl Stack {
     }
 }
 
-/// The colours at a point, interpolated between pixels; beyond the picture those at its edge.
-fn interpolated(rgb: &RgbImage, [x, y]: [f64; 2]) -> [f64; 3] {
-    let within = |at: f64, side: u32| at.clamp(0.0, f64::from(side - 1));
-    let [x, y] = [within(x, rgb.width()), within(y, rgb.height())];
-    let (left, top) = (x as u32, y as u32);
-    let (right, below) = ((left + 1).min(rgb.width() - 1), (top + 1).min(rgb.height() - 1));
-    let [u, v] = [x - f64::from(left), y - f64::from(top)];
-    let corners =
-        [(left, top, 1.0 - u, 1.0 - v), (right, top, u, 1.0 - v), (left, below, 1.0 - u, v), (right, below, u, v)];
-    let mut colours = [0.0; 3];
-    for (x, y, across, down) in corners {
-        let pixel = rgb.get_pixel(x, y);
-        (0..3).for_each(|channel| colours[channel] += f64::from(pixel[channel]) * across * down);
+/// What `level` says of the colours of each pixel of a stack, row by row: the mean of the samples in it. For the others see
+/// [`Stack::of`].
+fn averages(
+    rgb: &RgbImage,
+    frame_from_own: &Matrix3<f64>,
+    centre: [f64; 2],
+    magnification: f64,
+    level: impl Fn([f32; 3]) -> f32,
+) -> Vec<f32> {
+    let side = STACK_SIDE as usize;
+    let samples = (magnification.recip().ceil() as usize).clamp(1, MOST_SAMPLES);
+    let step = (samples as f64 * magnification).recip();
+    // From the middle of the stack to the sample of a number, along either axis, px of the middle frame.
+    let offset = |index: usize| (index as f64 + 0.5 - (side * samples) as f64 / 2.0) * step;
+    let [width, height] = [rgb.width(), rgb.height()].map(|side| side as usize);
+    // Of a camera that stands still all rows have the same columns.
+    let still = (*frame_from_own == Matrix3::identity())
+        .then(|| (0..side * samples).map(|index| between(centre[0] + offset(index), width)).collect::<Vec<_>>());
+    let across = frame_from_own.column(0) * step;
+    let mut sums = vec![0.0; side * side];
+    for row in 0..side * samples {
+        let first = frame_from_own * Vector3::new(centre[0] + offset(0), centre[1] + offset(row), 1.0);
+        let own_row = between(first.y, height);
+        for (column, sum) in sums[row / samples * side..][..side].iter_mut().enumerate() {
+            for index in column * samples..(column + 1) * samples {
+                let (x, y) = match &still {
+                    Some(columns) => (columns[index], own_row),
+                    None => {
+                        let at = first + across * index as f64;
+                        (between(at.x / at.z, width), between(at.y / at.z, height))
+                    }
+                };
+                *sum += interpolated(rgb, x, y, &level);
+            }
+        }
     }
-    colours
+    let share = ((samples * samples) as f32).recip();
+    sums.into_iter().map(|sum| share * sum).collect()
+}
+
+/// The pixel before a place along a side of a picture, which has two at least, and how far it is from there to the next; beyond the
+/// picture the edge's.
+fn between(at: f64, side: usize) -> (usize, f32) {
+    let at = at.clamp(0.0, (side - 1) as f64);
+    let before = (at as usize).min(side - 2);
+    (before, (at - before as f64) as f32)
+}
+
+/// What `level` says of the colours between the pixels of two columns and two rows.
+fn interpolated(
+    rgb: &RgbImage,
+    (left, u): (usize, f32),
+    (top, v): (usize, f32),
+    level: impl Fn([f32; 3]) -> f32,
+) -> f32 {
+    let across = |row: usize| {
+        let first = 3 * (row * rgb.width() as usize + left);
+        let pixels: &[u8; 6] = rgb.as_raw()[first..].first_chunk().expect("two pixels of a row");
+        let [a, b, c, d, e, f] = pixels.map(f32::from);
+        let (from, to) = (level([a, b, c]), level([d, e, f]));
+        from + u * (to - from)
+    };
+    let (above, below) = (across(top), across(top + 1));
+    above + v * (below - above)
+}
+
+#[cfg(all(test, not(target_arch = "wasm32")))]
+mod tests {
+    use super::*;
+
+    /// Frames that grow brighter to the right and redder downwards, each seen by a camera that has turned on: what a stack holds.
+    #[test]
+    fn holds_the_brightness_of_five_frames_about_a_candidate() {
+        let ramp = RgbImage::from_fn(200, 100, |x, y| image::Rgb([x as u8, x as u8, (x - x.min(y)) as u8]));
+        let picture = Picture::from_rgb(ramp);
+        for turned in [0.0, 3.0] {
+            let frames = std::array::from_fn(|index| {
+                let shift = turned * (index as f64 - NEIGHBOURS as f64);
+                (&picture, Matrix3::new_translation(&[shift, 0.0].into()))
+            });
+            for radius in [2.0, 5.0] {
+                let Stack { pictures: [before, after], magnification, .. } = Stack::of([100.0, 50.0], radius, &frames);
+                let shown = |x: u32, y: u32, index: usize| {
+                    let [u, v] = [x, y].map(|at| (f64::from(at) - 31.5) / magnification);
+                    let x = 100.0 + u + turned * (index as f64 - 2.0);
+                    let y = 50.0 + v;
+                    (0.886 * x + 0.114 * (x - y.min(x)), 128.0 + y / 2.0)
+                };
+                for (x, y) in [(20, 20), (31, 32), (40, 37)] {
+                    let found = [before[(x, y)], after[(x, y)]].map(|pixel| pixel.0.map(f64::from));
+                    let [[a, b, c], [d, e, difference]] = found;
+                    for (index, level) in [a, b, c, d, e].into_iter().enumerate() {
+                        let (expected, _) = shown(x, y, index);
+                        assert!((level - expected).abs() < 0.51, "{index} at {x}, {y}: {level}, not {expected}");
+                    }
+                    let (_, expected) = shown(x, y, NEIGHBOURS);
+                    assert!((difference - expected).abs() < 0.51, "{difference}, not {expected}");
+                }
+            }
+        }
+    }
 }
