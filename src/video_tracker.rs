@@ -7,9 +7,11 @@ use nalgebra::Point2;
 use crate::camera::{Camera, Detection, Outline};
 use crate::error::{Error, Result};
 use crate::image::Picture;
+#[cfg(not(target_arch = "wasm32"))]
+use crate::kernels::for_each_of;
 use crate::localise::Localiser;
 use crate::physics::Scene;
-use crate::track::{BallTracker, Evidence, TrackedVideo, TrackerConfig};
+use crate::track::{BallTracker, Evidence, Query, TrackedVideo, TrackerConfig};
 
 /// Frames between searches of the whole picture, while no ball is known, for a ball that hardly moves: it is part of its own
 /// background.
@@ -48,6 +50,15 @@ pub struct VideoTracker {
     /// The number of the last frame that was searched whole, and the balls found in it.
     searched: Option<(usize, Vec<Detection>)>,
     ended: bool,
+}
+
+/// What the networks say of a query.
+#[derive(Default)]
+struct Answer {
+    /// The motion network's probability of a ball; none of what is no candidate, or without that network.
+    motion: Option<f64>,
+    /// The ball that is measured there.
+    ball: Option<Detection>,
 }
 
 impl VideoTracker {
@@ -123,33 +134,57 @@ impl VideoTracker {
         self.follower.hypotheses(&[]).map(|flying| flying.evidence(place)).unwrap_or_default()
     }
 
-    /// Runs the detector in the search regions that the follower proposes.
+    /// Asks the networks about what the follower wants to know.
     async fn verify_regions(&mut self) -> Result<()> {
-        let camera = self.camera.as_ref();
         loop {
             let queries = self.follower.queries();
             if queries.is_empty() {
                 return Ok(());
             }
-            for query in queries {
-                let moves = match query.is_of_blob().then(|| self.follower.stack(&query)).flatten() {
-                    Some(stack) => self.localiser.moves_as_a_ball(&stack.pictures).await?,
-                    None => None,
-                };
-                let worth = moves.is_none_or(|probability| self.follower.tell_motion(&query, probability));
-                if query.measured {
-                    continue;
+            let answers = self.answers(&queries).await?;
+            for (query, Answer { motion, ball }) in queries.iter().zip(answers) {
+                if let Some(probability) = motion {
+                    self.follower.tell_motion(query, probability);
                 }
-                if !worth {
-                    self.follower.tell(&query, None);
-                    continue;
+                if !query.measured {
+                    self.follower.tell(query, ball);
                 }
-                let Some(picture) = self.follower.picture(&query) else { continue };
-                let found =
-                    self.localiser.detect_near(picture, camera, query.image, query.radius_px, query.reach_px).await?;
-                self.follower.tell(&query, found);
             }
         }
+    }
+
+    /// What the networks say of each query; of several at the same time where they run on the CPU's threads.
+    async fn answers(&self, queries: &[Query]) -> Result<Vec<Answer>> {
+        #[cfg(not(target_arch = "wasm32"))]
+        if queries.len() > 1 && self.localiser.runs_on_cpu() {
+            let mut answers: Vec<Result<Answer>> = queries.iter().map(|_| Ok(Answer::default())).collect();
+            for_each_of(answers.iter_mut().zip(queries).collect(), |_, (answer, query)| {
+                *answer = pollster::block_on(self.answer(query));
+            });
+            return answers.into_iter().collect();
+        }
+        let mut answers = Vec::with_capacity(queries.len());
+        for query in queries {
+            answers.push(self.answer(query).await?);
+        }
+        Ok(answers)
+    }
+
+    /// What the networks say of a query: first whether it moves as a ball does, and where it may, the ball that is measured.
+    async fn answer(&self, query: &Query) -> Result<Answer> {
+        let motion = match query.is_of_blob().then(|| self.follower.stack(query)).flatten() {
+            Some(stack) => self.localiser.moves_as_a_ball(&stack.pictures).await?,
+            None => None,
+        };
+        let is_measured = !query.measured && motion.is_none_or(BallTracker::is_worth_measuring);
+        let ball = match self.follower.picture(query).filter(|_| is_measured) {
+            Some(picture) => {
+                let Query { image, radius_px, reach_px, .. } = *query;
+                self.localiser.detect_near(picture, self.camera.as_ref(), image, radius_px, reach_px).await?
+            }
+            None => None,
+        };
+        Ok(Answer { motion, ball })
     }
 
     /// Searches the whole of the newest picture; for a ball that was near in the one before, also the pictures between.

@@ -32,6 +32,12 @@ impl Localiser {
         runner
     }
 
+    /// Whether the network runs on the CPU.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub(crate) fn runs_on_cpu(&self) -> bool {
+        model::is_cpu(&self.device)
+    }
+
     /// Runs the network once on an empty picture, so that the first real one pays for nothing
     /// (memory, and on a GPU the compilation of its kernels).
     ///

@@ -36,6 +36,8 @@ pub(crate) use self::decode::{CONFIDENCE_RADIUS, Decoded, Peak, SizeMaps, cell_c
 #[doc(hidden)]
 pub use self::pen::{Pen, PenOutput, PenRunner};
 #[cfg(not(target_arch = "wasm32"))]
+pub(crate) use self::tensors::is_cpu;
+#[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::weights::joined;
 #[doc(hidden)]
 pub use self::weights::save;

@@ -14,7 +14,7 @@ use super::operation::{Skip, UnitOps};
 use crate::kernels::{ConvShape, UnitShape};
 
 /// Whether `device` is the CPU, whose kernels are ours.
-pub(super) fn is_cpu(device: &Device) -> bool {
+pub(crate) fn is_cpu(device: &Device) -> bool {
     matches!(device.clone().without_autodiff().as_dispatch(), DispatchDevice::Flex(_))
 }
 

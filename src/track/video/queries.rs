@@ -318,13 +318,17 @@ impl BallTracker {
         Some(Stack::of(queries.image, queries.radius_px, &frames))
     }
 
-    /// Takes the motion network's probability that the blob of a query is a ball; whether it is worth while to measure it.
-    pub fn tell_motion(&mut self, query: &Query, probability: f64) -> bool {
+    /// Whether what the motion network gives this probability of being a ball is worth while to measure.
+    pub fn is_worth_measuring(probability: f64) -> bool {
+        probability > WORTH_MEASURING
+    }
+
+    /// Takes the motion network's probability that the blob of a query is a ball.
+    pub fn tell_motion(&mut self, query: &Query, probability: f64) {
         let probability = probability.clamp(LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY);
         if let Some(blob) = query.blob {
             self.verdicts.motion.insert((query.place, blob), (probability / (1.0 - probability)).ln());
         }
-        probability > WORTH_MEASURING
     }
 
     /// Takes a network's word: the ball that it measures there
