@@ -46,7 +46,7 @@ const ARROWS: [(&str, &[&str]); 22] = [
             "track",
         ],
     ),
-    ("video_tracker", &["camera", "image", "localise", "physics", "track"]),
+    ("video_tracker", &["camera", "image", "kernels", "localise", "physics", "track"]),
 ];
 /// The browser's boundary, above everything.
 const WASM: (&str, &[&str]) = (
