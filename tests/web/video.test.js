@@ -283,13 +283,13 @@ test("of a video that was cut off, or that is broken from a frame on, what comes
   await own.close();
 });
 
-/** The clip that {@link drawClip} draws, and films of it, not of the size that its camera.json speaks of; in one the frame `broken` is noise. */
-async function filmed(broken = 0) {
+/** The clip that {@link drawClip} draws, and a film of it, not of the size that its camera.json speaks of; if a frame `broken` is named, also one in which that is noise. */
+async function filmed(broken) {
   const filming = await open(browser, `${server.url}harness.html`, complaints);
   const made = await filming.evaluate(drawClip);
   const [width, height] = [2 * made.camera.width, 2 * made.camera.height];
   const file = { name: "clip.webm", mimeType: "video/webm", buffer: await film(filming, { ...made, width, height }) };
-  const spoilt = { ...file, name: "spoilt.webm", buffer: await film(filming, { ...made, width, height, spoilt: broken }) };
+  const spoilt = broken && { ...file, name: "spoilt.webm", buffer: await film(filming, { ...made, width, height, spoilt: broken }) };
   await filming.close();
   return { made, file, spoilt };
 }

@@ -146,7 +146,7 @@ fn key(command: &[OsString], input: &Path) -> io::Result<String> {
             (Some(option.as_ref()), value.as_ref())
         });
         let path = Path::new(value);
-        // A camera may be a folder (COLMAP). No other is looked into: it may be for results, or be called as a subcommand is.
+        // A camera may be a folder (COLMAP). Other folders are not read: one may be for results, or have a subcommand's name.
         if path.is_file() || (path.is_dir() && option == Some("--camera".as_ref())) {
             add(&mut hash, path)?;
         }

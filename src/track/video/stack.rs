@@ -60,8 +60,9 @@ impl Stack {
     }
 }
 
-/// What `level` says of the colours of each pixel of a stack, row by row: the mean of the samples in it. For the others see
-/// [`Stack::of`].
+/// For each pixel of a stack, row by row, the mean of `level` over samples of the colours in it. `rgb` is one of the stack's frames,
+/// `frame_from_own` the homography to its pixels from those of the middle one, `centre` the candidate's there, px, and `magnification` px
+/// of the stack per px.
 fn averages(
     rgb: &RgbImage,
     frame_from_own: &Matrix3<f64>,
@@ -100,15 +101,15 @@ fn averages(
     sums.into_iter().map(|sum| share * sum).collect()
 }
 
-/// The pixel before a place along a side of a picture, which has two at least, and how far it is from there to the next; beyond the
-/// picture the edge's.
+/// The pixel before a place along a side of a picture (two pixels at least), and the fraction of the way from it to the next; a place
+/// beyond the picture is taken to its edge.
 fn between(at: f64, side: usize) -> (usize, f32) {
     let at = at.clamp(0.0, (side - 1) as f64);
     let before = (at as usize).min(side - 2);
     (before, (at - before as f64) as f32)
 }
 
-/// What `level` says of the colours between the pixels of two columns and two rows.
+/// `level` of the colours, bilinearly interpolated from the pixels of two neighbouring columns and rows.
 fn interpolated(
     rgb: &RgbImage,
     (left, u): (usize, f32),

@@ -1,6 +1,9 @@
 /** Makes videos of pictures. A browser's recorder would put the frames where its own clock puts them. */
 
-/** A WebM file of `pictures` (PNGs as base64). Like a recorder's, it does not tell how long it is. The frame `spoilt`, if any, is noise, and the file tells how long it is, for such a one is not played to its end. `page` comes from a server. */
+/**
+ * A WebM file of `pictures` (PNGs as base64). Like a recorder's, it does not tell how long it is, but where a frame `spoilt` is named: that one is noise,
+ * and a player that has to find the end out would stop at it. `page` comes from a server.
+ */
 export async function film(page, { pictures, fps, width, height, spoilt }) {
   const chunks = await page.evaluate(encode, { pictures, fps, width, height });
   const blocks = chunks.map(({ key, bytes }, index) => {

@@ -45,18 +45,30 @@ export class DecodedVideo {
     };
     try {
       for await (const decoded of this.#sink.canvases()) yield shown(decoded);
-    } catch {
+    } catch (thrown) {
+      // The decoder drops what it has decoded ahead: up to the frame that is broken, each is decoded by itself.
       try {
-        // What was decoded ahead is lost with the one that is broken: up to that one, each alone.
-        for await (const { timestamp } of new EncodedPacketSink(this.#track).packets(undefined, undefined, { metadataOnly: true })) {
+        for (const timestamp of await this.#timestamps()) {
           const decoded = last === undefined || timestamp > last ? await this.#sink.getCanvas(timestamp) : null;
           if (decoded) yield shown(decoded);
         }
-      } catch (thrown) {
-        if (last === undefined) throw new Error(`The video cannot be decoded: ${wordsOf(thrown)}`);
-        this.broken = `The video is broken after ${last.toFixed(2)} s: ${wordsOf(thrown)} What comes before is tracked.`;
+      } catch {
+        // The broken frame.
       }
+      if (last === undefined) throw new Error(`The video cannot be decoded: ${wordsOf(thrown)}`);
+      this.broken = `The video is broken after ${last.toFixed(2)} s: ${wordsOf(thrown)} What comes before is tracked.`;
     }
+  }
+
+  /** When the frames are shown, seconds, in that order, as far as the file can be read. A file holds them in the order of decoding. */
+  async #timestamps(): Promise<number[]> {
+    const timestamps: number[] = [];
+    try {
+      for await (const { timestamp } of new EncodedPacketSink(this.#track).packets(undefined, undefined, { metadataOnly: true })) timestamps.push(timestamp);
+    } catch {
+      // Those before the break are known.
+    }
+    return timestamps.sort((a, b) => a - b);
   }
 
   close(): void {
