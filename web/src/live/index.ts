@@ -35,9 +35,11 @@ class Live {
   readonly #alert: Alert;
   readonly #localiser: () => Localiser | undefined;
   #view: View3d | undefined;
-  #scene: { key: string; simulator: Simulator; starts: Vector[]; places: (Pixel | null)[] } | undefined;
+  #scene: { simulator: Simulator; starts: Vector[]; places: (Pixel | null)[] } | undefined;
+  #opening: { key: string; opened: Promise<void> } | undefined;
   #run = new AbortController();
-  #pressed: { start: number; at: Pixel } | undefined;
+  /** Where the pointer was pressed. */
+  #pressed: Pixel | undefined;
 
   constructor(panel: HTMLElement, localiser: () => Localiser | undefined) {
     this.#part = fill(panel, markup);
@@ -57,62 +59,75 @@ class Live {
 
   #listenForDrags(canvas: HTMLCanvasElement): void {
     canvas.addEventListener("pointerdown", (event) => {
-      const at = placeOf(event, canvas);
+      this.#pressed = placeOf(event, canvas);
       canvas.setPointerCapture(event.pointerId);
-      void this.#alert.during(async () => {
-        await this.#show();
-        const start = this.#nearest(at);
-        this.#pressed = start === undefined ? undefined : { start, at };
-      });
+      void this.#alert.during(() => this.#show());
     });
     canvas.addEventListener("pointermove", (event) => {
       if (!this.#pressed) return;
       const { context, width, height } = this.#overlay();
-      const [from, to] = [this.#pressed.at, placeOf(event, canvas)];
+      const [from, to] = [this.#pressed, placeOf(event, canvas)];
       const path = new Path2D(`M${from[0] * width} ${from[1] * height}L${to[0] * width} ${to[1] * height}`);
       stroke(context, path, getComputedStyle(canvas).getPropertyValue("--found"), 3);
     });
     canvas.addEventListener("pointerup", (event) => {
       const pressed = this.#pressed;
+      if (!pressed) return;
       this.#pressed = undefined;
-      const end = this.#nearest(placeOf(event, canvas));
-      const [from, to] = [pressed && this.#scene?.starts[pressed.start], end !== undefined ? this.#scene?.starts[end] : undefined];
-      if (!from || !to) return;
-      const velocity = from.map((metres, axis) => PUSH * ((to[axis] ?? 0) - metres)) as Vector;
-      void this.#throw({ position: from, velocity });
+      const released = placeOf(event, canvas);
+      void this.#alert.during(async () => {
+        await this.#show();
+        const [from, to] = [this.#nearest(pressed), this.#nearest(released)];
+        if (!from || !to) return;
+        await this.#throw({ position: from, velocity: from.map((metres, axis) => PUSH * ((to[axis] ?? 0) - metres)) as Vector });
+      });
     });
   }
 
   /** The start whose image is nearest to a place in the picture (0 to 1). */
-  #nearest([x, y]: Pixel): number | undefined {
+  #nearest([x, y]: Pixel): Vector | undefined {
     const scene = this.#scene;
     if (!scene) return undefined;
     const { width, height } = scene.simulator.camera;
-    let best: number | undefined;
+    let best: Vector | undefined;
     let least = Infinity;
     for (const [index, place] of scene.places.entries()) {
       if (!place) continue;
       const [dx, dy] = [place[0] - x * width, place[1] - y * height];
-      if (dx * dx + dy * dy < least) [least, best] = [dx * dx + dy * dy, index];
+      if (dx * dx + dy * dy < least) [least, best] = [dx * dx + dy * dy, scene.starts[index]];
     }
     return best;
   }
 
-  /** Opens the chosen scene, if it is not open, and shows it empty. */
+  /** Opens the chosen scene, if it is not open, and shows it empty. Of two that were chosen, the later is shown. */
   async #show(): Promise<void> {
     const [environment, camera] = ["live-scene", "live-camera"].map((name) => Number(this.#part<HTMLSelectElement>(name).value)) as [1 | 2 | 3, number];
     const key = `${environment} ${camera}`;
-    if (this.#scene?.key === key) return;
-    this.#run.abort();
-    this.#say("Fetching the scene…");
+    if (this.#opening?.key !== key) {
+      this.#run.abort();
+      this.#say("Fetching the scene…");
+      // After the one before, so that nothing of it is shown later.
+      const before = this.#opening?.opened.catch(() => undefined);
+      const opening = { key, opened: Promise.resolve(before).then(() => this.#open(key, environment, camera)) };
+      opening.opened.catch(() => {
+        if (this.#opening === opening) this.#opening = undefined;
+      });
+      this.#opening = opening;
+    }
+    await this.#opening.opened;
+  }
+
+  async #open(key: string, environment: 1 | 2 | 3, camera: number): Promise<void> {
+    if (this.#opening?.key !== key) return;
     const [toolbox, { View3d: View }] = await Promise.all([tools(), import("../shared/view3d")]);
     this.#scene?.simulator.dispose();
+    this.#scene = undefined;
     const simulator = await toolbox.simulator({ environment, camera });
     const starts: Vector[] = [];
     for (let across = -REACH.across; across <= REACH.across; across += REACH.step) {
       for (let up = REACH.low; up <= REACH.high; up += REACH.step) starts.push([across, -across / 2, up]);
     }
-    this.#scene = { key, simulator, starts, places: await toolbox.project(simulator.camera, starts) };
+    this.#scene = { simulator, starts, places: await toolbox.project(simulator.camera, starts) };
     this.#view ??= new View(this.#part<HTMLCanvasElement>("live-space"));
     this.#view.setScene(simulator.scene, simulator.camera);
     this.#view.setPath("truth", []);
@@ -122,7 +137,7 @@ class Live {
     await this.#draw([0, 0, -1000]);
     this.#part("live-views").dataset.open = "";
     this.#overlay();
-    this.#say("Ready: press in the picture, drag and let go.");
+    if (this.#opening?.key === key) this.#say("Ready: press in the picture, drag and let go.");
   }
 
   async #throw(thrown?: Throw): Promise<void> {
