@@ -299,6 +299,19 @@ fn of_unknown_spin() -> Track {
 }
 
 #[test]
+fn any_number_of_threads_finds_the_same_to_the_bit() {
+    let track = of_unknown_spin();
+    let observations = observed(&track, 0.5, 0.0);
+    let found = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let fit = pool.install(|| fit(&track, &observations, &FitOptions::default())).unwrap();
+        format!("{:?}", (fit.frames, fit.flights, fit.notes))
+    };
+    let one = found(1);
+    assert!(one == found(3) && one == found(4));
+}
+
+#[test]
 fn an_unknown_spin_is_not_taken_for_none_where_drag_or_restitution_is_asked_for() {
     let track = of_unknown_spin();
     let observations = observed(&track, 0.5, 0.0);

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use nalgebra::{Point2, Point3};
+use rayon::prelude::*;
 use serde::Serialize;
 
 use super::estimate::EstimatorConfig;
@@ -17,6 +18,9 @@ use crate::statistics::median;
 /// Standard deviation of what the radii that are read in a video are off by in common, px: compression, sharpening and streaks make small balls
 /// larger (a tennis ball of 3.5 px in a broadcast by 0.8 px).
 const RADIUS_BIAS: f64 = 0.6;
+
+/// Segments that are fitted at a time, for each thread.
+const SEGMENTS_A_THREAD: usize = 4;
 
 /// Items of a list in words, at most.
 const MOST_LISTED: usize = 5;
@@ -175,16 +179,26 @@ impl TrackedVideo {
         let ranges = segments(&observations);
         let count = ranges.len();
         self.forget();
-        for (number, frames) in ranges.into_iter().enumerate() {
+        let fitted = |frames: &Range<usize>| {
             let observations = observations[frames.clone()].to_vec();
-            let confidences: Vec<f64> = self.frames[frames.clone()].iter().map(|frame| frame.confidence).collect();
             let fit = forecaster.fit(camera, &observations, &options).map_err(|error| error.to_string());
-            let fit = fit.map(|fit| fit.doubted(&confidences, forecaster.scene()));
-            if let Ok(fit) = &fit {
-                self.add(frames.start, fit);
+            FittedSegment { frames: frames.clone(), observations, fit }
+        };
+        // As many at a time as keep every thread busy, and still tell of the progress.
+        for ranges in ranges.chunks(match rayon::current_num_threads() {
+            1 => 1,
+            threads => SEGMENTS_A_THREAD * threads,
+        }) {
+            for segment in ranges.par_iter().map(fitted).collect::<Vec<_>>() {
+                let confidences: Vec<f64> =
+                    self.frames[segment.frames.clone()].iter().map(|frame| frame.confidence).collect();
+                let fit = segment.fit.map(|fit| fit.doubted(&confidences, forecaster.scene()));
+                if let Ok(fit) = &fit {
+                    self.add(segment.frames.start, fit);
+                }
+                self.segments.push(FittedSegment { fit, ..segment });
+                progress(self.segments.len(), count);
             }
-            self.segments.push(FittedSegment { frames, observations, fit });
-            progress(number + 1, count);
         }
         self.explained = Some(self.found() > 0 && self.segments.iter().all(FittedSegment::explained));
         self.verdict = self.in_words();

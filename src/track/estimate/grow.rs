@@ -1,6 +1,7 @@
 //! Growth of trajectories from change point to change point.
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use super::change_points::ChangePoint;
 use super::search::{APART, DEPARTURES, KNOWN, LOOSE, Search, best};
@@ -144,13 +145,12 @@ impl Search<'_> {
             last,
             times: times.clone(),
         };
-        let mut beam: Vec<Hypothesis> = vec![];
         let end = end_before(points.get(from));
-        for drift in DEPARTURES {
-            let found = self.ballistic(first..=end - 1, times[first], &[], drift);
-            beam.extend(found.and_then(|found| self.kept(&fresh(self.state(&found), until(end)), None)));
-        }
-        beam = best_ends(beam, size);
+        let departing = |&drift: &f64| {
+            let found = self.ballistic(first..=end - 1, times[first], &[], drift)?;
+            self.kept(&fresh(self.state(&found), until(end)), None)
+        };
+        let mut beam = best_ends(DEPARTURES.par_iter().filter_map(departing).collect(), size);
         if !visit(from + 1, &beam) {
             return;
         }
@@ -165,20 +165,19 @@ impl Search<'_> {
             if point.bends && (index == from || beam.iter().any(|found| found.trajectory.segments.len() == 1)) {
                 let mut start = fresh([0.0; 9], last);
                 start.segments.push(Segment { begin: Begin::Hit, time, state: [0.0; 9] });
-                for &option in &options {
-                    for drift in DEPARTURES {
-                        let found = self.with_contact(&start, (1, false), option, drift);
-                        next.extend(self.better(found, None));
-                    }
-                }
+                let contacts: Vec<_> = options.iter().flat_map(|it| DEPARTURES.map(|drift| (*it, drift))).collect();
+                next.par_extend(contacts.into_par_iter().filter_map(|(option, drift)| {
+                    self.better(self.with_contact(&start, (1, false), option, drift), None)
+                }));
             }
-            for parent in &beam {
+            let longer = |parent: &Hypothesis| {
+                let mut next: Vec<Hypothesis> = vec![];
                 let mut longer = parent.trajectory.clone();
                 longer.last = last;
                 next.extend(self.kept(&longer, Some(parent)));
                 next.extend(self.model.followed(&longer).and_then(|followed| self.kept(&followed, Some(parent))));
                 if longer.segments.last().is_some_and(|last| last.time >= time) {
-                    continue;
+                    return next;
                 }
                 let there = self.at(&longer, time);
                 let index = longer.segments.len();
@@ -189,14 +188,16 @@ impl Search<'_> {
                     next.extend(self.better(found, Some(parent)));
                 }
                 if !hits {
-                    continue;
+                    return next;
                 }
                 let place: (f64, Vector3<f64>, f64) = (time, part(&there, 0), KNOWN);
                 if let Some(flight) = self.ballistic(begin..=last, time, &[place], 0.0) {
                     longer.segments[index].state = self.state(&flight);
                     next.extend(self.kept(&longer, Some(parent)));
                 }
-            }
+                next
+            };
+            next.par_extend(beam.par_iter().flat_map_iter(longer));
             next.retain(|found| self.is_allowed(&found.trajectory));
             beam = best_ends(next, size);
             if !visit(index + 2, &beam) {

@@ -2,6 +2,8 @@
 //! short windows of labels grow to either side through whatever they touch; where one misses its next labels, it is tried nearer and
 //! farther.
 
+use rayon::prelude::*;
+
 use super::model::{Loss, Model};
 use super::search::{Search, best};
 use super::solve::Hypothesis;
@@ -62,7 +64,7 @@ impl Search<'_> {
         let polished = best(found.clone(), 1).pop().and_then(|best| search.polished(best));
         found.extend(polished);
         let whole = best(found, STARTS);
-        best(whole.iter().filter_map(|it| self.resettled(&it.trajectory, Loss::Mixture, WHOLE)).collect(), STARTS)
+        best(whole.par_iter().filter_map(|it| self.resettled(&it.trajectory, Loss::Mixture, WHOLE)).collect(), STARTS)
     }
 
     /// Frames whose labels are far off their neighbours' line.
@@ -80,8 +82,8 @@ impl Search<'_> {
         let mut all: Vec<(f64, Trajectory)> = vec![];
         for length in LENGTHS.into_iter().filter(|&length| length <= seen.len()) {
             let stride = (length / 4).max(1);
-            let starts = (0..=seen.len() - length).step_by(stride).chain([seen.len() - length]);
-            all.extend(starts.filter_map(|start| self.window(&seen[start..start + length])));
+            let starts: Vec<usize> = (0..=seen.len() - length).step_by(stride).chain([seen.len() - length]).collect();
+            all.par_extend(starts.par_iter().filter_map(|&start| self.window(&seen[start..start + length])));
         }
         if all.is_empty() {
             all.extend(self.window(&seen));
@@ -128,7 +130,8 @@ impl Search<'_> {
             if worst[0].max(worst[1]) > BAD_END {
                 let frame = if worst[0] > worst[1] { at.last } else { at.first };
                 let shifted = SHIFTS.iter().filter_map(|&by| self.model.displaced(&at, frame, by, 1.0));
-                let others: Vec<Trajectory> = shifted.filter_map(|it| self.extended(&it, growth)).collect();
+                let shifted: Vec<Trajectory> = shifted.collect();
+                let others: Vec<Trajectory> = shifted.par_iter().filter_map(|it| self.extended(it, growth)).collect();
                 let cost = |it: &Trajectory| self.total_cost(it, Loss::Growing);
                 if let Some(better) = others.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
                     && cost(&better) < cost(&next)

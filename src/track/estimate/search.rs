@@ -5,6 +5,7 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use nalgebra::{Point2, Vector3};
+use rayon::prelude::*;
 
 use super::change_points::{CLEAR, ChangePoint, FAINT, change_points};
 use super::grow::{BEAM, NARROW};
@@ -80,21 +81,23 @@ impl<'a> Search<'a> {
             return self.through_contacts();
         }
         let [clear, all] = &self.change_points;
-        let mut found = self.grown(all, BEAM);
-        if !clear.iter().map(|point| point.time).eq(all.iter().map(|point| point.time)) {
-            found.extend(self.grown(clear, BEAM));
-        }
+        let differ = !clear.iter().map(|point| point.time).eq(all.iter().map(|point| point.time));
+        let mut ways = vec![all];
+        ways.extend(differ.then_some(clear));
         let unseen = self.with_unseen(all);
-        let mut chained: Vec<Hypothesis> =
-            [true, false].into_iter().filter_map(|tied| self.chained(&unseen, tied)).collect();
+        let (mut found, mut chained): (Vec<Hypothesis>, Vec<Hypothesis>) = rayon::join(
+            || ways.par_iter().flat_map_iter(|way| self.grown(way, BEAM)).collect(),
+            || [true, false].par_iter().filter_map(|&tied| self.chained(&unseen, tied)).collect(),
+        );
         // Where both ways lead to the same, one is improved; else each, for neither is always better.
         let leads = [&found, &chained].map(|all| best(all.clone(), 1).pop());
         if let [Some(first), Some(second)] = &leads
             && !first.is_like(second)
         {
-            self.improve(&mut chained);
+            rayon::join(|| self.improve(&mut found), || self.improve(&mut chained));
+        } else {
+            self.improve(&mut found);
         }
-        self.improve(&mut found);
         found.extend(chained);
         best(found, BEAM)
     }
@@ -254,36 +257,34 @@ impl<'a> Search<'a> {
         for _ in 0..ROUNDS {
             let Some(best) = best(all.clone(), 1).pop() else { return };
             let tried = self.beside(&best.trajectory);
-            let mut known: Vec<(Span, Option<Hypothesis>)> = vec![];
-            let mut found: Vec<Change> = vec![];
-            for (trajectory, place) in tried.into_iter().filter(|(it, _)| self.is_allowed(it)) {
-                let change = Change::between(&best.trajectory, &trajectory, place);
-                if before.as_ref().is_some_and(|before| change.is_in(before, &best.trajectory)) {
-                    continue;
-                }
-                let as_it_is = match known.iter().find(|it| it.0 == change.old) {
-                    Some((_, found)) => found.clone(),
-                    None => {
-                        let found = self.model.refined(&best.trajectory, &change.old, Loss::Growing, TRY);
-                        known.push((change.old.clone(), found.clone()));
-                        found
-                    }
-                };
-                let Some(as_it_is) = as_it_is else { continue };
-                let Some(refined) = self.model.refined(&trajectory, &change.new, Loss::Growing, TRY) else { continue };
-                let gain = as_it_is.cost - refined.cost;
-                if gain > -WORTH {
-                    found.push(Change { gain, trajectory: refined.trajectory, ..change });
+            let changes = tried.into_iter().filter(|(it, _)| self.is_allowed(it));
+            let changes = changes.map(|(it, place)| Change::between(&best.trajectory, it, place));
+            let is_new = |change: &Change| !before.as_ref().is_some_and(|it| change.is_in(it, &best.trajectory));
+            let changes: Vec<Change> = changes.filter(is_new).collect();
+            let mut spans: Vec<Span> = vec![];
+            for Change { old, .. } in &changes {
+                if !spans.contains(old) {
+                    spans.push(old.clone());
                 }
             }
+            let refined = |it: &Trajectory, span: &Span| self.model.refined(it, span, Loss::Growing, TRY);
+            let as_it_is = |span: &Span| refined(&best.trajectory, span).map(|found| found.cost);
+            let as_it_is: Vec<Option<f64>> = spans.par_iter().map(as_it_is).collect();
+            let refine = |change: Change| {
+                let before = spans.iter().zip(&as_it_is).find(|(span, _)| **span == change.old)?.1.as_ref()?;
+                let refined = refined(&change.trajectory, &change.new)?;
+                let gain = before - refined.cost;
+                (gain > -WORTH).then_some(Change { gain, trajectory: refined.trajectory, ..change })
+            };
+            let mut found: Vec<Change> = changes.into_par_iter().filter_map(refine).collect();
             found.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let mut better: Vec<Hypothesis> = vec![];
             if let Some(together) = together(&best.trajectory, &found) {
                 better.extend(self.finished(&together));
             }
-            better.extend(found.iter().take(FINISHED).filter_map(|change| self.finished(&change.trajectory)));
+            better.par_extend(found.par_iter().take(FINISHED).filter_map(|change| self.finished(&change.trajectory)));
             if before.is_none() {
-                better.extend(self.scanned(&best.trajectory).iter().filter_map(|it| {
+                better.par_extend(self.scanned(&best.trajectory).par_iter().filter_map(|it| {
                     let grown = self.model.refined(it, &it.all(), Loss::Growing, GROW)?;
                     self.finished(&grown.trajectory)
                 }));
@@ -311,11 +312,11 @@ struct Change {
 
 impl Change {
     /// `place`: the segments of `trajectory` that are not the other's.
-    fn between(other: &Trajectory, trajectory: &Trajectory, place: Span) -> Self {
+    fn between(other: &Trajectory, trajectory: Trajectory, place: Span) -> Self {
         let count = trajectory.segments.len();
         let new = place.start.saturating_sub(BESIDE)..(place.end + BESIDE).min(count);
         let old = new.start..new.end + other.segments.len() - count;
-        Self { trajectory: trajectory.clone(), old, new, gain: 0.0 }
+        Self { trajectory, old, new, gain: 0.0 }
     }
 
     /// Whether `before` was as `now` is, where this change is.

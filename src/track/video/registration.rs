@@ -6,6 +6,7 @@
 //! way back.
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
+use rayon::prelude::*;
 
 use super::planes::Planes;
 use super::view::{View, displacement, mapped};
@@ -190,7 +191,7 @@ impl Key {
             self.patches.iter().map(|patch| (patch, mapped(predicted, patch.xy()))).filter(|(_, at)| inside(*at));
         let in_view: Vec<(&Patch, [f64; 2])> = in_view.collect();
         let found: Vec<[Vector2<f64>; 2]> =
-            in_view.iter().filter_map(|(patch, at)| patch.found(now, Vector2::from(*at), reach)).collect();
+            in_view.par_iter().filter_map(|(patch, at)| patch.found(now, Vector2::from(*at), reach)).collect();
         if found.len() < FEWEST {
             return None;
         }
