@@ -20,6 +20,8 @@ use crate::size::Size;
 pub const MIN_SIDE: u32 = 16;
 /// Largest picture accepted, px (200 MB as RGB, which a browser tab still holds).
 pub const MAX_PIXELS: u64 = 64 * 1024 * 1024;
+/// Pixels that are copied at a time.
+const COPIED_PIXELS: usize = 1 << 14;
 /// Pixels of a byte's full scale.
 const BYTE_SCALE: f32 = 255.0;
 
@@ -78,19 +80,35 @@ impl Picture {
     /// [`Error::ImageSize`] for a size outside the limits, [`Error::ImageDecode`] if `rgba` does
     /// not hold width·height·4 bytes.
     pub fn from_rgba(rgba: &[u8], size: Size) -> Result<Self> {
+        Self::from_rgba_copied(rgba.len(), size, |from, part| part.copy_from_slice(&rgba[from..][..part.len()]))
+    }
+
+    /// The same of `length` bytes that are elsewhere; `copy` fills a slice with those from an index on.
+    ///
+    /// # Errors
+    /// As [`Self::from_rgba`].
+    pub(crate) fn from_rgba_copied(length: usize, size: Size, copy: impl Fn(usize, &mut [u8])) -> Result<Self> {
         check_size(size)?;
-        let wrong = || Error::ImageDecode { reason: format!("{} bytes are not {size} RGBA pixels", rgba.len()) };
-        if rgba.len() != 4 * size.pixels() {
+        let wrong = || Error::ImageDecode { reason: format!("{length} bytes are not {size} RGBA pixels") };
+        if length != 4 * size.pixels() {
             return Err(wrong());
         }
-        // A video's frames are opaque, and many.
+        // A video's frames are opaque, and many: through a buffer that the processor's cache holds.
         let mut rgb = RgbImage::new(size.width, size.height);
-        let mut opaque = 0;
-        rgb_of_rgba(Vectors::best(), rgba, &mut rgb, &mut opaque);
-        if opaque == u8::MAX {
+        let mut buffer = vec![0; 4 * COPIED_PIXELS.min(size.pixels())];
+        let parts = rgb.chunks_mut(3 * COPIED_PIXELS).enumerate();
+        let all_opaque = parts.into_iter().all(|(number, rgb)| {
+            let (rgba, mut opaque) = (&mut buffer[..rgb.len() / 3 * 4], 0);
+            copy(4 * COPIED_PIXELS * number, rgba);
+            rgb_of_rgba(Vectors::best(), rgba, rgb, &mut opaque);
+            opaque == u8::MAX
+        });
+        if all_opaque {
             return Ok(Self::from_rgb(rgb));
         }
-        let buffer = ImageBuffer::from_raw(size.width, size.height, rgba.to_vec()).ok_or_else(wrong)?;
+        let mut rgba = vec![0; length];
+        copy(0, &mut rgba);
+        let buffer = ImageBuffer::from_raw(size.width, size.height, rgba).ok_or_else(wrong)?;
         Ok(Self::from_dynamic(image::DynamicImage::ImageRgba8(buffer)))
     }
 

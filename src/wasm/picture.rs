@@ -68,11 +68,13 @@ pub(super) async fn read(picture: &AnyPicture) -> Result<Picture> {
     if let Some(bytes) = encoded(picture).await? {
         return Picture::decode(&bytes.to_vec());
     }
-    if let Some((rgba, size)) = pixels(picture) {
-        return Picture::from_rgba(&rgba.to_vec(), size);
-    }
-    let (rgba, size) = drawn(picture).await.map_err(unreadable("the picture could not be drawn to pixels"))?;
-    Picture::from_rgba(&rgba, size)
+    let (rgba, size) = match pixels(picture) {
+        Some(pixels) => pixels,
+        None => drawn(picture).await.map_err(unreadable("the picture could not be drawn to pixels"))?,
+    };
+    Picture::from_rgba_copied(rgba.length() as usize, size, |from, part| {
+        rgba.subarray(from as u32, (from + part.len()) as u32).copy_to(part);
+    })
 }
 
 /// The bytes of a file. Views are told by what they are, not by their class, of which each frame of a page has its own.
@@ -110,7 +112,7 @@ fn part_of(buffer: &ArrayBuffer, offset: u32, length: u32) -> Uint8Array {
 }
 
 /// What the browser draws of `picture`: RGBA pixels, row-major.
-async fn drawn(picture: &JsValue) -> std::result::Result<(Vec<u8>, Size), JsValue> {
+async fn drawn(picture: &JsValue) -> std::result::Result<(Uint8Array, Size), JsValue> {
     if let Some(bitmap) = picture.dyn_ref::<ImageBitmap>() {
         return pixels_of(bitmap);
     }
@@ -131,7 +133,7 @@ async fn drawn(picture: &JsValue) -> std::result::Result<(Vec<u8>, Size), JsValu
     read
 }
 
-fn pixels_of(bitmap: &ImageBitmap) -> std::result::Result<(Vec<u8>, Size), JsValue> {
+fn pixels_of(bitmap: &ImageBitmap) -> std::result::Result<(Uint8Array, Size), JsValue> {
     let size = Size { width: bitmap.width(), height: bitmap.height() };
     let [width, height] = size.xy();
     CANVAS.with_borrow_mut(|kept| {
@@ -141,7 +143,10 @@ fn pixels_of(bitmap: &ImageBitmap) -> std::result::Result<(Vec<u8>, Size), JsVal
         };
         context.clear_rect(0.0, 0.0, width, height);
         context.draw_image_with_image_bitmap(bitmap, 0.0, 0.0)?;
-        Ok((context.get_image_data(0.0, 0.0, width, height)?.data().0, size))
+        let shown = context.get_image_data(0.0, 0.0, width, height)?;
+        // web-sys' `data` would copy it.
+        let rgba = bytes_of(&Reflect::get(&shown, &"data".into())?);
+        Ok((rgba.ok_or_else(|| js_sys::Error::new("this browser gives no pixels here"))?, size))
     })
 }
 
