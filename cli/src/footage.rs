@@ -2,6 +2,7 @@
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context, Result, bail, ensure};
 use gravisight::{Picture, Size};
@@ -15,6 +16,8 @@ pub struct Footage {
     times: Vec<f64>,
     own_times: bool,
     size: Option<Size>,
+    /// A video's stream that is at its first frame still: to start ffmpeg takes a third of a second.
+    begun: Mutex<Option<VideoStream>>,
 }
 
 enum FootageSource {
@@ -49,14 +52,20 @@ impl Footage {
             (FootageSource::Pictures(_), None) => bail!("--fps is needed for frames: how many were taken a second"),
         };
         let own_times = matches!(media, FootageSource::Video(_)) && fps.is_none();
-        let mut footage = Self { media, times, own_times, size: None };
-        let mut size = None;
-        footage.each(0..1, &mut |_, picture| {
-            size = Some(picture.size());
-            Ok(())
-        })?;
-        footage.size = size;
-        Ok(footage)
+        let (mut size, mut begun) = (None, None);
+        match &media {
+            FootageSource::Video(video) => {
+                let mut stream = VideoStream::open(video)?;
+                size = stream.size()?;
+                begun = Some(stream);
+            }
+            FootageSource::Pictures(pictures) => {
+                if let Some(first) = pictures.first() {
+                    size = Some(Picture::open(first).with_context(|| first.display().to_string())?.size());
+                }
+            }
+        }
+        Ok(Self { media, times, own_times, size, begun: Mutex::new(begun) })
     }
 
     /// The first frame of a video, whatever it says of its times.
@@ -100,7 +109,8 @@ impl Footage {
     pub fn each(&self, range: Range<usize>, visit: &mut dyn FnMut(usize, Picture) -> Result<()>) -> Result<()> {
         match &self.media {
             FootageSource::Video(video) => {
-                let mut stream = VideoStream::open(video)?;
+                let begun = self.begun.lock().unwrap_or_else(PoisonError::into_inner).take();
+                let mut stream = begun.map_or_else(|| VideoStream::open(video), Ok)?;
                 let mut number = 0;
                 // Some files end before or after what their packets say.
                 while number < range.end.min(self.times.len()) {

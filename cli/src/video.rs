@@ -1,10 +1,13 @@
 //! Videos: read and written by ffmpeg and ffprobe, programs that the user installs.
 
+use std::collections::HashMap;
 use std::ffi::{OsStr, OsString};
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::thread::JoinHandle;
+use std::time::SystemTime;
 
 use gravisight::internal::Compression;
 use gravisight::{Error, Result, Size};
@@ -24,7 +27,7 @@ const WITHOUT_TIMES: [&str; 12] =
 pub fn frame_times(video: &Path) -> Result<Vec<f64>> {
     let shown = shown_times(video)?;
     let known: Vec<f64> = shown.iter().copied().flatten().collect();
-    if known.len() == shown.len() && !known.is_empty() && Header::of(video)?.has_times() {
+    if known.len() == shown.len() && !known.is_empty() && Probe::of(video)?.has_times() {
         return Ok(known);
     }
     // AVI says when to decode, and frames that come late have no time to be shown at.
@@ -66,27 +69,81 @@ fn shown_times(video: &Path) -> Result<Vec<Option<f64>>> {
     Ok(text.lines().filter(|line| !line.trim().is_empty()).map(time).collect())
 }
 
-/// What a file says of itself before its pictures.
-struct Header {
-    /// Its containers' names, as ffprobe has them.
+/// What ffprobe says of a file, of which it decodes nothing.
+struct Probe {
+    /// Its containers' names.
     formats: String,
-    /// Frames a second, as a fraction; a raw stream that says none has 25.
-    rate: Option<f64>,
+    /// What its streams of pictures say, by name.
+    streams: Vec<HashMap<String, String>>,
+    /// When the packets of the first one are shown and decoded, s; as many as there are.
+    packets: Vec<[Option<f64>; 2]>,
 }
 
-impl Header {
-    fn of(video: &Path) -> Result<Self> {
-        let entries = "format=format_name:stream=r_frame_rate";
-        let arguments = ["-v", "error", "-select_streams", "v:0", "-show_entries", entries, "-of", "json"];
+/// A file, when it was changed, and what was said of it.
+type Known = (PathBuf, Option<SystemTime>, Arc<Probe>);
+
+impl Probe {
+    /// Asked once, and of the same file not again: to start ffprobe takes a third of a second.
+    fn of(video: &Path) -> Result<Arc<Self>> {
+        static LAST: Mutex<Option<Known>> = Mutex::new(None);
+        let changed = video.metadata().and_then(|said| said.modified()).ok();
+        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some((path, then, probe)) = &*last
+            && path == video
+            && *then == changed
+        {
+            return Ok(probe.clone());
+        }
+        let probe = Arc::new(Self::asked(video)?);
+        *last = Some((video.to_path_buf(), changed, probe.clone()));
+        Ok(probe)
+    }
+
+    fn asked(video: &Path) -> Result<Self> {
+        let entries = "format=format_name:stream=index,r_frame_rate,field_order,color_transfer\
+                       :stream_disposition=attached_pic:packet=stream_index,pts_time,dts_time";
         let mut command = Command::new("ffprobe");
-        command.args(arguments).arg(file_url(video)?);
-        let said = json(&output(command, "ffprobe", video)?, video)?;
-        let rate = said["streams"][0]["r_frame_rate"].as_str().and_then(|rate| {
-            let (above, below) = rate.split_once('/')?;
-            Some(above.parse::<f64>().ok()? / below.parse::<f64>().ok()?)
-        });
-        let rate = rate.filter(|rate| rate.is_finite() && *rate > 0.0);
-        Ok(Self { formats: said["format"]["format_name"].as_str().unwrap_or_default().into(), rate })
+        command.args(["-v", "error", "-select_streams", "v", "-show_entries", entries, "-of", "compact"]);
+        command.arg(file_url(video)?);
+        let text = output(command, "ffprobe", video)?;
+        let (mut formats, mut streams, mut packets) = (String::new(), vec![], vec![]);
+        for line in text.lines() {
+            let mut parts = line.trim().split('|');
+            let kind = parts.next();
+            let said = parts.filter_map(|part| part.split_once('='));
+            match kind {
+                Some("format") => formats = said.map(|(_, value)| value).collect(),
+                Some("stream") => {
+                    streams
+                        .push(said.map(|(name, value)| (name.to_owned(), value.to_owned())).collect::<HashMap<_, _>>());
+                }
+                Some("packet") => {
+                    let (mut stream, mut times) = (0, [None; 2]);
+                    for (name, value) in said {
+                        let time = || value.parse::<f64>().ok().filter(|time| time.is_finite());
+                        match name {
+                            "stream_index" => stream = value.parse::<usize>().unwrap_or_default(),
+                            "pts_time" => times[0] = time(),
+                            "dts_time" => times[1] = time(),
+                            _ => {}
+                        }
+                    }
+                    packets.push((stream, times));
+                }
+                _ => {}
+            }
+        }
+        let first = streams.first().and_then(|first| first.get("index")?.parse::<usize>().ok());
+        let packets =
+            packets.into_iter().filter(|(stream, _)| Some(*stream) == first).map(|(_, times)| times).collect();
+        Ok(Self { formats, streams, packets })
+    }
+
+    /// Frames a second, as the first stream has them; a raw stream that says none has 25.
+    fn rate(&self) -> Option<f64> {
+        let (above, below) = self.streams.first()?.get("r_frame_rate")?.split_once('/')?;
+        let rate = above.parse::<f64>().ok()? / below.parse::<f64>().ok()?;
+        (rate.is_finite() && rate > 0.0).then_some(rate)
     }
 
     fn has_times(&self) -> bool {
@@ -95,7 +152,7 @@ impl Header {
 
     /// Why there are no times, and what to do.
     fn refusal(&self) -> String {
-        let rate = self.rate.map_or(String::new(), |rate| {
+        let rate = self.rate().map_or(String::new(), |rate| {
             let digits = if rate.fract().abs() < 5e-4 { 0 } else { 3 };
             format!(" (it seems to have {rate:.digits$} a second, which may be a default and nobody's word)")
         });
@@ -107,11 +164,6 @@ impl Header {
             ),
         }
     }
-}
-
-fn json(text: &str, video: &Path) -> Result<serde_json::Value> {
-    let refuse = |error| Error::Data { what: video.display().to_string(), reason: format!("`ffprobe`: {error}") };
-    serde_json::from_str(text).map_err(refuse)
 }
 
 /// Writes the frames from the first to the last, both included, as `NUMBER.png`, each once.
@@ -148,15 +200,20 @@ fn file_url(video: &Path) -> Result<OsString> {
 
 /// The option by which each frame comes once: its name since ffmpeg 5.1, and before.
 fn passthrough(video: &Path) -> Result<[&'static str; 2]> {
+    static KNOWN: OnceLock<[&str; 2]> = OnceLock::new();
+    if let Some(known) = KNOWN.get() {
+        return Ok(*known);
+    }
     let mut command = Command::new("ffmpeg");
     command.arg("-version");
     let text = output(command, "ffmpeg", video)?;
     let version = text.split_whitespace().nth(2).unwrap_or_default();
     let mut numbers = version.split(|c: char| !c.is_ascii_digit()).map(str::parse::<u32>);
-    match (numbers.next(), numbers.next()) {
-        (Some(Ok(major)), Some(Ok(minor))) if (major, minor) < (5, 1) => Ok(["-vsync", "0"]),
-        _ => Ok(["-fps_mode", "passthrough"]),
-    }
+    let option = match (numbers.next(), numbers.next()) {
+        (Some(Ok(major)), Some(Ok(minor))) if (major, minor) < (5, 1) => ["-vsync", "0"],
+        _ => ["-fps_mode", "passthrough"],
+    };
+    Ok(*KNOWN.get_or_init(|| option))
 }
 
 fn cannot_run(program: &str, error: &std::io::Error, video: &Path) -> Error {
@@ -177,32 +234,21 @@ fn cannot_run(program: &str, error: &std::io::Error, video: &Path) -> Error {
 /// # Errors
 /// [`Error::Data`] where ffprobe is not installed, cannot read it, or finds no times.
 pub fn packet_times(video: &Path, fps: Option<f64>) -> Result<Vec<f64>> {
-    let arguments =
-        ["-v", "error", "-select_streams", "v:0", "-show_entries", "packet=pts_time,dts_time", "-of", "csv=p=0"];
-    let mut command = Command::new("ffprobe");
-    command.args(arguments).arg(file_url(video)?);
-    let text = output(command, "ffprobe", video)?;
-    let column = |index: usize| -> Vec<f64> {
-        let times = text.lines().filter_map(|line| line.split(',').nth(index)?.trim().parse::<f64>().ok());
-        times.filter(|time| time.is_finite()).collect()
-    };
+    let probe = Probe::of(video)?;
+    let column = |index: usize| probe.packets.iter().filter_map(|times| times[index]).collect::<Vec<f64>>();
     let [shown, decoded] = [0, 1].map(column);
     let mut times = if shown.len() < decoded.len() { decoded } else { shown };
     times.sort_by(f64::total_cmp);
     times.dedup();
     let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
     if let Some(fps) = fps {
-        let packets = text.lines().filter(|line| !line.trim().is_empty()).count();
-        let frames = if times.is_empty() { packets } else { times.len() };
+        let frames = if times.is_empty() { probe.packets.len() } else { times.len() };
         times = evenly(frames, fps);
         if times.is_empty() {
             return Err(refuse("has no picture".into()));
         }
-    } else {
-        let header = Header::of(video)?;
-        if times.is_empty() || !header.has_times() {
-            return Err(refuse(header.refusal()));
-        }
+    } else if times.is_empty() || !probe.has_times() {
+        return Err(refuse(probe.refusal()));
     }
     let first = times.first().copied().unwrap_or_default();
     times.iter_mut().for_each(|time| *time -= first);
@@ -229,18 +275,17 @@ impl Oddities {
     /// # Errors
     /// [`Error::Data`] where ffprobe is not installed or cannot read it.
     pub fn of(video: &Path) -> Result<Self> {
-        let entries = "stream=field_order,color_transfer:stream_disposition=attached_pic";
-        let arguments = ["-v", "error", "-select_streams", "v", "-show_entries", entries, "-of", "json"];
-        let mut command = Command::new("ffprobe");
-        command.args(arguments).arg(file_url(video)?);
-        let text = output(command, "ffprobe", video)?;
-        let said = json(&text, video)?;
-        let streams = said["streams"].as_array().map(Vec::as_slice).unwrap_or_default();
+        let probe = Probe::of(video)?;
         let is = |name: &str, values: &[&str]| {
-            streams.first().and_then(|first| first[name].as_str()).is_some_and(|value| values.contains(&value))
+            probe
+                .streams
+                .first()
+                .and_then(|first| first.get(name))
+                .is_some_and(|value| values.contains(&value.as_str()))
         };
         // A song's cover counts as a stream of pictures.
-        let films = streams.iter().filter(|stream| stream["disposition"]["attached_pic"].as_u64() != Some(1));
+        let films = (probe.streams.iter())
+            .filter(|stream| stream.get("disposition:attached_pic").is_none_or(|value| value != "1"));
         Ok(Self {
             interlaced: is("field_order", &["tt", "bb", "tb", "bt"]),
             hdr: is("color_transfer", &["smpte2084", "arib-std-b67"]),
@@ -270,6 +315,8 @@ pub struct VideoStream {
     /// What ffmpeg says, read beside.
     said: Option<JoinHandle<String>>,
     what: String,
+    /// A frame that was looked at and is the next all the same.
+    ahead: Option<RgbImage>,
 }
 
 impl VideoStream {
@@ -297,7 +344,16 @@ impl VideoStream {
             // A damaged film has a line a frame.
             lines.fold(String::new(), |said, line| if said.len() < 500 { said + line.trim() + "; " } else { said })
         });
-        Ok(Self { program, pictures: BufReader::with_capacity(1 << 20, pictures), said: Some(said), what })
+        Ok(Self { program, pictures: BufReader::with_capacity(1 << 20, pictures), said: Some(said), what, ahead: None })
+    }
+
+    /// The size of the next frame, which stays the next; none after the last.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn size(&mut self) -> Result<Option<Size>> {
+        self.ahead = self.read()?;
+        Ok(self.ahead.as_ref().map(|rgb| Size::new(rgb.width(), rgb.height())))
     }
 
     /// The next frame; none after the last.
@@ -305,6 +361,9 @@ impl VideoStream {
     /// # Errors
     /// [`Error::Data`] with what ffmpeg says.
     pub fn read(&mut self) -> Result<Option<RgbImage>> {
+        if let Some(rgb) = self.ahead.take() {
+            return Ok(Some(rgb));
+        }
         let mut words = Vec::new();
         while words.len() < 4 {
             let mut line = String::new();
