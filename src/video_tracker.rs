@@ -7,8 +7,7 @@ use nalgebra::Point2;
 use crate::camera::{Camera, Detection, Outline};
 use crate::error::{Error, Result};
 use crate::image::Picture;
-#[cfg(not(target_arch = "wasm32"))]
-use crate::kernels::for_each_of;
+use crate::kernels::{for_each_of, threads};
 use crate::localise::Localiser;
 use crate::physics::Scene;
 use crate::track::{BallTracker, Evidence, Query, TrackedVideo, TrackerConfig};
@@ -155,8 +154,7 @@ impl VideoTracker {
 
     /// What the networks say of each query; of several at the same time where they run on the CPU's threads.
     async fn answers(&self, queries: &[Query]) -> Result<Vec<Answer>> {
-        #[cfg(not(target_arch = "wasm32"))]
-        if queries.len() > 1 && self.localiser.runs_on_cpu() {
+        if queries.len() > 1 && threads() > 1 && self.localiser.runs_on_cpu() {
             let mut answers: Vec<Result<Answer>> = queries.iter().map(|_| Ok(Answer::default())).collect();
             for_each_of(answers.iter_mut().zip(queries).collect(), |_, (answer, query)| {
                 *answer = pollster::block_on(self.answer(query));

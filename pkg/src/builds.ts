@@ -3,16 +3,20 @@ import type * as Core from "../wasm/cpu/gravisight.js";
 import { GravisightError } from "./error.js";
 import { fetchBytes, isWebPage, type OnBytes } from "./fetch.js";
 import { fileExists, isFile, readFile } from "./node.js";
+import type { Source } from "./protocol.js";
+import type { ThreadedModule } from "./thread.js";
+import { checkedThreads, startThreads, threadsHere, threadsInWorker } from "./threads.js";
 import type { CoreOptions, DeviceKind } from "./types.js";
 import { absoluteUrl, assetUrl } from "./url.js";
 
 /** What a build offers. All have everything, so one's declarations speak of all; the one for the CPU is always made first. */
 export type CoreModule = typeof Core;
 
-/** Those for the CPU come with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without. */
-type Build = DeviceKind | "cpu-relaxed";
+/** Those for the CPU come with fused multiply-add ("relaxed SIMD", Chromium 114, Firefox 145), and without; with it also for threads. */
+type Build = DeviceKind | "cpu-relaxed" | "cpu-threads";
 
 interface Files {
+  build: Build;
   glue: URL;
   wasm: URL;
 }
@@ -21,14 +25,14 @@ interface Files {
 function urlsOf(build: Build, folder: string | undefined): Files {
   if (folder !== undefined) {
     const base = new URL(`${build}/`, folder.endsWith("/") ? folder : `${folder}/`);
-    return { glue: new URL("gravisight.js", base), wasm: new URL("gravisight_bg.wasm", base) };
+    return { build, glue: new URL("gravisight.js", base), wasm: new URL("gravisight_bg.wasm", base) };
   }
   const { glue, wasm } = ownFiles(build);
-  return { glue: assetUrl(glue), wasm: assetUrl(wasm) };
+  return { build, glue: assetUrl(glue), wasm: assetUrl(wasm) };
 }
 
 /** Bundlers look for the literal form of each URL. */
-function ownFiles(build: Build): Files {
+function ownFiles(build: Build): Omit<Files, "build"> {
   switch (build) {
     case "cpu":
       return {
@@ -39,6 +43,11 @@ function ownFiles(build: Build): Files {
       return {
         glue: new URL("../wasm/cpu-relaxed/gravisight.js", import.meta.url),
         wasm: new URL("../wasm/cpu-relaxed/gravisight_bg.wasm", import.meta.url),
+      };
+    case "cpu-threads":
+      return {
+        glue: new URL("../wasm/cpu-threads/gravisight.js", import.meta.url),
+        wasm: new URL("../wasm/cpu-threads/gravisight_bg.wasm", import.meta.url),
       };
     case "webgpu":
       return {
@@ -55,14 +64,19 @@ const RELAXED = new Uint8Array([
 ]);
 
 /** URLs of the files that this browser fetches for a device: for `<link rel="preload">`, or for a service worker that keeps them. */
-export async function coreFiles(device: DeviceKind = "cpu", options: Pick<CoreOptions, "wasm"> = {}): Promise<string[]> {
-  const { glue, wasm } = await deployed(device, wasmFolder(options));
+export async function coreFiles(device: DeviceKind = "cpu", options: Pick<CoreOptions, "wasm" | "threads"> = {}): Promise<string[]> {
+  const source = sourceOf(options);
+  const { glue, wasm } = await deployed(device, source.wasm, threadsInWorker(source.threads));
   return [glue.href, wasm.href];
 }
 
 /** The first build for a device that was deployed: for the CPU the faster one where the browser can run it. */
-async function deployed(kind: DeviceKind, folder: string | undefined): Promise<Files> {
-  const builds: Build[] = kind === "cpu" && WebAssembly.validate(RELAXED) ? ["cpu-relaxed", "cpu"] : [kind];
+async function deployed(kind: DeviceKind, folder: string | undefined, threads: number): Promise<Files> {
+  const builds: Build[] = [kind];
+  if (kind === "cpu" && WebAssembly.validate(RELAXED)) {
+    builds.unshift("cpu-relaxed");
+    if (threads > 1) builds.unshift("cpu-threads");
+  }
   for (const build of builds) {
     const urls = urlsOf(build, folder);
     // Asked for first, because the import of a missing module says neither status nor reason.
@@ -71,9 +85,9 @@ async function deployed(kind: DeviceKind, folder: string | undefined): Promise<F
   throw missing(kind, urlsOf(kind, folder).glue);
 }
 
-/** The folder of the wasm builds where it was given. */
-export function wasmFolder({ wasm }: Pick<CoreOptions, "wasm">): string | undefined {
-  return wasm === undefined ? undefined : absoluteUrl(wasm);
+/** Where the builds come from, and for how many threads. @throws {@link GravisightError} `threads`. */
+export function sourceOf({ wasm, threads }: Pick<CoreOptions, "wasm" | "threads">): Source {
+  return { wasm: wasm === undefined ? undefined : absoluteUrl(wasm), threads: checkedThreads(threads) };
 }
 
 let started: CoreModule | undefined;
@@ -96,10 +110,11 @@ export function lastPanic(): string {
 const builds = new Map<string, Promise<{ module: CoreModule; bytes: number }>>();
 
 /** Fetches and starts a build, once a thread; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
-export async function loadBuild(kind: DeviceKind, folder: string | undefined, onBytes: OnBytes): Promise<CoreModule> {
-  const urls = await deployed(kind, folder);
+export async function loadBuild(kind: DeviceKind, source: Source, onBytes: OnBytes): Promise<CoreModule> {
+  const threads = threadsHere(source.threads);
+  const urls = await deployed(kind, source.wasm, threads);
   const known = builds.get(urls.glue.href);
-  const starting = known ?? start(urls, nameOf(kind), onBytes);
+  const starting = known ?? start(urls, kind, threads, onBytes, () => loadBuild(kind, { ...source, threads: 1 }, onBytes));
   builds.set(urls.glue.href, starting);
   try {
     const { module, bytes } = await starting;
@@ -113,13 +128,31 @@ export async function loadBuild(kind: DeviceKind, folder: string | undefined, on
   }
 }
 
-async function start({ glue, wasm }: Files, name: string, onBytes: OnBytes): Promise<{ module: CoreModule; bytes: number }> {
-  const [module, bytes] = await Promise.all([
-    importable(glue).then((url) => import(/* @vite-ignore */ /* webpackIgnore: true */ url) as Promise<CoreModule>),
-    fetchBytes(wasm.href, `the ${name} build`, onBytes),
+async function start(
+  { build, glue, wasm }: Files,
+  kind: DeviceKind,
+  threads: number,
+  onBytes: OnBytes,
+  withoutThreads: () => Promise<CoreModule>,
+): Promise<{ module: CoreModule; bytes: number }> {
+  const script = importable(glue);
+  const [core, bytes] = await Promise.all([
+    script.then((url) => import(/* @vite-ignore */ /* webpackIgnore: true */ url) as Promise<CoreModule>),
+    fetchBytes(wasm.href, `the ${nameOf(kind)} build`, onBytes),
   ]);
-  await module.default({ module_or_path: bytes });
-  return { module, bytes: bytes.length };
+  if (build !== "cpu-threads") {
+    await core.default({ module_or_path: bytes });
+  } else {
+    const module = await WebAssembly.compile(bytes);
+    const { memory } = await core.default({ module_or_path: module });
+    try {
+      await startThreads(core as ThreadedModule, threads, { glue: await script, module, memory });
+    } catch {
+      // No Workers in here, by a policy or the browser's age: as it is without.
+      return { module: await withoutThreads(), bytes: bytes.length };
+    }
+  }
+  return { module: core, bytes: bytes.length };
 }
 
 /**

@@ -1,6 +1,7 @@
 /** An object's end of its Worker: request ids, one request in flight, the others wait their turn. */
 import { GravisightError, wordsOf } from "./error.js";
 import type { Answer, CallName, CallOptions, FromWorker, Request, ToWorker, Transport } from "./protocol.js";
+import { threadsChannel } from "./threads.js";
 import type { Progress } from "./types.js";
 
 interface Pending {
@@ -18,7 +19,7 @@ export class Channel implements Transport {
   /** Whether the Worker serves nobody else, and ends with this. */
   readonly #owned: boolean;
   /** Drawn: two copies of this package may share a Worker. */
-  readonly #object = crypto.getRandomValues(new Uint32Array(4)).join("-");
+  readonly #object = `gravisight ${crypto.getRandomValues(new Uint32Array(4)).join("-")}`;
   #nextId = 0;
   readonly #listening = new AbortController();
   #waiting: Pending[] = [];
@@ -29,8 +30,9 @@ export class Channel implements Transport {
   constructor(worker?: Worker) {
     this.#owned = worker === undefined;
     // The literal form is what bundlers look for.
-    this.#worker = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: "gravisight" });
+    this.#worker = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: this.#object });
     const { signal } = this.#listening;
+    this.#listenToThreads(signal);
     // Not `onmessage` and the like: in a Worker of the user's these are the user's.
     this.#worker.addEventListener("message", (event: MessageEvent<FromWorker>) => this.#receive(event.data), { signal });
     this.#worker.addEventListener(
@@ -88,6 +90,14 @@ export class Channel implements Transport {
     for (const pending of this.#waiting) pending.reject(reason);
     this.#inFlight = undefined;
     this.#waiting = [];
+  }
+
+  /** A Worker that waits for one of its threads cannot tell that this has trapped. */
+  #listenToThreads(signal: AbortSignal): void {
+    if (!this.#owned || typeof BroadcastChannel !== "function") return;
+    const threads = new BroadcastChannel(threadsChannel(this.#object));
+    threads.addEventListener("message", ({ data }) => this.close(new GravisightError("internal", `A thread of the core failed: ${data}`)), { signal });
+    signal.addEventListener("abort", () => threads.close());
   }
 
   #post(message: ToWorker, transfer: Transferable[] = []): void {

@@ -4,7 +4,7 @@ import { lastPanic, loadBuild, type CoreModule } from "./builds.js";
 import { GravisightError, gravisightErrorFrom } from "./error.js";
 import { deviceOf, load, loadModel, pickDevice, type Loaded } from "./load.js";
 import { release } from "./picture.js";
-import type { Answer, CallName, Calls, Request } from "./protocol.js";
+import type { Answer, CallName, Calls, Request, Source } from "./protocol.js";
 import { untilTrap } from "./trap.js";
 import type { Device, Progress } from "./types.js";
 
@@ -23,7 +23,7 @@ export class Engine {
   #scenes = new Map<number, Core.Simulator>();
   #nextScene = 0;
   /** Where the builds are. */
-  #wasm: string | undefined;
+  #source: Source = { wasm: undefined, threads: 1 };
   /** The core's memory cannot be trusted after a trap. */
   #trapped: GravisightError | undefined;
 
@@ -31,7 +31,7 @@ export class Engine {
     create: async (request, onProgress) => {
       const loaded = await load(request, onProgress, this);
       this.#dropLocaliser();
-      [this.#module, this.#loaded, this.#wasm] = [loaded.module, loaded, request.wasm];
+      [this.#module, this.#loaded, this.#source] = [loaded.module, loaded, { wasm: request.wasm, threads: request.threads }];
       // The core has checked it.
       return { device: loaded.device, card: JSON.parse(loaded.model.card) as Core.Card };
     },
@@ -47,8 +47,8 @@ export class Engine {
       return tracker.track(known, (loaded: number, total: number) => onProgress({ stage: "fit", loaded, total }));
     },
 
-    open: async ({ wasm }, onProgress) => {
-      this.#module ??= await loadBuild("cpu", wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+    open: async (source, onProgress) => {
+      this.#module ??= await loadBuild("cpu", source, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       return null;
     },
     fitTrack: ({ frames, camera, scene, noisePx, estimate, cameraSigma }) => this.#core.fitTrack(frames, camera, scene, noisePx, estimate, cameraSigma),
@@ -78,7 +78,7 @@ export class Engine {
       const { kind, reason } = await pickDevice(request, onProgress, this);
       const model = loadModel(request.model, request.cache, onProgress);
       model.catch(() => {});
-      this.#module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+      this.#module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       const { card, weights } = await model;
       const core = await this.#module.FineTuner.create(card, weights, request.options, kind);
       const device = deviceOf(core, kind, reason);
@@ -88,7 +88,7 @@ export class Engine {
     resumeTuner: async (request, onProgress) => {
       // `auto` measures with the package's own model: that of the run is in the checkpoint.
       const { kind, reason } = await pickDevice({ ...request, model: undefined, cache: true }, onProgress, this);
-      this.#module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+      this.#module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       const core = await this.#module.FineTuner.resume(request.checkpoint, kind);
       const device = deviceOf(core, kind, reason);
       this.#tuner = { core, device };
@@ -184,7 +184,7 @@ export class Engine {
       const { device, model } = loaded;
       if (device.kind !== "webgpu" || !DEVICE_FAILED.includes(error.code)) throw error;
       // The CPU's build is another module with a memory of its own, whatever has become of this one's.
-      const module = await loadBuild("cpu", this.#wasm, () => {});
+      const module = await loadBuild("cpu", this.#source, () => {});
       const core = await module.Localiser.create(model.card, model.weights, "cpu");
       const reason = `WebGPU failed while in use: ${error.message}`;
       this.#module = module;

@@ -1,4 +1,4 @@
-import { wasmFolder } from "./builds.js";
+import { sourceOf } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { cameraOf, checkedDevice, modelOf, wantedOf } from "./localiser.js";
 import { pictureToSend } from "./picture.js";
@@ -38,7 +38,7 @@ export class FineTuner {
     const { signal, onProgress, cache = true, steps, batch, crop, learningRate, supervision, seed } = options;
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
-    const request = { model: modelOf(options.model), device, wasm: wasmFolder(options), cache };
+    const request = { model: modelOf(options.model), device, ...sourceOf(options), cache };
     const settings = jsonOf({ steps, batch, crop, learningRate, supervision, seed }, "options");
     const transport = connect(options);
     try {
@@ -61,7 +61,7 @@ export class FineTuner {
     const { signal, onProgress } = options;
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
-    const request = { checkpoint: new Uint8Array(checkpoint), device, wasm: wasmFolder(options) };
+    const request = { checkpoint: new Uint8Array(checkpoint), device, ...sourceOf(options) };
     const transport = connect(options);
     try {
       const taken = await transport.call("resumeTuner", request, { signal, onProgress, transfer: [request.checkpoint.buffer] });

@@ -20,7 +20,7 @@ export interface Loaded {
 }
 
 /** Which model, where from and on what. */
-type Wanted = Pick<Request<"create">, "model" | "device" | "wasm" | "cache">;
+type Wanted = Pick<Request<"create">, "model" | "device" | "wasm" | "threads" | "cache">;
 
 /** Takes the device that was chosen; `auto` the faster one, or the CPU where WebGPU is absent or fails, and says why. Works for the engine `of`. */
 export async function load(request: Wanted, onProgress: OnProgress, of: object): Promise<Loaded> {
@@ -28,7 +28,7 @@ export async function load(request: Wanted, onProgress: OnProgress, of: object):
   // The build is awaited first; without this, a model that fails meanwhile counts as an unhandled rejection.
   model.catch(() => {});
   const start = async (kind: DeviceKind, reason: string): Promise<Loaded> => {
-    const module = await loadBuild(kind, request.wasm, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
+    const module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
     const { card, weights } = await model;
     onProgress({ stage: "warming up", loaded: 0, total: null });
     const core = await untilTrap(of, () => module.Localiser.create(card, weights, kind));

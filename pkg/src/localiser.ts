@@ -1,5 +1,5 @@
 import type { Wanted } from "../wasm/cpu/gravisight.js";
-import { wasmFolder } from "./builds.js";
+import { sourceOf } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { GravisightError } from "./error.js";
 import { pictureToSend } from "./picture.js";
@@ -55,12 +55,12 @@ export class Localiser {
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
     const model = modelOf(options.model);
-    const wasm = wasmFolder(options);
+    const source = sourceOf(options);
     const camera = options.camera === undefined ? undefined : jsonOf(options.camera, "camera");
     const ball = options.ball && { radius: options.ball.radius };
     const transport = connect(options);
     try {
-      const taken = await transport.call("create", { model, device, wasm, cache }, { signal, onProgress });
+      const taken = await transport.call("create", { model, device, ...source, cache }, { signal, onProgress });
       return new Localiser(transport, taken.card, taken.device, camera, ball);
     } catch (thrown) {
       transport.close(disposed("Localiser"));

@@ -1,5 +1,7 @@
 /** Node.js has no fetch for `file:` URLs, where a package's own files are. Nothing here is touched in a browser. */
 import { GravisightError } from "./error.js";
+import type { ThreadStart } from "./thread.js";
+import type { Thread } from "./threads.js";
 
 interface Node {
   version: string;
@@ -9,6 +11,14 @@ interface Node {
     existsSync(path: URL): boolean;
     promises: { readFile(path: URL): Promise<Uint8Array<ArrayBuffer>> };
   };
+  getBuiltinModule(name: "node:worker_threads"): { Worker: new (script: URL) => NodeWorker; parentPort: unknown };
+}
+
+interface NodeWorker {
+  once(event: "message" | "error", listener: (thing: unknown) => void): void;
+  postMessage(message: ThreadStart): void;
+  terminate(): void;
+  unref(): void;
 }
 
 const node = (globalThis as { process?: Partial<Node> }).process;
@@ -34,4 +44,32 @@ export async function readFile(url: URL): Promise<Uint8Array<ArrayBuffer>> {
 /** The folder that relative paths start from, as a URL; undefined in a browser. */
 export function workingFolder(): string | undefined {
   return node?.cwd && node.getBuiltinModule ? `file://${encodeURI(node.cwd().replaceAll("\\", "/"))}/` : undefined;
+}
+
+export function isNode(): boolean {
+  return node?.versions?.node !== undefined && node.getBuiltinModule !== undefined;
+}
+
+/** The port of a Worker of Node.js; undefined elsewhere. */
+export function ownPort<T>(): T | undefined {
+  return isNode() ? ((node as Node).getBuiltinModule("node:worker_threads").parentPort as T) : undefined;
+}
+
+/** A thread of Node.js, which keeps no program alive; undefined in a browser. */
+export function nodeThread(): Thread | undefined {
+  if (!isNode()) return undefined;
+  const { Worker: NodeThread } = (node as Node).getBuiltinModule("node:worker_threads");
+  const thread = new NodeThread(new URL("./thread.js", import.meta.url));
+  return {
+    ready: (start) =>
+      new Promise((resolve, reject) => {
+        thread.once("message", () => {
+          thread.unref();
+          resolve();
+        });
+        thread.once("error", reject);
+        thread.postMessage(start);
+      }),
+    end: () => thread.terminate(),
+  };
 }

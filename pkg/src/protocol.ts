@@ -9,6 +9,8 @@ export type PictureMessage = Exclude<Core.Picture, HTMLElement | VideoFrame | Of
 export interface Source {
   /** Absolute URL of the folder with the wasm builds; the package's own where it is missing. */
   wasm: string | undefined;
+  /** Threads of the CPU's build. */
+  threads: number | "auto";
 }
 
 /** A position, and on which device it was found. */

@@ -1,4 +1,4 @@
-import { wasmFolder } from "./builds.js";
+import { sourceOf } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { pictureToSend } from "./picture.js";
 import type { Answer, CallName, Request, Transport } from "./protocol.js";
@@ -32,10 +32,10 @@ export class Toolbox {
   static async create(options: CoreOptions = {}): Promise<Toolbox> {
     const { signal, onProgress } = options;
     signal?.throwIfAborted();
-    const wasm = wasmFolder(options);
+    const source = sourceOf(options);
     const transport = connect(options);
     try {
-      await transport.call("open", { wasm }, { signal, onProgress });
+      await transport.call("open", source, { signal, onProgress });
       return new Toolbox(transport);
     } catch (thrown) {
       transport.close(disposed("Toolbox"));

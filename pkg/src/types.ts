@@ -108,8 +108,15 @@ export type Vector = [number, number, number];
 
 /** Where the core comes from and runs. */
 export interface CoreOptions {
-  /** URL of the folder that holds `cpu/`, `cpu-relaxed/` and `webgpu/`; default: this package's `wasm/`. */
+  /** URL of the folder that holds `cpu/`, `cpu-relaxed/`, `cpu-threads/` and `webgpu/`; default: this package's `wasm/`. */
   wasm?: string | URL;
+  /**
+   * Threads that the CPU works on: a number, or `"auto"` for as many as the computer has, at most 8. In Node.js, and on pages that are
+   * cross-origin isolated (served with `Cross-Origin-Opener-Policy: same-origin` and `Cross-Origin-Embedder-Policy: require-corp`); elsewhere,
+   * and where the browser lacks relaxed SIMD, it is one, and {@link Device.name} says so. What is created first in a Worker decides for all
+   * in it. Default: 1.
+   */
+  threads?: number | "auto";
   /**
    * Default: a Worker of its own. `false`: on the calling thread, as for Node.js or inside a Worker of yours. Or a Worker
    * of yours that imports `gravisight/worker`: it may serve several objects, each with a model of its own, and is yours to end.

@@ -1,4 +1,4 @@
-import { wasmFolder } from "./builds.js";
+import { sourceOf } from "./builds.js";
 import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { GravisightError } from "./error.js";
 import { checkedDevice, modelOf } from "./localiser.js";
@@ -62,7 +62,7 @@ export class VideoTracker {
   static async create(options: VideoTrackerOptions = {}): Promise<VideoTracker> {
     const { signal, onProgress, cache = true, camera, scene, ball } = options;
     signal?.throwIfAborted();
-    const request = { model: modelOf(options.model), device: checkedDevice(options.device), wasm: wasmFolder(options), cache };
+    const request = { model: modelOf(options.model), device: checkedDevice(options.device), ...sourceOf(options), cache };
     const transport = connect(options);
     try {
       await transport.call("create", request, { signal, onProgress });

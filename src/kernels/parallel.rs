@@ -1,4 +1,4 @@
-//! Work on every core natively, on the one there is in a browser; and memory that is used again.
+//! Work on every core natively, in a browser on the threads that were started; and memory that is used again.
 
 use std::cell::Cell;
 use std::sync::Mutex;
@@ -11,6 +11,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
+
 thread_local! {
     /// Whether this thread runs one of so many tasks that nothing is gained by splitting it further.
     static INSIDE: Cell<bool> = const { Cell::new(false) };
@@ -18,17 +20,12 @@ thread_local! {
 
 /// Threads that [`for_each`] would use here.
 pub fn threads() -> usize {
-    #[cfg(not(target_arch = "wasm32"))]
-    return if INSIDE.get() { 1 } else { rayon::current_num_threads() };
-    #[cfg(target_arch = "wasm32")]
-    1
+    if INSIDE.get() { 1 } else { rayon::current_num_threads() }
 }
 
 /// Runs `work(0)`, …, `work(count - 1)` in any order, at the same time where there are threads.
 pub fn for_each(count: usize, work: impl Fn(usize) + Sync + Send) {
-    #[cfg(not(target_arch = "wasm32"))]
     if count > 1 && threads() > 1 {
-        use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
         let enough = count >= threads();
         (0..count).into_par_iter().with_max_len(1).for_each(|index| {
             let _outer = Restore(INSIDE.replace(enough));
@@ -41,9 +38,7 @@ pub fn for_each(count: usize, work: impl Fn(usize) + Sync + Send) {
 
 /// Runs `work` on each of `parts` and its number, as [`for_each`] does.
 pub fn for_each_of<T: Send>(parts: Vec<T>, work: impl Fn(usize, T) + Sync + Send) {
-    #[cfg(not(target_arch = "wasm32"))]
     if parts.len() > 1 && threads() > 1 {
-        use rayon::iter::{IndexedParallelIterator, IntoParallelIterator, ParallelIterator};
         let enough = parts.len() >= threads();
         parts.into_par_iter().enumerate().with_max_len(1).for_each(|(index, part)| {
             let _outer = Restore(INSIDE.replace(enough));
@@ -55,10 +50,8 @@ pub fn for_each_of<T: Send>(parts: Vec<T>, work: impl Fn(usize, T) + Sync + Send
 }
 
 /// Sets [`INSIDE`] back, after a panic too: rayon's threads outlive one.
-#[cfg(not(target_arch = "wasm32"))]
 struct Restore(bool);
 
-#[cfg(not(target_arch = "wasm32"))]
 impl Drop for Restore {
     fn drop(&mut self) {
         INSIDE.set(self.0);
@@ -166,11 +159,7 @@ pub fn with_scratch<R>(len: usize, work: impl FnOnce(&mut [f32]) -> R) -> R {
     }
     let result = work(&mut buffer.values_mut()[..len]);
     if let Ok(mut buffers) = SCRATCH.lock() {
-        #[cfg(not(target_arch = "wasm32"))]
-        let threads = rayon::current_num_threads();
-        #[cfg(target_arch = "wasm32")]
-        let threads = 1;
-        keep(&mut buffers, buffer, MOST_KEPT.saturating_mul(threads));
+        keep(&mut buffers, buffer, MOST_KEPT.saturating_mul(rayon::current_num_threads()));
     }
     result
 }

@@ -33,7 +33,6 @@ impl Localiser {
     }
 
     /// Whether the network runs on the CPU.
-    #[cfg(not(target_arch = "wasm32"))]
     pub(crate) fn runs_on_cpu(&self) -> bool {
         model::is_cpu(&self.device)
     }

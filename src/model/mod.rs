@@ -35,7 +35,6 @@ pub(crate) use self::decode::weighted_depth;
 pub(crate) use self::decode::{CONFIDENCE_RADIUS, Decoded, Peak, SizeMaps, cell_centre, confidence, decode, peaks};
 #[doc(hidden)]
 pub use self::pen::{Pen, PenOutput, PenRunner};
-#[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::tensors::is_cpu;
 #[cfg(not(target_arch = "wasm32"))]
 pub(crate) use self::weights::joined;

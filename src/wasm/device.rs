@@ -7,6 +7,7 @@ use wasm_bindgen::prelude::{JsCast, JsValue, wasm_bindgen};
 use web_sys::Window;
 
 use crate::error::{Error, Result};
+use crate::kernels::threads;
 
 /// A WebGPU adapter, as far as the browser tells: some keep its names to themselves.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, Tsify)]
@@ -103,7 +104,11 @@ pub(super) async fn device_of(name: &str) -> Result<Named> {
     match name {
         "cpu" => {
             let vectors = if cfg!(feature = "relaxed-simd") { "relaxed SIMD" } else { "SIMD128" };
-            Ok(Named { device: Device::flex(), name: format!("CPU ({vectors}, one thread)"), adapter: None })
+            let threads = match threads() {
+                1 => "one thread".to_owned(),
+                many => format!("{many} threads"),
+            };
+            Ok(Named { device: Device::flex(), name: format!("CPU ({vectors}, {threads})"), adapter: None })
         }
         "webgpu" => {
             let device = webgpu::device().await?;

@@ -11,6 +11,8 @@ mod localiser;
 mod physics;
 mod picture;
 mod simulator;
+#[cfg(feature = "threads")]
+mod threads;
 mod tracker;
 
 use std::cell::RefCell;

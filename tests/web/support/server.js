@@ -23,12 +23,16 @@ export async function serve() {
 
 const TYPES = { ".js": "text/javascript", ".html": "text/html", ".wasm": "application/wasm", ".json": "application/json", ".css": "text/css", ".svg": "image/svg+xml" };
 
-/** Serves a folder, under a content security policy if that is not empty. */
-export async function serveFolder(folder, policy) {
+/** Serves a folder, under a content security policy if that is not empty; its pages cross-origin isolated if asked for. */
+export async function serveFolder(folder, policy, isolated = false) {
   const server = createServer((request, response) => {
     const path = join(folder, decodeURIComponent(new URL(request.url, "http://localhost").pathname));
     if (path.includes("..") || !existsSync(path) || !statSync(path).isFile()) return response.writeHead(404).end();
     response.setHeader("Content-Type", TYPES[extname(path)] ?? "application/octet-stream");
+    if (isolated) {
+      response.setHeader("Cross-Origin-Opener-Policy", "same-origin");
+      response.setHeader("Cross-Origin-Embedder-Policy", "require-corp");
+    }
     if (policy) response.setHeader("Content-Security-Policy", policy);
     response.end(readFileSync(path));
   });

@@ -18,7 +18,7 @@ export interface Proposal {
 
 /** One a frame; null where the ball is not seen. */
 export async function proposalsFor({ camera, pictures, times }: StoredClip, { signal, progress }: Watch): Promise<(Proposal | null)[]> {
-  const tracker = await VideoTracker.create({ camera, model: MODELS.any, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total, "Loading the model…") });
+  const tracker = await VideoTracker.create({ threads: "auto", camera, model: MODELS.any, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total, "Loading the model…") });
   signal.addEventListener("abort", () => tracker.dispose(), { once: true });
   try {
     for (const [frame, picture] of pictures.entries()) {

@@ -6,7 +6,7 @@ let toolbox: Promise<Toolbox> | undefined;
 
 /** The page's toolbox; a failed load is tried again by the next call. */
 export function tools(): Promise<Toolbox> {
-  toolbox ??= Toolbox.create().catch((thrown: unknown) => {
+  toolbox ??= Toolbox.create({ threads: "auto" }).catch((thrown: unknown) => {
     toolbox = undefined;
     throw thrown;
   });

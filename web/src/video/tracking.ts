@@ -43,7 +43,7 @@ export class Tracking {
 
   /** Gives all frames of a source; `shown` sees each. */
   static async through(source: Source, known: Known, { model, device }: { model: string; device: DeviceChoice }, { signal, progress }: Watch, shown: (frame: Frame) => void): Promise<Tracking> {
-    const tracker = await VideoTracker.create({ ...(known.camera && { camera: known.camera }), model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
+    const tracker = await VideoTracker.create({ threads: "auto", ...(known.camera && { camera: known.camera }), model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
     const tracking = new Tracking(tracker, known);
     signal.addEventListener("abort", () => tracker.dispose(), { once: true });
     try {
