@@ -11,7 +11,7 @@ interface Node {
     existsSync(path: URL): boolean;
     promises: { readFile(path: URL): Promise<Uint8Array<ArrayBuffer>> };
   };
-  getBuiltinModule(name: "node:worker_threads"): { Worker: new (script: URL) => NodeWorker; parentPort: unknown };
+  getBuiltinModule(name: "node:worker_threads"): { Worker: new (script: URL, options: { execArgv: string[] }) => NodeWorker; parentPort: unknown };
 }
 
 interface NodeWorker {
@@ -59,7 +59,8 @@ export function ownPort<T>(): T | undefined {
 export function nodeThread(): Thread | undefined {
   if (!isNode()) return undefined;
   const { Worker: NodeThread } = (node as Node).getBuiltinModule("node:worker_threads");
-  const thread = new NodeThread(new URL("./thread.js", import.meta.url));
+  // Without the program's own switches: `--input-type` would be refused.
+  const thread = new NodeThread(new URL("./thread.js", import.meta.url), { execArgv: [] });
   return {
     ready: (start) =>
       new Promise((resolve, reject) => {

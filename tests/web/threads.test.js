@@ -19,7 +19,7 @@ const servers = [];
 
 before(async () => {
   const folder = mkdtempSync(join(tmpdir(), "gravisight-threads-"));
-  writeFileSync(join(folder, "index.html"), "<!doctype html><title>threads</title>");
+  writeFileSync(join(folder, "index.html"), '<!doctype html><link rel="icon" href="data:,"><title>threads</title>');
   symlinkSync(pkg, join(folder, "pkg"));
   browser = await launch({ webgpu: false });
   for (const isolated of [true, false]) {
