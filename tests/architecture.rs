@@ -57,6 +57,7 @@ const WASM: (&str, &[&str]) = (
         "evaluate",
         "findings",
         "image",
+        "kernels",
         "localise",
         "model",
         "physics",
