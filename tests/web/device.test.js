@@ -142,7 +142,10 @@ test("a WebGPU device that is lost while in use hands over to the CPU, which say
   await inBrowser({ webgpu: true }, "harness.html", async (page) => {
     await offerTiny(page);
     const [worker] = readdirSync(here("../../web/dist/assets/")).filter((name) => /^worker-.*\.js$/.test(name));
-    await page.route("**/assets/losing.js", (route) => route.fulfill({ contentType: "text/javascript", body: `import "./${worker}";(${losesDevice})();` }));
+    const losing = { contentType: "text/javascript", body: `import "./${worker}";(${losesDevice})();` };
+    // As the page's own server says: the page is isolated.
+    const headers = { "Cross-Origin-Embedder-Policy": "require-corp" };
+    await page.route("**/assets/losing.js", (route) => route.fulfill({ ...losing, headers }));
     const { before, after, again, kind } = await page.evaluate(loseDevice, "golden/tiny.json");
     assert.equal(before.device.kind, "webgpu");
     assert.equal(after.device.kind, "cpu");

@@ -75,7 +75,7 @@ test("the tarball holds what it must, and no more", () => {
   const { name, dependencies, sideEffects } = JSON.parse(readFileSync(join(folder, "node_modules/gravisight/package.json"), "utf8"));
   assert.equal(name, "gravisight");
   assert.equal(dependencies, undefined);
-  assert.deepEqual(sideEffects, ["./dist/worker.js"]);
+  assert.deepEqual(sideEffects, ["./dist/worker.js", "./dist/thread.js"]);
   const files = readdirSync(join(folder, "node_modules/gravisight")).sort();
   assert.deepEqual(files, ["LICENSE-APACHE", "LICENSE-MIT", "README.md", "dist", "models", "package.json", "wasm"]);
 });
