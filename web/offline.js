@@ -11,7 +11,7 @@ const SHELL = `shell ${BUILD}`;
 const WASM = "wasm";
 const OTHERS = "files";
 /** Builds of the core that are kept; each version of the page has its own. */
-const MOST_WASM = 3;
+const MOST_WASM = 4;
 /** A file is the same whoever asks for it: some servers say that it varies with the asker's origin. */
 const SAME_NAME = { ignoreVary: true };
 

@@ -12,7 +12,9 @@ export async function keepForOffline(): Promise<void> {
   const seen = performance.getEntriesByType("resource").map(({ name }) => name);
   // Their weights keep themselves, by sha256, once they are loaded.
   const models = OWN_MODEL === null ? Object.values(MODELS) : [];
-  const files = new Set([location.href, ...seen, ...models.map((file) => new URL(file, location.href).href), ...(await coreFiles())]);
+  // Single pictures are found on one thread, videos on all that there may be.
+  const core = [...(await coreFiles()), ...(await coreFiles("cpu", { threads: "auto" }))];
+  const files = new Set([location.href, ...seen, ...models.map((file) => new URL(file, location.href).href), ...core]);
   for (const file of files) {
     const isOurs = new URL(file).origin === location.origin;
     if (isOurs && !(await caches.match(file, { ignoreSearch: true }))) await (await fetch(file)).arrayBuffer();
