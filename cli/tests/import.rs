@@ -581,8 +581,11 @@ fn impostors(folder: &Path, times: &str) {
          for i in 1 2 3 4 5; do /bin/cp {}/$i.png 00000$i.png; done\n",
         frames.display()
     );
-    let header = r#"{"format": {"format_name": "matroska,webm"}, "streams": [{"r_frame_rate": "20/1"}]}"#;
-    let ffprobe = format!("#!/bin/sh\ncase \"$*\" in *format_name*) echo '{header}';; *) printf '{times}';; esac\n");
+    let packets =
+        format!("for time in $(printf '{times}'); do echo \"packet|stream_index=0|pts_time=${{time%,}}\"; done");
+    let header = "echo 'stream|index=0|r_frame_rate=20/1'; echo 'format|format_name=matroska,webm'";
+    let ffprobe =
+        format!("#!/bin/sh\ncase \"$*\" in *format_name*) {packets}; {header};; *) printf '{times}';; esac\n");
     for (name, text) in [("ffprobe", ffprobe), ("ffmpeg", ffmpeg)] {
         std::fs::write(folder.join(name), text).unwrap();
         std::fs::set_permissions(folder.join(name), std::fs::Permissions::from_mode(0o755)).unwrap();
