@@ -1,24 +1,23 @@
 //! Videos: read and written by ffmpeg and ffprobe, programs that the user installs.
 
-use std::collections::HashMap;
-use std::ffi::{OsStr, OsString};
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
-use std::path::{Path, PathBuf};
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use std::thread::JoinHandle;
-use std::time::SystemTime;
+mod encoder;
+mod probe;
 
-use gravisight::internal::Compression;
+use std::ffi::{OsStr, OsString};
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::path::Path;
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::sync::OnceLock;
+use std::thread::JoinHandle;
+
 use gravisight::{Error, Result, Size};
 use image::RgbImage;
 
+pub use self::encoder::Encoder;
+use self::probe::Probe;
+
 /// Longest line of a picture's header.
 const HEADER: u64 = 64;
-
-/// Containers (ffprobe's names) that hold pictures alone: what ffprobe says of their times is a default of 25 frames a second.
-const WITHOUT_TIMES: [&str; 12] =
-    ["av1", "cavsvideo", "dirac", "h261", "h263", "h264", "hevc", "jpeg_pipe", "m4v", "mjpeg", "mpegvideo", "vvc"];
 
 /// The time of every frame, s, as the file says it.
 ///
@@ -47,9 +46,6 @@ pub fn count_frames(video: &Path) -> Result<usize> {
     Ok(shown_times(video)?.len())
 }
 
-/// A broadcast's highest rate over its mean.
-const MOST_RATE: f64 = 2.0;
-
 /// The time of every frame, s, as ffprobe reads it; none where the file says nothing.
 fn shown_times(video: &Path) -> Result<Vec<Option<f64>>> {
     let arguments = [
@@ -67,103 +63,6 @@ fn shown_times(video: &Path) -> Result<Vec<Option<f64>>> {
     let text = output(command, "ffprobe", video)?;
     let time = |line: &str| line.trim().trim_end_matches(',').parse::<f64>().ok().filter(|time| time.is_finite());
     Ok(text.lines().filter(|line| !line.trim().is_empty()).map(time).collect())
-}
-
-/// What ffprobe says of a file, of which it decodes nothing.
-struct Probe {
-    /// Its containers' names.
-    formats: String,
-    /// What its streams of pictures say, by name.
-    streams: Vec<HashMap<String, String>>,
-    /// When the packets of the first one are shown and decoded, s; as many as there are.
-    packets: Vec<[Option<f64>; 2]>,
-}
-
-/// A file, when it was changed, and what was said of it.
-type Known = (PathBuf, Option<SystemTime>, Arc<Probe>);
-
-impl Probe {
-    /// Asked once, and of the same file not again: to start ffprobe takes a third of a second.
-    fn of(video: &Path) -> Result<Arc<Self>> {
-        static LAST: Mutex<Option<Known>> = Mutex::new(None);
-        let changed = video.metadata().and_then(|said| said.modified()).ok();
-        let mut last = LAST.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((path, then, probe)) = &*last
-            && path == video
-            && *then == changed
-        {
-            return Ok(probe.clone());
-        }
-        let probe = Arc::new(Self::asked(video)?);
-        *last = Some((video.to_path_buf(), changed, probe.clone()));
-        Ok(probe)
-    }
-
-    fn asked(video: &Path) -> Result<Self> {
-        let entries = "format=format_name:stream=index,r_frame_rate,field_order,color_transfer\
-                       :stream_disposition=attached_pic:packet=stream_index,pts_time,dts_time";
-        let mut command = Command::new("ffprobe");
-        command.args(["-v", "error", "-select_streams", "v", "-show_entries", entries, "-of", "compact"]);
-        command.arg(file_url(video)?);
-        let text = output(command, "ffprobe", video)?;
-        let (mut formats, mut streams, mut packets) = (String::new(), vec![], vec![]);
-        for line in text.lines() {
-            let mut parts = line.trim().split('|');
-            let kind = parts.next();
-            let said = parts.filter_map(|part| part.split_once('='));
-            match kind {
-                Some("format") => formats = said.map(|(_, value)| value).collect(),
-                Some("stream") => {
-                    streams
-                        .push(said.map(|(name, value)| (name.to_owned(), value.to_owned())).collect::<HashMap<_, _>>());
-                }
-                Some("packet") => {
-                    let (mut stream, mut times) = (0, [None; 2]);
-                    for (name, value) in said {
-                        let time = || value.parse::<f64>().ok().filter(|time| time.is_finite());
-                        match name {
-                            "stream_index" => stream = value.parse::<usize>().unwrap_or_default(),
-                            "pts_time" => times[0] = time(),
-                            "dts_time" => times[1] = time(),
-                            _ => {}
-                        }
-                    }
-                    packets.push((stream, times));
-                }
-                _ => {}
-            }
-        }
-        let first = streams.first().and_then(|first| first.get("index")?.parse::<usize>().ok());
-        let packets =
-            packets.into_iter().filter(|(stream, _)| Some(*stream) == first).map(|(_, times)| times).collect();
-        Ok(Self { formats, streams, packets })
-    }
-
-    /// Frames a second, as the first stream has them; a raw stream that says none has 25.
-    fn rate(&self) -> Option<f64> {
-        let (above, below) = self.streams.first()?.get("r_frame_rate")?.split_once('/')?;
-        let rate = above.parse::<f64>().ok()? / below.parse::<f64>().ok()?;
-        (rate.is_finite() && rate > 0.0).then_some(rate)
-    }
-
-    fn has_times(&self) -> bool {
-        !self.formats.split(',').any(|format| WITHOUT_TIMES.contains(&format))
-    }
-
-    /// Why there are no times, and what to do.
-    fn refusal(&self) -> String {
-        let rate = self.rate().map_or(String::new(), |rate| {
-            let digits = if rate.fract().abs() < 5e-4 { 0 } else { 3 };
-            format!(" (it seems to have {rate:.digits$} a second, which may be a default and nobody's word)")
-        });
-        match self.has_times() {
-            true => "has no picture, or says no times of its frames; give --fps".into(),
-            false => format!(
-                "is a raw stream ({}), which says no times of its frames; give --fps: how many were taken a second{rate}",
-                self.formats
-            ),
-        }
-    }
 }
 
 /// Writes the frames from the first to the last, both included, as `NUMBER.png`, each once.
@@ -400,85 +299,5 @@ impl Drop for VideoStream {
         // Whoever stops before the end needs no more of it.
         let _ = self.program.kill();
         let _ = self.program.wait();
-    }
-}
-
-/// A video in the making: it appears whole, or not at all.
-pub struct Encoder {
-    program: Child,
-    frames: Option<ChildStdin>,
-    unfinished: PathBuf,
-    out: PathBuf,
-}
-
-impl Encoder {
-    /// Of frames of `size`, `fps` a second; `quality` is x264's (0 best, 51 worst), where there is x264.
-    ///
-    /// # Errors
-    /// [`Error::Data`] where ffmpeg is not installed.
-    pub fn new(out: &Path, size: Size, fps: f64, quality: u8) -> Result<Self> {
-        Self::compressed(out, size, fps, Compression::Quality(quality))
-    }
-
-    /// The same, compressed in one of several ways.
-    ///
-    /// # Errors
-    /// As [`Self::new`].
-    pub fn compressed(out: &Path, size: Size, fps: f64, compression: Compression) -> Result<Self> {
-        let ending = out.extension().and_then(OsStr::to_str).unwrap_or("mp4");
-        let folder = out.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let stem = out.file_stem().unwrap_or_default().to_string_lossy();
-        let unfinished = folder.join(format!(".{stem}.{}.unfinished.{ending}", std::process::id()));
-        let mut command = Command::new("ffmpeg");
-        command.args(["-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s"]);
-        command.arg(format!("{}x{}", size.width, size.height)).args(["-r", &fps.to_string(), "-i", "-"]);
-        // x264 wants even sides.
-        command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p"]);
-        match compression {
-            Compression::Quality(quality) => command.args(["-crf", &quality.to_string()]),
-            Compression::Rate { bits, group } => {
-                let [rate, most] = [1.0, MOST_RATE].map(|times| format!("{:.0}", times * bits));
-                command.args(["-b:v", &rate, "-maxrate", &most, "-bufsize", &most, "-g", &group.to_string()])
-            }
-        };
-        command.arg(file_url(&unfinished)?).stdin(Stdio::piped());
-        let mut program = command.spawn().map_err(|error| cannot_run("ffmpeg", &error, out))?;
-        let frames = program.stdin.take();
-        Ok(Self { program, frames, unfinished, out: out.to_path_buf() })
-    }
-
-    /// Adds a frame.
-    ///
-    /// # Errors
-    /// [`Error::Data`] where ffmpeg has stopped.
-    pub fn write(&mut self, rgb: &RgbImage) -> Result<()> {
-        let written = self.frames.as_mut().map(|frames| frames.write_all(rgb.as_raw()));
-        written.and_then(std::result::Result::ok).ok_or_else(|| self.refuse())
-    }
-
-    /// Writes what is left.
-    ///
-    /// # Errors
-    /// [`Error::Data`] where ffmpeg cannot write it; [`Error::Io`].
-    pub fn finish(mut self) -> Result<()> {
-        self.frames = None;
-        match self.program.wait() {
-            Ok(status) if status.success() => {
-                std::fs::rename(&self.unfinished, &self.out).map_err(Error::io(&self.out))
-            }
-            _ => Err(self.refuse()),
-        }
-    }
-
-    fn refuse(&self) -> Error {
-        Error::Data { what: self.out.display().to_string(), reason: "`ffmpeg` cannot write it".into() }
-    }
-}
-
-impl Drop for Encoder {
-    fn drop(&mut self) {
-        self.frames = None;
-        let _ = self.program.wait();
-        let _ = std::fs::remove_file(&self.unfinished);
     }
 }
