@@ -7,7 +7,6 @@ use nalgebra::Point2;
 use crate::camera::{Camera, Detection, Outline};
 use crate::error::{Error, Result};
 use crate::image::Picture;
-use crate::kernels::{for_each_of, threads};
 use crate::localise::Localiser;
 use crate::physics::Scene;
 use crate::track::{BallTracker, Evidence, Query, TrackedVideo, TrackerConfig};
@@ -52,7 +51,6 @@ pub struct VideoTracker {
 }
 
 /// What the networks say of a query.
-#[derive(Default)]
 struct Answer {
     /// The motion network's probability of a ball; none of what is no candidate, or without that network.
     motion: Option<f64>,
@@ -140,7 +138,7 @@ impl VideoTracker {
             if queries.is_empty() {
                 return Ok(());
             }
-            let answers = self.answers(&queries).await?;
+            let answers = self.localiser.for_each(&queries, async |query| self.answer(query).await).await?;
             for (query, Answer { motion, ball }) in queries.iter().zip(answers) {
                 if let Some(probability) = motion {
                     self.follower.tell_motion(query, probability);
@@ -150,22 +148,6 @@ impl VideoTracker {
                 }
             }
         }
-    }
-
-    /// What the networks say of each query; of several at the same time where they run on the CPU's threads.
-    async fn answers(&self, queries: &[Query]) -> Result<Vec<Answer>> {
-        if queries.len() > 1 && threads() > 1 && self.localiser.runs_on_cpu() {
-            let mut answers: Vec<Result<Answer>> = queries.iter().map(|_| Ok(Answer::default())).collect();
-            for_each_of(answers.iter_mut().zip(queries).collect(), |_, (answer, query)| {
-                *answer = pollster::block_on(self.answer(query));
-            });
-            return answers.into_iter().collect();
-        }
-        let mut answers = Vec::with_capacity(queries.len());
-        for query in queries {
-            answers.push(self.answer(query).await?);
-        }
-        Ok(answers)
     }
 
     /// What the networks say of a query: first whether it moves as a ball does, and where it may, the ball that is measured.
@@ -190,10 +172,11 @@ impl VideoTracker {
         let Some(newest) = self.follower.newest() else { return Ok(()) };
         let Some(picture) = self.follower.held(newest) else { return Ok(()) };
         let camera = self.camera.as_ref();
-        let mut balls = Vec::new();
-        for Outline { centre, radius } in self.localiser.detect_large(picture).await? {
-            balls.extend(self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?);
-        }
+        let near = async |Outline { centre, radius }: &Outline| {
+            self.localiser.detect_near(picture, camera, centre.coords.into(), *radius, *radius).await
+        };
+        let balls = self.localiser.for_each(&self.localiser.detect_large(picture).await?, near).await?;
+        let balls: Vec<Detection> = balls.into_iter().flatten().collect();
         let Some((last, before)) = self.searched.replace((newest, balls.clone())) else { return Ok(()) };
         if self.follower.held(last).is_none() {
             return Ok(()); // too long ago

@@ -6,6 +6,7 @@ use burn::tensor::{Device, Transaction};
 
 use super::{Localiser, Maps};
 use crate::error::{Error, Result};
+use crate::kernels::{for_each_of, threads};
 use crate::model::{self, PenRunner};
 use crate::size::Size;
 
@@ -35,6 +36,30 @@ impl Localiser {
     /// Whether the network runs on the CPU.
     pub(crate) fn runs_on_cpu(&self) -> bool {
         model::is_cpu(&self.device)
+    }
+
+    /// What `find`, which runs the network, says of each of `items`, in their order; of several at the same time where the network
+    /// runs on the CPU's threads.
+    ///
+    /// # Errors
+    /// The first of `find`'s.
+    pub(crate) async fn for_each<T: Sync, R: Send>(
+        &self,
+        items: &[T],
+        find: impl AsyncFn(&T) -> Result<R> + Sync,
+    ) -> Result<Vec<R>> {
+        if items.len() > 1 && threads() > 1 && self.runs_on_cpu() {
+            let mut found: Vec<Option<Result<R>>> = items.iter().map(|_| None).collect();
+            for_each_of(found.iter_mut().zip(items).collect(), |_, (found, item)| {
+                *found = Some(pollster::block_on(find(item)));
+            });
+            return found.into_iter().flatten().collect();
+        }
+        let mut found = Vec::with_capacity(items.len());
+        for item in items {
+            found.push(find(item).await?);
+        }
+        Ok(found)
     }
 
     /// Runs the network once on an empty picture, so that the first real one pays for nothing

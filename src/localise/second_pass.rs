@@ -35,13 +35,13 @@ impl Localiser {
         count: usize,
     ) -> Result<Vec<Detection>> {
         let least = candidates.first().map_or(0.0, |first| MIN_CONFIDENCE_RATIO * first.confidence);
-        let (mut refined, mut left) = (vec![], vec![]);
-        for (rank, candidate) in candidates.into_iter().enumerate() {
-            match rank < count || candidate.confidence >= least {
-                true => refined.push(self.refine(rgb, camera, cells, candidate).await?),
-                false => left.push(candidate),
-            }
-        }
+        let likely = candidates
+            .iter()
+            .enumerate()
+            .take_while(|(rank, candidate)| *rank < count || candidate.confidence >= least);
+        let (likely, left) = candidates.split_at(likely.count());
+        let mut refined =
+            self.for_each(likely, async |candidate| self.refine(rgb, camera, cells, candidate).await).await?;
         // A candidate that its crop makes less likely lets others come first: these are refined as well.
         for candidate in left {
             refined.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
@@ -60,9 +60,9 @@ impl Localiser {
         rgb: &RgbImage,
         camera: Option<&Camera>,
         cells: usize,
-        candidate: Detection,
+        candidate: &Detection,
     ) -> Result<Detection> {
-        let (in_crop, evidence) = self.evidence_of(rgb, cells, &candidate).await?;
+        let (in_crop, evidence) = self.evidence_of(rgb, cells, candidate).await?;
         let confidence = match (&evidence, in_crop) {
             (Some(evidence), _) => evidence.probability(),
             (None, Some(in_crop)) => (candidate.confidence * in_crop.confidence).sqrt(),
@@ -70,7 +70,7 @@ impl Localiser {
         };
         Ok(match in_crop {
             Some(in_crop) => refine_by_edge(rgb, camera, Detection { confidence, ..in_crop }),
-            None => Detection { confidence, ..candidate },
+            None => Detection { confidence, ..*candidate },
         })
     }
 
