@@ -40,7 +40,7 @@ export class Engine {
     addFrame: async ({ picture, time, camera }) => {
       const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(camera));
       await tracker.add(picture, time);
-      return null;
+      return "data" in picture && picture.data instanceof Uint8Array ? (picture.data as Uint8Array<ArrayBuffer>) : null;
     },
     trackVideo: ({ known }, onProgress) => {
       const tracker = (this.#tracker ??= present(this.#loaded).core.tracker());

@@ -8,15 +8,21 @@ export interface PictureToSend {
   transfer: Transferable[];
 }
 
-/** Copies the caller's picture as it is now, so that nothing the caller holds is detached. */
-export async function pictureToSend(source: Picture): Promise<PictureToSend> {
+/**
+ * Copies the caller's picture as it is now, so that nothing the caller holds is detached.
+ *
+ * @param memory where its pixels may go, if they are as many bytes: fresh memory costs more than the copy.
+ */
+export async function pictureToSend(source: Picture, memory?: Uint8Array<ArrayBuffer>): Promise<PictureToSend> {
   if (source instanceof Blob) return { picture: source, transfer: [] };
   if (source instanceof ArrayBuffer || source instanceof Uint8Array) {
     const bytes = source instanceof ArrayBuffer ? source.slice(0) : new Uint8Array(source).buffer;
     return { picture: bytes, transfer: [bytes] };
   }
   if (isPixels(source)) {
-    const data = new Uint8Array(source.data);
+    let data = memory;
+    if (data?.length === source.data.length) data.set(source.data);
+    else data = new Uint8Array(source.data);
     return { picture: { data, width: source.width, height: source.height }, transfer: [data.buffer] };
   }
   const bitmap = await bitmapOf(source);

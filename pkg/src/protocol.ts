@@ -21,7 +21,8 @@ export interface Calls {
   localise: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Found];
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
-  addFrame: [{ picture: PictureMessage; time: number; camera?: string }, null];
+  /** Answers with the memory of the frame's pixels, where it was sent as such: the next frame's may be written there. */
+  addFrame: [{ picture: PictureMessage; time: number; camera?: string }, Uint8Array<ArrayBuffer> | null];
   trackVideo: [{ known: string }, Core.ToldVideo];
 
   open: [Source, null];

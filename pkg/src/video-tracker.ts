@@ -48,6 +48,8 @@ export class VideoTracker {
   readonly #transport: Transport;
   readonly #place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
   #last = -Infinity;
+  /** Of the last frame's pixels, which the engine has read. */
+  #memory: Uint8Array<ArrayBuffer> | undefined;
 
   private constructor(transport: Transport, place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">) {
     this.#transport = transport;
@@ -87,10 +89,11 @@ export class VideoTracker {
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
     }
     this.#last = timestampMs;
-    const { picture, transfer } = await pictureToSend(frame);
+    const { picture, transfer } = await pictureToSend(frame, this.#memory);
+    this.#memory = undefined;
     const { camera } = this.#place;
     const request = { picture, time: timestampMs / 1000, ...(camera && { camera: jsonOf(camera, "camera") }) };
-    await this.#transport.call("addFrame", request, { transfer });
+    this.#memory = (await this.#transport.call("addFrame", request, { transfer })) ?? undefined;
   }
 
   /**
