@@ -26,7 +26,7 @@ const ARROWS: [(&str, &[&str]); 22] = [
     ("track", &["camera", "contour", "image", "kernels", "least_squares", "physics", "statistics", "table"]),
     ("findings", &["camera", "physics", "track"]),
     ("clips", &["camera", "files", "image", "physics"]),
-    ("localise", &["camera", "contour", "image", "model", "volume"]),
+    ("localise", &["camera", "contour", "image", "kernels", "model", "volume"]),
     ("evaluate", &["camera", "clips", "image", "localise"]),
     ("synth", &["camera", "clips", "physics", "random"]),
     (
@@ -46,7 +46,7 @@ const ARROWS: [(&str, &[&str]); 22] = [
             "track",
         ],
     ),
-    ("video_tracker", &["camera", "image", "kernels", "localise", "physics", "track"]),
+    ("video_tracker", &["camera", "image", "localise", "physics", "track"]),
 ];
 /// The browser's boundary, above everything.
 const WASM: (&str, &[&str]) = (
