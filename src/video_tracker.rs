@@ -138,7 +138,7 @@ impl VideoTracker {
             if queries.is_empty() {
                 return Ok(());
             }
-            let answers = self.localiser.for_each(&queries, async |query| self.answer(query).await).await?;
+            let answers = self.localiser.find_each(&queries, async |query| self.answer(query).await).await?;
             for (query, Answer { motion, ball }) in queries.iter().zip(answers) {
                 if let Some(probability) = motion {
                     self.follower.tell_motion(query, probability);
@@ -175,7 +175,7 @@ impl VideoTracker {
         let near = async |Outline { centre, radius }: &Outline| {
             self.localiser.detect_near(picture, camera, centre.coords.into(), *radius, *radius).await
         };
-        let balls = self.localiser.for_each(&self.localiser.detect_large(picture).await?, near).await?;
+        let balls = self.localiser.find_each(&self.localiser.detect_large(picture).await?, near).await?;
         let balls: Vec<Detection> = balls.into_iter().flatten().collect();
         let Some((last, before)) = self.searched.replace((newest, balls.clone())) else { return Ok(()) };
         if self.follower.held(last).is_none() {

@@ -43,7 +43,7 @@ impl Localiser {
     ///
     /// # Errors
     /// The first of `find`'s.
-    pub(crate) async fn for_each<T: Sync, R: Send>(
+    pub(crate) async fn find_each<T: Sync, R: Send>(
         &self,
         items: &[T],
         find: impl AsyncFn(&T) -> Result<R> + Sync,

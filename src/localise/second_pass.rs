@@ -41,7 +41,7 @@ impl Localiser {
             .take_while(|(rank, candidate)| *rank < count || candidate.confidence >= least);
         let (likely, left) = candidates.split_at(likely.count());
         let mut refined =
-            self.for_each(likely, async |candidate| self.refine(rgb, camera, cells, candidate).await).await?;
+            self.find_each(likely, async |candidate| self.refine(rgb, camera, cells, candidate).await).await?;
         // A candidate that its crop makes less likely lets others come first: these are refined as well.
         for candidate in left {
             refined.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
