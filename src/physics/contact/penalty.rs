@@ -46,8 +46,8 @@ impl Flow for Soft<'_> {
     }
 
     #[inline]
-    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
-        self.forces.slope(y, |r, partials| self.walls.acceleration(self.obstacles, r, partials))
+    fn derivative_into<const M: usize>(&self, y: &Columns<M>, out: &mut Columns<M>) {
+        self.forces.slope(y, |r, partials| self.walls.acceleration(self.obstacles, r, partials), out);
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::Model;
-use crate::physics::force::Forces;
+use crate::physics::force::{Forces, Partials};
 use crate::physics::forecast::approach::{TOUCH, first_contact};
 use crate::physics::forecast::closed_form::{ClosedForm, Press};
 use crate::physics::forecast::columns::{Columns, part};
@@ -44,9 +44,9 @@ impl Flow for Pressing<'_> {
     }
 
     #[inline]
-    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
+    fn derivative_into<const M: usize>(&self, y: &Columns<M>, out: &mut Columns<M>) {
         let stiffness = self.ball.stiffness;
-        self.forces.slope(y, |r, mut partials| {
+        let press = |r: &Vector3<f64>, mut partials: Option<&mut Partials>| {
             let mut a = Vector3::zeros();
             for (obstacle, _) in self.obstacles.iter().zip(self.active).filter(|(_, active)| **active) {
                 let near = obstacle.nearest(r);
@@ -57,7 +57,8 @@ impl Flow for Pressing<'_> {
                 }
             }
             a
-        })
+        };
+        self.forces.slope(y, press, out);
     }
 }
 

@@ -198,24 +198,24 @@ impl Forces {
     }
 
     /// The slope of state and sensitivities under these forces and `more`, which adds an acceleration that depends on
-    /// the position alone, with its partials.
+    /// the position alone, with its partials, to `out`.
     #[inline]
     pub fn slope<const M: usize>(
         &self,
         y: &Columns<M>,
         more: impl FnOnce(&Vector3<f64>, Option<&mut Partials>) -> Vector3<f64>,
-    ) -> Columns<M> {
+        out: &mut Columns<M>,
+    ) {
         let (r, v, w) = (y.position(), y.velocity(), y.spin());
-        if M == 1 {
-            let a = self.acceleration(&r, &v, &w) + more(&r, None);
-            return Columns([column(v, a, -self.spin_decay * w); M]);
-        }
         let mut partials = Partials::default();
-        let a = self.with_partials(&r, &v, &w, &mut partials) + more(&r, Some(&mut partials));
-        self.slope_of(y, a, &partials, Depends { position: true, ..self.depends })
+        let a = match M {
+            1 => self.acceleration(&r, &v, &w) + more(&r, None),
+            _ => self.with_partials(&r, &v, &w, &mut partials) + more(&r, Some(&mut partials)),
+        };
+        self.slope_of(y, a, &partials, Depends { position: true, ..self.depends }, out);
     }
 
-    /// The slope of state and sensitivities under an acceleration, what it depends on, and its partials by that.
+    /// The slope of state and sensitivities under an acceleration, what it depends on, and its partials by that, to `out`.
     #[inline]
     pub fn slope_of<const M: usize>(
         &self,
@@ -223,10 +223,10 @@ impl Forces {
         a: Vector3<f64>,
         partials: &Partials,
         depends: Depends,
-    ) -> Columns<M> {
-        let mut slope = Columns([[0.0; 9]; M]);
-        slope.0[0] = column(y.velocity(), a, -self.spin_decay * y.spin());
-        for (out, sensitivity) in slope.0.iter_mut().zip(&y.0).skip(1) {
+        out: &mut Columns<M>,
+    ) {
+        out.0[0] = column(y.velocity(), a, -self.spin_decay * y.spin());
+        for (out, sensitivity) in out.0.iter_mut().zip(&y.0).skip(1) {
             let (dr, dv, dw) = (part(sensitivity, 0), part(sensitivity, 1), part(sensitivity, 2));
             let mut da = Vector3::zeros();
             if depends.position {
@@ -240,20 +240,19 @@ impl Forces {
             }
             *out = column(dv, da, -self.spin_decay * dw);
         }
-        slope
     }
 }
 
 impl Flow for Forces {
     #[inline]
-    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
+    fn derivative_into<const M: usize>(&self, y: &Columns<M>, out: &mut Columns<M>) {
         let (r, v, w) = (y.position(), y.velocity(), y.spin());
-        if M == 1 {
-            return Columns([column(v, self.acceleration(&r, &v, &w), -self.spin_decay * w); M]);
-        }
         let mut partials = Partials::default();
-        let a = self.with_partials(&r, &v, &w, &mut partials);
-        self.slope_of(y, a, &partials, self.depends)
+        let a = match M {
+            1 => self.acceleration(&r, &v, &w),
+            _ => self.with_partials(&r, &v, &w, &mut partials),
+        };
+        self.slope_of(y, a, &partials, self.depends, out);
     }
 
     fn spins(&self) -> bool {

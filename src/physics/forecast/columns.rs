@@ -40,18 +40,22 @@ impl<const M: usize> Columns<M> {
         columns
     }
 
-    /// `self + Σ factor·slope` in the first `R` components of each column; the others stay.
+    /// All zeros.
+    pub const ZERO: Self = Self([[0.0; 9]; M]);
+
+    /// Sets the first `R` components of each column to those of `from + Σ factor·slope`; the others stay. In place, for a copy
+    /// takes as long as the sum.
     #[inline(always)]
-    pub fn plus<const R: usize, const K: usize>(&self, terms: [(f64, &Self); K]) -> Self {
-        let mut sum = *self;
-        for (index, column) in sum.0.iter_mut().enumerate() {
+    pub fn set_sum<const R: usize, const K: usize>(&mut self, from: &Self, terms: [(f64, &Self); K]) {
+        for (index, column) in self.0.iter_mut().enumerate() {
             for (component, value) in column.iter_mut().enumerate().take(R) {
+                let mut sum = from.0[index][component];
                 for (factor, slope) in terms {
-                    *value += factor * slope.0[index][component];
+                    sum += factor * slope.0[index][component];
                 }
+                *value = sum;
             }
         }
-        sum
     }
 
     #[inline(always)]
@@ -95,6 +99,6 @@ impl<const M: usize> Columns<M> {
 
     /// Whether every number is finite.
     pub fn is_finite(&self) -> bool {
-        self.0.iter().flatten().all(|value| value.is_finite())
+        self.0.as_flattened().iter().fold(true, |finite, value| finite & value.is_finite())
     }
 }

@@ -38,8 +38,14 @@ impl Default for Integrator {
 
 /// Something that says how a state moves on.
 pub(crate) trait Flow {
-    /// Time derivative of the state and of its sensitivities (the variational equations).
-    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M>;
+    /// Sets `out` to the time derivative of the state and of its sensitivities (the variational equations).
+    fn derivative_into<const M: usize>(&self, y: &Columns<M>, out: &mut Columns<M>);
+    /// The same, returned.
+    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
+        let mut out = Columns::ZERO;
+        self.derivative_into(y, &mut out);
+        out
+    }
     /// Whether the spin changes, or acts.
     fn spins(&self) -> bool;
     /// Whether the spin's error counts beside the velocity's.
@@ -213,22 +219,26 @@ impl Method for DormandPrince {
         h: f64,
     ) -> Step<M> {
         let a = tableau::A.map(|row| row.map(|factor| factor * h));
-        let k2 = &flow.derivative(&y.plus::<R, _>([(a[0][0], k1)]));
-        let k3 = &flow.derivative(&y.plus::<R, _>([(a[1][0], k1), (a[1][1], k2)]));
-        let k4 = &flow.derivative(&y.plus::<R, _>([(a[2][0], k1), (a[2][1], k2), (a[2][2], k3)]));
-        let k5 = &flow.derivative(&y.plus::<R, _>([(a[3][0], k1), (a[3][1], k2), (a[3][2], k3), (a[3][3], k4)]));
-        let k6 = &flow.derivative(&y.plus::<R, _>([
-            (a[4][0], k1),
-            (a[4][1], k2),
-            (a[4][2], k3),
-            (a[4][3], k4),
-            (a[4][4], k5),
-        ]));
-        let end = y.plus::<R, _>([(a[5][0], k1), (a[5][2], k3), (a[5][3], k4), (a[5][4], k5), (a[5][5], k6)]);
-        let last = flow.derivative(&end);
-        let slopes = [k1, k3, k4, k5, k6, &last];
+        let [mut k2, mut k3, mut k4, mut k5, mut k6, mut last] = [Columns::ZERO; 6];
+        // What of a column is not summed stays as it was.
+        let mut end = *y;
+        end.set_sum::<R, _>(y, [(a[0][0], k1)]);
+        flow.derivative_into(&end, &mut k2);
+        end.set_sum::<R, _>(y, [(a[1][0], k1), (a[1][1], &k2)]);
+        flow.derivative_into(&end, &mut k3);
+        end.set_sum::<R, _>(y, [(a[2][0], k1), (a[2][1], &k2), (a[2][2], &k3)]);
+        flow.derivative_into(&end, &mut k4);
+        end.set_sum::<R, _>(y, [(a[3][0], k1), (a[3][1], &k2), (a[3][2], &k3), (a[3][3], &k4)]);
+        flow.derivative_into(&end, &mut k5);
+        end.set_sum::<R, _>(y, [(a[4][0], k1), (a[4][1], &k2), (a[4][2], &k3), (a[4][3], &k4), (a[4][4], &k5)]);
+        flow.derivative_into(&end, &mut k6);
+        let terms = [(a[5][0], k1), (a[5][2], &k3), (a[5][3], &k4), (a[5][4], &k5), (a[5][5], &k6)];
+        end.set_sum::<R, _>(y, terms);
+        flow.derivative_into(&end, &mut last);
+        let slopes = [k1, &k3, &k4, &k5, &k6, &last];
         let e = tableau::E.map(|factor| factor * h);
-        let errors = Columns([[0.0; 9]; M]).plus::<R, 6>(std::array::from_fn(|i| (e[i], slopes[i])));
+        let mut errors = Columns::ZERO;
+        errors.set_sum::<R, 6>(&Columns::ZERO, std::array::from_fn(|i| (e[i], slopes[i])));
         let measured = if flow.spin_errs() { R } else { 6 };
         let mut error = 0.0_f64;
         for (index, ((off, before), after)) in errors.0.iter().zip(&y.0).zip(&end.0).enumerate() {
@@ -244,7 +254,7 @@ impl Method for DormandPrince {
         let curve = std::array::from_fn(|i| {
             h * tableau::D.iter().zip(slopes).map(|(weight, slope)| weight * slope.0[0][i]).sum::<f64>()
         });
-        let moved = sum_of([(a[5][0], k1), (a[5][2], k3), (a[5][3], k4), (a[5][4], k5), (a[5][5], k6)]);
+        let moved = sum_of(terms);
         Step { h, start: y.0[0], end, moved, first: k1.0[0], last, curve, error }
     }
 }
@@ -265,12 +275,18 @@ impl Method for RungeKutta4 {
         k1: &Columns<M>,
         h: f64,
     ) -> Step<M> {
-        let k2 = flow.derivative(&y.plus::<R, _>([(h / 2.0, k1)]));
-        let k3 = flow.derivative(&y.plus::<R, _>([(h / 2.0, &k2)]));
-        let k4 = flow.derivative(&y.plus::<R, _>([(h, &k3)]));
+        let [mut k2, mut k3, mut k4, mut last] = [Columns::ZERO; 4];
+        let mut end = *y;
+        end.set_sum::<R, _>(y, [(h / 2.0, k1)]);
+        flow.derivative_into(&end, &mut k2);
+        end.set_sum::<R, _>(y, [(h / 2.0, &k2)]);
+        flow.derivative_into(&end, &mut k3);
+        end.set_sum::<R, _>(y, [(h, &k3)]);
+        flow.derivative_into(&end, &mut k4);
         let terms = [(h / 6.0, k1), (h / 3.0, &k2), (h / 3.0, &k3), (h / 6.0, &k4)];
-        let (end, moved) = (y.plus::<R, _>(terms), sum_of(terms));
-        let last = flow.derivative(&end);
+        end.set_sum::<R, _>(y, terms);
+        flow.derivative_into(&end, &mut last);
+        let moved = sum_of(terms);
         Step { h, start: y.0[0], end, moved, first: k1.0[0], last, curve: [0.0; 9], error: 0.0 }
     }
 }
@@ -286,14 +302,16 @@ impl Method for VelocityVerlet {
         k1: &Columns<M>,
         h: f64,
     ) -> Step<M> {
-        let mut ahead = y.plus::<R, _>([(h, k1)]);
+        let mut ahead = *y;
+        ahead.set_sum::<R, _>(y, [(h, k1)]);
         for (column, slope) in ahead.0.iter_mut().zip(&k1.0) {
             for i in 0..3 {
                 column[i] += 0.5 * h * h * slope[3 + i];
             }
         }
         let k2 = flow.derivative(&ahead);
-        let mut end = y.plus::<R, _>([(h / 2.0, k1), (h / 2.0, &k2)]);
+        let mut end = *y;
+        end.set_sum::<R, _>(y, [(h / 2.0, k1), (h / 2.0, &k2)]);
         for (column, ahead) in end.0.iter_mut().zip(&ahead.0) {
             column[..3].copy_from_slice(&ahead[..3]);
         }

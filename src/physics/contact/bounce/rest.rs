@@ -116,7 +116,8 @@ impl Carried<'_> {
         y: &Columns<M>,
         a: Vector3<f64>,
         partials: &Partials,
-    ) -> Columns<M> {
+        out: &mut Columns<M>,
+    ) {
         let (v, w) = (y.velocity(), y.spin());
         let (n, curvature, rigid) = (&near.normal, &near.curvature, &self.rigid);
         let bend = v.dot(&(curvature * v));
@@ -136,11 +137,10 @@ impl Carried<'_> {
             true => grip,
             false => -limit * slip / speed,
         };
-        let mut slope = Columns([[0.0; 9]; M]);
-        slope.0[0] = column(v, held + friction, rigid.spin_change(n, &friction) - decay * w);
+        out.0[0] = column(v, held + friction, rigid.spin_change(n, &friction) - decay * w);
         // derivative of the curvature term with respect to position, from d/dr of (P − nnᵀ)/d
         let bend_slope = -(2.0 * n.dot(&v) * (curvature * v) + bend * n) / near.distance.max(rigid.radius * 0.5);
-        for (out, sensitivity) in slope.0.iter_mut().zip(&y.0).skip(1) {
+        for (out, sensitivity) in out.0.iter_mut().zip(&y.0).skip(1) {
             let (dr, dv, dw) = (part(sensitivity, 0), part(sensitivity, 1), part(sensitivity, 2));
             let da = partials.position * dr + partials.velocity * dv + partials.spin * dw;
             let dn = curvature * dr;
@@ -164,7 +164,6 @@ impl Carried<'_> {
             };
             *out = column(dv, d_held + d_friction, rigid.spin_change(n, &d_friction) - decay * dw);
         }
-        slope
     }
 }
 
@@ -178,18 +177,18 @@ impl Flow for Carried<'_> {
         false
     }
 
-    fn derivative<const M: usize>(&self, y: &Columns<M>) -> Columns<M> {
+    fn derivative_into<const M: usize>(&self, y: &Columns<M>, out: &mut Columns<M>) {
         let (r, v, w) = (y.position(), y.velocity(), y.spin());
         let mut partials = Partials::default();
         let a = self.forces.with_partials(&r, &v, &w, &mut partials);
         let near = self.nearest(&r);
         if let [near] = near.as_slice() {
-            return self.on_surface(near, y, a, &partials);
+            return self.on_surface(near, y, a, &partials, out);
         }
         let free = free_directions(&near.iter().map(|near| near.normal).collect::<Vec<_>>());
         partials.position = free * partials.position;
         partials.velocity = free * partials.velocity;
         partials.spin = free * partials.spin;
-        self.forces.slope_of(y, free * a, &partials, self.forces.depends)
+        self.forces.slope_of(y, free * a, &partials, self.forces.depends, out);
     }
 }
