@@ -19,7 +19,7 @@ mod winograd;
 pub use conv::ConvShape;
 pub use map::{Extent, Map, MapMut};
 pub use norm::{gelu, layer_norm, response_norm};
-pub use parallel::{Buffer, for_each, for_each_of, threads, with_threads_awake};
+pub use parallel::{Buffer, for_each, for_each_of, threads, with_threads_awake, zeros};
 pub use resample::{max_pool, upsample, upsample_backward};
 pub use simd::{SLACK, Vectors};
 pub use unit::{Forward, NormInput, Saved, UnitGradients, UnitShape, Wanted, unit_backward, unit_forward};

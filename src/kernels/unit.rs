@@ -8,7 +8,7 @@ use super::map::{Extent, Map, MapMut};
 use super::norm::{
     Moments, before_activation, norm_gradient, normalise_rows, per_channel, sum_gradient, sum_norm_gradient, widen,
 };
-use super::parallel::{for_each_of, threads, with_scratch};
+use super::parallel::{for_each_of, threads, with_scratch, zeros};
 use super::simd::{SLACK, Vectors};
 use super::winograd::{self, Winograd};
 use super::{Convolution, depthwise};
@@ -96,12 +96,12 @@ pub fn unit_forward(
         let x = x.images(first, count);
         if shape.conv.depthwise { with_padded(x, conv.halo(), run) } else { run(x) }
     };
-    let mut output = vec![0.0; extent.len()];
+    let mut output = zeros(extent.len());
     let Some(norm) = norm else {
         for_each_of(output.chunks_mut(grouped.len()).collect(), |index, out| convolve(index, skip, shape.slope, out));
         return (output, Saved { convolved: Vec::new(), mean: Vec::new(), variance: Vec::new() });
     };
-    let mut convolved = vec![0.0; extent.len()];
+    let mut convolved = zeros(extent.len());
     let row = extent.pitch();
     let mut moments: Vec<Option<Moments>> = vec![None; extent.batch];
     let parts = convolved.chunks_mut(grouped.len()).zip(moments.chunks_mut(group)).collect();
@@ -256,7 +256,7 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
         saved.variance.iter().map(|&variance| f64::from(variance + norm.epsilon).sqrt()).collect()
     });
     let wide_mean = widen(&mean, row);
-    let mut skip = wanted.skip.then(|| vec![0.0; extent.len()]);
+    let mut skip = wanted.skip.then(|| zeros(extent.len()));
     let mut totals = vec![[Vec::new(), Vec::new()]; extent.batch];
     let mut skips = skip.as_mut().map(|skip| skip.chunks_exact_mut(extent.image()));
     let parts = totals.iter_mut().map(|totals| (totals, skips.as_mut().and_then(Iterator::next))).collect();
@@ -309,7 +309,7 @@ pub fn unit_backward(vectors: Vectors, forward: Forward<'_>, dz: &[f32], wanted:
     let backward = wanted.x.then(|| Backward::new(vectors, conv, weights, &grouped_input));
     let method = WeightMethod::of(conv, &Extent { batch: group, ..extent });
     let halo = backward.as_ref().map_or(0, |backward| backward.halo(conv, x.extent));
-    let mut dx = backward.as_ref().map(|_| vec![0.0; x.extent.len()]);
+    let mut dx = backward.as_ref().map(|_| zeros(x.extent.len()));
     // Each task sums its own groups' weight gradients, in order, so that a run can be repeated.
     let tasks = threads().min(groups);
     let len = method.len(vectors, conv);

@@ -4,7 +4,9 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, ExtensionType, Flex, TensorMetadata, backend_extension};
 use burn::tensor::{DType, TensorData};
 
-use crate::kernels::{Extent, Map, MapMut, NormInput, UnitShape, Vectors, unit_forward, upsample as upsample_map};
+use crate::kernels::{
+    Extent, Map, MapMut, NormInput, UnitShape, Vectors, unit_forward, upsample as upsample_map, zeros,
+};
 use crate::kernels::{Forward, UnitGradients, Wanted, unit_backward, upsample_backward};
 
 /// A normalised unit's output and its batch's statistics.
@@ -149,7 +151,7 @@ impl UnitOps for Flex {
         let x = contiguous(x);
         let [batch, height, width, channels] = x.shape().dims::<4>();
         let fine = Extent::new([batch, height * factor, width * factor, channels]);
-        let mut out = vec![0.0; fine.len()];
+        let mut out = zeros(fine.len());
         upsample_map(Vectors::best(), map(&x), factor, None, MapMut::new(fine, &mut out));
         tensor(out, dims(&fine))
     }
@@ -273,7 +275,7 @@ mod backward {
                     let (coarse, factor) = ops.state;
                     unary::<Flex, _>(ops.parents, ops.node, grads, |dy| {
                         let dy = contiguous(dy);
-                        let mut dx = vec![0.0; coarse.len()];
+                        let mut dx = zeros(coarse.len());
                         upsample_backward(Vectors::best(), map(&dy), factor, MapMut::new(coarse, &mut dx));
                         tensor(dx, dims(&coarse))
                     });
