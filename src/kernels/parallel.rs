@@ -108,7 +108,7 @@ impl Drop for Asleep {
 const LEAST_LINES: usize = 4096;
 
 /// `len` zeros, written on all threads. (Those that an allocator hands out are written on one, unless they are fresh from the
-/// system: a tenth of a training step, in which the other threads wait.)
+/// system, while the other threads wait: a twentieth of a training step's samples.)
 pub fn zeros(len: usize) -> Vec<f32> {
     if threads() == 1 {
         return vec![0.0; len];
