@@ -9,20 +9,24 @@ impl Vectors {
     /// Computes one row of a depthwise convolution, one vector of channels.
     ///
     /// # Panics
-    /// As [`Self::convolve`]; for a kernel that is not 3, 5 or 7 wide.
+    /// As [`Self::convolve`].
     pub fn depthwise(self, row: &DepthwiseRow<'_>) {
         match row.kernel {
+            // In wasm V8 has too few registers for what LLVM makes of a kernel's row at once, and one loop is a smaller download.
+            #[cfg(not(target_arch = "wasm32"))]
             3 => self.0.dispatch(Depthwise::<3>(row)),
+            #[cfg(not(target_arch = "wasm32"))]
             5 => self.0.dispatch(Depthwise::<5>(row)),
+            #[cfg(not(target_arch = "wasm32"))]
             7 => self.0.dispatch(Depthwise::<7>(row)),
-            other => panic!("a depthwise kernel is 3, 5 or 7 wide, not {other}"),
+            _ => self.0.dispatch(Depthwise::<0>(row)),
         }
     }
 
     /// Adds one row's part to the gradient of a depthwise kernel's row.
     ///
     /// # Panics
-    /// As [`Self::depthwise`].
+    /// As [`Self::convolve`]; for a kernel that is not 3, 5 or 7 wide.
     pub fn depthwise_gradient(self, row: &mut DepthwiseGradientRow<'_>) {
         match row.kernel {
             3 => self.0.dispatch(DepthwiseWeight::<3>(row)),
@@ -76,7 +80,7 @@ impl DepthwiseRow<'_> {
     }
 }
 
-/// `K` is the row's kernel.
+/// `K` is the row's kernel, or 0 for one of any size.
 struct Depthwise<'a, const K: usize>(&'a DepthwiseRow<'a>);
 
 impl<const K: usize> WithSimd for Depthwise<'_, K> {
@@ -86,60 +90,59 @@ impl<const K: usize> WithSimd for Depthwise<'_, K> {
     fn with_simd<S: Simd>(self, simd: S) {
         const T: usize = DEPTHWISE_POSITIONS;
         let row = self.0;
-        let lanes = S::F32_LANES;
         if row.columns == 0 {
             return;
         }
-        row.check(lanes);
-        let mut done = 0;
-        while done < row.columns {
-            // The last tile goes over what was done once more, where the row has a tile's width.
-            let at = if row.columns >= T { done.min(row.columns - T) } else { done };
-            let here = (row.columns - at).min(T);
-            // SAFETY: the row was checked (`check`) to hold a vector at each tap of each of its positions, of which these
-            // are some, and the channels of each output.
-            unsafe {
-                let x = row.x.as_ptr().add(row.input + at * row.channels);
-                let weights = row.weights.as_ptr().cast::<S::f32s>();
-                let start = row.start.as_ptr().cast::<S::f32s>().read_unaligned();
-                // A narrow row's sums are in memory, a whole tile's in registers.
-                let mut results = [start; T];
-                let mut sums = [start; T];
-                for ky in 0..K {
-                    let line = x.add(ky * row.pitch);
-                    for kx in 0..K {
-                        let tap = weights.add(ky * K + kx).read_unaligned();
-                        let from = line.add(kx * row.channels);
-                        if here == T {
-                            for m in 0..T {
-                                let value = from.add(m * row.channels).cast::<S::f32s>().read_unaligned();
-                                sums[m] = simd.mul_add_e_f32s(value, tap, sums[m]);
-                            }
-                        } else {
-                            for (m, sum) in results.iter_mut().enumerate().take(here) {
-                                let value = from.add(m * row.channels).cast::<S::f32s>().read_unaligned();
-                                *sum = simd.mul_add_e_f32s(value, tap, *sum);
-                            }
-                        }
-                    }
-                }
-                if here == T {
-                    for m in 0..T {
-                        results[m] = sums[m];
-                    }
-                }
-                let slope = simd.splat_f32s(row.slope);
-                for (m, &sum) in results.iter().enumerate().take(here) {
-                    let sum = simd.max_f32s(sum, simd.mul_f32s(sum, slope));
-                    let out = row.out.start.add(row.output + (at + m) * row.output_step);
-                    if row.width == lanes {
-                        out.cast::<S::f32s>().write_unaligned(sum);
-                    } else {
-                        out.copy_from_nonoverlapping((&raw const sum).cast(), row.width);
-                    }
-                }
+        row.check(S::F32_LANES);
+        // SAFETY: the row was checked (`check`); the tiles' positions are some of its columns.
+        unsafe {
+            if row.columns < T {
+                (0..row.columns).for_each(|column| depthwise_tile::<S, 1, K>(simd, row, column));
+                return;
             }
-            done = at + here;
+            for column in (0..row.columns).step_by(T) {
+                // The last tile goes over what was done once more.
+                depthwise_tile::<S, T, K>(simd, row, column.min(row.columns - T));
+            }
+        }
+    }
+}
+
+/// `M` positions from a column on. (Pointers step over the end after the last tap, where nothing is read.)
+///
+/// # Safety
+/// As [`DepthwiseRow::check`] has made sure; the positions are in the row.
+#[inline(always)]
+unsafe fn depthwise_tile<S: Simd, const M: usize, const K: usize>(simd: S, row: &DepthwiseRow<'_>, column: usize) {
+    let lanes = S::F32_LANES;
+    // SAFETY: the caller's promise: there is a vector at each tap of each position, and the channels of each output.
+    unsafe {
+        let mut line = row.x.as_ptr().add(row.input + column * row.channels);
+        let mut weights = row.weights.as_ptr().cast::<S::f32s>();
+        let mut sums = [row.start.as_ptr().cast::<S::f32s>().read_unaligned(); M];
+        let kernel = if K == 0 { row.kernel } else { K };
+        for _ in 0..kernel {
+            let mut from = line;
+            for _ in 0..kernel {
+                let tap = weights.read_unaligned();
+                for m in 0..M {
+                    let value = from.add(m * row.channels).cast::<S::f32s>().read_unaligned();
+                    sums[m] = simd.mul_add_e_f32s(value, tap, sums[m]);
+                }
+                from = from.wrapping_add(row.channels);
+                weights = weights.add(1);
+            }
+            line = line.wrapping_add(row.pitch);
+        }
+        let slope = simd.splat_f32s(row.slope);
+        for m in 0..M {
+            let sum = simd.max_f32s(sums[m], simd.mul_f32s(sums[m], slope));
+            let out = row.out.start.add(row.output + (column + m) * row.output_step);
+            if row.width == lanes {
+                out.cast::<S::f32s>().write_unaligned(sum);
+            } else {
+                out.copy_from_nonoverlapping((&raw const sum).cast(), row.width);
+            }
         }
     }
 }

@@ -32,7 +32,7 @@ pub const MAX_POSITIONS: usize = 14;
 /// Floats after the last value that a vector may read (never use): the widest strip.
 pub const SLACK: usize = if cfg!(any(target_arch = "x86", target_arch = "x86_64")) { 32 } else { 8 };
 /// Output positions of a depthwise tile.
-pub const DEPTHWISE_POSITIONS: usize = if cfg!(target_arch = "wasm32") { 4 } else { 8 };
+pub const DEPTHWISE_POSITIONS: usize = 8;
 
 /// An instruction set that this machine has.
 #[derive(Debug, Clone, Copy)]

@@ -155,6 +155,7 @@ unsafe fn sum_up<S: Simd, H: Simd, const M: usize, const N: usize, const K: usiz
     // SAFETY: the caller's promise.
     unsafe {
         let whole = N * S::F32_LANES;
+        let size = whole + K * H::F32_LANES;
         let mut sums = [[simd.splat_f32s(0.0); N]; M];
         let mut halves = [[half.splat_f32s(0.0); K]; M];
         if let Some(start) = row.start {
@@ -174,21 +175,34 @@ unsafe fn sum_up<S: Simd, H: Simd, const M: usize, const N: usize, const K: usiz
         }
         let mut weights = row.weights.as_ptr();
         for segment in 0..row.segments {
-            let from = segment * row.pitch;
-            for tap in from..from + row.length {
-                let taps: [S::f32s; N] = read(simd, weights);
-                let half_taps: [H::f32s; K] = read(half, weights.add(whole));
-                for m in 0..M {
-                    let value = *rows[m].add(tap);
-                    for n in 0..N {
-                        sums[m][n] = simd.mul_add_e_f32s(simd.splat_f32s(value), taps[n], sums[m][n]);
-                    }
-                    for k in 0..K {
-                        halves[m][k] = half.mul_add_e_f32s(half.splat_f32s(value), half_taps[k], halves[m][k]);
-                    }
-                }
-                weights = weights.add(whole + K * H::F32_LANES);
+            let mut at = rows;
+            for m in 0..M {
+                at[m] = rows[m].add(segment * row.pitch);
             }
+            // Four taps to a step of the pointers. The ways out between them keep each tap's reads and sums together: in one
+            // piece LLVM orders them for wasm by sums, a sum's four taps at a time, and the values read do not fit the registers.
+            let mut left = row.length;
+            while left > 0 {
+                add_tap(simd, half, &at, 0, weights, &mut sums, &mut halves);
+                if left == 1 {
+                    break;
+                }
+                add_tap(simd, half, &at, 1, weights.add(size), &mut sums, &mut halves);
+                if left == 2 {
+                    break;
+                }
+                add_tap(simd, half, &at, 2, weights.add(2 * size), &mut sums, &mut halves);
+                if left == 3 {
+                    break;
+                }
+                add_tap(simd, half, &at, 3, weights.add(3 * size), &mut sums, &mut halves);
+                left -= 4;
+                for m in 0..M {
+                    at[m] = at[m].add(4);
+                }
+                weights = weights.add(4 * size);
+            }
+            weights = weights.add(left * size);
         }
         if let Some((skip, step)) = skip {
             for m in 0..M {
@@ -217,6 +231,36 @@ unsafe fn sum_up<S: Simd, H: Simd, const M: usize, const N: usize, const K: usiz
             let to = out.add(m * output_step);
             write(to, sums[m]);
             write(to.add(whole), halves[m]);
+        }
+    }
+}
+
+/// Adds one tap's products: of each position's value at `x[m] + tap` with a strip of weights.
+///
+/// # Safety
+/// They must be readable.
+#[inline(always)]
+unsafe fn add_tap<S: Simd, H: Simd, const M: usize, const N: usize, const K: usize>(
+    simd: S,
+    half: H,
+    x: &[*const f32; M],
+    tap: usize,
+    weights: *const f32,
+    sums: &mut [[S::f32s; N]; M],
+    halves: &mut [[H::f32s; K]; M],
+) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let taps: [S::f32s; N] = read(simd, weights);
+        let half_taps: [H::f32s; K] = read(half, weights.add(N * S::F32_LANES));
+        for m in 0..M {
+            let value = *x[m].add(tap);
+            for n in 0..N {
+                sums[m][n] = simd.mul_add_e_f32s(simd.splat_f32s(value), taps[n], sums[m][n]);
+            }
+            for k in 0..K {
+                halves[m][k] = half.mul_add_e_f32s(half.splat_f32s(value), half_taps[k], halves[m][k]);
+            }
         }
     }
 }

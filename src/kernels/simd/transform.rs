@@ -1,5 +1,7 @@
 //! Winograd's transforms: a patch of vectors, in both directions.
 
+use std::mem::MaybeUninit;
+
 use pulp::{Simd, WithSimd};
 
 use super::Vectors;
@@ -95,52 +97,51 @@ impl<const N: usize, const P: usize, T: Transform<N, P>> WithSimd for TransformP
         let lanes = S::F32_LANES;
         let counts = patch.check::<N, P>(lanes);
         for channel in (0..patch.channels).step_by(lanes) {
-            macro_rules! rows {
-                ($($row:literal)*) => {
-                    $(if $row < counts[0] {
-                        // SAFETY: the furthest values read and written were checked (`check`).
-                        unsafe { transform_row::<S, N, P, T, $row>(simd, transform, patch, channel, counts[1]) };
-                    })*
-                };
-            }
-            rows!(0 1 2 3 4 5);
+            // SAFETY: the furthest values read and written were checked (`check`).
+            unsafe { transform_channels::<S, N, P, T>(simd, transform, patch, channel, counts) };
         }
     }
 }
 
-/// One row of a patch's transform, one vector of channels. All rows at once would not fit the registers: to read
-/// the patch again for each is cheaper.
+/// A patch's transform, one vector of channels: its columns, then its rows. What lies between is in memory: it would not fit
+/// the registers.
 ///
 /// # Safety
-/// As [`Patch::check`] has made sure; `ROW` and `columns` are at most as many as it says.
+/// As [`Patch::check`] has made sure; `counts` are at most as many rows and columns as it says.
 #[inline(always)]
-unsafe fn transform_row<S: Simd, const N: usize, const P: usize, T: Transform<N, P>, const ROW: usize>(
+unsafe fn transform_channels<S: Simd, const N: usize, const P: usize, T: Transform<N, P>>(
     simd: S,
     transform: T,
     patch: &Patch<'_>,
     channel: usize,
-    columns: usize,
+    counts: [usize; 2],
 ) {
-    if ROW >= P {
-        return;
-    }
     let lanes = S::F32_LANES;
     // SAFETY: the caller's promise.
     unsafe {
         let x = patch.x.as_ptr().add(patch.start + channel);
-        let mut half = [simd.splat_f32s(0.0); N];
+        // Not set to zeros first: they would cost as much as a tenth of the transform.
+        let mut half = MaybeUninit::<[[S::f32s; N]; P]>::uninit();
+        let between = half.as_mut_ptr().cast::<S::f32s>();
         for j in 0..N {
             let mut column = [simd.splat_f32s(0.0); N];
             for i in 0..N {
                 column[i] = x.add(i * patch.steps[0] + j * patch.steps[1]).cast::<S::f32s>().read_unaligned();
             }
-            half[j] = transform.apply(simd, column)[ROW];
+            let column = transform.apply(simd, column);
+            for i in 0..P {
+                between.add(i * N + j).write(column[i]);
+            }
         }
-        let values = transform.apply(simd, half);
-        let out = patch.out.start.add(patch.output + ROW * patch.output_steps[0] + channel);
+        let half = half.assume_init_ref();
+        let out = patch.out.start.add(patch.output + channel);
         let Some(finish) = &patch.finish else {
-            for j in 0..P {
-                out.add(j * patch.output_steps[1]).cast::<S::f32s>().write_unaligned(values[j]);
+            for i in 0..P {
+                let values = transform.apply(simd, half[i]);
+                for j in 0..P {
+                    let to = out.add(i * patch.output_steps[0] + j * patch.output_steps[1]);
+                    to.cast::<S::f32s>().write_unaligned(values[j]);
+                }
             }
             return;
         };
@@ -150,21 +151,24 @@ unsafe fn transform_row<S: Simd, const N: usize, const P: usize, T: Transform<N,
             Some(start) => start.as_ptr().add(channel).cast::<S::f32s>().read_unaligned(),
             None => simd.splat_f32s(0.0),
         };
-        for j in 0..P {
-            if j >= columns {
-                break;
-            }
-            let mut value = simd.add_f32s(values[j], start);
-            if let Some((values, start, steps)) = finish.skip {
-                let skip = values.as_ptr().add(start + ROW * steps[0] + j * steps[1] + channel);
-                value = simd.add_f32s(value, load(simd, skip, width));
-            }
-            value = simd.max_f32s(value, simd.mul_f32s(value, slope));
-            let to = out.add(j * patch.output_steps[1]);
-            if width == lanes {
-                to.cast::<S::f32s>().write_unaligned(value);
-            } else {
-                to.copy_from_nonoverlapping((&raw const value).cast(), width);
+        for i in 0..counts[0] {
+            let values = transform.apply(simd, half[i]);
+            for j in 0..P {
+                if j >= counts[1] {
+                    break;
+                }
+                let mut value = simd.add_f32s(values[j], start);
+                if let Some((values, start, steps)) = finish.skip {
+                    let skip = values.as_ptr().add(start + i * steps[0] + j * steps[1] + channel);
+                    value = simd.add_f32s(value, load(simd, skip, width));
+                }
+                value = simd.max_f32s(value, simd.mul_f32s(value, slope));
+                let to = out.add(i * patch.output_steps[0] + j * patch.output_steps[1]);
+                if width == lanes {
+                    to.cast::<S::f32s>().write_unaligned(value);
+                } else {
+                    to.copy_from_nonoverlapping((&raw const value).cast(), width);
+                }
             }
         }
     }
