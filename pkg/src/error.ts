@@ -8,6 +8,7 @@ export type FacadeErrorCode =
   | "fetch"
   | "image-read"
   | "internal"
+  | "model-format"
   | "model-url"
   | "node-version"
   | "not-loaded"

@@ -137,7 +137,15 @@ makeDisposable(Localiser);
 export function modelOf(model: string | URL | Model | undefined): string | Model | undefined {
   if (model === undefined) return undefined;
   if (typeof model === "string" || model instanceof URL) return absoluteUrl(model);
-  return { card: model.card, weights: new Uint8Array(model.weights) };
+  const { card, weights } = Object(model) as Partial<Record<keyof Model, unknown>>;
+  if (typeof card !== "string") {
+    throw new GravisightError("model-format", `A model in memory has its card as text in \`card\`, as it is in its JSON file, not ${typeof card}.`);
+  }
+  if (!(weights instanceof Uint8Array) && !(weights instanceof ArrayBuffer)) {
+    const found = weights === null ? "null" : typeof weights;
+    throw new GravisightError("model-format", `A model in memory has the bytes of its .safetensors file in \`weights\`, a Uint8Array, not ${found}.`);
+  }
+  return { card, weights: new Uint8Array(weights) };
 }
 
 export function checkedDevice(device: DeviceChoice = "cpu"): DeviceChoice {

@@ -52,6 +52,20 @@ test("without a model the package's own finds a ball of any size, and says how s
   without.dispose();
 });
 
+test("a model in memory is its card's text and its weights' bytes; anything else is refused in words", async () => {
+  const [card, weights] = [model, new URL("sd-l.safetensors", model)].map((file) => readFileSync(file));
+  const localiser = await Localiser.create({ model: { card: card.toString(), weights } });
+  assert.equal(localiser.card.name, "sd-l");
+  localiser.dispose();
+  const refused = async (wrong, what) =>
+    await assert.rejects(Localiser.create({ model: wrong }), (thrown) => thrown.code === "model-format" && what.test(thrown.message));
+  await refused({ card: JSON.parse(card), weights }, /card as text.*not object/);
+  await refused(null, /card as text.*not undefined/);
+  await refused({ card: card.toString(), weights: [1, 2] }, /Uint8Array, not object/);
+  await refused({ card: card.toString() }, /Uint8Array, not undefined/);
+  await assert.rejects(Localiser.create({ model: { card: "{", weights } }), (thrown) => thrown instanceof GravisightError);
+});
+
 test("a path works as a model, and a wrong one is refused in words", async () => {
   const localiser = await Localiser.create({ model: fileURLToPath(model) });
   localiser.dispose();
