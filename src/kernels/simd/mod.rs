@@ -188,12 +188,16 @@ impl Vectors {
                 S::REGISTER_COUNT
             }
         }
-        // V8 gives wasm fewer registers than the machine has.
-        let registers = if cfg!(target_arch = "wasm32") { 13 } else { self.0.dispatch(Registers) };
+        // V8 gives wasm fewer registers than the machine has, and without fused multiply-add products take some of them.
+        let registers = match (cfg!(target_arch = "wasm32"), cfg!(feature = "relaxed-simd")) {
+            (true, true) => 15,
+            (true, false) => 13,
+            (false, _) => self.0.dispatch(Registers),
+        };
         match (registers, size > self.lanes()) {
             (32.., _) => MAX_POSITIONS,
             (16.., false) => 12,
-            (16.., true) => 6,
+            (15.., true) => 6,
             (_, false) => 8,
             _ => 5,
         }

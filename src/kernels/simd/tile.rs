@@ -175,34 +175,32 @@ unsafe fn sum_up<S: Simd, H: Simd, const M: usize, const N: usize, const K: usiz
         }
         let mut weights = row.weights.as_ptr();
         for segment in 0..row.segments {
-            let mut at = rows;
-            for m in 0..M {
-                at[m] = rows[m].add(segment * row.pitch);
-            }
-            // Four taps to a step of the pointers. The ways out between them keep each tap's reads and sums together: in one
-            // piece LLVM orders them for wasm by sums, a sum's four taps at a time, and the values read do not fit the registers.
-            let mut left = row.length;
-            while left > 0 {
-                add_tap(simd, half, &at, 0, weights, &mut sums, &mut halves);
-                if left == 1 {
-                    break;
-                }
-                add_tap(simd, half, &at, 1, weights.add(size), &mut sums, &mut halves);
-                if left == 2 {
-                    break;
-                }
-                add_tap(simd, half, &at, 2, weights.add(2 * size), &mut sums, &mut halves);
-                if left == 3 {
-                    break;
-                }
-                add_tap(simd, half, &at, 3, weights.add(3 * size), &mut sums, &mut halves);
-                left -= 4;
+            // Four taps to a round. The ways out between them keep each tap's reads and sums together: in one piece LLVM orders
+            // them for wasm by sums, a sum's four taps at a time, and the values read do not fit the registers.
+            let mut tap = 0;
+            while tap < row.length {
+                tap = hidden(tap);
+                let taps = weights.add(tap * size);
+                let mut at = rows;
                 for m in 0..M {
-                    at[m] = at[m].add(4);
+                    at[m] = rows[m].add(segment * row.pitch + tap);
                 }
-                weights = weights.add(4 * size);
+                add_tap(simd, half, &at, 0, taps, &mut sums, &mut halves);
+                if tap + 1 == row.length {
+                    break;
+                }
+                add_tap(simd, half, &at, 1, taps.add(size), &mut sums, &mut halves);
+                if tap + 2 == row.length {
+                    break;
+                }
+                add_tap(simd, half, &at, 2, taps.add(2 * size), &mut sums, &mut halves);
+                if tap + 3 == row.length {
+                    break;
+                }
+                add_tap(simd, half, &at, 3, taps.add(3 * size), &mut sums, &mut halves);
+                tap += 4;
             }
-            weights = weights.add(left * size);
+            weights = weights.add(row.length * size);
         }
         if let Some((skip, step)) = skip {
             for m in 0..M {
@@ -233,6 +231,14 @@ unsafe fn sum_up<S: Simd, H: Simd, const M: usize, const N: usize, const K: usiz
             write(to.add(whole), halves[m]);
         }
     }
+}
+
+/// `value`, of which the compiler is not told in wasm: of addresses that it can foresee LLVM makes a pointer for each position and
+/// tap, and counts them all up, where V8 could add a constant for nothing.
+#[inline(always)]
+fn hidden(value: usize) -> usize {
+    // SAFETY: it is there to be read.
+    if cfg!(target_arch = "wasm32") { unsafe { (&raw const value).read_volatile() } } else { value }
 }
 
 /// Adds one tap's products: of each position's value at `x[m] + tap` with a strip of weights.
