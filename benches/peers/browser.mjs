@@ -38,8 +38,8 @@ try {
   await page.goto(`http://127.0.0.1:${server.address().port}/`);
   console.log(`Chromium ${browser.version()}, one thread, build ${build}: medians, in turns`);
   const jobs = [
-    { name: "compact", limit: 0.7, milliseconds: 20_000, peer: true },
-    { name: "resnet34", limit: 0.7, milliseconds: 60_000, peer: true },
+    { name: "compact", limit: 0.5, milliseconds: 20_000, peer: true },
+    { name: "resnet34", limit: 0.5, milliseconds: 60_000, peer: true },
   ];
   for (const { limit, ...job } of isCheck ? [{ name: "sd-l", limit: Infinity, milliseconds: 1, peer: false }] : jobs) {
     const { name } = job;
