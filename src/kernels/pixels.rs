@@ -1,5 +1,7 @@
 //! Arithmetic on pictures' bytes: what every pixel of a video's every frame goes through.
 
+#[cfg(target_arch = "wasm32")]
+use super::simd::shuffles;
 use super::simd::vectorised;
 
 /// The difference of two pixels' levels: a change of colour counts twice, since there is less of it.
@@ -11,6 +13,8 @@ fn between(a: [u8; 2], b: [u8; 2]) -> u8 {
 vectorised! {
     /// Brightness and the difference of red and blue, 0 to 255, of RGB pixels.
     pub fn levels<'a>(rgb: &'a [u8], brightness: &'a mut [u8], colour: &'a mut [u8]) {
+        #[cfg(target_arch = "wasm32")]
+        let (rgb, brightness, colour) = shuffles::levels(rgb, brightness, colour);
         for ((brightness, colour), pixel) in brightness.iter_mut().zip(colour).zip(rgb.as_chunks::<3>().0) {
             let [red, green, blue] = pixel.map(u16::from);
             *brightness = ((red + 2 * green + blue) >> 2) as u8;
@@ -73,6 +77,8 @@ vectorised! {
     /// RGB of RGBA pixels, and all their alphas' common bits: 255 where all are opaque.
     pub fn rgb_of_rgba<'a>(rgba: &'a [u8], rgb: &'a mut [u8], alpha: &'a mut u8) {
         let mut opaque = u8::MAX;
+        #[cfg(target_arch = "wasm32")]
+        let (rgba, rgb) = shuffles::rgb_of_rgba(rgba, rgb, &mut opaque);
         for (to, [red, green, blue, alpha]) in rgb.as_chunks_mut::<3>().0.iter_mut().zip(rgba.as_chunks::<4>().0) {
             *to = [*red, *green, *blue];
             opaque &= alpha;
@@ -83,6 +89,9 @@ vectorised! {
 
 #[cfg(test)]
 mod tests {
+    #[cfg(target_arch = "wasm32")]
+    use wasm_bindgen_test::wasm_bindgen_test;
+
     use super::*;
     use crate::kernels::Vectors;
 
@@ -90,7 +99,8 @@ mod tests {
         (0..count as u32).map(|index| ((index ^ seed).wrapping_mul(0x9e37_79b9) >> 11) as u8).collect()
     }
 
-    #[test]
+    #[cfg_attr(not(target_arch = "wasm32"), test)]
+    #[cfg_attr(target_arch = "wasm32", wasm_bindgen_test)]
     fn every_set_of_vectors_does_what_the_words_say() {
         for vectors in Vectors::all() {
             // Lengths that fill no vector.

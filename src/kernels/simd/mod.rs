@@ -12,6 +12,8 @@
 
 mod depthwise;
 mod memory;
+#[cfg(target_arch = "wasm32")]
+pub(super) mod shuffles;
 #[cfg(all(test, not(target_arch = "wasm32")))]
 mod tests;
 mod tile;
