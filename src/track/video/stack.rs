@@ -8,6 +8,7 @@ use crate::image::Picture;
 /// Side of a stack's pictures, px, and the radius that a candidate has in it.
 pub(crate) const STACK_SIDE: u32 = 64;
 pub(crate) const STACK_RADIUS: f64 = 3.0;
+const SIDE: usize = STACK_SIDE as usize;
 /// Frames before and after a candidate's that a stack holds.
 pub(super) const NEIGHBOURS: usize = 2;
 /// Largest magnification: a larger one shows nothing more.
@@ -70,30 +71,68 @@ fn averages(
     magnification: f64,
     level: impl Fn([f32; 3]) -> f32,
 ) -> Vec<f32> {
-    let side = STACK_SIDE as usize;
     let samples = (magnification.recip().ceil() as usize).clamp(1, MOST_SAMPLES);
+    let count = SIDE * samples;
     let step = (samples as f64 * magnification).recip();
     // From the middle of the stack to the sample of a number, along either axis, px of the middle frame.
-    let offset = |index: usize| (index as f64 + 0.5 - (side * samples) as f64 / 2.0) * step;
+    let offset = |index: usize| (index as f64 + 0.5 - count as f64 / 2.0) * step;
     let [width, height] = [rgb.width(), rgb.height()].map(|side| side as usize);
-    // Of a camera that stands still all rows have the same columns.
-    let still = (*frame_from_own == Matrix3::identity())
-        .then(|| (0..side * samples).map(|index| between(centre[0] + offset(index), width)).collect::<Vec<_>>());
     let across = frame_from_own.column(0) * step;
-    let mut sums = vec![0.0; side * side];
-    for row in 0..side * samples {
-        let first = frame_from_own * Vector3::new(centre[0] + offset(0), centre[1] + offset(row), 1.0);
-        let own_row = between(first.y, height);
-        for (column, sum) in sums[row / samples * side..][..side].iter_mut().enumerate() {
-            for index in column * samples..(column + 1) * samples {
-                let (x, y) = match &still {
-                    Some(columns) => (columns[index], own_row),
-                    None => {
-                        let at = first + across * index as f64;
-                        (between(at.x / at.z, width), between(at.y / at.z, height))
+    let first_of = |row: usize| frame_from_own * Vector3::new(centre[0] + offset(0), centre[1] + offset(row), 1.0);
+    let window = Window::about([first_of(0), first_of(count - 1)], across * (count - 1) as f64, [width, height]);
+    // Else a pixel's level is worked out for each sample beside it, of which there are fewer.
+    let window =
+        window.filter(|window| window.area() <= 2 * count * count).map(|window| (window.levels(rgb, &level), window));
+    // Of the samples of one number in each of a row's pixels: where they are, and the levels of the four pixels about them.
+    let mut places = [[Places::default(); 2]; MOST_SAMPLES];
+    let [mut above, mut below] = [[[0.0; SIDE]; 2]; 2];
+    // Of a camera that stands still all rows have the same columns.
+    let is_still = *frame_from_own == Matrix3::identity();
+    if is_still {
+        for (number, [x, _]) in places.iter_mut().enumerate() {
+            x.set(width, |column| centre[0] + offset(column * samples + number));
+        }
+    }
+    let mut sums = vec![0.0; SIDE * SIDE];
+    for row in 0..count {
+        let first = first_of(row);
+        let sums: &mut [f32; SIDE] = sums[row / samples * SIDE..].first_chunk_mut().expect("a row");
+        for (number, [x, y]) in places.iter_mut().enumerate().take(samples) {
+            if is_still {
+                let (before, fraction) = between(first.y, height);
+                (y.before, y.fraction) = ([before; SIDE], [fraction; SIDE]);
+            } else {
+                let at = |axis: usize, column: usize| first[axis] + across[axis] * (column * samples + number) as f64;
+                x.set(width, |column| at(0, column) / at(2, column));
+                y.set(height, |column| at(1, column) / at(2, column));
+            }
+            let places = x.before.iter().zip(&y.before).map(|(x, y)| [*x as usize, *y as usize]).enumerate();
+            match &window {
+                Some((levels, window)) => {
+                    let width = window.width();
+                    for (column, [x, y]) in places {
+                        let at = (y - window.start[1]) * width + x - window.start[0];
+                        let levels = &levels[at..][..width + 2];
+                        (above[0][column], above[1][column]) = (levels[0], levels[1]);
+                        (below[0][column], below[1][column]) = (levels[width], levels[width + 1]);
                     }
-                };
-                *sum += interpolated(rgb, x, y, &level);
+                }
+                None => {
+                    for (column, [x, y]) in places {
+                        for (row, levels) in [&mut above, &mut below].into_iter().enumerate() {
+                            let pixels = rgb.as_raw()[3 * ((y + row) * width + x)..].as_chunks::<3>().0;
+                            (levels[0][column], levels[1][column]) =
+                                (level(pixels[0].map(f32::from)), level(pixels[1].map(f32::from)));
+                        }
+                    }
+                }
+            }
+            // Interpolated bilinearly.
+            for (column, sum) in sums.iter_mut().enumerate() {
+                let along =
+                    |[from, to]: &[[f32; SIDE]; 2]| from[column] + x.fraction[column] * (to[column] - from[column]);
+                let (above, below) = (along(&above), along(&below));
+                *sum += above + y.fraction[column] * (below - above);
             }
         }
     }
@@ -101,30 +140,85 @@ fn averages(
     sums.into_iter().map(|sum| share * sum).collect()
 }
 
-/// The pixel before a place along a side of a picture (two pixels at least), and the fraction of the way from it to the next; a place
-/// beyond the picture is taken to its edge.
-fn between(at: f64, side: usize) -> (usize, f32) {
-    let at = at.clamp(0.0, (side - 1) as f64);
-    let before = (at as usize).min(side - 2);
-    (before, (at - before as f64) as f32)
+/// The part of a picture that samples are taken of: its first column and row, and those after its last.
+struct Window {
+    start: [usize; 2],
+    end: [usize; 2],
 }
 
-/// `level` of the colours, bilinearly interpolated from the pixels of two neighbouring columns and rows.
-fn interpolated(
-    rgb: &RgbImage,
-    (left, u): (usize, f32),
-    (top, v): (usize, f32),
-    level: impl Fn([f32; 3]) -> f32,
-) -> f32 {
-    let across = |row: usize| {
-        let first = 3 * (row * rgb.width() as usize + left);
-        let pixels: &[u8; 6] = rgb.as_raw()[first..].first_chunk().expect("two pixels of a row");
-        let [a, b, c, d, e, f] = pixels.map(f32::from);
-        let (from, to) = (level([a, b, c]), level([d, e, f]));
-        from + u * (to - from)
-    };
-    let (above, below) = (across(top), across(top + 1));
-    above + v * (below - above)
+impl Window {
+    /// That of samples between two points of their left edge (homogeneous coordinates) and `across` from there, in a picture of these
+    /// `sides`; none where a sample may be at infinity.
+    fn about(left: [Vector3<f64>; 2], across: Vector3<f64>, sides: [usize; 2]) -> Option<Self> {
+        let corners = [left[0], left[1], left[0] + across, left[1] + across];
+        if corners.iter().any(|corner| corner.z <= 0.0) {
+            return None;
+        }
+        let corners = corners.map(|corner| [corner.x / corner.z, corner.y / corner.z]);
+        let range = |axis: usize| {
+            let at = corners.map(|corner| between(corner[axis], sides[axis]).0 as usize);
+            let (first, last) = at.iter().fold((usize::MAX, 0), |(first, last), &at| (first.min(at), last.max(at)));
+            // The next pixel of the last is needed; one more at either end, for rounding.
+            (first.saturating_sub(1), (last + 3).min(sides[axis]))
+        };
+        let [(left, right), (top, bottom)] = [0, 1].map(range);
+        Some(Self { start: [left, top], end: [right, bottom] })
+    }
+
+    fn width(&self) -> usize {
+        self.end[0] - self.start[0]
+    }
+
+    fn area(&self) -> usize {
+        self.width() * (self.end[1] - self.start[1])
+    }
+
+    /// The level of each of its pixels.
+    fn levels(&self, rgb: &RgbImage, level: impl Fn([f32; 3]) -> f32) -> Vec<f32> {
+        let mut levels = vec![0.0; self.area()];
+        for (row, levels) in (self.start[1]..self.end[1]).zip(levels.chunks_exact_mut(self.width())) {
+            let pixels = &rgb.as_raw()[3 * (row * rgb.width() as usize + self.start[0])..];
+            for (out, pixel) in levels.iter_mut().zip(pixels.as_chunks::<3>().0) {
+                *out = level(pixel.map(f32::from));
+            }
+        }
+        levels
+    }
+}
+
+/// A row of places along one side of a picture: for each the pixel before it, and the fraction of the way from there to the next.
+#[derive(Clone, Copy)]
+struct Places {
+    before: [u32; SIDE],
+    fraction: [f32; SIDE],
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self { before: [0; SIDE], fraction: [0.0; SIDE] }
+    }
+}
+
+impl Places {
+    #[inline(always)]
+    fn set(&mut self, side: usize, at: impl Fn(usize) -> f64) {
+        let at: [f64; SIDE] = std::array::from_fn(at);
+        for ((before, fraction), at) in self.before.iter_mut().zip(&mut self.fraction).zip(at) {
+            (*before, *fraction) = between(at, side);
+        }
+    }
+}
+
+/// The pixel before a place along a side of a picture (two pixels at least), and the fraction of the way from it to the next; a place
+/// beyond the picture is taken to its edge.
+#[inline(always)]
+fn between(at: f64, side: usize) -> (u32, f32) {
+    // To a whole number as vectors do it: the bits of a double of this size, of which one is 1, count.
+    const WHOLE: f64 = (1_u64 << 52) as f64;
+    let at = at.clamp(0.0, (side - 1) as f64);
+    let nearest = at + WHOLE - WHOLE;
+    let before = (if nearest > at { nearest - 1.0 } else { nearest }).min((side - 2) as f64);
+    ((before + WHOLE).to_bits() as u32, (at - before) as f32)
 }
 
 #[cfg(all(test, not(target_arch = "wasm32")))]
