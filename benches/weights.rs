@@ -1,8 +1,8 @@
 //! Fits the weights that `src/localise` holds as constants, and prints them. `scripts/fit-weights` runs it:
 //!
-//! - `cargo bench --bench weights -- confidence FOLDER [CARD]`: `BALL_LOG_ODDS` of `verifier.rs`, by logistic regression on the candidates
-//!   in the photographs without a ball in FOLDER, which the model must not have been trained with: as they are and with a drawn
-//!   ball, half each.
+//! - `cargo bench --bench weights -- confidence FOLDER [CARD]`: `BALL_LOG_ODDS` and `FIRST_PASS_LOG_ODDS` of `verifier.rs`, by logistic
+//!   regression on the candidates in the photographs without a ball in FOLDER, which the model must not have been trained with: as they are
+//!   and with a drawn ball, half each. Beside them what a least probability by the first pass (`MIN_FIRST_PASS`) saves, and what it costs.
 //! - `cargo bench --bench weights -- edge [FOLDER] [CARD]`: `EDGE_LOG_ODDS`, `LOG_SIGMA` and `NETWORK_SIGMA_FACTOR` of
 //!   `edge_refinement.rs`, by maximum likelihood on random renderings (with the photographs of FOLDER behind, if given): the error of
 //!   log(radius) is Laplace-distributed, its location the mean of edge and network that the first weights give, its scale by the
@@ -26,7 +26,10 @@ const NEWTON_STEPS: usize = 30;
 /// Strength of the prior that keeps the weights finite where the classes can be separated.
 const RIDGE: f64 = 1e-3;
 
-/// Today's constant, to compare with.
+/// Least probabilities by the first pass that are compared, and the probability from which a ball is found.
+const FIRST_PASSES: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
+const FOUND: f64 = 0.5;
+/// Today's constants, to compare with.
 const TODAY_OF_BALL: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
 
 /// Renderings that the edge's weights are fitted to, and those that the result is scored on; the seed of the first (a training's seeds come
@@ -60,6 +63,25 @@ fn listed(weights: &[f64], digits: usize) -> String {
     weights.iter().map(|weight| format!("{weight:.digits$}")).collect::<Vec<_>>().join(", ")
 }
 
+/// The weights of a logistic regression, by Newton's method.
+fn logistic_regression<const N: usize>(rows: &[(SVector<f64, N>, f64)]) -> SVector<f64, N> {
+    let mut weights = SVector::<f64, N>::zeros();
+    for _ in 0..NEWTON_STEPS {
+        let (mut gradient, mut hessian) = (weights * -RIDGE, SMatrix::identity() * RIDGE);
+        for (row, label) in rows {
+            let probability = logistic(weights.dot(row));
+            gradient += row * (label - probability);
+            hessian += row * row.transpose() * probability * (1.0 - probability);
+        }
+        weights += hessian.cholesky().unwrap().solve(&gradient);
+    }
+    weights
+}
+
+fn logistic(log_odds: f64) -> f64 {
+    1.0 / (1.0 + (-log_odds).exp())
+}
+
 /// Fits the weights of the confidence.
 fn fit_confidence(folder: &Path, localiser: &Localiser, drawings: u64) {
     let photographs = read_photographs(folder).unwrap();
@@ -79,16 +101,7 @@ fn fit_confidence(folder: &Path, localiser: &Localiser, drawings: u64) {
         rows
     };
     let rows: Vec<_> = (0..photographs.len()).flat_map(of_photograph).collect();
-    let mut weights = SVector::<f64, 5>::zeros();
-    for _ in 0..NEWTON_STEPS {
-        let (mut gradient, mut hessian) = (weights * -RIDGE, SMatrix::identity() * RIDGE);
-        for (row, label) in &rows {
-            let probability = 1.0 / (1.0 + (-weights.dot(row)).exp());
-            gradient += row * (label - probability);
-            hessian += row * row.transpose() * probability * (1.0 - probability);
-        }
-        weights += hessian.cholesky().unwrap().solve(&gradient);
-    }
+    let weights = logistic_regression(&rows);
     let balls: f64 = rows.iter().map(|(_, label)| label).sum();
     println!("{} photographs, {} candidates, {balls} of them balls", photographs.len(), rows.len());
     println!("BALL_LOG_ODDS: [{}]", listed(weights.as_slice(), 3));
@@ -104,6 +117,22 @@ fn fit_confidence(folder: &Path, localiser: &Localiser, drawings: u64) {
         log_loss(&weights),
         log_loss(&SVector::from(TODAY_OF_BALL))
     );
+    let first_pass = |row: &SVector<f64, 5>| SVector::from([1.0, row[1], row[4]]);
+    let weights = logistic_regression(&rows.iter().map(|(row, label)| (first_pass(row), *label)).collect::<Vec<_>>());
+    println!("FIRST_PASS_LOG_ODDS: [{}]", listed(weights.as_slice(), 3));
+    for least in FIRST_PASSES {
+        let is_below = |row: &SVector<f64, 5>| logistic(weights.dot(&first_pass(row))) < least;
+        let below: Vec<_> = rows.iter().filter(|(row, _)| is_below(row)).collect();
+        let found: Vec<_> =
+            below.iter().filter(|(row, _)| logistic(SVector::from(TODAY_OF_BALL).dot(row)) >= FOUND).collect();
+        println!(
+            "below {least}: {:.1} % of the candidates, {} of the balls; found of those in the end: {}, {} of them balls",
+            100.0 * below.len() as f64 / rows.len() as f64,
+            below.iter().filter(|(_, label)| *label > 0.0).count(),
+            found.len(),
+            found.iter().filter(|(_, label)| *label > 0.0).count()
+        );
+    }
 }
 
 /// A detected ball: the errors of network and edge.

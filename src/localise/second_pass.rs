@@ -7,15 +7,13 @@ use super::Localiser;
 use super::crop::{Crop, DETECTOR_CROP};
 use super::edge_refinement::refine_by_edge;
 use super::output_maps::OutputMaps;
-use super::verifier::Evidence;
+use super::verifier::{Evidence, is_worth_a_second_pass};
 use crate::camera::{Camera, Detection, Outline};
 use crate::error::Result;
 use crate::size::Size;
 
 /// Candidates of the second pass at most.
 pub(super) const MAX_CANDIDATES: usize = 8;
-/// Fraction of the first candidate's confidence that another one needs for the second pass.
-const MIN_CONFIDENCE_RATIO: f64 = 0.05;
 /// Factor on the confidence of a candidate in whose crop no ball is detected, of a model without a verifier.
 const MISSED_IN_CROP: f64 = 0.5;
 /// Peaks of a crop's heatmap among which the ball is searched.
@@ -30,48 +28,35 @@ impl Localiser {
         &self,
         rgb: &RgbImage,
         camera: Option<&Camera>,
-        candidates: Vec<Detection>,
+        mut candidates: Vec<Detection>,
         cells: usize,
         count: usize,
     ) -> Result<Vec<Detection>> {
-        let least = candidates.first().map_or(0.0, |first| MIN_CONFIDENCE_RATIO * first.confidence);
-        let likely = candidates
-            .iter()
-            .enumerate()
-            .take_while(|(rank, candidate)| *rank < count || candidate.confidence >= least);
-        let (likely, left) = candidates.split_at(likely.count());
+        // A model without a verifier, such as one that was fine-tuned, has confidences of its own.
+        let is_worth =
+            |candidate: &Detection| self.verifier.is_none() || is_worth_a_second_pass(candidate.confidence, cells);
+        let mut rank = 0..;
+        candidates.retain(|candidate| rank.next() < Some(count) || is_worth(candidate));
         let mut refined =
-            self.find_each(likely, async |candidate| self.refine(rgb, camera, cells, candidate).await).await?;
-        // A candidate that its crop makes less likely lets others come first: these are refined as well.
-        for candidate in left {
-            refined.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
-            if refined.get(count.saturating_sub(1)).is_none_or(|last| last.confidence < candidate.confidence) {
-                refined.push(self.refine(rgb, camera, cells, candidate).await?);
-            }
-        }
-        refined.sort_by(|a, b| b.confidence.total_cmp(&a.confidence));
+            self.find_each(&candidates, async |candidate| self.refine(rgb, cells, candidate).await).await?;
+        refined.sort_by(|(a, _), (b, _)| b.confidence.total_cmp(&a.confidence));
         refined.truncate(count);
-        Ok(refined)
+        let by_edge = |(detection, is_in_crop)| match is_in_crop {
+            true => refine_by_edge(rgb, camera, detection),
+            false => detection,
+        };
+        Ok(refined.into_iter().map(by_edge).collect())
     }
 
-    /// `candidate` after the second pass, the verifier and edge refinement.
-    async fn refine(
-        &self,
-        rgb: &RgbImage,
-        camera: Option<&Camera>,
-        cells: usize,
-        candidate: &Detection,
-    ) -> Result<Detection> {
+    /// `candidate` after the second pass and the verifier, and whether its crop shows a ball.
+    async fn refine(&self, rgb: &RgbImage, cells: usize, candidate: &Detection) -> Result<(Detection, bool)> {
         let (in_crop, evidence) = self.evidence_of(rgb, cells, candidate).await?;
         let confidence = match (&evidence, in_crop) {
             (Some(evidence), _) => evidence.probability(),
             (None, Some(in_crop)) => (candidate.confidence * in_crop.confidence).sqrt(),
             (None, None) => MISSED_IN_CROP * candidate.confidence,
         };
-        Ok(match in_crop {
-            Some(in_crop) => refine_by_edge(rgb, camera, Detection { confidence, ..in_crop }),
-            None => Detection { confidence, ..*candidate },
-        })
+        Ok((Detection { confidence, ..in_crop.unwrap_or(*candidate) }, in_crop.is_some()))
     }
 
     /// The detection in the crop of `candidate`, if there is one, and the features of its probability, where there is a verifier.

@@ -27,6 +27,11 @@ use crate::size::Size;
 /// trained, each in eight drawings of which every other one has a ball: the 45 of the split `validation` of `scripts/photographs` and 13
 /// wallpapers that were not kept. On the 45 alone it prints -1.494, 0.829, 0.486, 0.595, -0.111, which is no better (`docs/experiments.md`).
 const BALL_LOG_ODDS: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
+/// The same of the first pass alone, on the 45: the bias, then one for its log-odds and one for the cells.
+const FIRST_PASS_LOG_ODDS: [f64; 3] = [-0.750, 1.657, 0.319];
+/// Probability by the first pass alone from which a candidate gets a second pass. Below it are 49 % of those 2,857 candidates, and none that
+/// both passes and the verifier give 0.5 (below 0.05 neither, below 0.1 six): `scripts/fit-weights confidence FOLDER` prints it.
+const MIN_FIRST_PASS: f64 = 0.01;
 /// Cells of the heatmap at which the last feature is 0: those of a picture of 256×256 px.
 const REFERENCE_CELLS: f64 = 4096.0;
 /// Distance of a ball from the middle of a stack up to which it is the candidate's, px of the stack.
@@ -48,20 +53,36 @@ pub struct Evidence {
 impl Evidence {
     /// From the three confidences (first pass, second pass, verifier; 0 to 1 each) and the cells searched.
     pub(super) fn new(outline: Outline, confidences: [f64; 3], cells: usize) -> Self {
-        let log_odds = |probability: f64| {
-            let probability = probability.clamp(MIN_PROBABILITY, 1.0 - MIN_PROBABILITY);
-            (probability / (1.0 - probability)).ln()
-        };
         let [first, crop, verifier] = confidences.map(log_odds);
-        Self { outline, features: [first, crop, verifier, (cells.max(1) as f64 / REFERENCE_CELLS).ln()] }
+        Self { outline, features: [first, crop, verifier, log_cells(cells)] }
     }
 
     /// The probability that the candidate is a ball.
-    pub(super) fn probability(&self) -> f64 {
-        let [bias, weights @ ..] = BALL_LOG_ODDS;
-        let sum: f64 = self.features.iter().zip(weights).map(|(value, weight)| weight * value).sum();
-        1.0 / (1.0 + (-(bias + sum)).exp())
+    pub fn probability(&self) -> f64 {
+        logistic(BALL_LOG_ODDS, self.features)
     }
+}
+
+/// Whether a candidate of this confidence in the first pass over so many cells is likely enough for a second pass.
+pub(super) fn is_worth_a_second_pass(confidence: f64, cells: usize) -> bool {
+    logistic(FIRST_PASS_LOG_ODDS, [log_odds(confidence), log_cells(cells)]) >= MIN_FIRST_PASS
+}
+
+/// The log-odds of a probability, as the regression takes them.
+fn log_odds(probability: f64) -> f64 {
+    let probability = probability.clamp(MIN_PROBABILITY, 1.0 - MIN_PROBABILITY);
+    (probability / (1.0 - probability)).ln()
+}
+
+/// The logarithm of the number of cells searched, as the regression takes it.
+fn log_cells(cells: usize) -> f64 {
+    (cells.max(1) as f64 / REFERENCE_CELLS).ln()
+}
+
+/// The probability of a logistic regression: its bias first, then a weight for each of the features.
+fn logistic<const WEIGHTS: usize, const FEATURES: usize>(weights: [f64; WEIGHTS], features: [f64; FEATURES]) -> f64 {
+    let sum: f64 = features.iter().zip(&weights[1..]).map(|(value, weight)| weight * value).sum();
+    1.0 / (1.0 + (-(weights[0] + sum)).exp())
 }
 
 impl Localiser {
