@@ -5,8 +5,11 @@ mod common;
 
 use std::sync::LazyLock;
 
-use common::{golden, root, tiny_card};
-use gravisight::{Camera, Card, Clip, Clips, Device, FineTuneOptions, FineTuner, LocaliseOptions, Localiser, Picture};
+use common::{golden, root, scratch, tiny_card};
+use gravisight::{
+    Camera, Card, Clip, Clips, Device, FineTuneOptions, FineTuner, LocaliseOptions, Localiser, Picture, TrainConfig,
+    TrainSettings,
+};
 use pollster::block_on;
 use serde_json::Value;
 
@@ -60,4 +63,20 @@ fn training_steps_do_what_the_cpus_do() {
     for (ours, expected) in ours.iter().flatten().zip(expected.iter().flatten()) {
         assert!((ours - expected).abs() < RELATIVE * expected.abs(), "{ours}, on the CPU {expected}");
     }
+}
+
+/// From the start to the model, with a checkpoint and a best one on the way.
+#[test]
+fn a_training_ends_with_its_model() {
+    let out = scratch("wgpu-run").join("out");
+    let mut settings = TrainSettings::preset("sd-s").unwrap();
+    for (name, folder) in [("train", root().join("tests/samples")), ("validation", root().join("tests/samples"))] {
+        settings.set_path(name, &folder);
+    }
+    settings.set_path("out", &out);
+    settings.set("phases=[{steps=2, batch=2, crop=64, learning_rate=1e-3}]").unwrap();
+    settings.set("validate_frames=2").unwrap();
+    let card = TrainConfig::start(settings.config().unwrap(), &GPU, &mut |_| {}).unwrap();
+    let (card, weights) = Card::with_weights(&card).unwrap();
+    Localiser::new(card, weights, &Device::flex()).unwrap();
 }

@@ -68,16 +68,18 @@ pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
     Ok(pen)
 }
 
-/// A copy of `pen` on the CPU, from a device that may be readable asynchronously only: a browser's GPU.
+/// A copy of `pen` on the CPU, without gradients, from a device that may be readable asynchronously only: a browser's GPU. `pen` stays
+/// where it is, the statistics of its norms too (a clone of it would share them).
 ///
 /// # Errors
 /// [`Error::Device`] where the device cannot be read.
 pub async fn on_cpu(pen: &Pen) -> Result<Pen> {
+    let pen = pen.valid();
     let mut collected = TensorCollector { ids: vec![], values: Transaction::default() };
     pen.visit(&mut collected);
     let values = collected.values.execute_async().await;
     let values = values.map_err(|error| Error::Device { device: "GPU".into(), reason: error.to_string() })?;
-    Ok(pen.clone().map(&mut TensorReplacer { values: collected.ids.into_iter().zip(values).collect() }))
+    Ok(pen.map(&mut TensorReplacer { values: collected.ids.into_iter().zip(values).collect() }))
 }
 
 /// Gathers all float tensors.

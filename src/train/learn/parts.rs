@@ -33,9 +33,8 @@ impl TrainerState {
     /// [`Error::Device`] for a device that cannot be read.
     pub async fn parts(&self) -> Result<(Vec<(&'static str, Vec<u8>)>, Beside)> {
         let Self { step, model, average, moments: [first, second], watch, knowledge } = self;
-        let model = model.valid();
         let mut parts = vec![];
-        for (name, pen) in [(MODEL, &model), (AVERAGE, average), (MOMENTS[0], first), (MOMENTS[1], second)] {
+        for (name, pen) in [(MODEL, model), (AVERAGE, average), (MOMENTS[0], first), (MOMENTS[1], second)] {
             parts.push((name, model::save(&model::on_cpu(pen).await?)?));
         }
         let watch = watch.map(|LossWatch { mean, lowest }| [mean.to_string(), lowest.to_string()]);

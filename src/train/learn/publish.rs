@@ -1,7 +1,5 @@
 //! The model that a training makes: which weights, and what their card says. Runs and fine-tunings share it.
 
-use burn::module::Module as _;
-
 use super::super::examples::Examples;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::examples::Source;
@@ -61,9 +59,8 @@ impl Best {
 /// [`Error::WeightsFile`](crate::Error::WeightsFile) where the weights cannot be written;
 /// [`Error::Device`](crate::Error::Device) where they cannot be read.
 pub async fn publish(card: Card, best: Option<&Best>, last: Pen) -> Result<(Card, Vec<u8>)> {
-    // A copy: a clone would take the statistics of its norms along to the CPU.
-    let pen = best.map_or(last, |best| best.average.valid());
-    let weights = model::halved(&model::save(&model::on_cpu(&pen).await?)?)?;
+    let pen = best.map_or(&last, |best| &best.average);
+    let weights = model::halved(&model::save(&model::on_cpu(pen).await?)?)?;
     let card = Card {
         weights: format!("{}.safetensors", card.name),
         sha256: sha256_hex(&weights),

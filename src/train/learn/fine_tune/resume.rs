@@ -44,8 +44,7 @@ impl FineTuner {
         let (mut parts, state) = self.trainer.state().parts().await?;
         let best = match &self.best {
             Some(Best { score, confidence_threshold, average }) => {
-                // A copy: a clone would take the statistics of its norms along to the CPU.
-                parts.push((BEST, model::save(&model::on_cpu(&average.valid()).await?)?));
+                parts.push((BEST, model::save(&model::on_cpu(average).await?)?));
                 let score = score.map(|score| score.to_string());
                 Some(SavedScore { score, confidence_threshold: confidence_threshold.to_string() })
             }
