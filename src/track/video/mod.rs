@@ -27,6 +27,7 @@ mod tests;
 mod tracklets;
 mod view;
 
+use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -555,6 +556,7 @@ impl BallTracker {
             least_way,
             strong_gain,
             seeds,
+            crowds: RefCell::default(),
         }
     }
 

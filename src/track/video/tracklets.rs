@@ -1,5 +1,8 @@
 //! Which blobs are one thing in flight: on a way through the picture that bends as slowly as a ball's does.
 
+use std::cell::RefCell;
+use std::collections::HashMap;
+
 use nalgebra::{Matrix3, Vector3};
 
 use super::blobs::Blob;
@@ -70,6 +73,8 @@ pub(super) struct Search<'a> {
     pub strong_gain: f64,
     /// Frames and places in which a person saw the ball.
     pub seeds: &'a [(usize, [f64; 2])],
+    /// What [`Self::crowd`] has worked out: many tracklets go through one blob.
+    pub crowds: RefCell<HashMap<(usize, usize), f64>>,
 }
 
 impl Search<'_> {
@@ -273,6 +278,10 @@ impl Search<'_> {
         if let Some(crowd) = self.frames[frame].blobs[index].crowd {
             return crowd;
         }
+        *self.crowds.borrow_mut().entry((frame, index)).or_insert_with(|| self.crowd_about(frame, index))
+    }
+
+    fn crowd_about(&self, frame: usize, index: usize) -> f64 {
         let at = self.frames[frame].blobs[index].at;
         let frames = frame.saturating_sub(CROWD_FRAMES)..(frame + CROWD_FRAMES + 1).min(self.frames.len());
         let count = frames.len() as f64;
