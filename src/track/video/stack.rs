@@ -80,7 +80,7 @@ fn averages(
     let across = frame_from_own.column(0) * step;
     let first_of = |row: usize| frame_from_own * Vector3::new(centre[0] + offset(0), centre[1] + offset(row), 1.0);
     let window = Window::about([first_of(0), first_of(count - 1)], across * (count - 1) as f64, [width, height]);
-    // Else a pixel's level is worked out for each sample beside it, of which there are fewer.
+    // Where the samples are far fewer than the pixels, the levels are worked out for each sample.
     let window =
         window.filter(|window| window.area() <= 2 * count * count).map(|window| (window.levels(rgb, &level), window));
     // Of the samples of one number in each of a row's pixels: where they are, and the levels of the four pixels about them.
