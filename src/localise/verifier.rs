@@ -30,7 +30,8 @@ const BALL_LOG_ODDS: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
 /// The same of the first pass alone, on the 45: the bias, then one for its log-odds and one for the cells.
 const FIRST_PASS_LOG_ODDS: [f64; 3] = [-0.750, 1.657, 0.319];
 /// Probability by the first pass alone from which a candidate gets a second pass. Below it are 34 % of those 2,857 candidates, and none that
-/// both passes and the verifier give 0.5 (below 0.05 neither, below 0.1 six): `scripts/fit-weights confidence FOLDER` prints it.
+/// both passes and the verifier give 0.5 (below 0.05 neither, below 0.1 six): `scripts/fit-weights confidence FOLDER` prints it. Of those bounds
+/// this one was chosen on frames of two broadcasts, where larger ones lose balls that are the likeliest detection (`docs/experiments.md`).
 const MIN_FIRST_PASS: f64 = 0.005;
 /// Cells of the heatmap at which the last feature is 0: those of a picture of 256×256 px.
 const REFERENCE_CELLS: f64 = 4096.0;

@@ -14,7 +14,7 @@ fn store(bytes: &mut [u8; 16], value: v128) {
     unsafe { v128_store(bytes.as_mut_ptr().cast(), value) }
 }
 
-/// [`levels`](crate::kernels::pixels::levels) of 16 pixels at a time; what is left.
+/// [`levels`](crate::kernels::pixels::levels) of 16 pixels at a time. Returns the slices' ends, fewer than 16 pixels, that are left to do.
 pub fn levels<'a>(
     rgb: &'a [u8],
     brightness: &'a mut [u8],
@@ -38,7 +38,7 @@ pub fn levels<'a>(
     (rgb, brightness, colour)
 }
 
-/// [`rgb_of_rgba`](crate::kernels::pixels::rgb_of_rgba) of 16 pixels at a time; what is left.
+/// [`rgb_of_rgba`](crate::kernels::pixels::rgb_of_rgba) of 16 pixels at a time. Returns the slices' ends, fewer than 16 pixels, that are left to do.
 pub fn rgb_of_rgba<'a>(rgba: &'a [u8], rgb: &'a mut [u8], opaque: &mut u8) -> (&'a [u8], &'a mut [u8]) {
     let (four, rgba) = rgba.as_chunks::<64>();
     let (three, rgb) = rgb.as_chunks_mut::<48>();

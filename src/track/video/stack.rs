@@ -80,7 +80,7 @@ fn averages(
     let across = frame_from_own.column(0) * step;
     let first_of = |row: usize| frame_from_own * Vector3::new(centre[0] + offset(0), centre[1] + offset(row), 1.0);
     let window = Window::about([first_of(0), first_of(count - 1)], across * (count - 1) as f64, [width, height]);
-    // Where the samples are far fewer than the pixels, the levels are worked out for each sample.
+    // Each pixel's level once, unless there are far more pixels than samples (those of a ball of 40 px: eleven times as many).
     let window =
         window.filter(|window| window.area() <= 2 * count * count).map(|window| (window.levels(rgb, &level), window));
     // Of the samples of one number in each of a row's pixels: where they are, and the levels of the four pixels about them.
@@ -213,7 +213,7 @@ impl Places {
 /// beyond the picture is taken to its edge.
 #[inline(always)]
 fn between(at: f64, side: usize) -> (u32, f32) {
-    // To a whole number as vectors do it: the bits of a double of this size, of which one is 1, count.
+    // Truncated without a conversion, which takes twice as long here: of a double between 2⁵² and 2⁵³ the low bits are its whole number.
     const WHOLE: f64 = (1_u64 << 52) as f64;
     let at = at.clamp(0.0, (side - 1) as f64);
     let nearest = at + WHOLE - WHOLE;
