@@ -213,7 +213,7 @@ impl Places {
 /// beyond the picture is taken to its edge.
 #[inline(always)]
 fn between(at: f64, side: usize) -> (u32, f32) {
-    // Truncated without a conversion, which takes twice as long here: of a double between 2⁵² and 2⁵³ the low bits are its whole number.
+    // Truncated without a conversion, which is slower here: of a double between 2⁵² and 2⁵³ the low bits are its whole number.
     const WHOLE: f64 = (1_u64 << 52) as f64;
     let at = at.clamp(0.0, (side - 1) as f64);
     let nearest = at + WHOLE - WHOLE;
