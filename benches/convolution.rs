@@ -2,9 +2,7 @@
 //! and pictures, the same number of threads, runs taken in turns.
 //!
 //! `benches/convolution` prepares the peers and runs this, then the same in Chromium; without the peers
-//! (`cargo bench --bench convolution`) only our own times are printed. Arguments: parts of the jobs' names.
-
-mod common;
+//! (`cargo bench --bench all -- convolution`) only our own times are printed. Arguments: parts of the jobs' names.
 
 use std::hint::black_box;
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -19,10 +17,6 @@ use gravisight::internal::{
 };
 use gravisight::{Card, Size};
 use serde_json::{Value, json};
-
-/// As the command has it.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Side of the pictures, px.
 const SIDE: usize = 224;
@@ -173,8 +167,9 @@ fn gemm_peak(threads: usize) -> f64 {
             |rows: usize| Tensor::<2>::from_data(TensorData::new(noise(rows * 256), [rows, 256]), &Device::flex());
         let (x, weights) = (matrix(1024), matrix(256));
         let mut run = || drop(black_box(x.clone().matmul(weights.clone())));
-        let best =
-            (0..if common::is_check() { 1 } else { 300 }).map(|_| seconds(&mut run)).fold(f64::INFINITY, f64::min);
+        let best = (0..if crate::common::is_check() { 1 } else { 300 })
+            .map(|_| seconds(&mut run))
+            .fold(f64::INFINITY, f64::min);
         2.0 * 1024.0 * 256.0 * 256.0 / best / 1e9
     })
 }
@@ -211,6 +206,7 @@ fn export(job: &Job, folder: &Path, weights: &Path) {
         depth_range: Some([1.0, 20.0]),
         radius_range: None,
         confidence_threshold: None,
+        calibration: None,
         training_data: "none".into(),
         description: "Random weights, for timing.".into(),
         metrics: json!({}),
@@ -237,7 +233,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
         "weights": path("weights"), "picture": path("picture"), "expected": path("expected"),
     });
     let wanted = std::env::var_os("GRAVISIGHT_EXPORT").map(PathBuf::from);
-    if let Some(folder) = wanted.or_else(|| common::is_check().then(|| folder.clone())) {
+    if let Some(folder) = wanted.or_else(|| crate::common::is_check().then(|| folder.clone())) {
         export(job, &folder, &file("weights"));
         load["onnx"] = json!(folder.join(job.file_name()).with_extension("onnx"));
     }
@@ -310,7 +306,7 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
     let mut times = vec![Vec::new(); contestants.len()];
     let begin = Instant::now();
     run();
-    for round in 0..if common::is_check() { 1 } else { ROUNDS } {
+    for round in 0..if crate::common::is_check() { 1 } else { ROUNDS } {
         for (name, times) in contestants.iter().zip(&mut times) {
             std::thread::sleep(PAUSE);
             let mut once = || match (name.as_str(), peers.as_deref_mut()) {
@@ -344,8 +340,8 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
     std::fs::remove_dir_all(folder).ok();
 }
 
-fn main() {
-    let wanted = if common::is_check() { vec!["compact b1 t1".into()] } else { common::arguments() };
+pub fn run(arguments: &[String]) {
+    let wanted = if crate::common::is_check() { vec!["compact b1 t1".into()] } else { arguments.to_vec() };
     let mut peers = Peers::start();
     let peaks = [1, 2].map(gemm_peak);
     println!("measured peak of a matrix product: {:.0} GFLOP/s on one thread, {:.0} on two", peaks[0], peaks[1]);

@@ -1,9 +1,7 @@
 //! Time of a forecast with its Jacobian, one thread, and its ratio to torchdiffeq and diffrax on the same starts.
 //!
-//! `benches/forecast` prepares the peers and runs this; without them (`cargo bench --bench forecast`) only our
+//! `benches/forecast` prepares the peers and runs this; without them (`cargo bench --bench all -- forecast`) only our
 //! own times are printed.
-
-mod common;
 
 use std::ffi::OsStr;
 use std::hint::black_box;
@@ -22,7 +20,7 @@ const STARTS: usize = 24;
 
 /// Rounds of which the median is taken.
 fn rounds() -> usize {
-    if common::is_check() { 1 } else { 200 }
+    if crate::common::is_check() { 1 } else { 200 }
 }
 
 /// Starts from the simulator's clips in scene 1, spread over their frames.
@@ -57,7 +55,7 @@ fn seconds(forecaster: &Forecaster, starts: &[State], times: &[f64], jacobian: b
     median((0..rounds()).map(|_| round())).unwrap()
 }
 
-fn main() {
+pub fn run(_arguments: &[String]) {
     let (scene, starts) = starts();
     let times: Vec<f64> = (1..=FRAMES).map(|frame| f64::from(frame) / 15.0).collect();
     let paper = Contact::Penalty { c: 1000.0, beta: 50.0, beta_box: 50.0 };
@@ -86,7 +84,7 @@ fn main() {
     let mut penalty = scene;
     penalty.contact = paper;
     let forecaster = Forecaster::new(&penalty).unwrap().with_options(options).unwrap();
-    if common::is_check() {
+    if crate::common::is_check() {
         return check_peers(&forecaster, &starts, &times);
     }
     if let Some(python) = std::env::var_os("GRAVISIGHT_PEERS") {

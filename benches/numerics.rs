@@ -1,9 +1,7 @@
-//! Whether processors compute the same: `cargo bench --bench numerics -- FOLDER NAME` writes what this one makes of the folder's pictures to
+//! Whether processors compute the same: `cargo bench --bench all -- numerics FOLDER NAME` writes what this one makes of the folder's pictures to
 //! `NAME.safetensors`, and draws the pictures first where there are none; `… -- FOLDER` compares every such file with the first one.
 //!
 //! `scripts/numerics` runs it with each SIMD width; `node scripts/numerics.mjs` writes the same file with the wasm builds.
-
-mod common;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -159,14 +157,14 @@ fn compare(folder: &Path) -> bool {
     agree
 }
 
-fn main() {
-    let arguments = match common::is_check() {
-        true => vec![common::scratch("numerics").to_string_lossy().into_owned(), "first".into()],
-        false => common::arguments(),
+pub fn run(arguments: &[String]) {
+    let arguments = match crate::common::is_check() {
+        true => vec![crate::common::scratch("numerics").to_string_lossy().into_owned(), "first".into()],
+        false => arguments.to_vec(),
     };
-    let count = if common::is_check() { 2 } else { COUNT };
+    let count = if crate::common::is_check() { 2 } else { COUNT };
     let [folder, rest @ ..] = arguments.as_slice() else {
-        return println!("usage: cargo bench --bench numerics -- FOLDER [NAME]");
+        return println!("usage: cargo bench --bench all -- numerics FOLDER [NAME]");
     };
     let folder = Path::new(folder);
     std::fs::create_dir_all(folder).unwrap();
@@ -180,7 +178,7 @@ fn main() {
             true
         }
     };
-    if common::is_check() {
+    if crate::common::is_check() {
         write(folder, "second");
         assert!(compare(folder));
         std::fs::remove_dir_all(folder).unwrap();

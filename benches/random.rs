@@ -1,7 +1,5 @@
 //! How well a model that reads sizes does on renderings of random scenes it was not trained on, by size of the ball, and a
-//! sheet of the 24 worst: `cargo bench --bench random -- CARD PHOTOGRAPHS SHEET.png`.
-
-mod common;
+//! sheet of the 24 worst: `cargo bench --bench all -- random CARD PHOTOGRAPHS SHEET.png`.
 
 use std::path::Path;
 
@@ -77,16 +75,16 @@ fn camera(ball: Option<&Apparent>) -> Camera {
     Camera::from_json(&camera, "camera").unwrap()
 }
 
-fn main() {
-    let mut arguments = common::arguments();
-    if common::is_check() {
-        let folder = common::scratch("random");
+pub fn run(arguments: &[String]) {
+    let mut arguments = arguments.to_vec();
+    if crate::common::is_check() {
+        let folder = crate::common::scratch("random");
         RandomScenes::new(vec![], 0.0).draw(Size::square(SIDE), 0, 1).picture().save(folder.join("0.png")).unwrap();
         let sheet = folder.join("sheet.png");
         arguments = [Path::new("models/any.json"), &folder, &sheet].map(|path| path.to_string_lossy().into()).into();
     }
     let [card, photographs, sheet] = arguments.as_slice() else {
-        return println!("usage: cargo bench --bench random -- CARD PHOTOGRAPHS SHEET.png");
+        return println!("usage: cargo bench --bench all -- random CARD PHOTOGRAPHS SHEET.png");
     };
     let path = Path::new(card);
     let card = Card::from_json(&std::fs::read_to_string(path).unwrap(), card).unwrap();
@@ -95,7 +93,7 @@ fn main() {
     let scenes = RandomScenes::new(read_photographs(Path::new(photographs)).unwrap(), 0.1);
     let options = LocaliseOptions { ball_radius: Some(0.1), ..LocaliseOptions::default() };
     let (mut scored, mut empty) = (vec![], vec![]);
-    for seed in FIRST..FIRST + if common::is_check() { 24 } else { COUNT } {
+    for seed in FIRST..FIRST + if crate::common::is_check() { 24 } else { COUNT } {
         let drawing = scenes.draw(Size::square(SIDE), seed, 1);
         let picture = drawing.picture();
         let camera = camera(drawing.balls.first());
@@ -179,7 +177,7 @@ fn main() {
         image::imageops::replace(&mut worst, &it.picture, x as i64, y as i64);
     }
     worst.save(sheet).unwrap();
-    if common::is_check() {
+    if crate::common::is_check() {
         std::fs::remove_dir_all(photographs).unwrap();
     }
 }

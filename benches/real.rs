@@ -1,9 +1,7 @@
-//! `fit` on recordings with 3D truth: `cargo bench --bench real -- FOLDER FPS [even|odd|spoilt|constants]`. The folder holds `camera.json`,
+//! `fit` on recordings with 3D truth: `cargo bench --bench all -- real FOLDER FPS [even|odd|spoilt|constants]`. The folder holds `camera.json`,
 //! `scene.json`, and of each shot `NNN.csv` (Frame,Visibility,X,Y) and `NNN.truth.csv` (Frame,x,y,z). `spoilt`: every sixth shot from the
 //! second on, with what people get wrong. `constants`: which numbers of the estimator make the tracks of every sixth shot most probable (their
 //! truth is not read).
-
-mod common;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -88,14 +86,14 @@ fn truth_of(path: &Path) -> BTreeMap<u64, Point3<f64>> {
     text.lines().skip(1).map(line).collect()
 }
 
-fn main() {
-    let mut arguments = common::arguments();
-    if common::is_check() {
+pub fn run(arguments: &[String]) {
+    let mut arguments = arguments.to_vec();
+    if crate::common::is_check() {
         let (folder, fps) = simulated();
         arguments = vec![folder.to_string_lossy().into(), fps.to_string()];
     }
     let [folder, fps, rest @ ..] = arguments.as_slice() else {
-        return println!("usage: cargo bench --bench real -- FOLDER FPS [even|odd|spoilt|constants]");
+        return println!("usage: cargo bench --bench all -- real FOLDER FPS [even|odd|spoilt|constants]");
     };
     let (folder, fps): (&Path, f64) = (Path::new(folder), fps.parse().unwrap());
     let wanted = |index: usize| match rest.first().map(String::as_str) {
@@ -201,7 +199,7 @@ fn main() {
             shot.fit.verdict
         );
     }
-    if common::is_check() {
+    if crate::common::is_check() {
         std::fs::remove_dir_all(folder).unwrap();
     }
 }
@@ -284,7 +282,7 @@ fn spoilt(folder: &Path, fps: f64, names: &[String], camera: &Camera, scene: &Sc
 
 /// Two flights of the tests' simulator as such a folder, and their frame rate.
 fn simulated() -> (PathBuf, f64) {
-    let folder = common::scratch("real");
+    let folder = crate::common::scratch("real");
     let write = |name: &str, text: String| std::fs::write(folder.join(name), text).unwrap();
     let golden = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/table_tennis.json");
     let flights: serde_json::Value = serde_json::from_slice(&std::fs::read(golden).unwrap()).unwrap();

@@ -1,13 +1,11 @@
-//! How many pictures of random scenes one core draws a second: `cargo bench --bench rendering`. With `-- PHOTOGRAPHS SHEET`
+//! How many pictures of random scenes one core draws a second: `cargo bench --bench all -- rendering`. With `-- PHOTOGRAPHS SHEET`
 //! also a sheet of 24 of them, with photographs of a folder behind some.
-
-mod common;
 
 use std::path::Path;
 use std::time::Instant;
 
 use gravisight::Size;
-use gravisight::internal::{RandomScenes, read_photographs};
+use gravisight::internal::{Photographs, RandomScenes};
 use image::RgbImage;
 
 /// Pictures that are timed.
@@ -15,12 +13,11 @@ const COUNT: u64 = 2000;
 /// Pictures of a sheet, and in a row of it.
 const SHEET: [u32; 2] = [24, 6];
 
-fn main() {
-    let arguments = common::arguments();
-    let count = if common::is_check() { 4 } else { COUNT };
-    let photographs = arguments.first().map_or_else(Vec::new, |folder| read_photographs(Path::new(folder)).unwrap());
-    println!("{} photographs", photographs.len());
-    let scenes = RandomScenes::new(photographs, 0.07);
+pub fn run(arguments: &[String]) {
+    let count = if crate::common::is_check() { 4 } else { COUNT };
+    let photographs = arguments.first().map(|folder| Photographs::read(Path::new(folder)).unwrap()).unwrap_or_default();
+    println!("{} photographs, {} with labelled balls", photographs.plain.len(), photographs.labelled.len());
+    let scenes = RandomScenes::new(photographs.plain, 0.07).with_labelled(photographs.labelled);
     for side in [128, 256] {
         let began = Instant::now();
         let balls: usize = (0..count).map(|seed| scenes.draw(Size::square(side), seed, 3).balls.len()).sum();

@@ -1,7 +1,5 @@
-//! Following a ball through a video, decoding not counted: `cargo bench --bench tracking -- VIDEO WIDTH HEIGHT FPS [MODEL]`.
+//! Following a ball through a video, decoding not counted: `cargo bench --bench all -- tracking VIDEO WIDTH HEIGHT FPS [MODEL]`.
 //! The frames are decoded by an installed ffmpeg beforehand.
-
-mod common;
 
 use std::io::Read;
 use std::path::Path;
@@ -11,10 +9,6 @@ use std::time::Instant;
 
 use gravisight::internal::BallTracker;
 use gravisight::{Card, Device, Localiser, Picture, VideoTracker};
-
-/// The command's.
-#[global_allocator]
-static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Frames of the beginning that are not timed: of them the background is made.
 const FIRST: usize = 32;
@@ -48,13 +42,12 @@ fn print(name: &str, mut milliseconds: Vec<f64>) {
     );
 }
 
-fn main() {
-    if common::is_check() {
+pub fn run(arguments: &[String]) {
+    if crate::common::is_check() {
         return time(&drawn(), 30.0, "models/any.json");
     }
-    let arguments = common::arguments();
-    let [video, width, height, fps, rest @ ..] = arguments.as_slice() else {
-        return println!("usage: cargo bench --bench tracking -- VIDEO WIDTH HEIGHT FPS [MODEL]");
+    let [video, width, height, fps, rest @ ..] = arguments else {
+        return println!("usage: cargo bench --bench all -- tracking VIDEO WIDTH HEIGHT FPS [MODEL]");
     };
     let fps: f64 = fps.parse().expect("frames a second");
     let frames = frames(video, width.parse().expect("pixels"), height.parse().expect("pixels"));

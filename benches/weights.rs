@@ -1,19 +1,20 @@
-//! Fits the weights that `src/localise` holds as constants, and prints them. `scripts/fit-weights` runs it:
+//! Fits the weights behind a model's confidence and σ, the fields of its card's `calibration`, and prints them. `scripts/fit-weights` runs it:
 //!
-//! - `cargo bench --bench weights -- confidence FOLDER [CARD]`: `BALL_LOG_ODDS` and `FIRST_PASS_LOG_ODDS` of `verifier.rs`, by logistic
-//!   regression on the candidates in the photographs without a ball in FOLDER, which the model must not have been trained with: as they are
-//!   and with a drawn ball, half each. Beside them what a least probability by the first pass (`MIN_FIRST_PASS`) saves, and what it costs.
-//! - `cargo bench --bench weights -- edge [FOLDER] [CARD]`: `EDGE_LOG_ODDS`, `LOG_SIGMA` and `NETWORK_SIGMA_FACTOR` of
-//!   `edge_refinement.rs`, by maximum likelihood on random renderings (with the photographs of FOLDER behind, if given): the error of
-//!   log(radius) is Laplace-distributed, its location the mean of edge and network that the first weights give, its scale by the
-//!   second. The likelihood of today's constants stands beside that of the fitted ones, on other renderings than were fitted.
-
-mod common;
+//! - `cargo bench --bench all -- weights confidence FOLDER [CARD]`: `ball_log_odds` and `first_pass_log_odds`, by logistic regression on the
+//!   candidates in the photographs of FOLDER, which the model must not have been trained with. Photographs without a ball count as they are and
+//!   with a drawn ball, half each; those that FOLDER's `labels.csv` names, if any, as they are. Pictures with a ball weigh as much as those
+//!   without. Beside them what a least probability by the first pass (`MIN_FIRST_PASS`) saves, and what it costs.
+//! - `cargo bench --bench all -- weights edge [FOLDER] [CARD]`: `edge_log_odds`, `edge_log_sigma` and `network_sigma_factor`, by maximum
+//!   likelihood on random renderings (with the photographs of FOLDER behind, if given): the error of log(radius) is Laplace-distributed, its
+//!   location the mean of edge and network that the first weights give, its scale by the second. The likelihood of the card's weights stands
+//!   beside that of the fitted ones, on other renderings than were fitted.
 
 use std::path::Path;
 
-use gravisight::internal::{Apparent, RandomScenes, read_photographs};
+use gravisight::internal::{Apparent, LabelledPhotograph, Photographs, RandomScenes, read_photographs};
+use gravisight::model::DetectionCalibration;
 use gravisight::{Camera, Card, Device, Localiser, Picture, Size};
+use image::RgbImage;
 use nalgebra::{SMatrix, SVector};
 use pollster::block_on;
 
@@ -26,12 +27,12 @@ const NEWTON_STEPS: usize = 30;
 /// Strength of the prior that keeps the weights finite where the classes can be separated.
 const RIDGE: f64 = 1e-3;
 
+/// Weight of the logarithm of the number of cells searched: half of the pictures show a ball, and it is as likely in each of their cells. It is
+/// not fitted, since photographs with and without a ball may be of different sizes.
+const OF_CELLS: f64 = -1.0;
 /// Least probabilities by the first pass that are compared, and the probability from which a ball is found.
 const FIRST_PASSES: [f64; 6] = [0.002, 0.005, 0.01, 0.02, 0.05, 0.1];
 const FOUND: f64 = 0.5;
-/// Today's constants, to compare with.
-const TODAY_OF_BALL: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
-
 /// Renderings that the edge's weights are fitted to, and those that the result is scored on; the seed of the first (a training's seeds come
 /// from a hash, `benches/random.rs` takes those from 2⁴⁰ on).
 const FITTED: u64 = 12_000;
@@ -44,8 +45,6 @@ const DESCENT_STEPS: usize = 4_000;
 const LEARNING_RATE: f64 = 0.03;
 /// Standard deviation over the scale of a Laplace distribution such that 68 % lie within it.
 const SIGMA_OF_SCALE: f64 = 1.15;
-/// Today's constants, to compare with: `EDGE_LOG_ODDS`, `LOG_SIGMA`.
-const TODAY: [[f64; 5]; 2] = [[-4.45, 0.0, -2.03, -3.66, -0.71], [1.77, 1.01, 0.75, 1.76, 0.22]];
 /// The log-odds do not depend on the network's σ by itself, only by the disagreement: this weight stays 0.
 const FIXED: usize = 1;
 
@@ -55,23 +54,31 @@ fn localiser(card: Option<&String>) -> Localiser {
     Localiser::new(card, weights, &Device::flex()).unwrap()
 }
 
-fn is_near(ball: &Apparent, x: f64, y: f64) -> bool {
-    (x - ball.centre[0]).hypot(y - ball.centre[1]) <= NEAR_PX.max(ball.radius / 2.0)
+/// Whether a detection at `x`, `y` is of a ball at `centre` with this radius, px.
+fn is_near(centre: [f64; 2], radius: f64, x: f64, y: f64) -> bool {
+    (x - centre[0]).hypot(y - centre[1]) <= NEAR_PX.max(radius / 2.0)
 }
 
 fn listed(weights: &[f64], digits: usize) -> String {
     weights.iter().map(|weight| format!("{weight:.digits$}")).collect::<Vec<_>>().join(", ")
 }
 
-/// The weights of a logistic regression, by Newton's method.
-fn logistic_regression<const N: usize>(rows: &[(SVector<f64, N>, f64)]) -> SVector<f64, N> {
+/// A candidate: the constant 1 and the features, the last one the cells'; whether it is a ball, 0 or 1; and how much it counts.
+type Candidate<const N: usize> = (SVector<f64, N>, f64, f64);
+
+/// The weights of a logistic regression, by Newton's method; the last one is [`OF_CELLS`].
+fn logistic_regression<const N: usize>(rows: &[Candidate<N>]) -> SVector<f64, N> {
     let mut weights = SVector::<f64, N>::zeros();
+    weights[N - 1] = OF_CELLS;
     for _ in 0..NEWTON_STEPS {
         let (mut gradient, mut hessian) = (weights * -RIDGE, SMatrix::identity() * RIDGE);
-        for (row, label) in rows {
+        gradient[N - 1] = 0.0;
+        for (row, label, weight) in rows {
             let probability = logistic(weights.dot(row));
-            gradient += row * (label - probability);
-            hessian += row * row.transpose() * probability * (1.0 - probability);
+            let mut row = *row;
+            row[N - 1] = 0.0;
+            gradient += row * (weight * (label - probability));
+            hessian += row * row.transpose() * (weight * probability * (1.0 - probability));
         }
         weights += hessian.cholesky().unwrap().solve(&gradient);
     }
@@ -82,55 +89,77 @@ fn logistic(log_odds: f64) -> f64 {
     1.0 / (1.0 + (-log_odds).exp())
 }
 
+/// The candidates of a picture; `is_ball` tells whether there is one at a place.
+fn candidates(localiser: &Localiser, rgb: RgbImage, is_ball: impl Fn(f64, f64) -> bool) -> Vec<(SVector<f64, 5>, f64)> {
+    let found = block_on(localiser.evidence(&Picture::from_rgb(rgb))).unwrap();
+    let row = |features: [f64; 4]| SVector::from([1.0, features[0], features[1], features[2], features[3]]);
+    let found = found.iter();
+    found.map(|it| (row(it.features), f64::from(u8::from(is_ball(it.outline.centre.x, it.outline.centre.y))))).collect()
+}
+
+/// The candidates in the photographs without a ball, as they are and with a drawn one, and in the labelled ones.
+fn all_candidates(photographs: &Photographs, localiser: &Localiser, drawings: u64) -> Vec<Candidate<5>> {
+    let scenes = [1.0, 0.0].map(|empty| RandomScenes::new(vec![], empty));
+    let of_drawing = |index: u64| {
+        let scenes = &scenes[(index % 2) as usize];
+        let photograph = &photographs.plain[(index / drawings) as usize];
+        let seed = DRAWINGS * (index / drawings) + index % drawings;
+        let drawing = scenes.draw_before(photograph, seed, 1);
+        let is_ball = |x, y| drawing.balls.iter().any(|ball: &Apparent| is_near(ball.centre, ball.radius, x, y));
+        (!drawing.balls.is_empty(), candidates(localiser, drawing.picture(), is_ball))
+    };
+    let of_labelled = |LabelledPhotograph { rgb, balls }: &LabelledPhotograph| {
+        let is_ball = |x, y| balls.iter().any(|it| is_near(it.centre.map(f64::from), f64::from(it.radius), x, y));
+        (true, candidates(localiser, rgb.clone(), is_ball))
+    };
+    let mut pictures: Vec<(bool, Vec<_>)> = (0..drawings * photographs.plain.len() as u64).map(of_drawing).collect();
+    pictures.extend(photographs.labelled.iter().map(of_labelled));
+    let with = pictures.iter().filter(|(has_ball, _)| *has_ball).count();
+    let weights = [pictures.len() - with, with].map(|count| pictures.len() as f64 / 2.0 / count.max(1) as f64);
+    let rows = pictures.into_iter().flat_map(|(has_ball, rows)| {
+        rows.into_iter().map(move |(row, label)| (row, label, weights[usize::from(has_ball)]))
+    });
+    rows.collect()
+}
+
 /// Fits the weights of the confidence.
 fn fit_confidence(folder: &Path, localiser: &Localiser, drawings: u64) {
-    let photographs = read_photographs(folder).unwrap();
-    let scenes = [1.0, 0.0].map(|empty| RandomScenes::new(vec![], empty));
-    let of_photograph = |number: usize| {
-        let mut rows = vec![];
-        for drawing in 0..drawings {
-            let seed = DRAWINGS * number as u64 + drawing;
-            let drawing = scenes[(drawing % 2) as usize].draw_before(&photographs[number], seed, 1);
-            for found in block_on(localiser.evidence(&Picture::from_rgb(drawing.picture()))).unwrap() {
-                let [first, crop, verifier, cells] = found.features;
-                let is_ball =
-                    drawing.balls.iter().any(|ball| is_near(ball, found.outline.centre.x, found.outline.centre.y));
-                rows.push((SVector::from([1.0, first, crop, verifier, cells]), f64::from(u8::from(is_ball))));
-            }
-        }
-        rows
-    };
-    let rows: Vec<_> = (0..photographs.len()).flat_map(of_photograph).collect();
+    let photographs = Photographs::read(folder).unwrap();
+    let today = SVector::from(localiser.card().calibration.unwrap_or_default().ball_log_odds);
+    let rows = all_candidates(&photographs, localiser, drawings);
     let weights = logistic_regression(&rows);
-    let balls: f64 = rows.iter().map(|(_, label)| label).sum();
-    println!("{} photographs, {} candidates, {balls} of them balls", photographs.len(), rows.len());
-    println!("BALL_LOG_ODDS: [{}]", listed(weights.as_slice(), 3));
-    let log_loss = |weights: &SVector<f64, 5>| {
-        let of = |(row, label): &(SVector<f64, 5>, f64)| {
-            let log_odds = weights.dot(row);
-            log_odds.max(0.0) + (-log_odds.abs()).exp().ln_1p() - label * log_odds
-        };
-        rows.iter().map(of).sum::<f64>() / rows.len() as f64
-    };
+    let balls: f64 = rows.iter().map(|(_, label, _)| label).sum();
+    let Photographs { plain, labelled } = &photographs;
     println!(
-        "mean log-loss of these candidates: fitted {:.4}, today {:.4}",
-        log_loss(&weights),
-        log_loss(&SVector::from(TODAY_OF_BALL))
+        "{} photographs without a ball, {} with: {} candidates, {balls} of them balls",
+        plain.len(),
+        labelled.len(),
+        rows.len()
     );
+    println!("\"ball_log_odds\": [{}],", listed(weights.as_slice(), 3));
+    let log_loss = |weights: &SVector<f64, 5>| {
+        let of = |(row, label, weight): &Candidate<5>| {
+            let log_odds = weights.dot(row);
+            weight * (log_odds.max(0.0) + (-log_odds.abs()).exp().ln_1p() - label * log_odds)
+        };
+        rows.iter().map(of).sum::<f64>() / rows.iter().map(|(_, _, weight)| weight).sum::<f64>()
+    };
+    println!("mean log-loss of these candidates: fitted {:.4}, today {:.4}", log_loss(&weights), log_loss(&today));
     let first_pass = |row: &SVector<f64, 5>| SVector::from([1.0, row[1], row[4]]);
-    let weights = logistic_regression(&rows.iter().map(|(row, label)| (first_pass(row), *label)).collect::<Vec<_>>());
-    println!("FIRST_PASS_LOG_ODDS: [{}]", listed(weights.as_slice(), 3));
+    let of_first: Vec<Candidate<3>> =
+        rows.iter().map(|(row, label, weight)| (first_pass(row), *label, *weight)).collect();
+    let first = logistic_regression(&of_first);
+    println!("\"first_pass_log_odds\": [{}],", listed(first.as_slice(), 3));
     for least in FIRST_PASSES {
-        let is_below = |row: &SVector<f64, 5>| logistic(weights.dot(&first_pass(row))) < least;
-        let below: Vec<_> = rows.iter().filter(|(row, _)| is_below(row)).collect();
-        let found: Vec<_> =
-            below.iter().filter(|(row, _)| logistic(SVector::from(TODAY_OF_BALL).dot(row)) >= FOUND).collect();
+        let is_below = |row: &SVector<f64, 5>| logistic(first.dot(&first_pass(row))) < least;
+        let below: Vec<_> = rows.iter().filter(|(row, ..)| is_below(row)).collect();
+        let found: Vec<_> = below.iter().filter(|(row, ..)| logistic(weights.dot(row)) >= FOUND).collect();
         println!(
             "below {least}: {:.1} % of the candidates, {} of the balls; found of those in the end: {}, {} of them balls",
             100.0 * below.len() as f64 / rows.len() as f64,
-            below.iter().filter(|(_, label)| *label > 0.0).count(),
+            below.iter().filter(|(_, label, _)| *label > 0.0).count(),
             found.len(),
-            found.iter().filter(|(_, label)| *label > 0.0).count()
+            found.iter().filter(|(_, label, _)| *label > 0.0).count()
         );
     }
 }
@@ -161,7 +190,8 @@ fn ball_errors(scenes: &RandomScenes, localiser: &Localiser, first: u64, count: 
         let drawing = scenes.draw(Size::square(SIDE), seed, 1);
         let ball = drawing.balls.first()?;
         let found = block_on(localiser.edge_evidence(&Picture::from_rgb(drawing.picture()), &camera(ball))).unwrap();
-        let found = found.into_iter().find(|found| is_near(ball, found.outline.centre.x, found.outline.centre.y))?;
+        let found =
+            found.into_iter().find(|it| is_near(ball.centre, ball.radius, it.outline.centre.x, it.outline.centre.y))?;
         let error = (ball.radius / found.outline.radius).ln();
         Some(BallError { error, log_sigma: found.log_sigma, edge: found.edge })
     };
@@ -238,21 +268,21 @@ fn fit_edge(photographs: Option<&Path>, localiser: &Localiser, [fitted, scored]:
             weights[row][column] -= if (row, column) == (0, FIXED) { 0.0 } else { rate * corrected / size };
         }
     }
-    println!("EDGE_LOG_ODDS: [{}]", listed(&weights[0], 2));
-    println!("LOG_SIGMA: [{}]", listed(&weights[1], 2));
+    println!("\"edge_log_odds\": [{}],", listed(&weights[0], 2));
+    println!("\"edge_log_sigma\": [{}],", listed(&weights[1], 2));
     let alone: Vec<f64> = all.iter().filter(|it| it.edge.is_none()).map(|it| it.error.abs() / it.log_sigma).collect();
     let factor = SIGMA_OF_SCALE * alone.iter().sum::<f64>() / alone.len().max(1) as f64;
-    println!("NETWORK_SIGMA_FACTOR: {factor:.1} ({} balls without an edge)", alone.len());
+    println!("\"network_sigma_factor\": {factor:.1} ({} balls without an edge)", alone.len());
     let held_out: Vec<&BallError> = held_out.iter().filter(|ball| ball.edge.is_some()).collect();
     println!("on {} other balls with an edge:", held_out.len());
     println!("  fitted: {}", scores(&held_out, &weights));
-    println!("  today:  {}", scores(&held_out, &TODAY));
+    let DetectionCalibration { edge_log_odds, edge_log_sigma, .. } = localiser.card().calibration.unwrap_or_default();
+    println!("  today:  {}", scores(&held_out, &[edge_log_odds, edge_log_sigma]));
 }
 
-fn main() {
-    let arguments = common::arguments();
-    if common::is_check() {
-        let folder = common::scratch("weights");
+pub fn run(arguments: &[String]) {
+    if crate::common::is_check() {
+        let folder = crate::common::scratch("weights");
         RandomScenes::new(vec![], 1.0).draw(Size::square(SIDE), 0, 1).picture().save(folder.join("0.png")).unwrap();
         fit_confidence(&folder, &localiser(None), 4);
         fit_edge(None, &localiser(None), [60, 60]);
@@ -263,6 +293,6 @@ fn main() {
         ["edge", ..] => {
             fit_edge(arguments.get(1).map(Path::new), &localiser(arguments.get(2)), [FITTED, SCORED]);
         }
-        _ => println!("usage: cargo bench --bench weights -- confidence FOLDER [CARD] | edge [FOLDER] [CARD]"),
+        _ => println!("usage: cargo bench --bench all -- weights confidence FOLDER [CARD] | edge [FOLDER] [CARD]"),
     }
 }

@@ -43,37 +43,52 @@
 #![deny(missing_docs)]
 #![warn(clippy::unwrap_used)]
 #![cfg_attr(test, allow(clippy::unwrap_used))]
-// The tests inside run natively; those for wasm, which `wasm-pack test` runs, are tests/kernels.rs.
-#![cfg(not(all(target_arch = "wasm32", any(test, doctest))))]
 // What only the command and native training use; the native build says what nobody does.
 #![cfg_attr(target_arch = "wasm32", allow(dead_code, unused_imports))]
 #![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
-pub mod camera;
-pub mod clips;
-mod contour;
-mod error;
+/// Cameras: projection, lens models, files, and calibration from labelled points and lines.
+pub mod camera {
+    pub use gravisight_geometry::camera::{
+        Calibration, CalibrationMethod, Camera, CameraSigma, Court, CourtLine, Detection, Distortion, LensModel,
+        LineSeen, Outline, PointSigma, Points, Unknowns, WrongClick, calibrate, calibrate_by_lines,
+    };
+}
+/// Clips on disk: pictures with their labels, cameras and scenes.
+pub mod clips {
+    pub use gravisight_clips::{Clip, Clips, Frame};
+}
+/// Pictures: decoded, resized and normalised.
+pub mod image {
+    pub use gravisight_geometry::image::{MAX_PIXELS, MIN_SIDE, NetworkInput, Normalisation, Picture};
+}
+/// The laws of motion: scenes, forces, contacts, and forecasts with their derivatives.
+pub mod physics {
+    #[doc(hidden)]
+    pub use gravisight_physics::Case;
+    pub use gravisight_physics::{
+        Ball, Bounds, Contact, Cuboid, Floor, Forecast, ForecastOptions, Forecaster, Impact, Integrator, Moved,
+        Potential, Rotation, Scene, Spring, State, Status, Surface, Wall,
+    };
+}
+/// A ball through time: from a video to its 2D track ([`VideoTracker`]), from a 2D track to its trajectory in space ([`Fit`]).
+pub mod track {
+    #[doc(hidden)]
+    pub use gravisight_track::{BallTracker, Query, SOLVER_VERSION, Stack, TrackletFeatures};
+    pub use gravisight_track::{
+        CameraMotion, Estimate, EstimatorConfig, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, FittedSegment,
+        Flight, FollowedFrame, Hit, Observation, OtherView, Parameter, Track, TrackPoint, TrackedBlob, TrackedFrame,
+        TrackedVideo, TrackerConfig,
+    };
+}
+pub use gravisight_track::findings;
+
 pub mod evaluate;
-mod files;
-pub mod findings;
-pub mod image;
-mod kernels;
-mod least_squares;
 pub mod localise;
 pub mod model;
-pub mod physics;
-mod random;
-mod size;
-mod statistics;
-mod synth;
-mod table;
-pub mod track;
 pub mod train;
 mod video_tracker;
-mod volume;
-#[cfg(target_arch = "wasm32")]
-mod wasm;
 
 // Tests beside the code share their helpers with those outside, which see the surface alone.
 #[cfg(test)]
@@ -87,20 +102,20 @@ pub use self::camera::{
     Calibration, Camera, Court, CourtLine, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines,
 };
 pub use self::clips::{Clip, Clips, Frame};
-pub use self::error::{Error, Result};
 pub use self::evaluate::{Metrics, Sample, score};
 pub use self::findings::{Findings, WithFindings};
 pub use self::image::Picture;
 pub use self::localise::{Localisation, LocaliseOptions, Localiser, Region};
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
-pub use self::size::Size;
 pub use self::track::{Fit, FitOptions, Observation, Parameter, Track, TrackedVideo};
 pub use self::train::{FineTuneOptions, FineTuneSupervision, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 pub use self::video_tracker::VideoTracker;
-pub use self::volume::Volume;
+pub use gravisight_geometry::error::{Error, Result};
+pub use gravisight_geometry::size::Size;
+pub use gravisight_geometry::volume::Volume;
 
 /// Names that are in the modules of their subjects.
 #[doc(hidden)]
@@ -121,21 +136,23 @@ pub mod parts {
 #[doc(hidden)]
 #[cfg(not(target_arch = "wasm32"))]
 pub mod internal {
-    pub use crate::files::{Claim, NewFolder, read, read_text, write_whole};
-    pub use crate::image::Normalisation;
     pub use crate::model::{
         ANY, BackboneConfig, CARD_VERSION, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex,
     };
-    pub use crate::physics::Case;
-    pub use crate::random::{Random, normal_pair};
-    pub use crate::statistics::median;
-    pub use crate::synth::looking;
-    pub use crate::synth::{Apparent, Film, Filmed, Kind, RandomScenes};
-    pub use crate::synth::{Compression, Moves, Recording};
-    pub use crate::synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
-    pub use crate::table::{Row, Table};
-    pub use crate::track::{BallTracker, Evidence, Query, Stack, TrackPoint};
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
+    pub use crate::train::{Photographs, read_photographs, stack_record};
     pub use crate::train::{Supervision, TrainProgress, Validation};
-    pub use crate::train::{read_photographs, stack_record};
+    pub use gravisight_geometry::files::{Claim, NewFolder, read, read_text, write_whole};
+    pub use gravisight_geometry::image::Normalisation;
+    pub use gravisight_geometry::random::{Random, normal_pair};
+    pub use gravisight_geometry::statistics::median;
+    pub use gravisight_geometry::table::{Row, Table};
+    pub use gravisight_geometry::volume::check_ball_radius;
+    pub use gravisight_physics::Case;
+    pub use gravisight_synth::looking;
+    pub use gravisight_synth::{Apparent, Film, Filmed, Kind, LabelledPhotograph, RandomScenes};
+    pub use gravisight_synth::{Compression, Moves, Recording};
+    pub use gravisight_synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
+    pub use gravisight_track::SOLVER_VERSION;
+    pub use gravisight_track::{BallTracker, Query, Stack, TrackPoint, TrackletFeatures};
 }

@@ -2,23 +2,16 @@
 
 use std::sync::Arc;
 
-use nalgebra::Point2;
-
-use crate::camera::{Camera, Detection, Outline};
-use crate::error::{Error, Result};
-use crate::image::Picture;
 use crate::localise::Localiser;
-use crate::physics::Scene;
-use crate::track::{BallTracker, Evidence, Query, TrackedVideo, TrackerConfig};
+use gravisight_geometry::camera::{Camera, Detection, Outline};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::Picture;
+use gravisight_physics::Scene;
+use gravisight_track::{BallTracker, Query, TrackedVideo, TrackerConfig, TrackletFeatures};
 
 /// Frames between searches of the whole picture, while no ball is known, for a ball that hardly moves: it is part of its own
 /// background.
 const SEARCH_EVERY: usize = 8;
-/// A ball that moved less than so many radii since, and more than so many px, hardly moves.
-const SLOW: f64 = 4.0;
-const LEAST_WAY_PX: f64 = 1.0;
-/// Largest ratio of the radii of one ball in two such pictures.
-const ALIKE: f64 = 1.3;
 
 /// Follows the ball through the frames of a video, one after the other; of a camera that stays where it is, and may turn and zoom.
 ///
@@ -127,8 +120,8 @@ impl VideoTracker {
 
     /// What the weights of paths are fitted to.
     #[doc(hidden)]
-    pub fn evidence(&self, place: Option<(&Camera, &Scene)>) -> Vec<Evidence> {
-        self.follower.hypotheses(&[]).map(|flying| flying.evidence(place)).unwrap_or_default()
+    pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>) -> Vec<TrackletFeatures> {
+        self.follower.hypotheses(&[]).map(|flying| flying.tracklet_features(place)).unwrap_or_default()
     }
 
     /// Asks the networks about what the follower wants to know.
@@ -181,25 +174,10 @@ impl VideoTracker {
         if self.follower.held(last).is_none() {
             return Ok(()); // too long ago
         }
-        for ball in balls {
-            let slow = |other: &&Detection| {
-                let way = (ball.outline.centre - other.outline.centre).norm();
-                let ratio = ball.outline.radius / other.outline.radius;
-                (LEAST_WAY_PX..SLOW * ball.outline.radius).contains(&way) && (ALIKE.recip()..ALIKE).contains(&ratio)
-            };
-            let Some(other) = before.iter().find(slow) else { continue };
-            let way = ball.outline.centre - other.outline.centre;
-            for frame in last..=newest {
-                let fraction = (frame - last) as f64 / (newest - last).max(1) as f64;
-                let centre: Point2<f64> = other.outline.centre + fraction * way;
-                let Some(picture) = self.follower.held(frame) else { continue };
-                let radius = ball.outline.radius;
-                if let Some(found) =
-                    self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?
-                {
-                    self.follower.found(frame, found);
-                }
-            }
+        for (frame, Outline { centre, radius }) in self.follower.slow_balls((last, &before), (newest, &balls)) {
+            let Some(picture) = self.follower.held(frame) else { continue };
+            let found = self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?;
+            found.into_iter().for_each(|found| self.follower.found(frame, found));
         }
         Ok(())
     }

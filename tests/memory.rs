@@ -2,6 +2,7 @@
 
 #![cfg(not(target_arch = "wasm32"))]
 
+#[path = "all/common.rs"]
 mod common;
 
 use std::alloc::{GlobalAlloc, Layout, System};

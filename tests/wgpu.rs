@@ -1,6 +1,7 @@
 //! Vulkan, Metal or DX12 against the CPU; scripts/wgpu runs these, on a software Vulkan where there is no GPU.
 #![cfg(all(feature = "wgpu", not(target_arch = "wasm32")))]
 
+#[path = "all/common.rs"]
 mod common;
 
 use std::sync::LazyLock;

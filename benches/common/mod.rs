@@ -14,6 +14,27 @@ pub fn arguments() -> Vec<String> {
     }
 }
 
+/// A bench: its name, what it runs with the user's arguments, and whether it has something to run on by itself.
+pub type Bench = (&'static str, fn(&[String]), bool);
+
+/// Runs the bench that the first argument names; a check runs each that can run by itself.
+pub fn main(all: &[Bench], usage: &str) {
+    if is_check() {
+        for (name, run, _) in all.iter().filter(|(_, _, alone)| *alone) {
+            println!("== {name}");
+            run(&[]);
+        }
+        return;
+    }
+    let arguments = arguments();
+    match arguments.split_first().and_then(|(first, rest)| Some((all.iter().find(|(name, ..)| name == first)?, rest))) {
+        Some(((_, run, _), rest)) => run(rest),
+        None => {
+            println!("usage: {usage}, one of {}", all.iter().map(|(name, ..)| *name).collect::<Vec<_>>().join(", "))
+        }
+    }
+}
+
 /// An empty folder of a check's own in the system's folder for temporary files.
 #[allow(dead_code)]
 pub fn scratch(name: &str) -> std::path::PathBuf {

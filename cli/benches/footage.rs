@@ -1,9 +1,6 @@
 //! How well `gravisight track` does on footage with truth, as `synth --set broadcast` and `synth --set footage` make it:
-//! `cargo bench --package gravisight-cli --bench footage -- FOLDER`. Clips whose camera moves are counted by themselves: their truth is in
+//! `cargo bench --package gravisight-cli --bench all -- footage FOLDER`. Clips whose camera moves are counted by themselves: their truth is in
 //! the first view's metres.
-
-#[path = "../../benches/common/mod.rs"]
-mod common;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -120,10 +117,9 @@ fn score(video: &Path, score: &mut Score) {
     println!("{}: found {seen} of {all}; {}", video.display(), found["verdict"].as_str().unwrap_or_default());
 }
 
-fn main() {
-    let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
-    let [folder] = arguments.as_slice() else {
-        return println!("usage: cargo bench --package gravisight-cli --bench footage -- FOLDER");
+pub fn run(arguments: &[String]) {
+    let [folder] = arguments else {
+        return println!("usage: cargo bench --package gravisight-cli --bench all -- footage FOLDER");
     };
     let mut videos: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     videos.retain(|path| path.extension().is_some_and(|ending| ending == "mp4"));
@@ -142,7 +138,7 @@ fn main() {
         println!("{failed} of {} runs FAILED: nothing is found in these", videos.len());
     }
     let sure: Vec<(f64, bool)> = scores.values().flat_map(|score| score.sure.clone()).collect();
-    common::print_reliability(&sure);
+    crate::common::print_reliability(&sure);
     println!(
         "{:<13} {:>7} {:>10} {:>10} {:>9} {:>9} {:>9} {:>9} {:>8} {:>8} {:>7}",
         "", "found", "right", "3D median", "flights", "hits", "bounces", "invented", "1 sigma", "2 sigma", "s"

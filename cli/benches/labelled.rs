@@ -1,9 +1,6 @@
 //! How well `gravisight track` follows the ball in a video that was labelled by hand (`Frame,Visibility,X,Y`, optionally `Radius`, as in
 //! `docs/labels`). Frames without a row do not count. A ball is found within its radius, at least 4 px.
-//! `cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv [FPS]`, of as many pairs as are given.
-
-#[path = "../../benches/common/mod.rs"]
-mod common;
+//! `cargo bench --package gravisight-cli --bench all -- labelled VIDEO LABELS.csv [FPS]`, of as many pairs as are given.
 
 use std::collections::BTreeMap;
 use std::process::Command;
@@ -24,14 +21,14 @@ struct Label {
 /// Least distance within which a ball is found, px: hand labels are good to about 2 px.
 const NEAR_PX: f64 = 4.0;
 
-fn main() {
-    let mut arguments = common::arguments();
-    if common::is_check() {
+pub fn run(arguments: &[String]) {
+    let mut arguments = arguments.to_vec();
+    if crate::common::is_check() {
         arguments = drawn();
     }
     if arguments.len() < 2 {
         return println!(
-            "usage: cargo bench --package gravisight-cli --bench labelled -- VIDEO LABELS.csv [FPS] [VIDEO LABELS.csv [FPS]]…"
+            "usage: cargo bench --package gravisight-cli --bench all -- labelled VIDEO LABELS.csv [FPS] [VIDEO LABELS.csv [FPS]]…"
         );
     }
     let mut sure = vec![];
@@ -41,8 +38,8 @@ fn main() {
         rest = &more[usize::from(rate.is_some())..];
         sure.extend(score(video, labels, rate));
     }
-    common::print_reliability(&sure);
-    if common::is_check() {
+    crate::common::print_reliability(&sure);
+    if crate::common::is_check() {
         std::fs::remove_dir_all(&arguments[0]).unwrap();
     }
 }
@@ -85,7 +82,7 @@ fn score(video: &str, labels: &str, rate: Option<&String>) -> Vec<(f64, bool)> {
 
 /// Frames of a disc that flies before a grey wall, its labels, and the frame rate.
 fn drawn() -> Vec<String> {
-    let folder = common::scratch("labelled");
+    let folder = crate::common::scratch("labelled");
     let mut labels = String::from("Frame,Visibility,X,Y,Radius\n");
     for number in 0..32 {
         let time = f64::from(number);

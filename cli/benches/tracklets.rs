@@ -1,19 +1,16 @@
-//! Fits the weights by which `track` tells a ball's paths from others (`weights` of `src/track/video/config.rs`; with a model without a motion
-//! network `weights_without_motion`), and prints them: `cargo bench --package gravisight-cli --bench tracklets -- MODEL.JSON VIDEO LABELS.csv
+//! Fits the weights by which `track` tells a ball's paths from others (`weights` of `crates/track/src/video/config.rs`; with a model without a motion
+//! network `weights_without_motion`), and prints them: `cargo bench --package gravisight-cli --bench all -- tracklets MODEL.JSON VIDEO LABELS.csv
 //! [VIDEO LABELS.csv …]`, of videos that nothing is reported of. `scripts/fit-weights tracklets` runs it. Camera and scene of `x.mp4` are
 //! `x.camera.json` and `x.scene.json`, where they are.
 //!
 //! A logistic regression on the tracklets of all videos, each video of the same weight, in which no evidence for a ball speaks against one. A tracklet is
 //! the ball's where most of its frames with a label are within the ball's radius, or 4 px.
 
-#[path = "../../benches/common/mod.rs"]
-mod common;
-
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gravisight::internal::Evidence;
+use gravisight::internal::TrackletFeatures;
 use gravisight::{Camera, Card, Device, Localiser, Scene, VideoTracker};
 use gravisight_cli::footage::Footage;
 use nalgebra::{DMatrix, DVector};
@@ -57,7 +54,7 @@ fn rows(localiser: &Arc<Localiser>, video: &Path, labels: &Labels, fps: Option<f
     let mut add = |frame: usize, picture| Ok(pollster::block_on(tracker.add(picture, times[frame]))?);
     footage.each(0..times.len(), &mut add).unwrap();
     pollster::block_on(tracker.end()).unwrap();
-    let of_tracklet = |Evidence { features, places }: Evidence| {
+    let of_tracklet = |TrackletFeatures { features, places }: TrackletFeatures| {
         let known = places.iter().filter_map(|(frame, [x, y])| {
             let ball = labels.get(frame)?;
             Some(ball.is_some_and(|[u, v, radius]| (x - u).hypot(y - v) < NEAR_PX.max(radius)))
@@ -67,19 +64,19 @@ fn rows(localiser: &Arc<Localiser>, video: &Path, labels: &Labels, fps: Option<f
         let is_known = 2 * known.len() >= places.len() && !(FEW..MOST).contains(&right);
         is_known.then(|| (DVector::from_row_slice(&features), f64::from(u8::from(right >= MOST))))
     };
-    tracker.evidence(camera.as_ref().zip(scene.as_ref())).into_iter().filter_map(of_tracklet).collect()
+    tracker.tracklet_features(camera.as_ref().zip(scene.as_ref())).into_iter().filter_map(of_tracklet).collect()
 }
 
-fn main() {
-    let mut arguments = common::arguments();
-    let fps = common::is_check().then_some(30.0);
-    if common::is_check() {
+pub fn run(arguments: &[String]) {
+    let mut arguments = arguments.to_vec();
+    let fps = crate::common::is_check().then_some(30.0);
+    if crate::common::is_check() {
         let model = concat!(env!("CARGO_MANIFEST_DIR"), "/../models/any.json");
         arguments = std::iter::once(model.to_string()).chain(drawn()).collect();
     }
     let [model, clips @ ..] = arguments.as_slice() else {
         return println!(
-            "usage: cargo bench --package gravisight-cli --bench tracklets -- MODEL.JSON VIDEO LABELS.csv …"
+            "usage: cargo bench --package gravisight-cli --bench all -- tracklets MODEL.JSON VIDEO LABELS.csv …"
         );
     };
     let (card, weights) = Card::with_weights(Path::new(model)).unwrap();
@@ -95,7 +92,7 @@ fn main() {
     }
     let Some(size) = all.first().map(|(row, ..)| row.len()) else { return println!("no tracklets") };
     let scale = all.len() as f64 / all.iter().map(|(.., weight)| weight).sum::<f64>();
-    // Evidence that would speak against a ball, which it is for, has no weight.
+    // TrackletFeatures that would speak against a ball, which it is for, has no weight.
     let mut free = vec![true; size];
     let weights = loop {
         let weights = regression(&all, &free, scale);
@@ -106,7 +103,7 @@ fn main() {
     };
     let listed: Vec<String> = weights.iter().map(|weight| format!("{weight:.3}")).collect();
     println!("{} tracklets; weights: [{}]", all.len(), listed.join(", "));
-    if common::is_check() {
+    if crate::common::is_check() {
         std::fs::remove_dir_all(&clips[0]).unwrap();
     }
 }
@@ -134,7 +131,7 @@ fn regression(all: &[(DVector<f64>, f64, f64)], free: &[bool], scale: f64) -> DV
 
 /// Frames of a disc that flies before a grey wall, and its labels.
 fn drawn() -> [String; 2] {
-    let folder = common::scratch("tracklets");
+    let folder = crate::common::scratch("tracklets");
     let mut labels = String::from("Frame,Visibility,X,Y,Radius\n");
     for number in 0..32 {
         let time = f64::from(number);

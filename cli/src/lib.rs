@@ -3,6 +3,7 @@
 #![cfg_attr(test, allow(clippy::unwrap_used))]
 #![deny(unsafe_code)]
 
+mod ball;
 pub mod cameras;
 mod choice;
 mod commands;

@@ -1,5 +1,6 @@
 //! `--model`.
 
+use std::iter;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
@@ -19,10 +20,29 @@ pub fn card_path(model: &Path) -> PathBuf {
     }
 }
 
-/// Loads `--model`, or a built-in one: with a ball's radius the one for any ball, without that of the paper's scenes.
-pub fn open(model: Option<&Path>, ball_radius: Option<f64>, device: &Device) -> Result<Localiser> {
-    let Some(model) = model else {
-        let (card, weights) = if ball_radius.is_some() { ANY } else { SD_L };
+/// The files of `--model M`: its card, and the weights that the card names.
+pub fn files(model: &Path) -> Vec<PathBuf> {
+    let card = card_path(model);
+    let text = std::fs::read_to_string(&card).unwrap_or_default();
+    let read: serde_json::Value = serde_json::from_str(&text).unwrap_or_default();
+    let weights = read["weights"].as_str().map(|weights| card.with_file_name(weights));
+    iter::once(card).chain(weights).collect()
+}
+
+/// The built-in models by name: for any ball of known radius, and of the paper's rendered scenes.
+const BUILT_IN: [(&str, (&str, &[u8])); 2] = [("any", ANY), ("sd-l", SD_L)];
+
+/// The built-in model of `--model M`: that of this name where no file has it, and `any` without the option.
+pub fn built_in(model: Option<&Path>) -> Option<(&'static str, &'static [u8])> {
+    let Some(model) = model else { return Some(ANY) };
+    let named = BUILT_IN.iter().find(|(name, _)| model.as_os_str() == *name);
+    named.filter(|_| !card_path(model).exists()).map(|(_, built_in)| *built_in)
+}
+
+/// Loads `--model`, or a built-in one.
+pub fn open(model: Option<&Path>, device: &Device) -> Result<Localiser> {
+    let Some(model) = model.filter(|model| built_in(Some(model)).is_none()) else {
+        let (card, weights) = built_in(model).unwrap_or(ANY);
         return Ok(Localiser::new(Card::from_json(card, "built-in model")?, weights.to_vec(), device)?);
     };
     let path = card_path(model);

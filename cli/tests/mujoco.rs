@@ -1,6 +1,7 @@
 //! The MuJoCo engine, where its library is: scripts/mujoco runs these.
 #![cfg(all(feature = "mujoco", libmujoco))]
 
+#[path = "all/common.rs"]
 mod common;
 
 use std::process::{Command, Output};

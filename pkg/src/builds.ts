@@ -1,11 +1,12 @@
 /** The wasm builds. They are assets to a bundler, not modules, so that one of them may be missing. */
 import type * as Core from "../wasm/cpu/gravisight.js";
-import { GravisightError } from "./error.js";
+import { GravisightError, gravisightErrorFrom } from "./error.js";
 import { fetchBytes, isWebPage, type OnBytes } from "./fetch.js";
 import { fileExists, isFile, readFile } from "./node.js";
 import type { Source } from "./protocol.js";
 import type { ThreadedModule } from "./thread.js";
-import { checkedThreads, startThreads, threadsHere, threadsInWorker } from "./threads.js";
+import { startThreads, threadsInWorker, threadsOf } from "./threads.js";
+import { isTrap } from "./trap.js";
 import type { CoreOptions, DeviceKind } from "./types.js";
 import { absoluteUrl, assetUrl } from "./url.js";
 
@@ -86,24 +87,29 @@ async function deployed(kind: DeviceKind, folder: string | undefined, threads: n
 }
 
 /** Where the builds come from, and for how many threads. @throws {@link GravisightError} `threads`. */
-export function sourceOf({ wasm, threads }: Pick<CoreOptions, "wasm" | "threads">): Source {
-  return { wasm: wasm === undefined ? undefined : absoluteUrl(wasm), threads: checkedThreads(threads) };
+export function sourceOf(options: Pick<CoreOptions, "wasm" | "threads" | "worker">): Source {
+  const { wasm } = options;
+  return { wasm: wasm === undefined ? undefined : absoluteUrl(wasm), threads: threadsOf(options) };
 }
 
-let started: CoreModule | undefined;
+/** Those that were started on this thread. */
+const started = new Set<CoreModule>();
 
-/** Says which build works, where more than one was started. */
-export function inUse(module: CoreModule): void {
-  started = module;
+/** What a build said when it trapped, once; empty if none did. */
+function lastPanic(): string {
+  const words = [...started].map((module) => {
+    try {
+      return module.lastPanic();
+    } catch {
+      return ""; // a core that trapped may not answer
+    }
+  });
+  return words.find((each) => each !== "") ?? "";
 }
 
-/** What the build in use, or the one started last, said when it trapped; empty if it did not. */
-export function lastPanic(): string {
-  try {
-    return started?.lastPanic() ?? "";
-  } catch {
-    return ""; // a core that trapped may not answer
-  }
+/** What was thrown while the core worked, as a {@link GravisightError}; a trap has the words of its panic. */
+export function errorOfCore(thrown: unknown): GravisightError {
+  return gravisightErrorFrom(thrown, isTrap(thrown) ? lastPanic() : "");
 }
 
 /** The builds of this thread, by their glue's URL: a second start would put another memory under the objects of the first. */
@@ -111,7 +117,7 @@ const builds = new Map<string, Promise<{ module: CoreModule; bytes: number }>>()
 
 /** Fetches and starts a build, once a thread; `cpu-build-missing` or `webgpu-build-missing` where it is not there. */
 export async function loadBuild(kind: DeviceKind, source: Source, onBytes: OnBytes): Promise<CoreModule> {
-  const threads = threadsHere(source.threads);
+  const threads = threadsInWorker(source.threads);
   const urls = await deployed(kind, source.wasm, threads);
   const known = builds.get(urls.glue.href);
   const starting = known ?? start(urls, kind, threads, onBytes, () => loadBuild(kind, { ...source, threads: 1 }, onBytes));
@@ -119,7 +125,7 @@ export async function loadBuild(kind: DeviceKind, source: Source, onBytes: OnByt
   try {
     const { module, bytes } = await starting;
     if (known) onBytes(bytes, bytes);
-    inUse(module);
+    started.add(module);
     return module;
   } catch (thrown) {
     // The next one tries again.

@@ -5,8 +5,13 @@
 import { fetchText } from "./fetch.js";
 import { ownModel } from "./own.js";
 import { absoluteUrl } from "./url.js";
+import { VERSION } from "./version.js";
 
 const NAME = "gravisight";
+/** Cards that are kept, those that were loaded last; weights are kept as long as a card that is kept names them. */
+const MOST_CARDS = 8;
+const CARD = "card ";
+const TIMES = "times ";
 
 /** Keys must be URLs; nothing is ever fetched from these. */
 function keyOf(what: string): Request {
@@ -39,10 +44,14 @@ export async function keep(what: string, bytes: Uint8Array<ArrayBuffer> | string
 export async function cardText(url: string, useCache: boolean): Promise<string> {
   try {
     const text = await fetchText(url, "the model's card");
-    if (useCache) await keep(`card ${url}`, text);
+    // What is no card must not take the place of one.
+    if (useCache && contentOf(text)) {
+      await keep(`${CARD}${url}`, text);
+      await evict();
+    }
     return text;
   } catch (thrown) {
-    const kept = useCache ? await cached(`card ${url}`) : null;
+    const kept = useCache ? await cached(`${CARD}${url}`) : null;
     if (kept) return new TextDecoder().decode(kept);
     throw thrown;
   }
@@ -50,13 +59,41 @@ export async function cardText(url: string, useCache: boolean): Promise<string> 
 
 /** Whether the weights of the model whose card is at `model` (default: the package's own) are kept in this browser. */
 export async function isCached(model: string | URL = ownModel().card): Promise<boolean> {
-  const kept = await cached(`card ${absoluteUrl(model)}`);
-  if (!kept) return false;
+  const sha256 = await sha256Kept(`${CARD}${absoluteUrl(model)}`);
+  return sha256 !== undefined && (await cached(sha256)) !== null;
+}
+
+/** The sha256 of the weights that a kept card names. */
+async function sha256Kept(card: string): Promise<string | undefined> {
+  const kept = await cached(card);
+  const sha256 = kept && contentOf(new TextDecoder().decode(kept))?.sha256;
+  return typeof sha256 === "string" ? sha256 : undefined;
+}
+
+/** What a card's text says; undefined of what is no JSON object. */
+function contentOf(text: string): { sha256?: unknown } | undefined {
   try {
-    const { sha256 } = JSON.parse(new TextDecoder().decode(kept)) as { sha256?: unknown };
-    return typeof sha256 === "string" && (await cached(sha256)) !== null;
+    const content = JSON.parse(text) as unknown;
+    return typeof content === "object" && content ? content : undefined;
   } catch {
-    return false;
+    return undefined;
+  }
+}
+
+/** Drops the cards that were loaded longest ago, weights that no card names any more, and what other versions measured. */
+async function evict(): Promise<void> {
+  try {
+    const cache = await open();
+    // In the order in which they were put last.
+    const keys = (await cache?.keys()) ?? [];
+    const nameOf = ({ url }: Request) => decodeURIComponent(new URL(url).pathname.slice(1));
+    const cards = keys.map(nameOf).filter((name) => name.startsWith(CARD)).slice(-MOST_CARDS);
+    const kept = new Set([...cards, ...(await Promise.all(cards.map(sha256Kept)))]);
+    const isOfVersion = (name: string) => name.startsWith(`${TIMES}[${JSON.stringify(VERSION)}`);
+    const dropped = keys.filter((key) => !kept.has(nameOf(key)) && !isOfVersion(nameOf(key)));
+    await Promise.all(dropped.map((key) => cache?.delete(key)));
+  } catch {
+    // what is too much stays for now
   }
 }
 

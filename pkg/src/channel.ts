@@ -1,7 +1,7 @@
 /** An object's end of its Worker: request ids, one request in flight, the others wait their turn. */
 import { GravisightError, wordsOf } from "./error.js";
+import { nodeWorker } from "./node.js";
 import type { Answer, CallName, CallOptions, FromWorker, Request, ToWorker, Transport } from "./protocol.js";
-import { threadsChannel } from "./threads.js";
 import type { Progress } from "./types.js";
 
 interface Pending {
@@ -14,6 +14,9 @@ interface Pending {
   reject: (reason: unknown) => void;
 }
 
+/** How long a Worker in which something failed may take to say that it is there, ms. */
+const MOST_SILENCE = 5000;
+
 export class Channel implements Transport {
   readonly #worker: Worker;
   /** Whether the Worker serves nobody else, and ends with this. */
@@ -25,23 +28,28 @@ export class Channel implements Transport {
   #waiting: Pending[] = [];
   #inFlight: Pending | undefined;
   #closedBecause: unknown;
+  /** Whether the Worker has said anything yet. */
+  #isHere = false;
 
   /** Through `worker`, which the user starts and ends and which may serve other objects; or through one of its own. */
   constructor(worker?: Worker) {
     this.#owned = worker === undefined;
-    // The literal form is what bundlers look for.
-    this.#worker = worker ?? new Worker(new URL("./worker.js", import.meta.url), { type: "module", name: this.#object });
+    this.#worker = worker ?? ownWorker(this.#object);
     const { signal } = this.#listening;
-    this.#listenToThreads(signal);
     // Not `onmessage` and the like: in a Worker of the user's these are the user's.
     this.#worker.addEventListener("message", (event: MessageEvent<FromWorker>) => this.#receive(event.data), { signal });
     this.#worker.addEventListener(
       "error",
       (event) => {
-        event.preventDefault();
         // A script that is not there comes without a message.
-        const reason = event.message || "is its script, worker.js of this package, served?";
-        this.close(new GravisightError("worker", `The Worker could not start or stopped: ${reason}`));
+        if (this.#owned || !event.message) {
+          event.preventDefault();
+          return this.#closeSince(event.message || "is its script, worker.js of this package, served?");
+        }
+        // An error of the user's own code is none of ours, unless the Worker does not even answer.
+        if (this.#isHere) return;
+        this.#post({ type: "hello", object: this.#object });
+        setTimeout(() => !this.#isHere && this.#closeSince(event.message), MOST_SILENCE);
       },
       { signal },
     );
@@ -57,6 +65,7 @@ export class Channel implements Transport {
       const id = this.#nextId++;
       const abort = () => {
         this.#waiting = this.#waiting.filter((pending) => pending.id !== id);
+        if (this.#inFlight?.id === id) this.#inFlight.onProgress = undefined;
         reject(signal?.reason);
       };
       const settled = () => signal?.removeEventListener("abort", abort);
@@ -92,10 +101,17 @@ export class Channel implements Transport {
     this.#waiting = [];
   }
 
+  #closeSince(reason: string): void {
+    this.close(new GravisightError("worker", `The Worker could not start or stopped: ${reason}`));
+  }
+
   /** A Worker that waits for one of its threads cannot tell that this has trapped. */
-  #listenToThreads(signal: AbortSignal): void {
-    if (!this.#owned || typeof BroadcastChannel !== "function") return;
-    const threads = new BroadcastChannel(threadsChannel(this.#object));
+  #listenToThreads(channel: string): void {
+    if (this.#isHere || typeof BroadcastChannel !== "function") return;
+    const { signal } = this.#listening;
+    const threads = new BroadcastChannel(channel);
+    // In Node.js a channel would keep the program alive.
+    (threads as { unref?(): void }).unref?.();
     threads.addEventListener("message", ({ data }) => this.close(new GravisightError("internal", `A thread of the core failed: ${data}`)), { signal });
     signal.addEventListener("abort", () => threads.close());
   }
@@ -118,8 +134,14 @@ export class Channel implements Transport {
   }
 
   #receive(message: FromWorker | null): void {
+    if (message?.object !== this.#object) return;
+    if (message.type === "here") {
+      this.#listenToThreads(message.threads);
+      this.#isHere = true;
+      return;
+    }
     const pending = this.#inFlight;
-    if (!pending || message?.object !== this.#object || message.id !== pending.id) return;
+    if (!pending || message.id !== pending.id) return;
     if (message.type === "progress") {
       pending.onProgress?.(message.progress);
       return;
@@ -129,4 +151,10 @@ export class Channel implements Transport {
     else pending.reject(new GravisightError(message.code, message.message));
     this.#sendNext();
   }
+}
+
+function ownWorker(name: string): Worker {
+  if (typeof Worker === "undefined") return nodeWorker();
+  // The literal form is what bundlers look for.
+  return new Worker(new URL("./worker.js", import.meta.url), { type: "module", name });
 }

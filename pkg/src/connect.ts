@@ -1,13 +1,14 @@
 import { Channel } from "./channel.js";
 import { GravisightError, wordsOf } from "./error.js";
 import { Inline } from "./inline.js";
+import { runsHere } from "./threads.js";
 import type { Transport } from "./protocol.js";
 import type { CoreOptions } from "./types.js";
 
 /** Where the engine runs: a Worker of its own, the user's, or this thread (where there are no Workers, too). */
-export function connect({ worker }: CoreOptions): Transport {
-  if (worker === false || (worker === undefined && typeof Worker === "undefined")) return new Inline();
-  return new Channel(worker === true ? undefined : worker);
+export function connect(options: CoreOptions): Transport {
+  if (runsHere(options)) return new Inline();
+  return new Channel(typeof options.worker === "object" ? options.worker : undefined);
 }
 
 /** What later calls of a disposed object reject with. */
@@ -26,8 +27,19 @@ export function makeDisposable(of: { prototype: { dispose(): void } }): void {
   });
 }
 
+/** All fields of `T`, so that the compiler refuses a message that lacks one. */
+export type Whole<T> = { [K in keyof Required<T>]: T[K] | undefined };
+
+/** A message of which every field is named, without those that are undefined: no option is lost on its way. */
+export function whole<T extends object>(fields: Whole<T>): T {
+  return Object.fromEntries(Object.entries(fields).filter(([, value]) => value !== undefined)) as T;
+}
+
+/** What may be called not finite, or of the wrong form. */
+export type JsonName = "camera" | "cameraSigma" | "clip" | "options" | "points" | "scene" | "track";
+
 /** JSON would silently turn NaN and infinity into null. */
-export function jsonOf(thing: unknown, name: string): string {
+export function jsonOf(thing: unknown, name: JsonName): string {
   const finite = (key: string, value: unknown) => {
     if (typeof value === "number" && !Number.isFinite(value)) {
       throw new GravisightError(`${name}-not-finite`, `The ${name} holds ${value} at "${key}"; every number must be finite.`);

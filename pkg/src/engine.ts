@@ -1,7 +1,7 @@
 /** The engine: the wasm core, and all that it holds for one object. In a Worker, or on the caller's own thread. */
 import type * as Core from "../wasm/cpu/gravisight.js";
-import { lastPanic, loadBuild, type CoreModule } from "./builds.js";
-import { GravisightError, gravisightErrorFrom } from "./error.js";
+import { errorOfCore, loadBuild, type CoreModule } from "./builds.js";
+import { GravisightError } from "./error.js";
 import { deviceOf, load, loadModel, pickDevice, type Loaded } from "./load.js";
 import { release } from "./picture.js";
 import type { Answer, CallName, Calls, Request, Source } from "./protocol.js";
@@ -87,7 +87,7 @@ export class Engine {
     },
     resumeTuner: async (request, onProgress) => {
       // `auto` measures with the package's own model: that of the run is in the checkpoint.
-      const { kind, reason } = await pickDevice({ ...request, model: undefined, cache: true }, onProgress, this);
+      const { kind, reason } = await pickDevice({ ...request, model: undefined }, onProgress, this);
       this.#module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       const core = await this.#module.FineTuner.resume(request.checkpoint, kind);
       const device = deviceOf(core, kind, reason);
@@ -138,7 +138,7 @@ export class Engine {
     try {
       return await untilTrap<Calls[K][1]>(this, () => this.#calls[type](request, onProgress));
     } catch (thrown) {
-      const error = gravisightErrorFrom(thrown, lastPanic());
+      const error = errorOfCore(thrown);
       if (error.code === "internal") this.#trapped = error;
       throw error;
     } finally {
@@ -180,7 +180,7 @@ export class Engine {
     try {
       return await untilTrap(this, () => run(loaded));
     } catch (thrown) {
-      const error = gravisightErrorFrom(thrown, lastPanic());
+      const error = errorOfCore(thrown);
       const { device, model } = loaded;
       if (device.kind !== "webgpu" || !DEVICE_FAILED.includes(error.code)) throw error;
       // The CPU's build is another module with a memory of its own, whatever has become of this one's.
@@ -188,6 +188,8 @@ export class Engine {
       const core = await module.Localiser.create(model.card, model.weights, "cpu");
       const reason = `WebGPU failed while in use: ${error.message}`;
       this.#module = module;
+      // After a trap its memory cannot be used, not even to free something.
+      if (error.code !== "internal") this.#dropLocaliser();
       this.#saliency = undefined;
       this.#loaded = { core, module, model, device: deviceOf(core, "cpu", reason) };
       return run(this.#loaded);

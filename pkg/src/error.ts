@@ -1,9 +1,11 @@
+import type { JsonName } from "./connect.js";
+
 /** Codes that come from this package itself; those of the core (such as `camera-singular`) come on top. */
 export type FacadeErrorCode =
   | "camera-missing"
-  | "camera-not-finite"
   | "card-json"
   | "cpu-build-missing"
+  | "device"
   | "disposed"
   | "fetch"
   | "image-read"
@@ -12,10 +14,14 @@ export type FacadeErrorCode =
   | "model-url"
   | "node-version"
   | "not-loaded"
+  | "scene-missing"
+  | "threads"
   | "timestamp-order"
   | "webgpu-build-missing"
   | "webgpu-no-adapter"
-  | "worker";
+  | "worker"
+  | `${JsonName}-not-finite`
+  | `${JsonName}-format`;
 
 /** Everything that this package throws, except the reason of an `AbortSignal`. */
 export class GravisightError extends Error {
@@ -37,7 +43,7 @@ export function wordsOf(thrown: unknown): string {
 
 /**
  * Turns anything that was thrown into a {@link GravisightError}; what has no code of its own is `internal`, and says
- * `panic`, the core's last words, instead of the trap's where there are any.
+ * `panic`, the words of a trap's panic, where there are any.
  */
 export function gravisightErrorFrom(thrown: unknown, panic = ""): GravisightError {
   if (thrown instanceof GravisightError) return thrown;

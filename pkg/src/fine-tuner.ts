@@ -1,9 +1,11 @@
 import { sourceOf } from "./builds.js";
-import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
+import type { FineTuneOptions as Settings } from "../wasm/cpu/gravisight.js";
+import { connect, disposed, jsonOf, makeDisposable, whole } from "./connect.js";
 import { cameraOf, checkedDevice, modelOf, wantedOf } from "./localiser.js";
 import { pictureToSend } from "./picture.js";
 import type { PictureMessage, Transport } from "./protocol.js";
 import type {
+  AddClipOptions,
   ClipAdded,
   Device,
   FineTuneOptions,
@@ -12,11 +14,24 @@ import type {
   LocaliseOptions,
   Model,
   Picture,
+  StepOptions,
   TrainingClip,
+  TrainingFrame,
   TuneProgress,
   TuneScore,
   TuneStep,
 } from "./types.js";
+
+/** A frame's labels, as in a `clips.jsonl`. */
+interface FrameLine extends Omit<TrainingFrame, "picture" | "image"> {
+  file: string;
+  visible: boolean;
+  image?: [number, number];
+}
+/** A clip's labels, a line of a `clips.jsonl`. */
+interface ClipLine extends Omit<TrainingClip, "frames"> {
+  frames: FrameLine[];
+}
 
 /** Teaches a model a new place, camera or ball, from clips with 2D labels: the training of the command line. */
 export class FineTuner {
@@ -39,7 +54,7 @@ export class FineTuner {
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
     const request = { model: modelOf(options.model), device, ...sourceOf(options), cache };
-    const settings = jsonOf({ steps, batch, crop, learningRate, supervision, seed }, "options");
+    const settings = jsonOf(whole<Partial<Settings>>({ steps, batch, crop, learningRate, supervision, seed }), "options");
     const transport = connect(options);
     try {
       const taken = await transport.call("tuner", { ...request, options: settings }, { signal, onProgress });
@@ -58,10 +73,10 @@ export class FineTuner {
    * @throws {@link GravisightError}; or the reason of `signal` where it is aborted.
    */
   static async resume(checkpoint: Uint8Array, options: FineTuneResumeOptions = {}): Promise<FineTuner> {
-    const { signal, onProgress } = options;
+    const { signal, onProgress, cache = true } = options;
     signal?.throwIfAborted();
     const device = checkedDevice(options.device);
-    const request = { checkpoint: new Uint8Array(checkpoint), device, ...sourceOf(options) };
+    const request = { checkpoint: new Uint8Array(checkpoint), device, ...sourceOf(options), cache };
     const transport = connect(options);
     try {
       const taken = await transport.call("resumeTuner", request, { signal, onProgress, transfer: [request.checkpoint.buffer] });
@@ -87,18 +102,14 @@ export class FineTuner {
    *
    * @returns how many of its frames teach; `leftOut` says why none does.
    */
-  async addClip(clip: TrainingClip, options: { heldOut?: boolean; signal?: AbortSignal } = {}): Promise<ClipAdded> {
+  async addClip(clip: TrainingClip, options: AddClipOptions = {}): Promise<ClipAdded> {
     this.#transport.throwIfClosed();
     const { heldOut = false, signal } = options;
     const { id, fps, camera, scene } = clip;
-    const frames = clip.frames.map(({ t, image, world }, index) => ({
-      file: `frame ${index}`,
-      t: t ?? index / fps,
-      ...(image && { image }),
-      visible: image != null,
-      ...(world && { world }),
-    }));
-    const line = jsonOf({ id, fps, camera, scene, frames }, "clip");
+    const frames = clip.frames.map(({ t, image, world }, index) =>
+      whole<FrameLine>({ file: `frame ${index}`, t: t ?? index / fps, image: image ?? undefined, visible: image != null, world }),
+    );
+    const line = jsonOf(whole<ClipLine>({ id, fps, camera, scene, frames }), "clip");
     const pictures: PictureMessage[] = [];
     const transfer: Transferable[] = [];
     for (const { picture } of clip.frames) {
@@ -116,7 +127,7 @@ export class FineTuner {
    *
    * @returns the last step made; null where none was left.
    */
-  async step(count = 1, options: { signal?: AbortSignal; onStep?: (step: TuneStep) => void } = {}): Promise<TuneStep | null> {
+  async step(count = 1, options: StepOptions = {}): Promise<TuneStep | null> {
     let last: TuneStep | null = null;
     for (let made = 0; made < count; made++) {
       options.signal?.throwIfAborted();
@@ -134,7 +145,7 @@ export class FineTuner {
   }
 
   /** Finds the ball with the weights as they are now. */
-  async localise(image: Picture, options: LocaliseOptions): Promise<Localisation> {
+  async localise(image: Picture, options: Omit<LocaliseOptions, "saliency">): Promise<Localisation> {
     this.#transport.throwIfClosed();
     const camera = cameraOf(options.camera);
     const { picture, transfer } = await pictureToSend(image);

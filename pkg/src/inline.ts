@@ -1,4 +1,5 @@
 /** An object's engine on the caller's own thread: in the Worker, in Node.js, in a Worker that uses the package itself. */
+import { errorOfCore } from "./builds.js";
 import { Engine } from "./engine.js";
 import type { Answer, CallName, CallOptions, Request, Transport } from "./protocol.js";
 import { watchForTraps } from "./trap.js";
@@ -10,8 +11,7 @@ export class Inline implements Transport {
 
   constructor() {
     if (typeof globalThis.addEventListener !== "function") return;
-    // Errors of the user's own code are none of ours.
-    watchForTraps(globalThis, (thrown) => thrown instanceof WebAssembly.RuntimeError);
+    watchForTraps(globalThis, errorOfCore);
   }
 
   async call<K extends CallName>(type: K, request: Request<K>, options: CallOptions = {}): Promise<Answer<K>> {
@@ -21,7 +21,9 @@ export class Inline implements Transport {
     const turn = this.#last.then(() => {
       this.throwIfClosed();
       signal?.throwIfAborted();
-      return this.#engine.call(type, request, onProgress ?? (() => {}));
+      return this.#engine.call(type, request, (progress) => {
+        if (!signal?.aborted && this.#closedBecause === undefined) hear(() => onProgress?.(progress));
+      });
     });
     this.#last = turn.catch(() => {});
     return signal ? await until(turn, signal) : await turn;
@@ -51,4 +53,15 @@ function until<T>(work: Promise<T>, signal: AbortSignal): Promise<T> {
     signal.addEventListener("abort", abort, { once: true });
     work.then(resolve, reject).finally(() => signal.removeEventListener("abort", abort));
   });
+}
+
+/** Calls a listener of the user's. What it throws is uncaught, as from any listener, and does not end the work. */
+function hear(listener: () => void): void {
+  try {
+    listener();
+  } catch (thrown) {
+    queueMicrotask(() => {
+      throw thrown;
+    });
+  }
 }

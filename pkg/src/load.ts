@@ -1,9 +1,9 @@
 /** From a model's URL and a choice of device to a core that is ready. */
 import type * as Core from "../wasm/cpu/gravisight.js";
-import { inUse, lastPanic, loadBuild, type CoreModule } from "./builds.js";
+import { errorOfCore, loadBuild, type CoreModule } from "./builds.js";
 import { cached, cardText, keep } from "./cache.js";
 import { adapterHere, asAskedFor, countingTo, faster, keepTimes, keptTimes, measure, reasonOf, timesKey } from "./device.js";
-import { GravisightError, gravisightErrorFrom } from "./error.js";
+import { GravisightError } from "./error.js";
 import { fetchBytes, mayFetch } from "./fetch.js";
 import { ownModel } from "./own.js";
 import type { Request } from "./protocol.js";
@@ -61,21 +61,35 @@ async function fasterOne(
 ): Promise<Loaded> {
   const kept = useCache ? await keptTimes(key) : null;
   const isMeasured = countingTo(onProgress);
-  let onGpu: Loaded;
-  let webgpu: number;
-  try {
-    if (kept) return await start(faster(kept), reasonOf(kept, true));
-    onGpu = await start("webgpu", "");
-    webgpu = await untilTrap(of, () => measure(onGpu.core, isMeasured));
-  } catch (thrown) {
-    return start("cpu", `auto: WebGPU failed: ${gravisightErrorFrom(thrown, lastPanic()).message}`);
+  /** A model on a device and how long a picture takes there, or why it does not work, in words. Of a failed one nothing is kept. */
+  const attempt = async (kind: DeviceKind): Promise<{ loaded: Loaded; ms: number } | { failed: GravisightError }> => {
+    let loaded: Loaded | undefined;
+    try {
+      const made = (loaded = await start(kind, ""));
+      return { loaded, ms: await untilTrap(of, () => measure(made.core, isMeasured)) };
+    } catch (thrown) {
+      const failed = errorOfCore(thrown);
+      // After a trap its memory cannot be used, not even to free something.
+      if (failed.code !== "internal") loaded?.core.free();
+      return { failed };
+    }
+  };
+  if (kept) {
+    try {
+      return await start(faster(kept), reasonOf(kept, true));
+    } catch (thrown) {
+      if (faster(kept) === "cpu") throw thrown;
+      return start("cpu", `auto: WebGPU failed: ${errorOfCore(thrown).message}`);
+    }
   }
-  const onCpu = await start("cpu", "");
-  const times = { cpu: await measure(onCpu.core, isMeasured), webgpu, day: new Date().toISOString().slice(0, 10) };
+  const gpu = await attempt("webgpu");
+  if ("failed" in gpu) return start("cpu", `auto: WebGPU failed: ${gpu.failed.message}`);
+  const cpu = await attempt("cpu");
+  if ("failed" in cpu) return { ...gpu.loaded, device: { ...gpu.loaded.device, reason: `auto: the CPU failed: ${cpu.failed.message}` } };
+  const times = { cpu: cpu.ms, webgpu: gpu.ms, day: new Date().toISOString().slice(0, 10) };
   if (useCache) await keepTimes(key, times);
-  const [taken, other] = faster(times) === "webgpu" ? [onGpu, onCpu] : [onCpu, onGpu];
+  const [taken, other] = faster(times) === "webgpu" ? [gpu.loaded, cpu.loaded] : [cpu.loaded, gpu.loaded];
   other.core.free();
-  inUse(taken.module);
   return { ...taken, device: { ...taken.device, reason: reasonOf(times, false) } };
 }
 
@@ -101,7 +115,8 @@ async function fetchModel(cardUrl: string, useCache: boolean, onProgress: OnProg
   const { url: named, sha256 } = weightsOf(cardUrl, card);
   const url = weightsUrl ?? named;
   const kept = useCache && sha256 ? await cached(sha256) : null;
-  if (kept) {
+  // Without a digest (not in a secure context) the core alone checks them.
+  if (kept && (await sha256Of(kept)) === sha256) {
     onProgress({ stage: "weights", loaded: kept.length, total: kept.length });
     return { card, weights: kept };
   }

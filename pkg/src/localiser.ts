@@ -1,6 +1,6 @@
-import type { Wanted } from "../wasm/cpu/gravisight.js";
+import type { Region, Scene, Wanted } from "../wasm/cpu/gravisight.js";
 import { sourceOf } from "./builds.js";
-import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
+import { connect, disposed, jsonOf, makeDisposable, whole } from "./connect.js";
 import { GravisightError } from "./error.js";
 import { pictureToSend } from "./picture.js";
 import type { Transport } from "./protocol.js";
@@ -30,7 +30,8 @@ export class Localiser {
   #camera: string | undefined;
   #ball: Ball | undefined;
   readonly #transport: Transport;
-  #lastTimestampMs = -Infinity;
+  /** Of the frames that were given and have not failed, rising. */
+  #timestampsMs: number[] = [];
 
   private constructor(transport: Transport, card: Card, device: Device, camera: string | undefined, ball: Ball | undefined) {
     this.#transport = transport;
@@ -57,7 +58,7 @@ export class Localiser {
     const model = modelOf(options.model);
     const source = sourceOf(options);
     const camera = options.camera === undefined ? undefined : jsonOf(options.camera, "camera");
-    const ball = options.ball && { radius: options.ball.radius };
+    const ball = options.ball && ballOf(options.ball);
     const transport = connect(options);
     try {
       const taken = await transport.call("create", { model, device, ...source, cache }, { signal, onProgress });
@@ -77,7 +78,7 @@ export class Localiser {
   /** The ball that is looked for from now on. */
   setBall(ball: Ball): void {
     this.#transport.throwIfClosed();
-    this.#ball = { radius: ball.radius };
+    this.#ball = ballOf(ball);
   }
 
   /**
@@ -107,20 +108,32 @@ export class Localiser {
   /**
    * Finds the ball in the current frame of a video.
    *
-   * @param timestampMs must increase from call to call, or from {@link startVideo} on (else `timestamp-order`, and nothing else happens).
+   * @param timestampMs must increase from call to call, or from {@link startVideo} on (else `timestamp-order`, and nothing else happens). That of
+   * a call that fails does not count.
    */
   async localiseVideoFrame(frame: DrawablePicture | Picture, timestampMs: number, options: LocaliseOptions = {}): Promise<FrameLocalisation> {
-    if (!(timestampMs > this.#lastTimestampMs)) {
-      const last = Number.isFinite(this.#lastTimestampMs) ? `, the last frame's was ${this.#lastTimestampMs} ms` : "";
-      throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
+    const given = this.#timestampsMs;
+    const last = given.at(-1);
+    if (!(timestampMs > (last ?? -Infinity))) {
+      const before = last === undefined ? "" : `, the last frame's was ${last} ms`;
+      throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${before}.`);
     }
-    this.#lastTimestampMs = timestampMs;
-    return { ...(await this.localise(frame, options)), timestampMs };
+    given.push(timestampMs);
+    try {
+      const found = await this.localise(frame, options);
+      // Those before it no longer matter.
+      given.splice(0, given.indexOf(timestampMs));
+      return { ...found, timestampMs };
+    } catch (thrown) {
+      const at = given.indexOf(timestampMs);
+      if (at >= 0) given.splice(at, 1);
+      throw thrown;
+    }
   }
 
   /** The next frame may have any timestamp: for another video, or for the same one from another place. */
   startVideo(): void {
-    this.#lastTimestampMs = -Infinity;
+    this.#timestampsMs = [];
   }
 
   /**
@@ -160,16 +173,23 @@ export function cameraOf(given: Camera | undefined, own?: string): string {
   throw new GravisightError("camera-missing", "No camera: give one to `create`, `setCamera` or with the picture.");
 }
 
+/** A copy: what a framework wraps in a Proxy cannot be sent. */
+export function ballOf({ radius }: Ball): Ball {
+  return whole<Ball>({ radius });
+}
+
 /** What the core is asked for besides the position. */
 export function wantedOf(options: LocaliseOptions, own?: Ball): Wanted {
-  const { heatmap = false, depthMap = false, truth, region, candidates = 0, ball = own } = options;
+  const { heatmap = false, depthMap = false, truth, region, scene, candidates = 0, ball = own } = options;
   // Copies: what a framework wraps in a Proxy cannot be sent.
-  return {
+  return whole<Wanted>({
     heatmap,
     depthMap,
     candidates,
-    ...(ball && { ballRadius: ball.radius }),
-    ...(region && { region: { left: region.left, top: region.top, width: region.width, height: region.height } }),
-    ...(truth && { truth: [...truth] }),
-  };
+    // What is no scene is for the core to refuse.
+    ballRadius: ball?.radius ?? (scene as Partial<Scene> | undefined)?.ball?.radius,
+    region: region && whole<Region>({ left: region.left, top: region.top, width: region.width, height: region.height }),
+    scene: scene && (JSON.parse(jsonOf(scene, "scene")) as Scene),
+    truth: truth && [...truth],
+  });
 }

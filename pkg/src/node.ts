@@ -1,5 +1,6 @@
 /** Node.js has no fetch for `file:` URLs, where a package's own files are. Nothing here is touched in a browser. */
-import { GravisightError } from "./error.js";
+import { GravisightError, wordsOf } from "./error.js";
+import type { FromWorker, ToWorker } from "./protocol.js";
 import type { ThreadStart } from "./thread.js";
 import type { Thread } from "./threads.js";
 
@@ -15,9 +16,11 @@ interface Node {
 }
 
 interface NodeWorker {
+  on(event: "message" | "messageerror" | "error", listener: (thing: unknown) => void): void;
   once(event: "message" | "error", listener: (thing: unknown) => void): void;
-  postMessage(message: ThreadStart): void;
+  postMessage(message: ThreadStart | ToWorker, transfer?: Transferable[]): void;
   terminate(): void;
+  ref(): void;
   unref(): void;
 }
 
@@ -55,12 +58,18 @@ export function ownPort<T>(): T | undefined {
   return isNode() ? ((node as Node).getBuiltinModule("node:worker_threads").parentPort as T) : undefined;
 }
 
+/** A script of this package. A bundler that found its name in `new URL` would copy the file into a page, which cannot use it. */
+function script(name: "thread" | "worker"): URL {
+  const file = `${name}.js`;
+  return new URL(file, import.meta.url);
+}
+
 /** A thread of Node.js, which keeps no program alive; undefined in a browser. */
 export function nodeThread(): Thread | undefined {
   if (!isNode()) return undefined;
   const { Worker: NodeThread } = (node as Node).getBuiltinModule("node:worker_threads");
   // Without the program's own switches: `--input-type` would be refused.
-  const thread = new NodeThread(new URL("./thread.js", import.meta.url), { execArgv: [] });
+  const thread = new NodeThread(script("thread"), { execArgv: [] });
   return {
     ready: (start) =>
       new Promise((resolve, reject) => {
@@ -73,4 +82,24 @@ export function nodeThread(): Thread | undefined {
       }),
     end: () => thread.terminate(),
   };
+}
+
+/** A Worker of Node.js that serves one object, as a browser's would. It keeps a program alive only while it is at work. */
+export function nodeWorker(): Worker {
+  const { Worker: NodeThread } = (node as Node).getBuiltinModule("node:worker_threads");
+  const worker = new NodeThread(script("worker"), { execArgv: [] });
+  worker.unref();
+  const events = new EventTarget();
+  worker.on("message", (data) => {
+    const { type } = data as FromWorker;
+    if (type === "done" || type === "failed") worker.unref();
+    events.dispatchEvent(new MessageEvent("message", { data }));
+  });
+  worker.on("messageerror", () => events.dispatchEvent(new Event("messageerror")));
+  worker.on("error", (thrown) => events.dispatchEvent(Object.assign(new Event("error"), { message: wordsOf(thrown) })));
+  const postMessage = (message: ToWorker, transfer: Transferable[]) => {
+    worker.postMessage(message, transfer);
+    if ("id" in message) worker.ref();
+  };
+  return Object.assign(events, { postMessage, terminate: () => worker.terminate() }) as unknown as Worker;
 }

@@ -22,7 +22,7 @@ export interface Calls {
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
   /** Answers with the memory of the frame's pixels, where it was sent as such: the next frame's may be written there. */
-  addFrame: [{ picture: PictureMessage; time: number; camera?: string }, Uint8Array<ArrayBuffer> | null];
+  addFrame: [{ picture: PictureMessage; time: number; camera: string | undefined }, Uint8Array<ArrayBuffer> | null];
   trackVideo: [{ known: string }, Core.ToldVideo];
 
   open: [Source, null];
@@ -30,7 +30,7 @@ export interface Calls {
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];
-  calibrate: [{ points: string; estimate: string[]; picture?: PictureMessage | undefined }, Core.Calibration];
+  calibrate: [{ points: string; estimate: string[]; picture: PictureMessage | undefined }, Core.Calibration];
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];
@@ -42,7 +42,7 @@ export interface Calls {
 
   tuner: [Source & { model: string | Model | undefined; device: DeviceChoice; cache: boolean; options: string }, Device];
   addClip: [{ clip: string; pictures: PictureMessage[]; heldOut: boolean }, Core.Added];
-  resumeTuner: [Source & { checkpoint: Uint8Array; device: DeviceChoice }, Device];
+  resumeTuner: [Source & { checkpoint: Uint8Array; device: DeviceChoice; cache: boolean }, Device];
   tune: [{ count: number }, Core.Tuned | null];
   tuneProgress: [Record<never, never>, Core.TuneProgress];
   checkpoint: [Record<never, never>, Uint8Array];
@@ -59,11 +59,13 @@ export type Answer<K extends CallName> = Calls[K][1];
  * Messages name the object (a `Localiser`, a `Toolbox`, …) that they are of: one Worker may serve several, and each page's end hears
  * the answers to all. `close` frees what the Worker holds for one of them.
  */
-export type ToWorker = { object: string } & ({ [K in CallName]: { type: K; id: number; request: Request<K> } }[CallName] | { type: "close" });
-export type FromWorker = { object: string; id: number } & (
-  | { type: "progress"; progress: Progress }
-  | { type: "done"; answer: Answer<CallName> }
-  | { type: "failed"; code: string; message: string }
+export type ToWorker = { object: string } & ({ [K in CallName]: { type: K; id: number; request: Request<K> } }[CallName] | { type: "close" } | { type: "hello" });
+export type FromWorker = { object: string } & (
+  | { type: "progress"; id: number; progress: Progress }
+  | { type: "done"; id: number; answer: Answer<CallName> }
+  | { type: "failed"; id: number; code: string; message: string }
+  /** First of all, and to `hello`: the Worker is there, and its threads' failures are told on this `BroadcastChannel`. */
+  | { type: "here"; threads: string }
 );
 
 /** How a call goes. */

@@ -21,24 +21,36 @@ export function threadsInWorker(wanted: number | "auto"): number {
   return wanted === "auto" ? Math.min(globalThis.navigator?.hardwareConcurrency ?? 1, MOST) : wanted;
 }
 
-/** The same for an engine right here: one on a page's own thread, which may not wait. */
-export function threadsHere(wanted: number | "auto"): number {
-  const isWorker = typeof (globalThis as { WorkerGlobalScope?: unknown }).WorkerGlobalScope === "function";
-  return isWorker || isNode() ? threadsInWorker(wanted) : 1;
+/** Whether an object's engine runs on the calling thread: where that is asked for, and in Node.js unless it needs threads. */
+export function runsHere({ worker, threads }: Pick<CoreOptions, "worker" | "threads">): boolean {
+  if (worker !== undefined) return worker === false;
+  if (typeof Worker !== "undefined") return false;
+  return !isNode() || threadsInWorker(checkedThreads(threads)) === 1;
 }
 
-/** The name of the `BroadcastChannel` of a Worker's threads. */
-export function threadsChannel(worker: string): string {
-  return `${worker} threads`;
+/**
+ * The threads of an object's engine. One on the calling thread: that thread would wait for the others, and nobody would be left to
+ * hear that one of them trapped.
+ */
+export function threadsOf(options: Pick<CoreOptions, "worker" | "threads">): number | "auto" {
+  const threads = checkedThreads(options.threads);
+  return runsHere(options) ? 1 : threads;
+}
+
+/** Drawn, since several Workers of one origin may have threads. */
+let channel: string | undefined;
+
+/** The name of the `BroadcastChannel` on which this thread's own threads tell that they failed. */
+export function threadsChannel(): string {
+  return (channel ??= `gravisight threads ${crypto.getRandomValues(new Uint32Array(4)).join("-")}`);
 }
 
 /** Lets a build that has just been started run on `count` threads, this one being the first. */
 export async function startThreads(core: ThreadedModule, count: number, start: Omit<ThreadStart, "channel">): Promise<void> {
-  const channel = threadsChannel((globalThis as { name?: string }).name ?? "");
   const started: Thread[] = [];
   try {
     for (let number = 1; number < count; number++) started.push(nodeThread() ?? browserThread());
-    await Promise.all(started.map((thread) => thread.ready({ ...start, channel })));
+    await Promise.all(started.map((thread) => thread.ready({ ...start, channel: threadsChannel() })));
   } catch (thrown) {
     for (const thread of started) thread.end();
     throw thrown;

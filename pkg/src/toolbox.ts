@@ -3,20 +3,20 @@ import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
 import { pictureToSend } from "./picture.js";
 import type { Answer, CallName, Request, Transport } from "./protocol.js";
 import type {
+  CalibrateOptions,
   Calibration,
   CalibrationPoints,
-  CalibrationUnknown,
   Camera,
   CoreOptions,
   Court,
   Fit,
+  FitTrackOptions,
   Forecast,
   Observation,
-  Parameter,
-  Picture,
   Pixels,
   Scene,
   SimulatedClip,
+  SimulatorOptions,
   Vector,
 } from "./types.js";
 
@@ -47,10 +47,7 @@ export class Toolbox {
    * A camera from labelled points: at least six, or four in one plane. With a `picture`, the court's painted lines (or `points.lines`) pull it
    * to a fraction of a pixel; fails where too few are found.
    */
-  async calibrate(
-    points: CalibrationPoints,
-    options: { estimate?: CalibrationUnknown[]; picture?: Picture; signal?: AbortSignal } = {},
-  ): Promise<Calibration> {
+  async calibrate(points: CalibrationPoints, options: CalibrateOptions = {}): Promise<Calibration> {
     const sent = options.picture && (await pictureToSend(options.picture));
     const request = () => ({ points: jsonOf(points, "points"), estimate: [...(options.estimate ?? [])], picture: sent?.picture });
     return this.#call("calibrate", request, options.signal, sent?.transfer);
@@ -86,18 +83,16 @@ export class Toolbox {
   }
 
   /** The trajectory behind a 2D track; {@link Track} is more convenient. */
-  fitTrack(
-    frames: Observation[],
-    scene: { camera: Camera; scene: Scene; noisePx?: number; estimate?: Parameter[]; cameraSigma?: Camera[]; signal?: AbortSignal },
-  ): Promise<Fit> {
-    return this.#call("fitTrack", () => ({
+  fitTrack(frames: Observation[], options: FitTrackOptions): Promise<Fit> {
+    const request = () => ({
       frames: jsonOf(frames, "track"),
-      camera: jsonOf(scene.camera, "camera"),
-      scene: jsonOf(scene.scene, "scene"),
-      noisePx: scene.noisePx,
-      estimate: [...(scene.estimate ?? [])],
-      cameraSigma: jsonOf(scene.cameraSigma ?? [], "cameraSigma"),
-    }), scene.signal);
+      camera: jsonOf(options.camera, "camera"),
+      scene: jsonOf(options.scene, "scene"),
+      noisePx: options.noisePx,
+      estimate: [...(options.estimate ?? [])],
+      cameraSigma: jsonOf(options.cameraSigma ?? [], "cameraSigma"),
+    });
+    return this.#call("fitTrack", request, options.signal);
   }
 
   /** Where a ball will be at `times` (seconds) that is at `position` with `velocity` at time 0. */
@@ -107,7 +102,7 @@ export class Toolbox {
   }
 
   /** One of the paper's synthetic scenes: environment 1 to 3 seen by camera 1 to 9; or the spring. */
-  async simulator(options: { environment: 1 | 2 | 3 | "spring"; camera?: number }): Promise<Simulator> {
+  async simulator(options: SimulatorOptions): Promise<Simulator> {
     const environment = options.environment === "spring" ? undefined : options.environment;
     const opened = await this.#call("openScene", () => ({ environment, camera: options.camera ?? 1 }));
     return new Simulator(this.#transport, opened.id, opened.camera, opened.scene);

@@ -1,7 +1,7 @@
 import { GravisightError } from "./error.js";
-import { makeDisposable } from "./connect.js";
+import { makeDisposable, whole } from "./connect.js";
 import { Toolbox } from "./toolbox.js";
-import type { Camera, CoreOptions, Fit, Observation, Parameter, Scene } from "./types.js";
+import type { Camera, CoreOptions, Fit, FitTrackOptions, Observation, Parameter, Scene } from "./types.js";
 
 /** Options of {@link Track.create}. */
 export interface TrackOptions extends CoreOptions {
@@ -72,11 +72,8 @@ export class Track {
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${before}.`);
     }
     const seen = image && (confidence === undefined || confidence >= (this.#options.leastConfidence ?? 0.5));
-    this.#sightings.push({
-      time,
-      image: seen ? [image[0], image[1]] : null,
-      ...(seen && radiusPx && { radius: [radiusPx, radiusSigmaPx ?? Math.max(0.05 * radiusPx, 0.3)] }),
-    });
+    const radius: Observation["radius"] = seen && radiusPx ? [radiusPx, radiusSigmaPx ?? Math.max(0.05 * radiusPx, 0.3)] : undefined;
+    this.#sightings.push(whole<Observation>({ time, image: seen ? [image[0], image[1]] : null, radius }));
     const { window } = this.#options;
     if (window !== undefined && this.#sightings.length > window) this.#sightings.shift();
   }
@@ -93,14 +90,7 @@ export class Track {
    */
   fit({ signal }: { signal?: AbortSignal } = {}): Promise<Fit> {
     const { camera, scene, noisePx, estimate, cameraSigma } = this.#options;
-    return this.#toolbox.fitTrack(this.#sightings, {
-      camera,
-      scene,
-      ...(noisePx !== undefined && { noisePx }),
-      ...(estimate && { estimate }),
-      ...(cameraSigma && { cameraSigma }),
-      ...(signal && { signal }),
-    });
+    return this.#toolbox.fitTrack(this.#sightings, whole<FitTrackOptions>({ camera, scene, noisePx, estimate, cameraSigma, signal }));
   }
 
   /** Frees the memory, unless the toolbox is the caller's. Harmless twice. */

@@ -11,17 +11,28 @@ interface Scope {
 const stops = new Map<object, (thrown: unknown) => void>();
 let watching = false;
 
-/** Lets those uncaught errors that are `ours` end all work that is under way. Who watches first, stays. */
-export function watchForTraps(scope: Scope, ours: (thrown: unknown) => boolean): void {
+/** Whether WebAssembly threw this; anything else is an error of JavaScript's, perhaps the user's. */
+export function isTrap(thrown: unknown): boolean {
+  if (thrown instanceof WebAssembly.RuntimeError) return true;
+  // A full stack is JavaScript's own error in wasm, too: RangeError in V8 and JavaScriptCore, InternalError in Firefox.
+  return thrown instanceof Error && /^(Range|Internal)Error$/.test(thrown.name) && /wasm/.test(thrown.stack ?? "");
+}
+
+/**
+ * Lets uncaught traps of WebAssembly end all work that is under way, with the error that `errorOf` makes of them; other errors are
+ * the user's, who hears of them as ever. Who watches first, stays.
+ */
+export function watchForTraps(scope: Scope, errorOf: (thrown: unknown) => Error): void {
   if (watching) return;
   watching = true;
   const end = (event: Event, thrown: unknown) => {
-    if (stops.size === 0 || !ours(thrown)) return;
+    if (stops.size === 0 || !isTrap(thrown)) return;
     event.preventDefault();
-    // Nobody knows whose it was, and all may be in the memory that it has left behind.
-    for (const stop of [...stops.values()]) stop(thrown);
+    // Nobody knows whose it was, and all may be in the memory that it has left behind. One error for all: a panic tells its words once.
+    const error = errorOf(thrown);
+    for (const stop of [...stops.values()]) stop(error);
   };
-  scope.addEventListener("error", (event) => end(event, event.error ?? new Error(event.message)));
+  scope.addEventListener("error", (event) => end(event, event.error));
   scope.addEventListener("unhandledrejection", (event) => end(event, event.reason));
 }
 

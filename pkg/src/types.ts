@@ -1,4 +1,4 @@
-import type { Adapter, Camera, CourtLine, FineTuneOptions as Settings, FloatMap, Model, Picture, Position, Scene, Wanted } from "../wasm/cpu/gravisight.js";
+import type { Adapter, Camera, CourtLine, FineTuneOptions as Settings, FloatMap, Model, Parameter, Picture, Position, Scene, Tuned, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
@@ -20,6 +20,7 @@ export type {
   Court,
   CourtLine,
   Cuboid,
+  DetectionCalibration,
   Distortion,
   DrawablePicture,
   Estimate,
@@ -113,12 +114,12 @@ export interface CoreOptions {
   /**
    * Threads that the CPU works on: a number, or `"auto"` for as many as the computer has, at most 8. In Node.js, and on pages that are
    * cross-origin isolated (served with `Cross-Origin-Opener-Policy: same-origin` and `Cross-Origin-Embedder-Policy: require-corp`); elsewhere,
-   * and where the browser lacks relaxed SIMD, it is one, and {@link Device.name} says so. What is created first in a Worker decides for all
-   * in it. Default: 1.
+   * where the browser lacks relaxed SIMD, and with `worker: false`, it is one, and {@link Device.name} says so. What is created first in a
+   * Worker decides for all in it. Default: 1.
    */
   threads?: number | "auto";
   /**
-   * Default: a Worker of its own. `false`: on the calling thread, as for Node.js or inside a Worker of yours. Or a Worker
+   * Default: a Worker of its own; in Node.js only with `threads`. `false`: on the calling thread, such as inside a Worker of yours. Or a Worker
    * of yours that imports `gravisight/worker`: it may serve several objects, each with a model of its own, and is yours to end.
    */
   worker?: boolean | Worker;
@@ -160,7 +161,7 @@ export interface CreateOptions extends ModelOptions {
 
 /** Options of {@link Localiser.localise}. */
 export interface LocaliseOptions extends Omit<Wanted, "ballRadius"> {
-  /** The ball in this picture, instead of the localiser's. */
+  /** The ball in this picture, instead of the localiser's. Without either the scene's. */
   ball?: Ball;
   /** The camera that took this picture, instead of the localiser's. */
   camera?: Camera;
@@ -216,6 +217,58 @@ export interface FineTuneOptions extends ModelOptions, Partial<Settings> {}
 export interface FineTuneResumeOptions extends CoreOptions {
   /** Default: `cpu`. The run need not go on where it began. */
   device?: DeviceChoice;
+  /** Keep in the browser what `auto` measured, and take it from there. Default: true. */
+  cache?: boolean;
+}
+
+/** Options of {@link FineTuner.addClip}. */
+export interface AddClipOptions {
+  /** To score with, not to learn from. Default: false. */
+  heldOut?: boolean;
+  /** Drops the clip; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+}
+
+/** Options of {@link FineTuner.step}. */
+export interface StepOptions {
+  /** Takes effect after the step that is under way. */
+  signal?: AbortSignal;
+  /** Hears of each step. */
+  onStep?: (step: Tuned) => void;
+}
+
+/** Options of {@link Toolbox.calibrate}. */
+export interface CalibrateOptions {
+  /** What to estimate besides the pose. */
+  estimate?: CalibrationUnknown[];
+  /** A picture of the court, whose painted lines are used. */
+  picture?: Picture;
+  /** Drops the result; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+}
+
+/** Options of {@link Toolbox.fitTrack}. */
+export interface FitTrackOptions {
+  /** The camera that saw the ball; it stands still. */
+  camera: Camera;
+  /** Gravity, the ball, and what it can touch. */
+  scene: Scene;
+  /** Standard deviation of the 2D positions, pixels; found from them where missing. */
+  noisePx?: number;
+  /** What to estimate besides the trajectory. */
+  estimate?: Parameter[];
+  /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
+  cameraSigma?: Camera[];
+  /** Drops the result; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+}
+
+/** Options of {@link Toolbox.simulator}. */
+export interface SimulatorOptions {
+  /** 1 to 3, or the spring. */
+  environment: 1 | 2 | 3 | "spring";
+  /** 1 to 9. Default: 1. */
+  camera?: number;
 }
 
 /** A clip to learn from: consecutive frames of a camera that does not move. */
@@ -229,14 +282,17 @@ export interface TrainingClip {
   /** Gravity, the ball, and what it can touch. */
   scene: Scene;
   /** All frames, in order. */
-  frames: {
-    /** Encoded, or as pixels. */
-    picture: Picture;
-    /** Seconds; default: the frame's number over `fps`. */
-    t?: number;
-    /** The ball's centre, pixels; null where it is not seen. */
-    image: [number, number] | null;
-    /** 3D truth, metres: only to score with. */
-    world?: Vector;
-  }[];
+  frames: TrainingFrame[];
+}
+
+/** A frame of a {@link TrainingClip}. */
+export interface TrainingFrame {
+  /** Encoded, or as pixels. */
+  picture: Picture;
+  /** Seconds; default: the frame's number over `fps`. */
+  t?: number;
+  /** The ball's centre, pixels; null where it is not seen. */
+  image: [number, number] | null;
+  /** 3D truth, metres: only to score with. */
+  world?: Vector;
 }

@@ -1,8 +1,9 @@
 import { sourceOf } from "./builds.js";
-import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
+import type { Known } from "../wasm/cpu/gravisight.js";
+import { connect, disposed, jsonOf, makeDisposable, whole } from "./connect.js";
 import { GravisightError } from "./error.js";
 import { checkedDevice, modelOf } from "./localiser.js";
-import { pictureToSend } from "./picture.js";
+import { pictureToSend, release, type PictureToSend } from "./picture.js";
 import type { Transport } from "./protocol.js";
 import type { Ball, Camera, DrawablePicture, ModelOptions, Picture, Progress, Scene, TrackedVideo } from "./types.js";
 
@@ -19,6 +20,8 @@ export interface VideoTrackerOptions extends ModelOptions {
   ball?: Ball;
 }
 
+type Place = Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
+
 /** Where a person saw the ball. */
 export interface Seed {
   /** The frame's number, from 0. */
@@ -28,8 +31,8 @@ export interface Seed {
 }
 
 /** Options of {@link VideoTracker.track}. */
-export interface TrackVideoOptions extends Pick<VideoTrackerOptions, "camera" | "scene" | "ball"> {
-  /** Places in which a person saw the ball. What flies through them is the ball. */
+export interface TrackVideoOptions extends Place {
+  /** Places in which a person saw the ball. What flies through them is the ball. Of several in one frame the last counts. */
   seeds?: Seed[];
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
   cameraSigma?: Camera[];
@@ -46,12 +49,14 @@ export interface TrackVideoOptions extends Pick<VideoTrackerOptions, "camera" | 
 /** Follows a ball through a video of a camera that stays where it is, and may turn and zoom: its flights, bounces and hits in metres. */
 export class VideoTracker {
   readonly #transport: Transport;
-  readonly #place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
+  readonly #place: Place;
   #last = -Infinity;
-  /** Of the last frame's pixels, which the engine has read. */
+  /** Of the last frame's pixels, which the engine has read; of one frame at a time. */
   #memory: Uint8Array<ArrayBuffer> | undefined;
+  /** Settles when the frames so far were added. */
+  #added: Promise<unknown> = Promise.resolve();
 
-  private constructor(transport: Transport, place: Pick<VideoTrackerOptions, "camera" | "scene" | "ball">) {
+  private constructor(transport: Transport, place: Place) {
     this.#transport = transport;
     this.#place = place;
   }
@@ -68,7 +73,7 @@ export class VideoTracker {
     const transport = connect(options);
     try {
       await transport.call("create", request, { signal, onProgress });
-      return new VideoTracker(transport, { ...(camera && { camera }), ...(scene && { scene }), ...(ball && { ball }) });
+      return new VideoTracker(transport, whole<Place>({ camera, scene, ball }));
     } catch (thrown) {
       transport.close(disposed("VideoTracker"));
       throw thrown;
@@ -76,24 +81,38 @@ export class VideoTracker {
   }
 
   /**
-   * Gives the next frame. Frames are held by the core only until it has looked at them.
+   * Gives the next frame. Frames are held by the core only until it has looked at them. Calls need not be awaited: they are served one
+   * after the other, each with its picture as it was.
    *
-   * @param timestampMs must increase from call to call (else `timestamp-order`, and nothing else happens).
+   * @param timestampMs must increase from call to call (else `timestamp-order`, and nothing else happens). That of a call that fails does
+   * not count.
    * @throws {@link GravisightError} `data` for a frame of another size than the first; `camera-mismatch` for one that the
    * camera's shape is not.
    */
   async add(frame: Picture | DrawablePicture, timestampMs: number): Promise<void> {
     this.#transport.throwIfClosed();
+    const memory = this.#memory;
+    this.#memory = undefined;
+    const copied = pictureToSend(frame, memory);
+    // It is awaited only in its turn.
+    copied.catch(() => {});
+    const turn = this.#added.then(() => this.#add(copied, timestampMs));
+    // A bitmap of a frame that was never sent is this method's to free.
+    turn.catch(() => copied.then(release, () => {}));
+    this.#added = turn.catch(() => {});
+    return turn;
+  }
+
+  async #add(copied: Promise<PictureToSend>, timestampMs: number): Promise<void> {
     if (!Number.isFinite(timestampMs) || timestampMs <= this.#last) {
       const last = Number.isFinite(this.#last) ? `, the last frame's was ${this.#last} ms` : "";
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
     }
-    this.#last = timestampMs;
-    const { picture, transfer } = await pictureToSend(frame, this.#memory);
-    this.#memory = undefined;
+    const { picture, transfer } = await copied;
     const { camera } = this.#place;
-    const request = { picture, time: timestampMs / 1000, ...(camera && { camera: jsonOf(camera, "camera") }) };
+    const request = { picture, time: timestampMs / 1000, camera: camera && jsonOf(camera, "camera") };
     this.#memory = (await this.#transport.call("addFrame", request, { transfer })) ?? undefined;
+    this.#last = timestampMs;
   }
 
   /**
@@ -104,22 +123,23 @@ export class VideoTracker {
    */
   async track(options: TrackVideoOptions = {}): Promise<TrackedVideo> {
     this.#transport.throwIfClosed();
+    await this.#added;
     const { signal, onProgress, hits, seeds = [], timesKnown = false, cameraSigma = [] } = options;
-    const { scene, ball } = { ...this.#place, ...options };
+    const { scene = this.#place.scene, ball = this.#place.ball } = options;
     // A camera that only the tracker was made with, without a scene, tells how balls look, and makes no metres.
     const camera = options.camera ?? (scene ? this.#place.camera : undefined);
     if (!camera !== !scene) {
       throw new GravisightError(camera ? "scene-missing" : "camera-missing", `Metres need camera and scene, and there is no ${camera ? "scene" : "camera"}.`);
     }
     const place = typeof scene === "string" ? await this.#transport.call("scene", { name: scene }) : scene;
-    const known = {
-      ...(camera && { camera }),
-      ...(place && { scene: ball ? { ...place, ball: { ...place.ball, radius: ball.radius } } : place }),
-      ...(hits !== undefined && { hits }),
+    const known = whole<Known>({
+      camera,
+      scene: place && (ball ? { ...place, ball: { ...place.ball, radius: ball.radius } } : place),
+      hits,
       cameraSigma,
       seeds: seeds.map(({ frame, image }) => [frame, image]),
       timesKnown,
-    };
+    });
     return this.#transport.call("trackVideo", { known: jsonOf(known, "options") }, { signal, onProgress });
   }
 

@@ -1,8 +1,10 @@
 /** The Worker: an engine for each object of the pages' end. Import it in a Worker of your own to use that one. */
-import { lastPanic } from "./builds.js";
-import { GravisightError, gravisightErrorFrom } from "./error.js";
+import { errorOfCore } from "./builds.js";
+import { GravisightError } from "./error.js";
 import { Inline } from "./inline.js";
+import { ownPort } from "./node.js";
 import type { FromWorker, ToWorker } from "./protocol.js";
+import { threadsChannel } from "./threads.js";
 import { transferablesOf } from "./transfer.js";
 import { watchForTraps } from "./trap.js";
 
@@ -11,11 +13,11 @@ type Scope = Parameters<typeof watchForTraps>[0] & {
   addEventListener(type: "message", listener: (event: MessageEvent<ToWorker>) => void): void;
   postMessage(message: FromWorker, transfer?: Transferable[]): void;
 };
-const scope = self as unknown as Scope;
+const scope = ownPort<Scope>() ?? (self as unknown as Scope);
 /** By the name that the page's end gave it. */
 const objects = new Map<string, Inline>();
 
-watchForTraps(scope, () => true);
+watchForTraps(scope, errorOfCore);
 scope.addEventListener("message", async ({ data }) => {
   // Messages of the user's own Worker are none of ours.
   if (typeof data?.object !== "string") return;
@@ -26,6 +28,8 @@ scope.addEventListener("message", async ({ data }) => {
     objects.delete(object);
     return;
   }
+  if (data.type === "hello" || !objects.has(object)) scope.postMessage({ type: "here", object, threads: threadsChannel() });
+  if (data.type === "hello") return;
   const engine = objects.get(object) ?? new Inline();
   if (typeof data.id !== "number" || !engine.knows(data.type)) return;
   objects.set(object, engine);
@@ -34,7 +38,7 @@ scope.addEventListener("message", async ({ data }) => {
     const answer = await engine.call(data.type, data.request, { onProgress: (progress) => scope.postMessage({ type: "progress", object, id, progress }) });
     scope.postMessage({ type: "done", object, id, answer }, transferablesOf(answer));
   } catch (thrown) {
-    const { code, message } = gravisightErrorFrom(thrown, lastPanic());
+    const { code, message } = errorOfCore(thrown);
     scope.postMessage({ type: "failed", object, id, code, message });
   }
 });

@@ -4,9 +4,9 @@ use nalgebra::{Point2, distance};
 use serde::Serialize;
 
 use super::Statistic;
-use crate::clips::Clips;
-use crate::error::{Error, Result};
 use crate::localise::{LocaliseOptions, Localiser};
+use gravisight_clips::Clips;
+use gravisight_geometry::error::{Error, Result};
 
 /// How near to the ball the map is not compared, as a fraction of the picture's height: there it was taught.
 const NEAR_BALL: f64 = 0.15;

@@ -10,10 +10,10 @@ use nalgebra::{Point2, Point3, distance};
 use serde::Serialize;
 
 pub use self::depth_map::{DepthMapScore, score_depth_maps};
-use crate::clips::{Clip, Clips};
-use crate::error::{Error, Result};
 use crate::localise::{ConfidenceKind, Localisation, LocaliseOptions, Localiser};
-use crate::size::Size;
+use gravisight_clips::{Clip, Clips};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::size::Size;
 
 /// Groups of equally many pictures in the confidence calibration.
 const CONFIDENCE_GROUPS: usize = 10;

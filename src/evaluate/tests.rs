@@ -4,9 +4,9 @@ use burn::tensor::Device;
 use image::{ImageBuffer, Luma};
 
 use super::depth_map::{correlation, score_depth_maps};
-use crate::clips::Clips;
 use crate::localise::{LocaliseOptions, Localiser};
 use crate::testing::{golden, seen_by, tiny_card};
+use gravisight_clips::Clips;
 
 #[test]
 fn correlation_is_pearsons() {

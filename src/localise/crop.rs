@@ -3,10 +3,10 @@
 use image::{Rgb, RgbImage};
 use nalgebra::Point2;
 
-use crate::camera::Outline;
-use crate::image::{Filter, resized};
 use crate::model::{VERIFIER_RADIUS, VERIFIER_SIDE};
-use crate::size::Size;
+use gravisight_geometry::camera::Outline;
+use gravisight_geometry::image::{Filter, resized};
+use gravisight_geometry::size::Size;
 
 /// Size of a crop, and of the ball in it.
 #[derive(Debug, Clone, Copy)]

@@ -2,7 +2,7 @@
 //! similar pictures; where the edge is sharp and complete, the edge is more accurate.
 //!
 //! The two are combined by a mixture: with some probability the edge is right, else the network is. That probability's log-odds
-//! and the combination's σ are linear in the logarithms of five features ([`EdgeFeatures`]).
+//! and the logarithm of the combination's σ are linear in four features ([`EdgeFeatures`]).
 
 use image::RgbImage;
 use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
@@ -10,14 +10,15 @@ use nalgebra::{Matrix3, Point2, Point3, Rotation3, Vector3};
 #[cfg(not(target_arch = "wasm32"))]
 use super::Localiser;
 #[cfg(not(target_arch = "wasm32"))]
-use super::second_pass::MAX_CANDIDATES;
-use crate::camera::{Camera, Detection, Distortion, Outline};
-use crate::contour::{Circle, Contour, Finder};
+use super::candidate::MAX_CANDIDATES;
+use crate::model::DetectionCalibration;
+use gravisight_geometry::camera::{Camera, Detection, Distortion, Outline};
+use gravisight_geometry::contour::{Circle, Contour, Finder};
 #[cfg(not(target_arch = "wasm32"))]
-use crate::error::Result;
+use gravisight_geometry::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
-use crate::image::Picture;
-use crate::size::Size;
+use gravisight_geometry::image::Picture;
+use gravisight_geometry::size::Size;
 
 /// Smallest difference of two levels that is an edge, of 255.
 const MIN_CONTRAST: f32 = 6.0;
@@ -30,17 +31,6 @@ const MIN_NETWORK_SIGMA: f64 = 0.015;
 const MAX_DIFFERENCE: f64 = 0.3;
 /// Largest value of the feature [`EdgeFeatures::disagreement`].
 const MAX_DISAGREEMENT: f64 = 9.0;
-/// Weights of the log-odds that the edge is right and not the network: the bias, then one for each of [`EdgeFeatures`].
-///
-/// These, [`LOG_SIGMA`] and [`NETWORK_SIGMA_FACTOR`] were fitted to 12,000 random renderings with photographs of training's packages behind,
-/// by a heavy-tailed likelihood. Neither that script nor its photographs were kept. `scripts/fit-weights edge [FOLDER]` fits them anew: with
-/// other photographs it prints -4.33, 0, -2.23, -4.29, -0.76; 1.63, 1.05, 0.69, 2.03, 0.24; and 1.8, which are no better on other
-/// renderings (`docs/experiments.md`).
-const EDGE_LOG_ODDS: [f64; 5] = [-4.45, 0.0, -2.03, -3.66, -0.71];
-/// Weights of the logarithm of the standard deviation of log(radius): the same, of the same fit.
-const LOG_SIGMA: [f64; 5] = [1.77, 1.01, 0.75, 1.76, 0.22];
-/// Factor on the network's own standard deviation where no edge is found: of the same fit.
-const NETWORK_SIGMA_FACTOR: f64 = 1.8;
 /// Focal length of a camera to which every ball is a circle, over the picture's longer side.
 const LONG_FOCAL_LENGTH: f64 = 50.0;
 
@@ -85,22 +75,27 @@ struct FoundEdge {
 }
 
 /// `detection` after edge refinement in `rgb`, which `camera` took; without a camera, balls are circles.
-pub(super) fn refine_by_edge(rgb: &RgbImage, camera: Option<&Camera>, detection: Detection) -> Detection {
+pub(super) fn refine_by_edge(
+    rgb: &RgbImage,
+    camera: Option<&Camera>,
+    detection: Detection,
+    calibration: &DetectionCalibration,
+) -> Detection {
     let detection = Detection { log_sigma: detection.log_sigma.max(MIN_NETWORK_SIGMA), ..detection };
     let long = if camera.is_none() { long_lens(rgb) } else { None };
     let Some(camera) = camera.or(long.as_ref()) else { return detection };
     let Outline { centre, radius } = detection.outline;
     let Some(FoundEdge { contour, outline: edge, difference }) = edge_of(rgb, camera, &detection) else {
-        return Detection { log_sigma: NETWORK_SIGMA_FACTOR * detection.log_sigma, ..detection };
+        return Detection { log_sigma: calibration.network_sigma_factor * detection.log_sigma, ..detection };
     };
     let features = EdgeFeatures::new(&contour, &detection, difference);
-    let weight = 1.0 / (1.0 + (-features.dot(&EDGE_LOG_ODDS)).exp());
+    let weight = 1.0 / (1.0 + (-features.dot(&calibration.edge_log_odds)).exp());
     Detection {
         outline: Outline {
             centre: centre + weight * (edge.centre - centre),
             radius: radius * (weight * difference).exp(),
         },
-        log_sigma: features.dot(&LOG_SIGMA).exp().hypot(contour.inside / radius),
+        log_sigma: features.dot(&calibration.edge_log_sigma).exp().hypot(contour.inside / radius),
         ..detection
     }
 }
@@ -131,7 +126,7 @@ fn long_lens(rgb: &RgbImage) -> Option<Camera> {
     Camera::new(size, intrinsic, Distortion::default(), Rotation3::identity().into(), Vector3::zeros()).ok()
 }
 
-/// A candidate before edge refinement, and its edge: what the weights of this file are fitted to.
+/// A candidate before edge refinement, and its edge: what [`DetectionCalibration`]'s weights are fitted to.
 #[doc(hidden)]
 #[cfg(not(target_arch = "wasm32"))]
 #[derive(Debug, Clone, Copy)]
@@ -156,7 +151,9 @@ impl Localiser {
         let first = self.first_pass(picture, None, MAX_CANDIDATES, false).await?;
         let mut found = vec![];
         for Detection { outline, .. } in first.candidates.into_iter().take(MAX_CANDIDATES) {
-            let Some(detection) = self.detect_in_crop(picture.rgb(), &outline, outline.radius).await? else { continue };
+            let Some(detection) = self.detect_in_crop(picture.rgb(), None, &outline, outline.radius).await? else {
+                continue;
+            };
             let detection = Detection { log_sigma: detection.log_sigma.max(MIN_NETWORK_SIGMA), ..detection };
             let edge = edge_of(picture.rgb(), camera, &detection).map(|FoundEdge { contour, difference, .. }| {
                 let row = EdgeFeatures::new(&contour, &detection, difference).row();
@@ -220,7 +217,7 @@ mod tests {
             let rgb = drawn(&camera, &centre, hidden, blur);
             for ratio in [0.95, 1.05] {
                 let first = detection(truth, ratio);
-                let found = refine_by_edge(&rgb, Some(&camera), first);
+                let found = refine_by_edge(&rgb, Some(&camera), first, &DetectionCalibration::default());
                 let off = (found.outline.radius / truth.radius).ln();
                 let moved = (found.outline.centre - truth.centre).norm();
                 println!(
@@ -249,7 +246,7 @@ mod tests {
             });
             image::Rgb([(parts.sum::<f64>() / f64::from(PARTS * PARTS)).round() as u8; 3])
         });
-        let found = refine_by_edge(&rgb, Some(&camera), detection(truth, 0.95));
+        let found = refine_by_edge(&rgb, Some(&camera), detection(truth, 0.95), &DetectionCalibration::default());
         let off = (found.outline.radius / truth.radius).ln();
         assert!(off < -0.02, "the test's ball does not fade: {off}");
         assert!(off.abs() < 2.0 * found.log_sigma, "{off} {}", found.log_sigma);
@@ -262,7 +259,7 @@ mod tests {
         let line = RgbImage::from_pixel(1, 1, image::Rgb([90; 3]));
         for rgb in [flat, line] {
             for camera in [Some(&camera(79.5)), None] {
-                let found = refine_by_edge(&rgb, camera, detection(outline, 1.0));
+                let found = refine_by_edge(&rgb, camera, detection(outline, 1.0), &DetectionCalibration::default());
                 assert_eq!(found.outline, detection(outline, 1.0).outline);
                 assert!(found.log_sigma > 0.04);
             }

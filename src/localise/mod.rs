@@ -2,6 +2,7 @@
 //!
 //! The only room that knows both model and camera.
 
+mod candidate;
 pub(crate) mod crop;
 mod edge_refinement;
 mod network;
@@ -23,13 +24,13 @@ use serde::{Deserialize, Serialize};
 
 use self::network::device_name;
 pub use self::saliency::Saliency;
-use crate::camera::Camera;
-use crate::error::{Error, Result};
-use crate::image::{MIN_SIDE, Picture};
 pub use crate::model::ConfidenceKind;
-use crate::model::{self, Card, Pen, PenConfig, PenRunner};
-use crate::size::Size;
-use crate::volume::Volume;
+use crate::model::{self, Card, DetectionCalibration, Pen, PenConfig, PenRunner};
+use gravisight_geometry::camera::Camera;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::{MIN_SIDE, Picture};
+use gravisight_geometry::size::Size;
+use gravisight_geometry::volume::Volume;
 
 /// A loaded model on a device, ready for pictures.
 ///
@@ -72,7 +73,7 @@ pub struct LocaliseOptions {
     pub region: Option<Region>,
     /// Number of candidates to return ([`Localisation::candidates`]); with models that read sizes.
     pub candidates: usize,
-    /// Where the ball can be ([`Scene::volume`](crate::Scene::volume)): detections outside are refused; with models that read sizes.
+    /// Where the ball can be ([`Scene::volume`](gravisight_physics::Scene::volume)): detections outside are refused; with models that read sizes.
     pub volume: Option<Volume>,
 }
 
@@ -92,6 +93,15 @@ pub struct Region {
 }
 
 impl Region {
+    /// Whether a point of the picture (px, the middle of the first pixel is 0) lies on one of its pixels.
+    pub(crate) fn contains(&self, at: &Point2<f64>) -> bool {
+        let within = |at: f64, start: u32, side: u32| {
+            let start = f64::from(start) - 0.5;
+            (start..=start + f64::from(side)).contains(&at)
+        };
+        within(at.x, self.left, self.width) && within(at.y, self.top, self.height)
+    }
+
     /// Refuses a region that is not in a picture of `size`, or too small to show a ball.
     fn check(&self, size: Size) -> Result<()> {
         let Self { left, top, width, height } = *self;
@@ -228,6 +238,11 @@ impl Localiser {
     /// Whether the model reads apparent sizes, and needs the ball's radius.
     pub fn reads_size(&self) -> bool {
         self.config.depth.is_size()
+    }
+
+    /// The weights behind confidence and σ.
+    fn calibration(&self) -> DetectionCalibration {
+        self.card.calibration.unwrap_or_default()
     }
 
     /// The model's card.

@@ -5,10 +5,10 @@ use std::sync::{Arc, PoisonError};
 use burn::tensor::{Device, Transaction};
 
 use super::{Localiser, Maps};
-use crate::error::{Error, Result};
-use crate::kernels::{for_each_of, threads};
 use crate::model::{self, PenRunner};
-use crate::size::Size;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::size::Size;
+use gravisight_kernels::{for_each_of, threads};
 
 /// Largest difference between two devices' maps that rounding explains: of a probability, and of a
 /// depth as a fraction of the largest in the training data.
@@ -68,7 +68,7 @@ impl Localiser {
     /// # Errors
     /// [`Error::OutputNotFinite`], [`Error::Device`].
     pub async fn warm_up(&self) -> Result<()> {
-        for network in [Some(self), self.verifier.as_deref()].into_iter().flatten() {
+        for (_, network) in self.networks() {
             network.run(network.test_pattern()).await?;
         }
         Ok(())
@@ -80,14 +80,20 @@ impl Localiser {
     /// # Errors
     /// [`Error::Device`] with the difference; else as [`Self::warm_up`].
     pub async fn check_against(&self, reference: &Self) -> Result<()> {
-        self.check_network(reference).await?;
-        match (&self.verifier, &reference.verifier) {
-            (Some(verifier), Some(reference)) => verifier.check_network(reference).await,
-            _ => Ok(()),
+        for ((name, network), (_, reference)) in self.networks().zip(reference.networks()) {
+            network.check_network(name, reference).await?;
         }
+        Ok(())
     }
 
-    async fn check_network(&self, reference: &Self) -> Result<()> {
+    /// All networks of the model, by name.
+    fn networks(&self) -> impl Iterator<Item = (&'static str, &Self)> {
+        let Self { verifier, motion, .. } = self;
+        let others = [("verifier", verifier.as_deref()), ("motion network", motion.as_deref())];
+        [("network", self)].into_iter().chain(others.into_iter().filter_map(|(name, network)| Some((name, network?))))
+    }
+
+    async fn check_network(&self, name: &str, reference: &Self) -> Result<()> {
         let found = self.run(self.test_pattern()).await?;
         let expected = reference.run(self.test_pattern()).await?;
         let largest = |a: &[f32], b: &[f32]| a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
@@ -98,8 +104,8 @@ impl Localiser {
             return Ok(());
         }
         let reason = format!(
-            "its output is wrong (off by {heatmap:.1e} in the heatmap, {depth:.1e} of the largest depth \
-             from the CPU's), so it is not used"
+            "the output of the model's {name} is wrong (off by {heatmap:.1e} in the heatmap, {depth:.1e} of the largest \
+             depth from the CPU's), so it is not used"
         );
         Err(Error::Device { device: device_name(&self.device), reason })
     }

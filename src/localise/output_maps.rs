@@ -5,11 +5,11 @@ use image::RgbImage;
 use nalgebra::Point2;
 
 use super::{Localiser, Maps, Region, device_name};
-use crate::camera::{Detection, Outline};
-use crate::error::{Error, Result};
-use crate::image::tile;
 use crate::model::{self, Peak, SizeMaps};
-use crate::size::Size;
+use gravisight_geometry::camera::{Detection, Outline};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::tile;
+use gravisight_geometry::size::Size;
 
 /// Most pixels that the network is run on at once: a little more than 1920×1088. Larger pictures are searched in tiles.
 const MAX_PIXELS: usize = 2_200_000;
@@ -59,6 +59,18 @@ impl OutputMaps {
         found
     }
 
+    /// The cells whose centres lie in the first `width` columns and `height` rows of pixels: the network's input is larger, a multiple of
+    /// its strides.
+    fn within(self, width: u32, height: u32) -> Self {
+        let cells = |side: u32| (side as usize + self.stride / 2) / self.stride;
+        let (columns, rows) = (cells(width), cells(height));
+        let part = |map: &[f32]| -> Vec<f32> {
+            map.chunks_exact(self.columns).take(rows).flat_map(|row| &row[..columns]).copied().collect()
+        };
+        let [logits, radius, log_scale] = [&self.logits, &self.radius, &self.log_scale].map(|map| part(map));
+        Self { columns, stride: self.stride, logits, radius, log_scale }
+    }
+
     /// Cells of the maps.
     pub(super) fn cells(&self) -> usize {
         self.logits.len()
@@ -100,7 +112,8 @@ impl Localiser {
         let up = |side: u32| side.div_ceil(multiple) * multiple;
         let Region { left, top, width, height } = region;
         if up(width) as usize * up(height) as usize <= MAX_PIXELS {
-            return self.output_maps_at(rgb, left, top, Size::new(up(width), up(height))).await;
+            let maps = self.output_maps_at(rgb, left, top, Size::new(up(width), up(height))).await?;
+            return Ok(maps.within(width, height));
         }
         let columns = up(width) as usize / stride;
         let rows = up(height) as usize / stride;
@@ -127,7 +140,7 @@ impl Localiser {
                 }
             }
         }
-        Ok(whole)
+        Ok(whole.within(width, height))
     }
 
     /// The output maps of the part of `size` that begins at (`left`, `top`).

@@ -5,10 +5,10 @@ use burn::tensor::activation::softmax;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::{Localiser, device_name};
-use crate::error::{Error, Result};
-use crate::image::{Picture, tile};
 use crate::model::{CONFIDENCE_RADIUS, PenOutput, cell_centre, decode};
-use crate::size::Size;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::{Picture, tile};
+use gravisight_geometry::size::Size;
 
 /// Side of the part of a picture around the ball on which a radius's saliency is computed, px: the network's receptive field is not
 /// larger.

@@ -4,15 +4,15 @@
 use image::RgbImage;
 use nalgebra::Point2;
 
+use super::candidate::{FirstPass, MAX_CANDIDATES};
 use super::edge_refinement::refine_by_edge;
-use super::second_pass::MAX_CANDIDATES;
 use super::volume_check::VolumeCheck;
 use super::{Localiser, Maps, Region};
-use crate::camera::{Camera, Detection, Outline};
-use crate::error::{Error, Result};
-use crate::image::{Filter, Picture, resized};
 use crate::model::Peak;
-use crate::size::Size;
+use gravisight_geometry::camera::{Camera, Detection, Outline};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::{Filter, Picture, resized};
+use gravisight_geometry::size::Size;
 
 /// Longer side of the reduced picture in which large balls are searched, px, and the confidence that a detection needs there.
 const LARGE_BALL_SIDE: u32 = 448;
@@ -38,16 +38,6 @@ pub(crate) struct SearchResult {
     pub refused: Vec<(Detection, String)>,
 }
 
-/// Result of the first pass.
-pub(crate) struct FirstPass {
-    /// Candidates, the likeliest first.
-    pub candidates: Vec<Detection>,
-    /// The network's maps, if requested.
-    pub maps: Option<Maps>,
-    /// Cells of the heatmap that were searched.
-    pub cells: usize,
-}
-
 impl Localiser {
     /// Detects the ball near `image`, with a radius of about `radius_px`; its centre may be up to `reach_px` from there (half a
     /// streak's length). `camera` took the picture; without one, balls are circles. None where the network detects no such ball.
@@ -64,8 +54,8 @@ impl Localiser {
     ) -> Result<Option<Detection>> {
         self.must_read_sizes()?;
         let outline = Outline { centre: image.into(), radius: radius_px };
-        let found = self.detect_in_crop(picture.rgb(), &outline, reach_px.max(radius_px)).await?;
-        Ok(found.map(|detection| refine_by_edge(picture.rgb(), camera, detection)))
+        let found = self.detect_in_crop(picture.rgb(), None, &outline, reach_px.max(radius_px)).await?;
+        Ok(found.map(|detection| refine_by_edge(picture.rgb(), camera, detection, &self.calibration())))
     }
 
     /// Rough outlines of large balls in a picture: one pass over it, reduced.
@@ -106,6 +96,8 @@ impl Localiser {
     ///
     /// # Errors
     /// [`Error::Value`] for a region outside the picture; [`Error::OutputNotFinite`] and [`Error::Device`].
+    ///
+    /// The centre of each detection lies in the region.
     pub(crate) async fn search(
         &self,
         picture: &Picture,
@@ -124,7 +116,7 @@ impl Localiser {
             (candidates, refused) = check.partition(candidates);
         }
         candidates.truncate(count.max(MAX_CANDIDATES));
-        let mut detections = self.second_pass(picture.rgb(), camera, candidates, cells, count).await?;
+        let mut detections = self.second_pass(picture.rgb(), (camera, region), candidates, cells, count).await?;
         if let Some(check) = check {
             let (passed, failed) = check.partition(detections);
             detections = passed;

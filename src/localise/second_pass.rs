@@ -3,70 +3,72 @@
 
 use image::RgbImage;
 
-use super::Localiser;
+use super::candidate::{MAX_RADIUS_RATIO, detections_in_crop, is_same_ball, is_within};
 use super::crop::{Crop, DETECTOR_CROP};
 use super::edge_refinement::refine_by_edge;
-use super::output_maps::OutputMaps;
 use super::verifier::{Evidence, is_worth_a_second_pass};
-use crate::camera::{Camera, Detection, Outline};
-use crate::error::Result;
-use crate::size::Size;
+use super::{Localiser, Region};
+use gravisight_geometry::camera::{Camera, Detection, Outline};
+use gravisight_geometry::error::Result;
+use gravisight_geometry::size::Size;
 
-/// Candidates of the second pass at most.
-pub(super) const MAX_CANDIDATES: usize = 8;
 /// Factor on the confidence of a candidate in whose crop no ball is detected, of a model without a verifier.
 const MISSED_IN_CROP: f64 = 0.5;
-/// Peaks of a crop's heatmap among which the ball is searched.
-const PEAKS_OF_CROP: usize = 3;
-/// Largest ratio of two radii of the same ball, or its inverse.
-const MAX_RADIUS_RATIO: f64 = 2.0;
-
 impl Localiser {
     /// The `count` likeliest of the `candidates` in the picture `rgb` after the second pass, the likeliest first; `cells` cells of
-    /// the heatmap were searched for them. `camera` took the picture, if that is known.
+    /// the heatmap were searched for them. `camera` took the picture, if that is known; the balls' centres lie in the `region`, if there is one.
     pub(super) async fn second_pass(
         &self,
         rgb: &RgbImage,
-        camera: Option<&Camera>,
+        (camera, region): (Option<&Camera>, Option<Region>),
         mut candidates: Vec<Detection>,
         cells: usize,
         count: usize,
     ) -> Result<Vec<Detection>> {
         // A model without a verifier, such as one that was fine-tuned, has confidences of its own.
-        let is_worth =
-            |candidate: &Detection| self.verifier.is_none() || is_worth_a_second_pass(candidate.confidence, cells);
+        let calibration = self.calibration();
+        let is_worth = |candidate: &Detection| {
+            self.verifier.is_none() || is_worth_a_second_pass(&calibration, candidate.confidence, cells)
+        };
         let mut rank = 0..;
         candidates.retain(|candidate| rank.next() < Some(count) || is_worth(candidate));
         let mut refined =
-            self.find_each(&candidates, async |candidate| self.refine(rgb, cells, candidate).await).await?;
+            self.find_each(&candidates, async |candidate| self.refine(rgb, region, cells, candidate).await).await?;
         refined.sort_by(|(a, _), (b, _)| b.confidence.total_cmp(&a.confidence));
         refined.truncate(count);
-        let by_edge = |(detection, is_in_crop)| match is_in_crop {
-            true => refine_by_edge(rgb, camera, detection),
-            false => detection,
+        let by_edge = |(detection, is_in_crop): (Detection, bool)| {
+            let refined = is_in_crop.then(|| refine_by_edge(rgb, camera, detection, &calibration));
+            refined.filter(|refined| is_within(refined, region)).unwrap_or(detection)
         };
         Ok(refined.into_iter().map(by_edge).collect())
     }
 
     /// `candidate` after the second pass and the verifier, and whether its crop shows a ball.
-    async fn refine(&self, rgb: &RgbImage, cells: usize, candidate: &Detection) -> Result<(Detection, bool)> {
-        let (in_crop, evidence) = self.evidence_of(rgb, cells, candidate).await?;
+    async fn refine(
+        &self,
+        rgb: &RgbImage,
+        region: Option<Region>,
+        cells: usize,
+        candidate: &Detection,
+    ) -> Result<(Detection, bool)> {
+        let (in_crop, evidence) = self.evidence_of(rgb, region, cells, candidate).await?;
         let confidence = match (&evidence, in_crop) {
-            (Some(evidence), _) => evidence.probability(),
+            (Some(evidence), _) => evidence.probability(&self.calibration()),
             (None, Some(in_crop)) => (candidate.confidence * in_crop.confidence).sqrt(),
             (None, None) => MISSED_IN_CROP * candidate.confidence,
         };
-        Ok((Detection { confidence, ..in_crop.unwrap_or(*candidate) }, in_crop.is_some()))
+        Ok((Detection { confidence, ..in_crop.unwrap_or_else(|| unmeasured(candidate)) }, in_crop.is_some()))
     }
 
     /// The detection in the crop of `candidate`, if there is one, and the features of its probability, where there is a verifier.
     pub(super) async fn evidence_of(
         &self,
         rgb: &RgbImage,
+        region: Option<Region>,
         cells: usize,
         candidate: &Detection,
     ) -> Result<(Option<Detection>, Option<Evidence>)> {
-        let in_crop = self.detect_in_crop(rgb, &candidate.outline, candidate.outline.radius).await?;
+        let in_crop = self.detect_in_crop(rgb, region, &candidate.outline, candidate.outline.radius).await?;
         let outline = in_crop.map_or(candidate.outline, |in_crop| in_crop.outline);
         let Some(verifier) = &self.verifier else { return Ok((in_crop, None)) };
         let verified = verifier.verify(rgb, &outline).await?;
@@ -74,10 +76,11 @@ impl Localiser {
         Ok((in_crop, Some(Evidence::new(outline, confidences, cells))))
     }
 
-    /// The ball at most `reach` px from the centre of `outline` and of a similar radius; [`None`] where its crop shows none.
+    /// The ball in the `region`, at most `reach` px from the centre of `outline` and of a similar radius; [`None`] where its crop shows none.
     pub(super) async fn detect_in_crop(
         &self,
         rgb: &RgbImage,
+        region: Option<Region>,
         outline: &Outline,
         reach: f64,
     ) -> Result<Option<Detection>> {
@@ -86,17 +89,11 @@ impl Localiser {
         let found = detections_in_crop(&maps).into_iter();
         let mut found =
             found.map(|detection| Detection { outline: crop.picture_from_crop(&detection.outline), ..detection });
-        Ok(found.find(|detection| is_same_ball(detection, outline, reach)))
+        Ok(found.find(|detection| is_within(detection, region) && is_same_ball(detection, outline, reach)))
     }
 }
 
-/// The highest peaks of a crop's heatmap, px of the crop.
-pub(super) fn detections_in_crop(maps: &OutputMaps) -> Vec<Detection> {
-    maps.peaks(PEAKS_OF_CROP).into_iter().map(Detection::from).collect()
-}
-
-/// Whether a detection may be of the ball of `outline`: at most `reach` px away and of a similar radius.
-pub(super) fn is_same_ball(detection: &Detection, outline: &Outline, reach: f64) -> bool {
-    (detection.outline.centre - outline.centre).norm() < reach
-        && (MAX_RADIUS_RATIO.recip()..MAX_RADIUS_RATIO).contains(&(detection.outline.radius / outline.radius))
+/// A candidate in whose crop there is no ball whose radius is within [`MAX_RADIUS_RATIO`] of its own: it is not known better than to that.
+fn unmeasured(candidate: &Detection) -> Detection {
+    Detection { log_sigma: candidate.log_sigma.hypot(MAX_RADIUS_RATIO.ln()), ..*candidate }
 }

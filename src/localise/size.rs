@@ -5,30 +5,27 @@ use nalgebra::{Matrix3, Point2, Point3};
 use super::search::SearchResult;
 use super::volume_check::VolumeCheck;
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, device_name};
-use crate::camera::{Camera, Detection};
-use crate::error::{Error, Result};
-use crate::image::Picture;
+use gravisight_geometry::camera::{Camera, Detection};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::Picture;
+use gravisight_geometry::volume::check_ball_radius;
 
-/// Largest radius that is plausible in metres, m.
-const LARGEST_BALL: f64 = 1.0;
 /// Angle off the camera's axis beyond which few lenses are without distortion, degrees.
 const WIDE: f64 = 40.0;
 
 impl Localiser {
     /// The ball's radius, m; refuses `options` without one.
     pub(super) fn ball_radius(&self, options: &LocaliseOptions) -> Result<f64> {
-        let refuse = |reason: String| Err(Error::value("ball", "radius", reason));
-        match options.ball_radius {
-            None => refuse(format!(
+        let Some(radius) = options.ball_radius else {
+            let reason = format!(
                 "is missing: model `{}` measures a ball's apparent size, and the depth follows from its real radius; give it in \
-                 metres (`--ball-radius 0.0335`, `ball: {{ radius: 0.0335 }}`, or a scene)",
+                 metres (`--ball-radius 0.0335` or `--ball tennis`, `ball: {{ radius: 0.0335 }}`, or a scene)",
                 self.card.name
-            )),
-            Some(radius) if !(radius.is_finite() && radius > 0.0) => {
-                refuse(format!("must be a positive number of metres, not {radius}"))
-            }
-            Some(radius) => Ok(radius),
-        }
+            );
+            return Err(Error::value("ball", "radius", reason));
+        };
+        check_ball_radius(radius)?;
+        Ok(radius)
     }
 
     /// The ball's position in `picture` by its apparent size.
@@ -54,14 +51,6 @@ impl Localiser {
             return Err(Error::OutputNotFinite { device: device_name(&self.device) });
         };
         let centre = camera_of_picture.ball_from_outline(&best.outline, radius)?;
-        if radius > LARGEST_BALL {
-            let reason = format!(
-                "is {radius} m, which puts the ball {:.0} m away; a radius is given in metres: {} for one of {radius} mm",
-                centre.z,
-                radius / 1000.0
-            );
-            return Err(Error::value("ball", "radius", reason));
-        }
         let mut notes = picture.notes().to_vec();
         if size != camera.size() {
             notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));

@@ -6,11 +6,11 @@ use nalgebra::Point2;
 
 use super::crop::{Crop, VERIFIER_CROP};
 use super::{LocaliseOptions, Localiser, Saliency};
-use crate::camera::{Camera, Outline};
-use crate::image::Picture;
 use crate::model::VERIFIER_SIDE;
-use crate::size::Size;
 use crate::testing::{golden, root, tiny_card};
+use gravisight_geometry::camera::{Camera, Outline};
+use gravisight_geometry::image::Picture;
+use gravisight_geometry::size::Size;
 
 /// Brightness added and taken away, of 255: the least that there is, since units that switch on or off bend the depth.
 const STEP: u8 = 1;
@@ -126,7 +126,7 @@ fn a_wide_picture_has_the_saliency_of_the_part_that_it_fills() {
 fn a_detection_outside_the_balls_volume_is_refused() {
     let (card, weights) = crate::Card::with_weights(&root().join("models/any.json")).unwrap();
     let localiser = Localiser::new(card, weights, &Device::flex()).unwrap();
-    let clips = crate::Clips::read(&root().join("tests/samples")).unwrap();
+    let clips = gravisight_clips::Clips::read(&root().join("tests/samples")).unwrap();
     let clip = &clips.clips[0];
     let picture = clips.picture(clip, &clip.frames[0]).unwrap();
     let scene = clip.scene.as_ref().unwrap();
@@ -141,12 +141,13 @@ fn a_detection_outside_the_balls_volume_is_refused() {
     let at_home = localised(scene.volume());
     assert_eq!((at_home.world, at_home.confidence), (free.world, free.confidence));
     // The ball is above the floor that this volume ends at.
-    let cellar = crate::Volume { low: [-50.0, -50.0, -9.0], high: [50.0, 50.0, -3.0] };
+    let cellar = gravisight_geometry::volume::Volume { low: [-50.0, -50.0, -9.0], high: [50.0, 50.0, -3.0] };
     let below = localised(Some(cellar));
     assert!(below.confidence < 0.5 && below.notes.iter().any(|note| note.contains("refused: ")), "{below:?}");
     // Nearer than anything in the picture: no confident detection can be the ball.
     let eye = clip.camera.world_from_camera(&nalgebra::Point3::origin()).coords;
-    let near = crate::Volume { low: (eye.add_scalar(-0.3)).into(), high: (eye.add_scalar(0.3)).into() };
+    let near =
+        gravisight_geometry::volume::Volume { low: (eye.add_scalar(-0.3)).into(), high: (eye.add_scalar(0.3)).into() };
     let none = localised(Some(near));
     assert!(none.confidence < 0.1 && none.notes.iter().any(|note| note.contains("no ball found")), "{none:?}");
 }
@@ -171,4 +172,23 @@ fn the_verifiers_input_is_the_crop_and_its_surroundings() {
             assert!(if inside { off < 4.0 && blue == 0 } else { blue != 0 }, "{dx} {dy}: {red} {green} {blue}");
         }
     }
+}
+
+#[test]
+fn every_network_of_a_model_is_compared_on_another_device() {
+    let any = || {
+        let (card, weights) = crate::model::Card::with_weights(&root().join("models/any.json")).unwrap();
+        Localiser::new(card, weights, &Device::flex()).unwrap()
+    };
+    let (localiser, reference) = (any(), any());
+    pollster::block_on(localiser.check_against(&reference)).unwrap();
+    // Of which one is another: the motion network's place is taken by the verifier.
+    let (mut wrong, mut other) = (any(), any());
+    wrong.motion = other.verifier.take();
+    let error = pollster::block_on(wrong.check_against(&reference)).unwrap_err().to_string();
+    assert!(error.contains("motion network"), "{error}");
+    let (mut wrong, mut other) = (any(), any());
+    wrong.verifier = other.motion.take();
+    let error = pollster::block_on(wrong.check_against(&reference)).unwrap_err().to_string();
+    assert!(error.contains("verifier"), "{error}");
 }

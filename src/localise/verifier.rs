@@ -7,28 +7,18 @@ use image::RgbImage;
 use nalgebra::{Point2, distance};
 
 use super::Localiser;
+#[cfg(not(target_arch = "wasm32"))]
+use super::candidate::{FirstPass, MAX_CANDIDATES};
+use super::candidate::{detections_in_crop, is_same_ball};
 use super::crop::{Crop, VERIFIER_CROP};
+use crate::model::{CONFIDENCE_RADIUS, DetectionCalibration, MOTION_SIDE, PICTURE_CHANNELS};
+use gravisight_geometry::camera::{Detection, Outline};
+use gravisight_geometry::error::Result;
+use gravisight_geometry::image::Normalisation;
 #[cfg(not(target_arch = "wasm32"))]
-use super::search::FirstPass;
-#[cfg(not(target_arch = "wasm32"))]
-use super::second_pass::MAX_CANDIDATES;
-use super::second_pass::{detections_in_crop, is_same_ball};
-use crate::camera::{Detection, Outline};
-use crate::error::Result;
-use crate::image::Normalisation;
-#[cfg(not(target_arch = "wasm32"))]
-use crate::image::Picture;
-use crate::model::{CONFIDENCE_RADIUS, MOTION_SIDE, PICTURE_CHANNELS};
-use crate::size::Size;
+use gravisight_geometry::image::Picture;
+use gravisight_geometry::size::Size;
 
-/// Weights of the log-odds that a candidate is a ball: the bias, then one for each of [`Evidence::features`].
-///
-/// `scripts/fit-weights confidence FOLDER` fits and prints them. These are of 58 photographs without a ball on which neither network was
-/// trained, each in eight drawings of which every other one has a ball: the 45 of the split `validation` of `scripts/photographs` and 13
-/// wallpapers that were not kept. On the 45 alone it prints -1.494, 0.829, 0.486, 0.595, -0.111, which is no better (`docs/experiments.md`).
-const BALL_LOG_ODDS: [f64; 5] = [-0.152, 1.005, 0.469, 0.455, -0.686];
-/// The same of the first pass alone, on the 45: the bias, then one for its log-odds and one for the cells.
-const FIRST_PASS_LOG_ODDS: [f64; 3] = [-0.750, 1.657, 0.319];
 /// Probability by the first pass alone from which a candidate gets a second pass. Below it are 34 % of those 2,857 candidates, and none that
 /// both passes and the verifier give 0.5 (below 0.05 neither, below 0.1 six): `scripts/fit-weights confidence FOLDER` prints it. Of those bounds
 /// this one was chosen on frames of two broadcasts, where larger ones lose balls that are the likeliest detection (`docs/experiments.md`).
@@ -59,14 +49,14 @@ impl Evidence {
     }
 
     /// The probability that the candidate is a ball.
-    pub fn probability(&self) -> f64 {
-        logistic(BALL_LOG_ODDS, self.features)
+    pub fn probability(&self, calibration: &DetectionCalibration) -> f64 {
+        logistic(calibration.ball_log_odds, self.features)
     }
 }
 
 /// Whether a candidate of this confidence in the first pass over so many cells is likely enough for a second pass.
-pub(super) fn is_worth_a_second_pass(confidence: f64, cells: usize) -> bool {
-    logistic(FIRST_PASS_LOG_ODDS, [log_odds(confidence), log_cells(cells)]) >= MIN_FIRST_PASS
+pub(super) fn is_worth_a_second_pass(calibration: &DetectionCalibration, confidence: f64, cells: usize) -> bool {
+    logistic(calibration.first_pass_log_odds, [log_odds(confidence), log_cells(cells)]) >= MIN_FIRST_PASS
 }
 
 /// The log-odds of a probability, as the regression takes them.
@@ -87,7 +77,8 @@ fn logistic<const WEIGHTS: usize, const FEATURES: usize>(weights: [f64; WEIGHTS]
 }
 
 impl Localiser {
-    /// The features of the likeliest candidates in a picture, of a model with a verifier: what [`BALL_LOG_ODDS`] is fitted to.
+    /// The features of the likeliest candidates in a picture, of a model with a verifier: what
+    /// [`DetectionCalibration::ball_log_odds`] is fitted to.
     ///
     /// # Errors
     /// As [`Localiser::detect_near`].
@@ -97,7 +88,7 @@ impl Localiser {
         let FirstPass { candidates, cells, .. } = self.first_pass(picture, None, MAX_CANDIDATES, false).await?;
         let mut found = vec![];
         for candidate in candidates.iter().take(MAX_CANDIDATES) {
-            found.extend(self.evidence_of(picture.rgb(), cells, candidate).await?.1);
+            found.extend(self.evidence_of(picture.rgb(), None, cells, candidate).await?.1);
         }
         Ok(found)
     }
@@ -127,7 +118,7 @@ impl Localiser {
     /// The probability that a ball is in the middle of a stack of frames, 0 to 1, by the motion network; none where there is none.
     ///
     /// # Errors
-    /// [`Error::OutputNotFinite`](crate::Error::OutputNotFinite) and [`Error::Device`](crate::Error::Device).
+    /// [`Error::OutputNotFinite`](gravisight_geometry::error::Error::OutputNotFinite) and [`Error::Device`](gravisight_geometry::error::Error::Device).
     pub(crate) async fn moves_as_a_ball(&self, pictures: &[RgbImage; 2]) -> Result<Option<f64>> {
         let Some(motion) = &self.motion else { return Ok(None) };
         Ok(Some(Self::probability_in_stack(&motion.verifier_detections(pictures).await?)))

@@ -1,7 +1,7 @@
 //! Whether a detection can be the ball: by the volume in which the ball's centre can be, and its radius.
 
-use crate::camera::{Camera, Detection};
-use crate::volume::Volume;
+use gravisight_geometry::camera::{Camera, Detection};
+use gravisight_geometry::volume::Volume;
 
 /// Tolerance of the depth, in its standard deviations.
 const TOLERANCE_SIGMAS: f64 = 2.5;

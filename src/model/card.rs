@@ -8,9 +8,9 @@ use sha2::{Digest, Sha256};
 
 use super::backbone::PICTURE_CHANNELS;
 use super::config::{MOTION_SIDE, PenConfig, VERIFIER_SIDE};
-use crate::error::{Error, Result, json_refusal};
-use crate::image::Normalisation;
-use crate::size::Size;
+use gravisight_geometry::error::{Error, Result, json_refusal};
+use gravisight_geometry::image::Normalisation;
+use gravisight_geometry::size::Size;
 
 /// Added to the error about a file that is no card.
 const EXPECTED: &str = "a model's card is the JSON file NAME.json beside its weights NAME.safetensors, which `gravisight train` writes and \
@@ -64,6 +64,9 @@ pub struct Card {
     /// of the pictures without one above).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confidence_threshold: Option<f64>,
+    /// Weights behind the confidence and σ of a model that reads sizes, fitted to it; where absent, those of `any`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<DetectionCalibration>,
     /// Name of the training data.
     pub training_data: String,
     /// How it was trained and what to expect, in plain words.
@@ -99,6 +102,50 @@ pub enum ConfidenceKind {
     /// its log-odds and those of the heatmaps. It is well calibrated where the ball is inside the outline found in as large a
     /// fraction of the pictures.
     BallProbability,
+}
+
+/// Weights of the logistic regressions and of the error model behind a detection's confidence and σ. `scripts/fit-weights` fits them to a
+/// model.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[serde(deny_unknown_fields)]
+pub struct DetectionCalibration {
+    /// Of the log-odds that a candidate is a ball: the bias, then one each for the log-odds of first pass, second pass and verifier, and
+    /// for the logarithm of the number of cells searched over 4096.
+    pub ball_log_odds: [f64; 5],
+    /// The same by the first pass alone: the bias, then one for its log-odds and one for the cells.
+    pub first_pass_log_odds: [f64; 3],
+    /// Of the log-odds that a ball's edge gives its radius and not the network: the bias, then one each for the logarithm of the network's
+    /// standard deviation of log(radius), the logarithm of the edge's rms over the radius, the fraction of the directions without an edge,
+    /// and the disagreement of edge and network.
+    pub edge_log_odds: [f64; 5],
+    /// Of the logarithm of the standard deviation of log(radius), where there is an edge: as before.
+    pub edge_log_sigma: [f64; 5],
+    /// Factor on the network's own standard deviation where there is no edge.
+    pub network_sigma_factor: f64,
+}
+
+impl Default for DetectionCalibration {
+    /// Of `any`, version 2: the confidence by `scripts/fit-weights confidence` on the 45 photographs without a ball of the split
+    /// `validation` of `scripts/photographs`, on which neither network was trained, each in eight drawings, every other one with a ball; the
+    /// edge by `scripts/fit-weights edge`, on 12,000 random renderings before photographs (`docs/experiments.md`).
+    fn default() -> Self {
+        Self {
+            ball_log_odds: [-1.494, 0.829, 0.486, 0.595, -0.111],
+            first_pass_log_odds: [-0.750, 1.657, 0.319],
+            edge_log_odds: [-4.33, 0.0, -2.23, -4.29, -0.76],
+            edge_log_sigma: [1.63, 1.05, 0.69, 2.03, 0.24],
+            network_sigma_factor: 1.8,
+        }
+    }
+}
+
+impl DetectionCalibration {
+    fn is_finite(&self) -> bool {
+        let Self { ball_log_odds, first_pass_log_odds, edge_log_odds, edge_log_sigma, network_sigma_factor } = self;
+        let weights = [&ball_log_odds[..], first_pass_log_odds, edge_log_odds, edge_log_sigma];
+        weights.concat().iter().all(|weight| weight.is_finite()) && network_sigma_factor.is_finite()
+    }
 }
 
 impl Card {
@@ -146,6 +193,13 @@ impl Card {
         if card.confidence_threshold.is_some_and(|threshold| !(0.0..=1.0).contains(&threshold)) {
             return Err(Error::value(what, "confidence_threshold", "must be from 0 to 1"));
         }
+        if card.calibration.is_some_and(|of| !of.is_finite() || of.network_sigma_factor <= 0.0) {
+            return Err(Error::value(
+                what,
+                "calibration",
+                "needs finite weights and a positive `network_sigma_factor`",
+            ));
+        }
         Ok(card)
     }
 
@@ -154,7 +208,7 @@ impl Card {
     /// # Errors
     /// [`Error::Io`], else as [`Card::from_json`].
     pub fn from_file(path: &Path) -> Result<Self> {
-        let text = crate::files::read_text(path).map_err(|error| error.expecting(EXPECTED))?;
+        let text = gravisight_geometry::files::read_text(path).map_err(|error| error.expecting(EXPECTED))?;
         Self::from_json(&text, &path.display().to_string())
     }
 
@@ -175,7 +229,7 @@ impl Card {
     pub fn with_weights(path: &Path) -> Result<(Self, Vec<u8>)> {
         let card = Self::from_file(path)?;
         let weights = path.with_file_name(&card.weights);
-        let bytes = crate::files::read(&weights)?;
+        let bytes = gravisight_geometry::files::read(&weights)?;
         Ok((card, bytes))
     }
 
@@ -185,7 +239,7 @@ impl Card {
     /// [`Error::Io`].
     #[cfg(not(target_arch = "wasm32"))]
     pub fn write(&self, path: &Path) -> Result<()> {
-        crate::files::write_whole(path, self.to_json()?.as_bytes())
+        gravisight_geometry::files::write_whole(path, self.to_json()?.as_bytes())
     }
 
     /// The text of the card's file.

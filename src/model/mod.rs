@@ -28,7 +28,7 @@ pub use self::card::CARD_VERSION;
 pub(crate) use self::card::check_input;
 #[doc(hidden)]
 pub use self::card::sha256_hex;
-pub use self::card::{Card, ConfidenceKind, DepthFrom};
+pub use self::card::{Card, ConfidenceKind, DepthFrom, DetectionCalibration};
 pub use self::config::{DepthActivation, DepthConfig, HeadConfig, HeatmapConfig, PenConfig};
 pub(crate) use self::config::{MOTION_SIDE, VERIFIER_RADIUS, VERIFIER_SIDE};
 pub(crate) use self::decode::weighted_depth;
@@ -40,4 +40,4 @@ pub(crate) use self::tensors::is_cpu;
 pub(crate) use self::weights::joined;
 #[doc(hidden)]
 pub use self::weights::save;
-pub(crate) use self::weights::{bundled, halved, load, load_backbone_timm, load_into, on_cpu, parted, unbundled};
+pub(crate) use self::weights::{bundled, halved, load, load_backbone, load_into, on_cpu, parted, unbundled};

@@ -4,10 +4,10 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Backend, ExtensionType, Flex, TensorMetadata, backend_extension};
 use burn::tensor::{DType, TensorData};
 
-use crate::kernels::{
+use gravisight_kernels::{
     Extent, Map, MapMut, NormInput, UnitShape, Vectors, unit_forward, upsample as upsample_map, zeros,
 };
-use crate::kernels::{Forward, UnitGradients, Wanted, unit_backward, upsample_backward};
+use gravisight_kernels::{Forward, UnitGradients, Wanted, unit_backward, upsample_backward};
 
 /// A normalised unit's output and its batch's statistics.
 pub type Normalised<B> = (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>);
@@ -95,7 +95,7 @@ struct UnitRun {
     x: FlexTensor,
     weights: FlexTensor,
     scale: Option<(FlexTensor, f32)>,
-    saved: crate::kernels::Saved,
+    saved: gravisight_kernels::Saved,
     output: FlexTensor,
 }
 

@@ -12,7 +12,7 @@ use super::head::Head;
 use super::layers::Layers;
 use super::plan::Plan;
 use super::tensors::{Tensors, is_cpu};
-use crate::size::Size;
+use gravisight_geometry::size::Size;
 
 /// Softplus of the published depth head: beta, and where it turns linear.
 const SOFTPLUS_BETA: f64 = 2.0;
@@ -54,7 +54,7 @@ impl Pen {
     ///
     /// # Errors
     /// As [`PenConfig::check`].
-    pub fn new(config: &PenConfig, device: &Device) -> crate::error::Result<Self> {
+    pub fn new(config: &PenConfig, device: &Device) -> gravisight_geometry::error::Result<Self> {
         config.check()?;
         let features = config.backbone.shape().features;
         // A zero last layer starts the exponential depth at the prior.
@@ -81,6 +81,12 @@ impl Pen {
             }
         }
         self.map(&mut Fix)
+    }
+
+    /// The feature extractor.
+    #[cfg(test)]
+    pub(super) fn backbone(&self) -> &Backbone {
+        &self.backbone
     }
 
     /// The architecture.

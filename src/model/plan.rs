@@ -11,11 +11,11 @@ use burn::tensor::{ElementConversion as _, Tensor};
 
 use super::layers::{Layers, RESPONSE_NORM_EPSILON, ResponseNorm, Slope, Unit};
 use super::tensors::{fold, shape};
-use crate::kernels::{
+use gravisight_geometry::size::Size;
+use gravisight_kernels::{
     Buffer, Convolution, Extent, Map, MapMut, SLACK, Vectors, for_each, gelu, layer_norm, max_pool, response_norm,
     threads, upsample, with_threads_awake,
 };
-use crate::size::Size;
 
 /// A network for one size of picture, ready to run.
 #[derive(Debug)]

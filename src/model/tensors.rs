@@ -11,7 +11,7 @@ use burn::tensor::{Device, Tensor};
 
 use super::layers::{Layers, RESPONSE_NORM_EPSILON, ResponseNorm, Slope, Unit};
 use super::operation::{Skip, UnitOps};
-use crate::kernels::{ConvShape, UnitShape};
+use gravisight_kernels::{ConvShape, UnitShape};
 
 /// Whether `device` is the CPU, whose kernels are ours.
 pub(crate) fn is_cpu(device: &Device) -> bool {

@@ -14,7 +14,7 @@ use safetensors::{Dtype, SafeTensorError, SafeTensors};
 
 use super::config::PenConfig;
 use super::pen::Pen;
-use crate::error::{Error, Result};
+use gravisight_geometry::error::{Error, Result};
 
 /// A network of architecture `config` with the weights in `bytes`.
 ///
@@ -44,25 +44,24 @@ pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
     Ok(pen)
 }
 
-/// `pen` with its backbone's weights taken from a file with timm's names: those of `resnet34`, `convnext_nano` or
-/// `convnextv2_nano` (`conv1.weight`, `layer1.0.bn2.running_var`, `stages.0.blocks.1.mlp.fc1.weight`, …). What PEN does
-/// not use (`layer4`, `fc`, `head`, batch counters) is ignored.
+/// `pen` with its backbone's weights taken from a file as published: timm's `resnet34`, `convnext_nano` or
+/// `convnextv2_nano` (`conv1.weight`, `layer1.0.bn2.running_var`, `stages.0.blocks.1.mlp.fc1.weight`, …), or what
+/// `scripts/nanodet-weights` makes of NanoDet-g (`stem.weight`, `stages.0.blocks.0.second.bias`, …). What PEN does not use
+/// (`layer4`, `fc`, `head`, batch counters) is ignored.
 ///
 /// # Errors
-/// As [`load`]; [`Error::WeightsArchitecture`] also where `pen` has a backbone that timm does not have.
-pub fn load_backbone_timm(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
-    if !pen.config().backbone.shape().is_timms {
-        let reason = "timm has no backbone like this network's, so its weights do not fit".into();
+/// As [`load`]; [`Error::WeightsArchitecture`] also where nobody publishes weights for `pen`'s backbone.
+pub fn load_backbone(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
+    let Some(prefix) = pen.config().backbone.shape().published else {
+        let reason = "nobody publishes weights for a backbone like this network's (not timm, not NanoDet)".into();
         return Err(Error::WeightsArchitecture { reason });
-    }
+    };
     let remapper = KeyRemapper::new()
-        .add_pattern("^", "backbone.")
+        .add_pattern("^", prefix)
         .map_err(|error| Error::WeightsArchitecture { reason: error.to_string() })?;
-    let mut store = checked_store(bytes)?.remap(remapper).with_regex(r"^backbone\.");
+    let mut store = checked_store(bytes)?.remap(remapper).with_regex(format!("^{}", prefix.replace('.', r"\.")));
     let result = store.apply_to(&mut pen).map_err(architecture)?;
-    let missing = result.missing.iter().find(|(name, _)| name.starts_with("backbone."));
-    if let Some((name, _)) = missing {
-        let name = name.trim_start_matches("backbone.");
+    if let Some(name) = result.missing.iter().find_map(|(name, _)| name.strip_prefix(prefix)) {
         return Err(Error::WeightsArchitecture { reason: format!("tensor `{name}` is missing") });
     }
     Ok(pen)

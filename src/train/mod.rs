@@ -13,7 +13,7 @@ mod testing;
 pub use examples::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
-pub use examples::{read_photographs, stack_record};
+pub use examples::{Photographs, read_photographs, stack_record};
 pub use learn::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Score, SizeScore, Tuned};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};

@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use burn::tensor::Device;
 
-use crate::clips::Clip;
-use crate::error::Error;
 use crate::testing::{root, scratch, seen_by};
 use crate::train::{TrainConfig, TrainEvent, TrainSettings};
+use gravisight_clips::Clip;
+use gravisight_geometry::error::Error;
 
 /// A run configuration on the samples, its folder, extra lines for the top level.
 pub fn configuration(name: &str, extra: &str) -> PathBuf {

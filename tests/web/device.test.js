@@ -1,14 +1,15 @@
 /** Which device is taken, and that both give the same maps. */
 import assert from "node:assert/strict";
-import { existsSync, readdirSync, readFileSync } from "node:fs";
+import { readdirSync, readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 import { launch, open } from "./support/browser.js";
+import { without } from "./support/builds.js";
 import { located, pictureOf, samples } from "./support/demo.js";
 import { losesDevice } from "./support/in-page.js";
 import { serve } from "./support/server.js";
 
 const here = (path) => new URL(path, import.meta.url);
-const hasWebGpuBuild = existsSync(here("../../pkg/wasm/webgpu/gravisight_bg.wasm"));
+const skip = without("webgpu");
 const SIZE = 64;
 const TINY_CAMERA = {
   width: SIZE,
@@ -61,7 +62,6 @@ test("without the WebGPU build, auto takes the CPU, webgpu says what is missing,
   assert.deepEqual(missing, []);
 });
 
-const skip = !hasWebGpuBuild && "no WebGPU build: run scripts/build-wasm webgpu";
 test("the WebGPU build gives the CPU's heatmap and depth", { skip, timeout: 300_000 }, async () => {
   await inBrowser({ webgpu: true }, "harness.html", async (page) => {
     await offerTiny(page);
@@ -175,7 +175,7 @@ async function inBrowser(options, path, body) {
 
 /** What the page's build calls the WebGPU build's glue; nothing where it was built without. */
 function webGpuGlue() {
-  if (!hasWebGpuBuild) return [];
+  if (skip) return [];
   const content = readFileSync(here("../../pkg/wasm/webgpu/gravisight.js"));
   const assets = here("../../web/dist/assets/");
   const isGlue = (name) => name.endsWith(".js") && readFileSync(new URL(name, assets)).equals(content);

@@ -6,6 +6,7 @@ import { join } from "node:path";
 import { after, before, test } from "node:test";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { build } from "vite";
+import { without } from "./support/builds.js";
 import { launch } from "./support/browser.js";
 import { pictureOf, samples } from "./support/demo.js";
 import { copyModel, install } from "./support/installed.js";
@@ -215,5 +216,7 @@ test("publint and are-the-types-wrong find nothing", () => {
 });
 
 test("nothing was reported to the console", () => {
-  assert.deepEqual(complaints, []);
+  // A browser reports the request by which the package finds out that a build is not there.
+  const isOfMissingBuild = (complaint) => without("cpu-relaxed") && /404.*\/wasm\/cpu-(relaxed|threads)\/gravisight\.js$/.test(complaint);
+  assert.deepEqual(complaints.filter((complaint) => !isOfMissingBuild(complaint)), []);
 });

@@ -140,6 +140,43 @@ test("a failed fetch names the URL and the status", async () => {
   await other.close();
 });
 
+test("kept weights that were damaged are fetched again, and those that no card names any more are dropped", async () => {
+  const other = await harness();
+  const [card, weights] = [modelFile("sd-l.json").toString(), modelFile("sd-l.safetensors")];
+  let fetched = 0;
+  await other.route("**/*.safetensors", (route) => (fetched++, route.fulfill({ contentType: "application/octet-stream", body: weights })));
+  const load = async () => assert.equal((await other.evaluate(create, CARD)).message, "created");
+  await other.evaluate(() => window.gravisight.clearCache());
+  await load();
+  await load();
+  assert.equal(fetched, 1, "the second time they are kept");
+  const { sha256 } = JSON.parse(card);
+  await other.evaluate(keepAs, { name: sha256, text: "damaged" });
+  await load();
+  assert.equal(fetched, 2);
+  await load();
+  assert.equal(fetched, 2, "in place of the damaged ones");
+
+  // What an earlier version of a model left behind, and of this package; and cards that were loaded long ago.
+  for (const name of ["0".repeat(64), 'times ["0.0.0-old"]']) await other.evaluate(keepAs, { name, text: "old" });
+  for (let number = 0; number < 9; number++) await other.evaluate(keepAs, { name: `card https://example.invalid/${number}.json`, text: "{}" });
+  await load();
+  const kept = await other.evaluate(keptNames);
+  assert.equal(kept.filter((name) => name.startsWith("card ")).length, 8, `${kept}`);
+  assert.ok(kept.includes(sha256) && kept.some((name) => name.endsWith(CARD)), `${kept}`);
+  assert.ok(!kept.includes("0".repeat(64)) && !kept.some((name) => name.includes("0.0.0-old")), `${kept}`);
+
+  // A server that sends something else does not take the card's place.
+  await other.route(`**/${CARD}`, (route) => route.fulfill({ contentType: "application/json", body: "{" }));
+  assert.equal((await other.evaluate(create, CARD)).code, "card-json");
+  await other.unroute(`**/${CARD}`);
+  await other.route(`**/${CARD}`, (route) => route.abort());
+  await load();
+  await other.close();
+  // The browser's own report of the last one.
+  complaints.splice(0, complaints.length, ...complaints.filter((complaint) => !complaint.includes(CARD)));
+});
+
 test("a start page in place of the weights is refused", async () => {
   const other = await harness();
   await other.route("**/*.safetensors", (route) => route.fulfill({ contentType: "text/html", body: "<!doctype html>" }));
@@ -184,6 +221,17 @@ async function create(model) {
   } catch ({ name, code, message }) {
     return { name, code, message };
   }
+}
+
+/** Keeps a text as the package keeps its files. */
+async function keepAs({ name, text }) {
+  const cache = await caches.open("gravisight");
+  await cache.put(`https://gravisight.invalid/${encodeURIComponent(name)}`, new Response(text));
+}
+
+async function keptNames() {
+  const keys = await (await caches.open("gravisight")).keys();
+  return keys.map(({ url }) => decodeURIComponent(new URL(url).pathname.slice(1)));
 }
 
 async function inEveryShape({ model, camera, base64 }) {

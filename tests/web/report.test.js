@@ -23,7 +23,7 @@ before(async () => {
   const folder = mkdtempSync(join(tmpdir(), "gravisight-report-"));
   const [report, logFile] = [join(folder, "report.html"), join(folder, "log.jsonl")];
   writeFileSync(logFile, log.join("\n"));
-  gravisight(["evaluate", "--data", "tests/samples", "--report", report, "--log", logFile], { cwd: root });
+  gravisight(["evaluate", "--data", "tests/samples", "--model", "sd-l", "--report", report, "--log", logFile], { cwd: root });
   address = pathToFileURL(report).href;
   mkdirSync(screenshots, { recursive: true });
   browser = await launch({ webgpu: false });

@@ -28,6 +28,29 @@ test("licences are told from one another", () => {
   for (const wrong of ["GPL-3.0-only", "MIT AND GPL-3.0-only", "unknown", "LGPL-2.1"]) assert.ok(!known(wrong), wrong);
 });
 
+test("whatever makes, packs or publishes the browser's builds takes them from one list", () => {
+  const builds = text("scripts/wasm-builds").trim().split("\n");
+  const shipped = JSON.parse(text("pkg/package.json")).files.map((file) => file.match(/^wasm\/(.*)\/gravisight_bg\.wasm$/)?.[1]);
+  assert.deepEqual(shipped.filter(Boolean), builds);
+  const cases = [...text("pkg/src/builds.ts").matchAll(/case "(.*)":/g)].map(([, build]) => build);
+  assert.deepEqual(cases, builds);
+  for (const build of builds) assert.match(text("scripts/build-wasm"), new RegExp(`^  ${build}\\)`, "m"), build);
+  // A list of their own, however short, would fall behind.
+  for (const file of [".github/workflows/release.yml", "scripts/release", "scripts/torture"]) {
+    assert.doesNotMatch(text(file), /cpu-relaxed/, file);
+    assert.match(text(file), /scripts\/build-wasm all/, file);
+  }
+  // In an order of their own, so that builds share what is compiled.
+  const made = [...text("scripts/demo").matchAll(/scripts\/build-wasm ([a-z-]+)/g)].map(([, build]) => build);
+  assert.deepEqual([...new Set(made)].sort(), [...builds].sort());
+  assert.match(text("scripts/test"), /done <scripts\/wasm-builds/);
+  // All of them are tested once a week and before a release.
+  for (const file of [".github/workflows/test.yml", ".github/workflows/release.yml"]) assert.match(text(file), /scripts\/test .*--all/, file);
+  // The crates are published from the tree that the release prepared.
+  assert.match(text(".github/workflows/release.yml"), /cargo publish .*--manifest-path \.\.\/release-source\/Cargo\.toml/);
+  assert.match(text("scripts/release"), /-source`/);
+});
+
 for (const which of ["cargo", "npm"]) {
   test(`every part of the ${which} package has a known licence and a checksum`, () => {
     const quiet = { encoding: "utf8", maxBuffer: 2 ** 28, stdio: ["ignore", "pipe", "ignore"] };

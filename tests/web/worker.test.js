@@ -50,6 +50,32 @@ test("each object keeps its own model: localisers that are made at once, a fine-
   assert.ok(shared.courts > 3);
 });
 
+test("an error of the user's own code in a shared Worker stays the user's, and stops nothing", async () => {
+  const { world, seen } = await page.evaluate(async ({ camera, base64 }) => {
+    const { Localiser } = window.gravisight;
+    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
+    const worker = window.startWorker();
+    const seen = [];
+    worker.addEventListener("error", (event) => {
+      // The user's own handler: nobody has handled it before.
+      seen.push([event.message, event.defaultPrevented]);
+      event.preventDefault();
+    });
+    const localiser = await Localiser.create({ worker, model: "models/sd-l.json" });
+    const under_way = localiser.localise(bytes, { camera });
+    worker.postMessage({ throw: "mine" });
+    await under_way;
+    await new Promise((resolve) => setTimeout(resolve, 200));
+    const { world } = await localiser.localise(bytes, { camera });
+    worker.terminate();
+    return { world, seen };
+  }, given);
+  assert.equal(world.length, 3);
+  assert.equal(seen.length, 1);
+  assert.match(seen[0][0], /mine/);
+  assert.equal(seen[0][1], false);
+});
+
 test("two trackers whose frames come in turns each follow their own ball", { timeout: 120_000 }, async () => {
   const tracks = await page.evaluate(async () => {
     const { Toolbox, VideoTracker } = window.gravisight;

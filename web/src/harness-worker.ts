@@ -13,3 +13,11 @@ WebAssembly.instantiate = (async (...given: Parameters<typeof instantiate>) => {
 addEventListener("message", ({ data }: MessageEvent<unknown>) => {
   if (data === "memories") postMessage({ memories: memories.map(({ buffer }) => buffer.byteLength) });
 });
+
+// Its own work, which may fail.
+addEventListener("message", ({ data }: MessageEvent<{ throw?: string } | null>) => {
+  const words = data?.throw;
+  if (words) setTimeout(() => {
+    throw new Error(words);
+  });
+});

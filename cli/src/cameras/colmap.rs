@@ -11,7 +11,7 @@ use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use super::{Found, Pose, Stated, brown, fisheye, pinhole};
 
 pub const CAMERAS: &str = "cameras.txt";
-const IMAGES: &str = "images.txt";
+pub const IMAGES: &str = "images.txt";
 /// Of the first pixel's centre: COLMAP counts from the picture's corner.
 const CENTRE: f64 = 0.5;
 

@@ -8,7 +8,8 @@ mod opencv;
 mod tree;
 mod tsai;
 
-use std::path::Path;
+use std::iter;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, Result, bail, ensure};
 use clap::ValueEnum;
@@ -122,6 +123,12 @@ pub fn open(path: &Path) -> Result<Camera> {
     }
     let (camera, _) = import(path, &Stated::default(), None)?;
     Ok(camera)
+}
+
+/// The files of a command's `--camera`; COLMAP's `cameras.txt` has its poses beside it.
+pub fn files(path: &Path) -> Vec<PathBuf> {
+    let beside = path.ends_with(colmap::CAMERAS).then(|| path.with_file_name(colmap::IMAGES));
+    iter::once(path.to_path_buf()).chain(beside).collect()
 }
 
 /// Intrinsics and lens of a `camera.json` or another tool's file.

@@ -2,24 +2,28 @@
 
 use std::ffi::{OsStr, OsString};
 use std::io::{self, Write as _};
+use std::iter;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode, Stdio};
 use std::time::Instant;
 
 use anyhow::{Context, Result, bail, ensure};
-use clap::Args;
+use clap::{ArgMatches, Args, CommandFactory as _};
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
 
 use super::fit::PARTLY;
 use super::print_line;
-use gravisight::internal::{read_text, sha256_hex, write_whole};
+use crate::{cameras, model};
+use gravisight::internal::{ANY, SD_L, SOLVER_VERSION, read_text, sha256_hex, write_whole};
 
 /// Subcommands that a batch runs: those whose result is one JSON object an input.
 const KNOWN: [&str; 5] = ["track", "label", "localise", "evaluate", "fit"];
 /// What stands for an input, and for where its other files go (without an ending).
 const INPUT: &str = "{}";
 const STEM: &str = "{out}";
+/// Options whose files a subcommand writes; all others that name a file or a folder read it.
+const WRITTEN: [&str; 4] = ["out", "overlay", "report", "plot"];
 /// File of the results' folder that says which subcommand made it.
 const MANIFEST: &str = "batch.json";
 /// Hexadecimal digits of the hash of an input's path in the name of its results: one collision in 4 million lists of a thousand.
@@ -28,8 +32,8 @@ const NAME_DIGITS: usize = 12;
 /// Run a subcommand for each line of a list: many videos, on as many machines as there are.
 ///
 /// What is done is not done again, so a batch that was stopped or killed is simply started again; an input that fails does not stop the
-/// others and is tried again the next time. A result counts as long as its input, and the files that the subcommand names, hold what they
-/// held. Exit status: 0 where all of the shard is done, 3 where some failed.
+/// others and is tried again the next time. A result counts for this version alone, and as long as all files that the subcommand reads
+/// hold what they held. Exit status: 0 where all of the shard is done, 3 where some failed.
 #[derive(Args)]
 #[command(after_help = "\
 Of each input OUT gets NAME.json, what the subcommand prints with --json, once it is whole. NAME is the input's name and a hash of its \
@@ -81,6 +85,12 @@ pub fn run(arguments: &Arguments) -> Result<ExitCode> {
         "the subcommand names no input: write {INPUT} where it stands"
     );
     let items = items(&arguments.list)?;
+    if let Some(Item { input, name }) = items.first() {
+        // Wrong usage is wrong for every input.
+        if let Err(error) = parsed(&arguments.command, input, &arguments.out.join(name)) {
+            error.exit();
+        }
+    }
     claim(&arguments.out, &arguments.command)?;
     let Shard { index, count } = arguments.shard;
     let mut failed = 0;
@@ -132,29 +142,51 @@ fn claim(out: &Path, command: &[OsString]) -> Result<()> {
     Ok(())
 }
 
-/// What a result depends on, as a hash: the subcommand, the input, and what is in it and in the files that the subcommand names.
-fn key(command: &[OsString], input: &Path) -> io::Result<String> {
+/// What a result depends on, as a hash: the versions of this program and of its solver, its built-in models, the subcommand, and what is in
+/// every file and folder that the subcommand reads for the input.
+fn key(command: &[OsString], input: &Path, stem: &Path) -> Result<String> {
     let mut hash = Sha256::new();
-    let mut option: Option<&OsStr> = None;
-    for word in command {
-        let bytes = word.as_encoded_bytes();
-        hash.update(bytes.len().to_le_bytes());
-        hash.update(bytes);
-        // `--camera camera.json` and `--camera=camera.json`.
-        let of_option = word.to_str().and_then(|word| word.split_once('='));
-        let (option, value) = of_option.map_or((option.replace(word), word.as_os_str()), |(option, value)| {
-            (Some(option.as_ref()), value.as_ref())
-        });
-        let path = Path::new(value);
-        // A camera may be a folder (COLMAP). Other folders are not read: one may be for results, or have a subcommand's name.
-        if path.is_file() || (path.is_dir() && option == Some("--camera".as_ref())) {
-            add(&mut hash, path)?;
-        }
+    let solver = SOLVER_VERSION.to_string();
+    // A card holds the hash of its weights.
+    let parts = [env!("CARGO_PKG_VERSION"), solver.as_str(), ANY.0, SD_L.0].map(str::as_bytes).into_iter();
+    for part in parts.chain(command.iter().map(|word| word.as_encoded_bytes())) {
+        hash.update(part.len().to_le_bytes());
+        hash.update(part);
     }
-    if input.exists() {
-        add(&mut hash, input)?;
+    for path in read_by(command, input, stem)? {
+        add(&mut hash, &path).with_context(|| path.display().to_string())?;
     }
     Ok(format!("{:x}", hash.finalize()))
+}
+
+/// The files and folders that the subcommand reads for an input, as its own parser takes the words apart.
+fn read_by(command: &[OsString], input: &Path, stem: &Path) -> Result<Vec<PathBuf>> {
+    let matches = parsed(command, input, stem)?;
+    let (name, matches) = matches.subcommand().context("names no subcommand")?;
+    let all = super::Arguments::command();
+    let known = all.find_subcommand(name).context("is an unknown subcommand")?;
+    let mut paths = Vec::new();
+    for argument in known.get_arguments().map(|argument| argument.get_id().as_str()) {
+        if WRITTEN.contains(&argument) {
+            continue;
+        }
+        for value in matches.get_raw(argument).into_iter().flatten().map(Path::new) {
+            match argument {
+                "model" => paths.extend(model::files(value)),
+                "camera" => paths.extend(cameras::files(value)),
+                _ => paths.push(value.to_path_buf()),
+            }
+        }
+    }
+    // A sport's name, a number, an input that is not there: the subcommand says what is wrong with it.
+    paths.retain(|path| path.exists());
+    Ok(paths)
+}
+
+/// The subcommand as it runs for an input, taken apart.
+fn parsed(command: &[OsString], input: &Path, stem: &Path) -> Result<ArgMatches, clap::Error> {
+    let words = command.iter().map(|word| filled(word, input, stem));
+    super::Arguments::command().try_get_matches_from(iter::once("gravisight".into()).chain(words))
 }
 
 /// Adds what is in a file or, name by name, in a folder.
@@ -184,7 +216,7 @@ fn done(arguments: &Arguments, Item { input, name }: &Item) -> Result<Value> {
     let stem = arguments.out.join(name);
     let [result, made_of] = [format!("{name}.json"), format!(".{name}.key")].map(|name| arguments.out.join(name));
     let about = |status: &str| json!({"input": input, "status": status, "result": result});
-    let key = key(&arguments.command, input).with_context(|| input.display().to_string())?;
+    let key = key(&arguments.command, input, &stem).with_context(|| input.display().to_string())?;
     if result.exists() && std::fs::read_to_string(&made_of).is_ok_and(|of| of == key) {
         return Ok(about("was there"));
     }
@@ -193,12 +225,7 @@ fn done(arguments: &Arguments, Item { input, name }: &Item) -> Result<Value> {
         std::fs::remove_file(&result).with_context(|| result.display().to_string())?;
     }
     let mut command = Command::new(std::env::current_exe().context("this program's own path")?);
-    for argument in &arguments.command {
-        match argument.to_str() {
-            Some(text) => command.arg(filled(text, input, &stem)),
-            None => command.arg(argument),
-        };
-    }
+    command.args(arguments.command.iter().map(|word| filled(word, input, &stem)));
     command.arg("--json").stdin(Stdio::null());
     let started = Instant::now();
     let output = command.output().context("this program, once more")?;
@@ -225,22 +252,44 @@ fn done(arguments: &Arguments, Item { input, name }: &Item) -> Result<Value> {
     Ok(line)
 }
 
-fn filled(argument: &str, input: &Path, stem: &Path) -> String {
-    argument.replace(STEM, &stem.to_string_lossy()).replace(INPUT, &input.to_string_lossy())
+/// A word of the subcommand, for an input.
+fn filled(word: &OsStr, input: &Path, stem: &Path) -> OsString {
+    match word.to_str() {
+        Some(text) => text.replace(STEM, &stem.to_string_lossy()).replace(INPUT, &input.to_string_lossy()).into(),
+        None => word.to_os_string(),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// A fresh folder.
+    fn scratch(name: &str) -> PathBuf {
+        let folder = std::env::temp_dir().join(format!("gravisight-batch-{name}-{}", std::process::id()));
+        std::fs::remove_dir_all(&folder).unwrap_or_default();
+        std::fs::create_dir_all(&folder).unwrap();
+        folder
+    }
+
+    /// The key of a subcommand for an input in a folder of results.
+    fn key_of(words: &[&str], input: &Path) -> String {
+        let words: Vec<OsString> = words.iter().map(OsString::from).collect();
+        key(&words, input, &input.with_extension("results")).unwrap()
+    }
+
+    fn text(path: &Path) -> &str {
+        path.to_str().unwrap()
+    }
+
     #[test]
     fn a_folder_is_hashed_name_by_name() {
-        let folder = std::env::temp_dir().join(format!("gravisight-batch-key-{}", std::process::id()));
+        let folder = scratch("folder");
         let of = |files: &[(&str, &str)]| {
             std::fs::remove_dir_all(&folder).unwrap_or_default();
             std::fs::create_dir_all(folder.join("in")).unwrap();
             files.iter().for_each(|(name, text)| std::fs::write(folder.join(name), text).unwrap());
-            key(&["label".into(), "{}".into()], &folder).unwrap()
+            key_of(&["label", "{}", "--out", "{out}"], &folder)
         };
         let one = of(&[("a", "x"), ("in/b", "y")]);
         assert_eq!(one, of(&[("in/b", "y"), ("a", "x")]));
@@ -253,22 +302,85 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_is_a_folder_is_hashed_and_no_other_folder() {
-        let folder = std::env::temp_dir().join(format!("gravisight-batch-camera-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
-        let keys = |text: &str| {
-            std::fs::write(folder.join("cameras.txt"), text).unwrap();
-            let joined = format!("--camera={}", folder.display());
-            let commands: [[&OsStr; 2]; 3] = [
-                ["--camera".as_ref(), folder.as_ref()],
-                ["track".as_ref(), joined.as_ref()],
-                ["--out".as_ref(), folder.as_ref()],
-            ];
-            commands.map(|words| key(&words.map(OsStr::to_os_string), Path::new("absent")).unwrap())
+    fn what_a_subcommand_reads_is_hashed() {
+        let folder = scratch("read");
+        let file = |name: &str| folder.join(name);
+        // A camera of COLMAP as a folder and by its file, files beside the input, and clips.
+        let [camera, images] = ["cameras.txt", "images.txt"].map(file);
+        let joined = format!("--camera={}", text(&folder));
+        let track = ["track", "{}", &joined, "--scene", "tennis", "--seed-label", "1,2,3"];
+        let by_file = ["localise", "{}", "--camera", text(&camera)];
+        let beside = ["fit", "--track", "{}", "--camera", "{}.json", "--scene", "tennis", "--out", "{}.csv"];
+        let clips = ["evaluate", "--data", text(&folder), "--only", "{}", "--report", "{out}.html"];
+        let input = file("input");
+        let keys = || [&track[..], &by_file, &beside, &clips].map(|words| key_of(words, &input));
+        let changed = |name: &str| {
+            std::fs::write(file(name), "before").unwrap();
+            let before = keys();
+            std::fs::write(file(name), "after").unwrap();
+            let after = keys();
+            [0, 1, 2, 3].map(|at| before[at] != after[at])
         };
-        let [before, after] = [keys("1 PINHOLE"), keys("2 PINHOLE")];
+        std::fs::write(&camera, "1 PINHOLE 4 3 2 2 2 1.5").unwrap();
+        std::fs::write(&images, "").unwrap();
+        assert_eq!(changed("input"), [true, true, true, true]);
+        assert_eq!(changed("images.txt"), [true, true, false, true]);
+        assert_eq!(changed("input.json"), [true, false, true, true]);
+        assert_eq!(changed("input.csv"), [true, false, false, true]);
         std::fs::remove_dir_all(&folder).unwrap();
-        assert_eq!([0, 1, 2].map(|at| before[at] == after[at]), [false, false, true]);
+    }
+
+    #[test]
+    fn a_folder_that_is_written_is_not_hashed() {
+        let [folder, out] = [scratch("sigma"), scratch("written")];
+        let [input, sigma] = ["track.csv", "sigma.json"].map(|name| folder.join(name));
+        let words = ["fit", "--track", "{}", "--camera", "c.json", "--scene", "floor", "--camera-sigma", text(&sigma)];
+        let written = [&words[..], &["--out", text(&out), "--plot", text(&out)]].concat();
+        let before = key_of(&written, &input);
+        std::fs::write(out.join("trajectory.csv"), "result").unwrap();
+        assert_eq!(before, key_of(&written, &input));
+        std::fs::write(&sigma, "{}").unwrap();
+        assert_ne!(before, key_of(&written, &input));
+        [folder, out].iter().for_each(|folder| std::fs::remove_dir_all(folder).unwrap());
+    }
+
+    #[test]
+    fn a_model_is_hashed_by_its_card_and_its_weights_however_it_is_named() {
+        let folder = scratch("model");
+        let named = folder.join("own");
+        let write = |note: &str, weights: &str| {
+            let card = format!(r#"{{"weights": "trained.safetensors", "note": "{note}"}}"#);
+            std::fs::write(named.with_extension("json"), card).unwrap();
+            std::fs::write(folder.join("trained.safetensors"), weights).unwrap();
+            let [json, tensors] = ["json", "safetensors"].map(|extension| named.with_extension(extension));
+            let joined = format!("--model={}", named.display());
+            let [named, json, tensors] = [&named, &json, &tensors].map(|path| vec!["--model", text(path)]);
+            [named, json, tensors, vec![joined.as_str()]].map(|option| {
+                let words = [&["localise", "{}", "--camera", "absent.json"][..], &option].concat();
+                key_of(&words, Path::new("absent.png"))
+            })
+        };
+        let [first, retrained, renamed, again] = [write("a", "x"), write("a", "y"), write("b", "x"), write("a", "x")];
+        std::fs::remove_dir_all(&folder).unwrap();
+        assert_eq!(first, again);
+        for at in 0..4 {
+            assert!(first[at] != retrained[at] && first[at] != renamed[at], "name {at}");
+        }
+    }
+
+    #[test]
+    fn what_writes_files_is_no_more_than_the_options_that_say_so() {
+        let all = super::super::Arguments::command();
+        for name in KNOWN {
+            let known = all.find_subcommand(name).unwrap();
+            for argument in known.get_arguments() {
+                let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+                let writes = help.starts_with("Write ") && argument.get_action().takes_values();
+                let is_folder_to_make = name == "label" && argument.get_id() == "out";
+                let id = argument.get_id().as_str();
+                assert_eq!(WRITTEN.contains(&id), writes || is_folder_to_make, "{name} --{id}: {help}");
+            }
+        }
     }
 
     #[test]
@@ -277,7 +389,7 @@ mod tests {
         for wrong in ["8/8", "0/0", "a/b", "1", "-1/2"] {
             assert!(shard(wrong).unwrap_err().contains("0/8"), "{wrong}");
         }
-        let filled = filled("--out={out}.csv:{}", Path::new("a/b.mp4"), Path::new("r/b"));
+        let filled = filled("--out={out}.csv:{}".as_ref(), Path::new("a/b.mp4"), Path::new("r/b"));
         assert_eq!(filled, "--out=r/b.csv:a/b.mp4");
     }
 }

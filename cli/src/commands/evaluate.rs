@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use super::print_line;
+use crate::ball::BallArguments;
 use crate::device::DeviceChoice;
 use crate::model;
 use crate::progress::Progress;
@@ -17,20 +18,21 @@ use gravisight::{Card, Clips, Metrics, score};
 const DEPTH_MAPS: usize = 90;
 
 /// Score a model on labelled clips with 3D truth: how far off it is.
+///
+/// The ball is that of each clip's scene, unless --ball-radius or --ball is given.
 #[derive(Args)]
 pub struct Arguments {
     /// Clips folder (with clips.jsonl).
     #[arg(long, value_name = "DIR")]
     data: PathBuf,
-    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    /// Model: path of its card, its weights or both without extension, or the built-in `any` or `sd-l` [default: any].
     #[arg(long, value_name = "M")]
     model: Option<PathBuf>,
     /// Device to run on.
     #[arg(long, value_enum, default_value = "auto")]
     device: DeviceChoice,
-    /// The ball's radius, m, for a model that reads sizes [default: that of each clip's scene].
-    #[arg(long, value_name = "M")]
-    ball_radius: Option<f64>,
+    #[command(flatten)]
+    ball: BallArguments,
     /// Score only the clips whose id contains this, as in env2/cam7.
     #[arg(long, value_name = "TEXT")]
     only: Option<String>,
@@ -63,8 +65,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if given != [true; 2] || !ordered {
         bail!("--z-min must be below --z-max, and both finite numbers");
     }
+    let ball_radius = arguments.ball.radius()?;
     let log = arguments.log.as_deref().map(Log::read).transpose()?;
-    let localiser = model::open(arguments.model.as_deref(), arguments.ball_radius, &arguments.device.open()?)?;
+    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     let mut clips = Clips::read(&arguments.data)?;
     if let Some(part) = &arguments.only {
         clips.clips.retain(|clip| clip.id.contains(part));
@@ -76,7 +79,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures");
     let began = Instant::now();
     let clock = || began.elapsed().as_secs_f64();
-    let samples = pollster::block_on(score(&localiser, &clips, None, arguments.ball_radius, &clock, &mut observe))?;
+    let samples = pollster::block_on(score(&localiser, &clips, None, ball_radius, &clock, &mut observe))?;
     progress.finish();
     let Bins { count, z_min, z_max } = Bins::over(&samples, arguments.bins.into());
     let bins = Bins { count, z_min: arguments.z_min.unwrap_or(z_min), z_max: arguments.z_max.unwrap_or(z_max) };

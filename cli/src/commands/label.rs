@@ -68,7 +68,7 @@ struct LabelSource {
 
 pub fn run(arguments: Arguments) -> Result<()> {
     let folder = NewFolder::at(&arguments.out)?;
-    let localiser = Arc::new(model::open(arguments.model.as_deref(), Some(1.0), &arguments.device.open()?)?);
+    let localiser = Arc::new(model::open(arguments.model.as_deref(), &arguments.device.open()?)?);
     // A video's frames lie in the output from the start, or beside what is kept.
     let unpacked = folder.path().join(".frames");
     let mut sources = sources(&arguments, &unpacked)?;

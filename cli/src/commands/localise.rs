@@ -6,6 +6,7 @@ use anyhow::{Context, Result, ensure};
 use clap::Args;
 
 use super::print_line;
+use crate::ball::BallArguments;
 use crate::device::DeviceChoice;
 use crate::{cameras, draw, model};
 use gravisight::internal::write_whole;
@@ -21,14 +22,13 @@ pub struct Arguments {
     /// The camera that took them (camera.json).
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: PathBuf,
-    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    /// Model: path of its card, its weights or both without extension, or the built-in `any` or `sd-l` [default: any].
     #[arg(long, value_name = "M")]
     model: Option<PathBuf>,
-    /// The ball's radius, m, for a model that reads sizes.
-    #[arg(long, value_name = "M")]
-    ball_radius: Option<f64>,
+    #[command(flatten)]
+    ball: BallArguments,
     /// A scene (scene.json, or the name of a sport): its ball's radius, and the volume in which that ball can be.
-    #[arg(long, value_name = "SCENE.JSON", conflicts_with = "ball_radius")]
+    #[arg(long, value_name = "SCENE.JSON", conflicts_with_all = ["ball_radius", "ball"])]
     scene: Option<PathBuf>,
     /// Search region: left, top, width and height, px.
     #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
@@ -53,10 +53,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let Some(out) = &arguments.overlay {
         check_png("--overlay", out)?;
     }
+    let given = arguments.ball.radius()?;
     let camera = cameras::open(&arguments.camera)?;
     let scene = arguments.scene.as_deref().map(Scene::open).transpose()?;
-    let ball_radius = arguments.ball_radius.or(scene.as_ref().map(|scene| scene.ball.radius));
-    let localiser = model::open(arguments.model.as_deref(), ball_radius, &arguments.device.open()?)?;
+    let ball_radius = given.or(scene.as_ref().map(|scene| scene.ball.radius));
+    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     // A model of one scene knows itself where its ball can be.
     let volume = scene.as_ref().and_then(Scene::volume).filter(|_| localiser.reads_size());
     let landmarks = scene.as_ref().map_or(vec![], Scene::landmarks);

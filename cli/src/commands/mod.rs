@@ -10,6 +10,8 @@ mod forecast;
 mod import;
 mod label;
 mod localise;
+#[cfg(test)]
+mod options;
 mod saliency;
 mod scene;
 mod stacks;

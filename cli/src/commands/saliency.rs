@@ -12,14 +12,21 @@ use serde_json::json;
 
 use super::localise::{check_png, open_picture};
 use super::print_line;
+use crate::ball::BallArguments;
 use crate::cameras;
 use crate::device::DeviceChoice;
 use crate::model;
+
+/// A radius for what does not depend on it, m.
+const ANY_RADIUS: f64 = 0.1;
+/// Fields that only a radius gives.
+const IN_METRES: [&str; 5] = ["depth", "depth_sigma", "camera", "world", "covariance"];
 
 /// Show which pixels of a picture the ball's depth depends on.
 ///
 /// Writes the picture with |∂depth/∂pixel| glowing in it: how far the depth found would move if the pixel got
 /// brighter, worked out through the whole network (on the CPU).
+/// Without the ball's radius, which a model that reads sizes needs for metres, it is a fraction of the depth.
 #[derive(Args)]
 pub struct Arguments {
     /// PNG, JPEG or WebP picture.
@@ -28,13 +35,12 @@ pub struct Arguments {
     /// The camera that took it (camera.json).
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: PathBuf,
-    /// The ball's radius, m, for a model that reads sizes.
-    #[arg(long, value_name = "M")]
-    ball_radius: Option<f64>,
+    #[command(flatten)]
+    ball: BallArguments,
     /// Where to write the picture.
     #[arg(long, value_name = "OUT.PNG")]
     out: PathBuf,
-    /// Model: path of its card, its weights, or both without extension [default: the built-in one].
+    /// Model: path of its card, its weights or both without extension, or the built-in `any` or `sd-l` [default: any].
     #[arg(long, value_name = "M")]
     model: Option<PathBuf>,
     /// Print one JSON object.
@@ -44,14 +50,18 @@ pub struct Arguments {
 
 pub fn run(arguments: Arguments) -> Result<()> {
     check_png("--out", &arguments.out)?;
+    let given = arguments.ball.radius()?;
     let camera = cameras::open(&arguments.camera)?;
-    let localiser = model::open(arguments.model.as_deref(), arguments.ball_radius, &DeviceChoice::Cpu.open()?)?;
+    let localiser = model::open(arguments.model.as_deref(), &DeviceChoice::Cpu.open()?)?;
     let picture = open_picture(&arguments.image)?;
     let name = || arguments.image.display().to_string();
-    let options = LocaliseOptions { ball_radius: arguments.ball_radius, ..LocaliseOptions::default() };
+    // What a size depends on does not change with the ball's radius.
+    let is_relative = localiser.reads_size() && given.is_none();
+    let ball_radius = given.or(is_relative.then_some(ANY_RADIUS));
+    let options = LocaliseOptions { ball_radius, ..LocaliseOptions::default() };
     let found = pollster::block_on(localiser.localise(&picture, &camera, options)).with_context(name)?;
     let mut saliency = pollster::block_on(localiser.saliency(&picture)).with_context(name)?;
-    if saliency.depth.is_none() {
+    if saliency.depth.is_none() && !is_relative {
         // Fractions of the depth, to metres.
         saliency.values.iter_mut().for_each(|value| *value *= found.depth as f32);
     }
@@ -61,14 +71,22 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let near = share_near(&saliency, &found, picture.size(), radius);
     if arguments.json {
         let mut object = serde_json::to_value(&found)?;
-        object["saliency"] = json!({"full_m": full, "near": near, "radius_px": radius});
+        if let Some(fields) = object.as_object_mut().filter(|_| is_relative) {
+            IN_METRES.iter().for_each(|field| _ = fields.remove(*field));
+        }
+        let full_name = if is_relative { "full_fraction" } else { "full_m" };
+        object["saliency"] = json!({full_name: full, "near": near, "radius_px": radius});
         return Ok(print_line(object)?);
     }
     let Localisation { image: [u, v], depth, .. } = found;
-    print_line(format_args!("image       {u:.2}, {v:.2} px   depth {depth:.3} m"))?;
+    let (depth, unit) = match is_relative {
+        true => ("depth unknown without --ball-radius or --ball".into(), "of the depth"),
+        false => (format!("depth {depth:.3} m"), "m of depth"),
+    };
+    print_line(format_args!("image       {u:.2}, {v:.2} px   {depth}"))?;
     let percent = near * 100.0;
     print_line(format_args!("saliency    {percent:.0} % of it within {radius:.0} px of the ball"))?;
-    Ok(print_line(format_args!("full colour {full:.2e} m of depth for a pixel from black to white"))?)
+    Ok(print_line(format_args!("full colour {full:.2e} {unit} for a pixel from black to white"))?)
 }
 
 /// Fraction of all |∂depth/∂brightness| that is within `radius` px of the position found.

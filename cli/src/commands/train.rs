@@ -118,7 +118,7 @@ fn report(card: &Path, device: &Device, progress: &mut Progress) -> Result<Optio
     if !clips.clips.iter().flat_map(|clip| &clip.frames).any(|frame| frame.world.is_some() && frame.image.is_some()) {
         return Ok(None);
     }
-    let localiser = model::open(Some(card), None, device)?;
+    let localiser = model::open(Some(card), device)?;
     progress.restart();
     let mut observe = |done: usize, all: usize| progress.set(done as u64, all as u64, "pictures scored for the report");
     let began = Instant::now();

@@ -76,6 +76,9 @@ struct Place {
     labels: Vec<String>,
     /// A video's key frames.
     sequence: Vec<KeyFrame>,
+    /// How many frames it has.
+    #[serde(rename = "framesCount")]
+    frames: Option<u64>,
 }
 
 #[derive(Deserialize, Clone)]
@@ -88,7 +91,7 @@ struct KeyFrame {
     height: f64,
     #[serde(default)]
     rotation: f64,
-    /// Whether it goes on to the next key frame.
+    /// Whether it goes on to the next key frame, and after the last to the video's end.
     #[serde(default)]
     enabled: bool,
 }
@@ -210,8 +213,10 @@ impl Task {
         let label = chosen(&names.collect::<BTreeSet<_>>(), options, what)?;
         let mut labels = BTreeMap::new();
         for region in regions.into_iter().filter(|region| region.value.labels.contains(&label)) {
-            for (frame, ball) in along(&region.value.sequence, size.xy(), what)? {
-                let labelled = Labelled { what: what.into(), image: Some(ball.centre), time: None };
+            let last = region.value.sequence.iter().map(|key| key.frame).max().unwrap_or(0);
+            for (frame, ball) in along(&region.value.sequence, region.value.frames, size.xy(), what)? {
+                let labelled =
+                    Labelled { what: what.into(), image: Some(ball.centre), time: None, carried: frame >= last };
                 if labels.insert(frame, labelled).is_some() {
                     let reason = format!("holds a second `{label}`; keep one ball, or give --category");
                     return Err(Error::value(what, format!("frame {}", frame + 1), reason));
@@ -255,16 +260,28 @@ fn rectangle([x, y, w, h]: [f64; 4], rotation: f64, [width, height]: [f64; 2]) -
     Ball::in_box([x + right * cos - down * sin, y + right * sin + down * cos], [w, h])
 }
 
-/// The ball in each frame (from 0) of a video with pictures of those sides, px: key frames, and straight lines between those that go on.
-fn along(sequence: &[KeyFrame], sides: [f64; 2], what: &str) -> Result<Vec<(u64, Ball)>> {
+/// Frames after the last key frame, at most: an hour of 240 a second.
+const MOST_FRAMES: u64 = 864_000;
+
+/// The ball in each frame (from 0) of a video of so many frames with pictures of those sides, px: key frames, and straight lines between those
+/// that go on. Where the last one goes on, the ball stays there to the end.
+fn along(sequence: &[KeyFrame], frames: Option<u64>, sides: [f64; 2], what: &str) -> Result<Vec<(u64, Ball)>> {
     let mut keys = sequence.to_vec();
     keys.sort_by_key(|key| key.frame);
     let mut balls = Vec::new();
     let ball = |key: &KeyFrame| rectangle([key.x, key.y, key.width, key.height], key.rotation, sides);
     for (index, key) in keys.iter().enumerate() {
         let next = keys.get(index + 1);
-        let last = next.filter(|_| key.enabled).map_or(key.frame, |next| next.frame.saturating_sub(1)).max(key.frame);
-        if key.frame == 0 || last - key.frame > LONGEST_GAP || next.is_some_and(|next| next.frame == key.frame) {
+        let until = next.map_or(frames, |next| Some(next.frame.saturating_sub(1)));
+        let last = until.filter(|_| key.enabled).unwrap_or(key.frame).max(key.frame);
+        if next.is_none() && last - key.frame > MOST_FRAMES {
+            let reason = format!("is {last}; a video has at most {MOST_FRAMES} frames after a key frame");
+            return Err(Error::value(what, "framesCount", reason));
+        }
+        if key.frame == 0
+            || next.is_some() && last - key.frame > LONGEST_GAP
+            || next.is_some_and(|next| next.frame == key.frame)
+        {
             let reason =
                 format!("of a key frame must count from 1, once each, and be within {LONGEST_GAP} of the next one");
             return Err(Error::value(what, "frame", reason));
@@ -312,4 +329,34 @@ fn folder(source: &Path, options: &ImportOptions) -> PathBuf {
     let own = source.parent().unwrap_or(Path::new(""));
     let beside = Some(own.join("images")).filter(|folder| folder.is_dir());
     options.pictures.clone().or(beside).unwrap_or_else(|| own.to_path_buf())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_that_goes_on_after_its_last_key_frame_stays_to_the_end() {
+        let key = |frame: u64, x: f64, enabled: bool| KeyFrame {
+            frame,
+            x,
+            y: 10.0,
+            width: 4.0,
+            height: 4.0,
+            rotation: 0.0,
+            enabled,
+        };
+        let frames = |keys: &[KeyFrame], frames: Option<u64>| -> Vec<(u64, f64)> {
+            let balls = along(keys, frames, [100.0, 100.0], "task 1").unwrap();
+            balls.into_iter().map(|(frame, ball)| (frame, ball.centre.x)).collect()
+        };
+        let goes_on = frames(&[key(1, 10.0, true), key(3, 20.0, true)], Some(6));
+        assert_eq!(goes_on.iter().map(|(frame, _)| *frame).collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5]);
+        assert!(goes_on[2..].iter().all(|(_, x)| (x - goes_on[2].1).abs() < 1e-9), "{goes_on:?}");
+        assert_eq!(frames(&[key(1, 10.0, true), key(3, 20.0, false)], Some(6)).len(), 3);
+        // An export that does not say how many frames there are.
+        assert_eq!(frames(&[key(1, 10.0, true), key(3, 20.0, true)], None).len(), 3);
+        let error = along(&[key(1, 10.0, true)], Some(u64::MAX), [100.0, 100.0], "task 1").unwrap_err().to_string();
+        assert!(error.contains("framesCount"), "{error}");
+    }
 }

@@ -41,7 +41,7 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
 fn labels(track: &Track, path: &Path) -> BTreeMap<u64, Labelled> {
     let label = |point: &TrackPoint| {
         let what = format!("{}: frame {}", path.display(), point.frame);
-        (point.frame, Labelled { what, image: point.image(), time: point.time })
+        (point.frame, Labelled { what, image: point.image(), time: point.time, carried: false })
     };
     track.points.iter().map(label).collect()
 }

@@ -26,6 +26,9 @@ pub(super) struct Labelled {
     pub image: Option<Point2<f64>>,
     /// When the frame was taken, s, where the labels say it.
     pub time: Option<f64>,
+    /// Whether it only carries on what an earlier frame shows, perhaps beyond the video's end: how many frames there are, annotation
+    /// tools take from the duration, and may be a frame off.
+    pub carried: bool,
 }
 
 /// Where frames are.
@@ -102,11 +105,12 @@ pub(super) fn draft(
         frames.times = frames.pictures.keys().map(|&number| clock.at(number)).collect();
     }
     let mut told = labels.range(first..=last);
-    if let Some((number, label)) = told.find(|(number, _)| !frames.pictures.contains_key(number)) {
+    if let Some((number, label)) = told.find(|(number, label)| !label.carried && !frames.pictures.contains_key(number))
+    {
         let reason = format!("is not in {what}; check that both count frames alike");
         return Err(Error::value(&label.what, format!("frame {number}"), reason));
     }
-    let nothing = Labelled { what: what.clone(), image: None, time: None };
+    let nothing = Labelled { what: what.clone(), image: None, time: None, carried: false };
     let shot = |((number, picture), t): ((u64, PathBuf), f64)| {
         let Labelled { what, image, .. } = labels.get(&number).unwrap_or(&nothing).clone();
         Shot { picture, what, t, image, world: None }

@@ -32,7 +32,7 @@ pub(super) fn shape(stem: usize, stages: [usize; 4], pyramid: usize) -> Backbone
         features: vec![Feature { stride: FINEST_STRIDE, channels: pyramid }],
         coarsest_stride: FINEST_STRIDE << (stages.len() - 1),
         sizes: [&[stem, pyramid], &stages[..]].concat(),
-        is_timms: false,
+        published: None,
     }
 }
 

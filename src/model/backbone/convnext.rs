@@ -56,7 +56,7 @@ pub(super) fn shape(depths: [usize; 4], widths: [usize; 4]) -> BackboneShape {
         features: features.collect(),
         coarsest_stride: PATCH << (widths.len() - 1),
         sizes: [depths, widths].concat(),
-        is_timms: true,
+        published: Some("backbone."),
     }
 }
 

@@ -27,7 +27,12 @@ pub(in crate::model) struct ResNet34 {
 pub(super) fn shape(width: usize) -> BackboneShape {
     // Nobody has checked the width yet.
     let feature = |[stride, times]: [usize; 2]| Feature { stride, channels: width.saturating_mul(times) };
-    BackboneShape { features: FEATURES.map(feature).to_vec(), coarsest_stride: 16, sizes: vec![width], is_timms: true }
+    BackboneShape {
+        features: FEATURES.map(feature).to_vec(),
+        coarsest_stride: 16,
+        sizes: vec![width],
+        published: Some("backbone."),
+    }
 }
 
 impl ResNet34 {

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Rotation2, Vector2};
 use rand::RngExt;
 
 use super::super::recipe::Augmentation;
-use crate::random::Random;
+use gravisight_geometry::random::Random;
 
 /// Squares that are cut out.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::camera::Camera;
-use crate::physics::Forecaster;
+use gravisight_geometry::camera::Camera;
+use gravisight_physics::Forecaster;
 
 /// Pictures with their labels.
 #[derive(Debug, Clone)]

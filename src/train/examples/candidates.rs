@@ -12,18 +12,19 @@ use rand::RngExt;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe};
-use super::renderings::{NIGHTS, read_photographs};
+use super::photographs::Photographs;
+use super::renderings::NIGHTS;
 use super::{Batch, Labels};
-use crate::camera::Outline;
-use crate::error::Result;
-use crate::image::{Filter, Normalisation, Picture, resized};
 use crate::localise::Localiser;
 use crate::localise::crop::{Crop, VERIFIER_CROP};
 use crate::localise::verifier::stacked;
 use crate::model::{Card, VERIFIER_RADIUS, VERIFIER_SIDE};
-use crate::random::{Random, Stream, mixed};
-use crate::size::Size;
-use crate::synth::{RandomScenes, Spot};
+use gravisight_geometry::camera::Outline;
+use gravisight_geometry::error::Result;
+use gravisight_geometry::image::{Filter, Normalisation, Picture, resized};
+use gravisight_geometry::random::{Random, Stream, mixed};
+use gravisight_geometry::size::Size;
+use gravisight_synth::{RandomScenes, Spot};
 
 /// Side of the scenes that are drawn, px, and most balls in one.
 const SIDE: u32 = 256;
@@ -74,14 +75,15 @@ impl CandidateCrops {
     /// # Errors
     /// As [`read_photographs`], [`Card::with_weights`] and [`Localiser::new`].
     pub fn new(recipe: &Recipe, folder: Option<&Path>, detector: &Path) -> Result<Self> {
-        let photographs = folder.map(read_photographs).transpose()?.unwrap_or_default();
+        let Photographs { plain: photographs, labelled } =
+            folder.map(Photographs::read).transpose()?.unwrap_or_default();
         let (card, weights) = Card::with_weights(detector)?;
         let detector = Localiser::new(card, weights, &Device::flex())?;
-        let negatives = (0..photographs.len()).into_par_iter();
-        let negatives = negatives.map(|number| hard_negatives(&detector, number, &photographs[number]));
+        // One after the other: each search runs on all threads, and one that waits for them would begin the next photograph, and the next.
+        let negatives = (0..photographs.len()).map(|number| hard_negatives(&detector, number, &photographs[number]));
         let negatives = negatives.collect::<Result<Vec<_>>>()?;
         Ok(Self {
-            scenes: RandomScenes::new(photographs, recipe.empty_fraction).with_nights(NIGHTS),
+            scenes: RandomScenes::new(photographs, recipe.empty_fraction).with_nights(NIGHTS).with_labelled(labelled),
             detector,
             seed: recipe.seed,
             normalisation: recipe.normalisation,

@@ -8,10 +8,10 @@ use sha2::{Digest, Sha256};
 use super::super::recipe::FitConfig;
 use super::TaughtClip;
 use super::teacher::options;
-use crate::clips::Clip;
-use crate::error::{Error, Result};
-use crate::files::write_whole;
-use crate::track::SOLVER_VERSION;
+use gravisight_clips::Clip;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::files::write_whole;
+use gravisight_track::SOLVER_VERSION;
 
 /// Fits with the hash of all that they depend on (the solver and its configuration, labels, cameras, scenes): a line that holds it, then a line a clip.
 pub struct Fits {
@@ -50,7 +50,7 @@ impl Fits {
         if !file.exists() {
             return Ok(None);
         }
-        let text = crate::files::read_text(file)?;
+        let text = gravisight_geometry::files::read_text(file)?;
         let kept = text.lines().next().and_then(|line| serde_json::from_str::<Inputs>(line).ok());
         let inputs = inputs(version, clips, config)?.inputs;
         Ok(kept.filter(|kept| kept.inputs == inputs).map(|_| Self { text, kept: true }))

@@ -2,8 +2,8 @@
 
 use super::super::recipe::FitConfig;
 use super::{TaughtClip, teach};
-use crate::clips::Clip;
-use crate::error::{Error, Result};
+use gravisight_clips::Clip;
+use gravisight_geometry::error::{Error, Result};
 
 /// Clips that each mistake is tried on.
 const DIAGNOSED: usize = 3;

@@ -6,7 +6,7 @@ use std::thread;
 
 use super::super::recipe::{Phase, Recipe};
 use super::{Batch, Source};
-use crate::error::{Error, Result};
+use gravisight_geometry::error::{Error, Result};
 
 /// Batches that wait at most.
 const AHEAD: usize = 2;

@@ -11,6 +11,8 @@ mod fits;
 mod label_mistakes;
 #[cfg(not(target_arch = "wasm32"))]
 mod loader;
+#[cfg(not(target_arch = "wasm32"))]
+mod photographs;
 mod pictures;
 #[cfg(not(target_arch = "wasm32"))]
 mod prepare;
@@ -32,6 +34,8 @@ pub(super) use self::candidates::{CandidateCrops, LabelledCrop};
 pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::loader::Loader;
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::photographs::{Photographs, read_photographs};
 pub(super) use self::pictures::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::prepare::LeftOut;
@@ -39,8 +43,6 @@ pub use self::prepare::LeftOut;
 pub(super) use self::prepare::{Prepared, prepare};
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::renderings::Renderings;
-#[cfg(not(target_arch = "wasm32"))]
-pub use self::renderings::read_photographs;
 pub(super) use self::sampler::Sampler;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::source::Source;
@@ -50,8 +52,8 @@ pub(super) use self::stacks::Stacks;
 pub use self::stacks::stack_record;
 pub(super) use self::teacher::{TaughtClip, teach};
 use super::recipe::{Recipe, Velocity};
-use crate::clips::{Clip, Clips, Frame};
-use crate::error::{Error, Result};
+use gravisight_clips::{Clip, Clips, Frame};
+use gravisight_geometry::error::{Error, Result};
 
 /// Fraction of the picture's side by which a label may lie outside (a ball cut by the edge).
 const LABEL_MARGIN: f64 = 0.05;

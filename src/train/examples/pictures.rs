@@ -3,9 +3,9 @@
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use crate::clips::{Clip, Clips};
-use crate::error::Result;
-use crate::image::Picture;
+use gravisight_clips::{Clip, Clips};
+use gravisight_geometry::error::Result;
+use gravisight_geometry::image::Picture;
 
 /// Frames of which an empty scene is the median.
 const MEDIAN_FRAMES: usize = 15;

@@ -10,9 +10,9 @@ use super::super::recipe::{FitConfig, Recipe, Supervision};
 use super::fits::Fits;
 use super::label_mistakes::check_taught;
 use super::{Example, Examples, TaughtClip, check_label, check_physics, examples_of, labelled_2d, teach, true_point};
-use crate::clips::{Clip, Clips};
-use crate::error::Result;
-use crate::random::{Stream, normal_pair};
+use gravisight_clips::{Clip, Clips};
+use gravisight_geometry::error::Result;
+use gravisight_geometry::random::{Stream, normal_pair};
 
 /// Clips that are fitted between two reports of progress.
 const FITTED_TOGETHER: usize = 20;

@@ -2,21 +2,17 @@
 
 use std::path::Path;
 
-use image::RgbImage;
-use rayon::iter::{IntoParallelIterator, IntoParallelRefIterator, ParallelIterator};
+use rayon::iter::{IntoParallelIterator, ParallelIterator};
 
 use super::super::recipe::{Phase, Recipe};
+use super::photographs::Photographs;
 use super::{Batch, Labels};
-use crate::error::{Error, Result};
-use crate::image::{Filter, Normalisation, Picture, resized};
-use crate::random::mixed;
-use crate::size::Size;
-use crate::synth::{Apparent, Drawing, RandomScenes};
+use gravisight_geometry::error::Result;
+use gravisight_geometry::image::Normalisation;
+use gravisight_geometry::random::mixed;
+use gravisight_geometry::size::Size;
+use gravisight_synth::{Apparent, Drawing, RandomScenes};
 
-/// Longer side of the photographs that are kept, px: several crops wide, a few MB each.
-const PHOTOGRAPH_SIDE: u32 = 1280;
-/// Ends of the names of photographs' files.
-const EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 /// Fraction of the scenes that are dark and lit from the camera.
 pub(super) const NIGHTS: f64 = 0.05;
 /// Most balls in a picture that is trained with: each teaches as much as one alone.
@@ -38,13 +34,12 @@ impl Renderings {
     /// By `recipe`, with the photographs of `folder`, if any, as backgrounds.
     ///
     /// # Errors
-    /// [`Error::Io`] for a folder that cannot be read, [`Error::Data`] for one without photographs; for a damaged one as
-    /// [`Picture::open`].
+    /// As [`Photographs::read`].
     pub fn new(recipe: &Recipe, folder: Option<&Path>) -> Result<Self> {
-        let photographs = folder.map(self::read_photographs).transpose()?.unwrap_or_default();
-        let count = photographs.len();
+        let Photographs { plain, labelled } = folder.map(Photographs::read).transpose()?.unwrap_or_default();
+        let count = plain.len() + labelled.len();
         Ok(Self {
-            scenes: RandomScenes::new(photographs, recipe.empty_fraction).with_nights(NIGHTS),
+            scenes: RandomScenes::new(plain, recipe.empty_fraction).with_nights(NIGHTS).with_labelled(labelled),
             seed: recipe.seed,
             input: recipe.input,
             normalisation: recipe.normalisation,
@@ -77,7 +72,7 @@ impl Renderings {
                 batch.labels.picture.push(index);
                 batch.labels.image.push(ball.map(|ball| ball.centre));
                 batch.labels.depth.push(ball.map_or(1.0, |ball| ball.radius));
-                batch.labels.depth_weight.push(f64::from(u8::from(ball.is_some())));
+                batch.labels.depth_weight.push(f64::from(u8::from(ball.is_some_and(|ball| ball.is_sized))));
             };
             if drawing.balls.is_empty() {
                 label(None);
@@ -91,44 +86,4 @@ impl Renderings {
     pub fn scored(&self, index: usize) -> Drawing {
         self.scenes.draw(self.input, mixed(self.seed, SCORED, index as u64), 1)
     }
-}
-
-/// The photographs in `folder` and below it, in the order of their names, at most 1280 px long.
-///
-/// # Errors
-/// [`Error::Io`] for a folder that cannot be read, [`Error::Data`] for one without photographs; for a damaged one as
-/// [`Picture::open`].
-pub fn read_photographs(folder: &Path) -> Result<Vec<RgbImage>> {
-    let (mut files, mut folders) = (vec![], vec![folder.to_path_buf()]);
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(&folder).map_err(Error::io(&folder))? {
-            let path = entry.map_err(Error::io(&folder))?.path();
-            let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-            if path.is_dir() {
-                folders.push(path);
-            } else if EXTENSIONS.contains(&extension.as_str()) {
-                files.push(path);
-            }
-        }
-    }
-    files.sort();
-    if files.is_empty() {
-        let reason = format!("holds no photographs ({})", EXTENSIONS.join(", "));
-        return Err(Error::Data { what: folder.display().to_string(), reason });
-    }
-    let read = |path: &std::path::PathBuf| {
-        let named = |error: Error| match error {
-            error @ Error::Io { .. } => error,
-            error => Error::Data { what: path.display().to_string(), reason: error.to_string() },
-        };
-        let rgb = Picture::open(path).map_err(named)?.rgb().clone();
-        let scale = f64::from(PHOTOGRAPH_SIDE) / f64::from(rgb.width().max(rgb.height()));
-        if scale >= 1.0 {
-            return Ok(rgb);
-        }
-        let size = Size::new(rgb.width(), rgb.height());
-        let [width, height] = [size.width, size.height].map(|side| ((f64::from(side) * scale) as u32).max(1));
-        Ok(resized(&rgb, [0, 0], size, Size::new(width, height), Filter::Bilinear))
-    };
-    files.par_iter().map(read).collect()
 }

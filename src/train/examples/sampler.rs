@@ -13,13 +13,13 @@ use super::teacher::{forecaster, scene_of};
 use super::{
     Batch, Example, Examples, Labels, PictureTransform, Pictures, Start, Target, Window, distance_of_scene, true_point,
 };
-use crate::camera::Outline;
-use crate::clips::Clip;
-use crate::error::{Error, Result};
-use crate::image::{NetworkInput, tile};
-use crate::physics::{Forecaster, Scene};
-use crate::random::{Random, Stream, mixed};
-use crate::size::Size;
+use gravisight_clips::Clip;
+use gravisight_geometry::camera::Outline;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::{NetworkInput, tile};
+use gravisight_geometry::random::{Random, Stream, mixed};
+use gravisight_geometry::size::Size;
+use gravisight_physics::{Forecaster, Scene};
 
 /// Radii, px, at which a network that reads sizes sees a ball again, and the largest enlargement for that.
 const AGAIN: Range<f64> = 18.0..28.0;
@@ -112,7 +112,7 @@ impl Sampler {
     /// The batch of step `step`: the same for the same seed and step, whatever came before.
     ///
     /// # Errors
-    /// As [`Clips::picture`](crate::clips::Clips::picture).
+    /// As [`Clips::picture`](gravisight_clips::Clips::picture).
     pub fn batch(&self, phase: &Phase, step: usize) -> Result<Batch> {
         let (shots, opened) = self.shots(phase, step);
         let drawn: Vec<Drawn> = shots.par_iter().map(|shot| self.draw(shot, phase)).collect::<Result<_>>()?;
@@ -299,7 +299,7 @@ impl Sampler {
     /// A random view of `picture` around `centre` (px of it), `magnified`: its values, where the centre is in it, and the way back.
     fn view(
         &self,
-        picture: &crate::image::Picture,
+        picture: &gravisight_geometry::image::Picture,
         centre: [f64; 2],
         magnified: f64,
         phase: &Phase,

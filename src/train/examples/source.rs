@@ -2,7 +2,7 @@
 
 use super::super::recipe::Phase;
 use super::{Batch, CandidateCrops, Renderings, Sampler, Stacks};
-use crate::error::Result;
+use gravisight_geometry::error::Result;
 
 /// What a run draws its batches from.
 pub enum Source {

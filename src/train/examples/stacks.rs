@@ -13,12 +13,12 @@ use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use super::super::recipe::{Phase, Recipe};
 use super::candidates::LabelledCrop;
 use super::{Batch, Labels};
-use crate::camera::Outline;
-use crate::error::{Error, Result};
-use crate::image::Normalisation;
 use crate::localise::verifier::{STACK_REACH, stacked};
-use crate::random::{Random, Stream, mixed};
-use crate::track::STACK_SIDE;
+use gravisight_geometry::camera::Outline;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::Normalisation;
+use gravisight_geometry::random::{Random, Stream, mixed};
+use gravisight_track::STACK_SIDE;
 
 /// Bytes of one picture of a stack, and of a record: two pictures, and x, y and radius of the ball, px of the stack, NaN without one.
 const PICTURE_BYTES: usize = 3 * (STACK_SIDE * STACK_SIDE) as usize;
@@ -78,7 +78,7 @@ impl Stacks {
         paths.sort();
         let (mut balls, mut empty, mut beside) = (vec![], vec![], vec![]);
         for path in paths {
-            for record in crate::files::read(&path)?.chunks_exact(RECORD_BYTES) {
+            for record in gravisight_geometry::files::read(&path)?.chunks_exact(RECORD_BYTES) {
                 let middle = f64::from(STACK_SIDE - 1) / 2.0;
                 let kind = match ball_of(record) {
                     Some([x, y, _]) if (x - middle).hypot(y - middle) < STACK_REACH => &mut balls,

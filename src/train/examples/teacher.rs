@@ -4,10 +4,10 @@ use nalgebra::{Point2, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::super::recipe::FitConfig;
-use crate::clips::{Clip, Frame};
-use crate::error::{Error, Result};
-use crate::physics::{ForecastOptions, Forecaster, Scene};
-use crate::track::{Fit, FitOptions, FittedFrame, Observation};
+use gravisight_clips::{Clip, Frame};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_physics::{ForecastOptions, Forecaster, Scene};
+use gravisight_track::{Fit, FitOptions, FittedFrame, Observation};
 
 /// What physics says of one frame.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -27,7 +27,7 @@ pub struct TaughtClip {
     pub id: String,
     /// One a frame of the clip; none where the ball is not between its first and last label, or too uncertain.
     pub frames: Vec<Option<TaughtFrame>>,
-    /// Labels that the camera's lens model does not reach: they teach nothing.
+    /// Labels that were left out, by [`FittedFrame::refused`]: outside the lens model, repeated, or another ball's. They teach nothing.
     #[serde(skip_serializing_if = "is_zero", default)]
     pub refused: usize,
     /// Why the clip teaches nothing, in words.
@@ -63,7 +63,7 @@ fn fit(clip: &Clip, config: &FitConfig) -> Result<Fit> {
     if !fit.explained {
         return refuse(format!("no trajectory explains its labels ({:.2} px rms at best)", fit.rms_px));
     }
-    // A label that the lens does not reach teaches nothing, but says nothing against the clip either.
+    // A label that was left out teaches nothing, but says nothing against the clip either.
     let refused = fit.frames.iter().filter(|frame| frame.refused.is_some()).count();
     let labelled = observations.iter().filter(|observation| observation.image.is_some()).count() - refused;
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count() - refused;

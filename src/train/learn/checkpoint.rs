@@ -9,9 +9,9 @@ use super::super::recipe::Recipe;
 use super::parts::Beside;
 use super::publish::Best;
 use super::trainer::TrainerState;
-use crate::error::{Error, Result};
-use crate::files::{read, read_text, write_whole};
 use crate::model::{self, Pen};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::files::{read, read_text, write_whole};
 
 /// Beginning of the name of the weights that scored best so far.
 const BEST: &str = "best";

@@ -10,9 +10,9 @@ use super::super::examples::{Start, Target, Window};
 use super::knowledge::{Knowledge, OwnTrack};
 use super::launch::{Launch, image_of, point, seen};
 use super::step::{StepOptions, read};
-use crate::error::Result;
 use crate::model::Decoded;
-use crate::physics::State;
+use gravisight_geometry::error::Result;
+use gravisight_physics::State;
 
 /// The future loss and its gradient.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,7 +34,7 @@ const LAW_STEP: f64 = 1e-4;
 /// start from one is added to `knowledge`, whose laws make their step.
 ///
 /// # Errors
-/// [`Error::Device`](crate::error::Error::Device) for a device that cannot be read.
+/// [`Error::Device`](gravisight_geometry::error::Error::Device) for a device that cannot be read.
 pub async fn future(
     decoded: &Decoded,
     windows: &[Window],

@@ -4,9 +4,9 @@ use nalgebra::{Matrix2x6, Matrix3, Matrix6, Point2, Point3, Vector3, Vector6};
 
 use super::super::examples::{PictureTransform, Start, Target, Window};
 use super::knowledge::OwnTrack;
-use crate::camera::Outline;
-use crate::error::Result;
-use crate::physics::{Forecaster, State};
+use gravisight_geometry::camera::Outline;
+use gravisight_geometry::error::Result;
+use gravisight_physics::{Forecaster, State};
 
 /// Residual at which a free flight through the positions around counts half, px: they are labels, or as good as them, and
 /// a contact among them shows.
@@ -54,7 +54,7 @@ impl Launch {
     /// positions, or a free flight cannot be found.
     ///
     /// # Errors
-    /// As [`Camera::world_from_image_with_jacobian`](crate::Camera::world_from_image_with_jacobian).
+    /// As [`Camera::world_from_image_with_jacobian`](gravisight_geometry::camera::Camera::world_from_image_with_jacobian).
     pub fn of(window: &Window, positions: &[[f64; 3]], own: &OwnTrack) -> Result<Option<Self>> {
         match &window.start {
             Start::Pictures { transforms, times } => Self::of_pictures(window, transforms, *times, positions).map(Some),

@@ -2,8 +2,8 @@
 
 use super::super::examples::{Start, Window};
 use super::super::recipe::Law;
-use crate::error::Result;
-use crate::physics::{Contact, Forecaster, Scene};
+use gravisight_geometry::error::Result;
+use gravisight_physics::{Contact, Forecaster, Scene};
 
 /// Decays of Adam's moments, as the network's.
 const DECAYS: [f64; 2] = [0.9, 0.999];

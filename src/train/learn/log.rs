@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::error::{Error, Result};
+use gravisight_geometry::error::{Error, Result};
 
 /// The log and its table in errors.
 pub(super) const LOG: &str = "log.jsonl";
@@ -34,6 +34,6 @@ pub(super) fn log_until(path: &Path, step: usize) -> Result<String> {
     if step == 0 || !path.exists() {
         return Ok(String::new());
     }
-    let text = crate::files::read_text(path)?;
+    let text = gravisight_geometry::files::read_text(path)?;
     Ok(text.lines().take(step).flat_map(|line| [line, "\n"]).collect())
 }

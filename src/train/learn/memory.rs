@@ -2,9 +2,9 @@
 
 use super::super::examples::Source;
 use super::super::recipe::{Phase, Recipe};
-use crate::error::{Error, Result};
 use crate::model::Pen;
-use crate::size::Size;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::size::Size;
 
 /// Refuses steps that do not fit the memory that is free now, where the system says how much that is.
 pub(super) fn check_memory(recipe: &Recipe, pen: &Pen, source: &Source) -> Result<()> {

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::super::recipe::Recipe;
 use super::knowledge::Knowledge;
 use super::trainer::{LossWatch, TrainerState};
-use crate::error::{Error, Result};
 use crate::model::{self, Pen};
+use gravisight_geometry::error::{Error, Result};
 
 /// Names of the networks in a checkpoint.
 const MODEL: &str = "model";

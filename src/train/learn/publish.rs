@@ -7,14 +7,14 @@ use super::super::examples::Source;
 use super::super::recipe::Supervision;
 use super::super::recipe::{Recipe, Select};
 use super::score::Score;
-use crate::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::model::DepthFrom;
 use crate::model::{self, Card, Pen, sha256_hex};
 #[cfg(not(target_arch = "wasm32"))]
 use crate::model::{CARD_VERSION, PenConfig};
+use gravisight_geometry::error::Result;
 #[cfg(not(target_arch = "wasm32"))]
-use crate::synth::{LARGEST, SMALLEST};
+use gravisight_synth::{LARGEST, SMALLEST};
 
 /// The averaged weights that scored best so far.
 #[derive(Debug, Clone)]
@@ -56,8 +56,8 @@ impl Best {
 /// known of them.
 ///
 /// # Errors
-/// [`Error::WeightsFile`](crate::Error::WeightsFile) where the weights cannot be written;
-/// [`Error::Device`](crate::Error::Device) where they cannot be read.
+/// [`Error::WeightsFile`](gravisight_geometry::error::Error::WeightsFile) where the weights cannot be written;
+/// [`Error::Device`](gravisight_geometry::error::Error::Device) where they cannot be read.
 pub async fn publish(card: Card, best: Option<&Best>, last: Pen) -> Result<(Card, Vec<u8>)> {
     let pen = best.map_or(&last, |best| &best.average);
     let weights = model::halved(&model::save(&model::on_cpu(pen).await?)?)?;
@@ -128,6 +128,7 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
         depth_range,
         radius_range: architecture.depth.is_size().then_some([SMALLEST, LARGEST]),
         confidence_threshold: None,
+        calibration: None,
         training_data,
         description: format!("{} {supervision}", recipe.description).trim().to_string(),
         metrics: serde_json::Value::Null,

@@ -19,11 +19,11 @@ use super::publish::{Best, card_of_run, publish};
 use super::score::{Score, SizeScore, score, score_crops, score_sizes};
 use super::step::StepReport;
 use super::trainer::{Trainer, TrainerState};
-use crate::clips::Clips;
-use crate::error::{Error, Result};
-use crate::files::{Claim, write_whole};
 use crate::localise::Localiser;
 use crate::model::{self, Card, Pen, sha256_hex};
+use gravisight_clips::Clips;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::files::{Claim, write_whole};
 
 /// What the loop tells its caller after each step.
 #[derive(Debug, Clone, Serialize)]
@@ -350,5 +350,5 @@ fn with_start(pen: Pen, paths: &RunPaths) -> Result<Pen> {
         return model::load_into(pen, weights);
     }
     let Some(path) = &paths.backbone_weights else { return Ok(pen) };
-    model::load_backbone_timm(pen, crate::files::read(path)?)
+    model::load_backbone(pen, gravisight_geometry::files::read(path)?)
 }

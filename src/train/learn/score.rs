@@ -7,13 +7,15 @@ use super::super::examples::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::examples::{LabelledCrop, Renderings};
 use super::laws::LearnedLaws;
-use crate::clips::Clip;
-use crate::error::{Error, Result};
 use crate::evaluate::Statistic;
-use crate::image::Picture;
 use crate::localise::{LocaliseOptions, Localiser};
-use crate::physics::{Forecaster, State};
-use crate::statistics::median;
+use gravisight_clips::Clip;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::Picture;
+use gravisight_geometry::statistics::median;
+use gravisight_physics::{Forecaster, State};
+#[cfg(not(target_arch = "wasm32"))]
+use gravisight_synth::Apparent;
 
 /// Frames on each side of a frame from whose positions its velocity is found.
 const REACH: usize = 5;
@@ -142,12 +144,17 @@ pub async fn score_sizes(localiser: &Localiser, renderings: &Renderings, count: 
         let found =
             localiser.search(&Picture::from_rgb(drawing.picture()), None, None, None, 1, false).await?.detections;
         let Some(found) = found.first() else { continue };
-        let Some(ball) = drawing.balls.first() else {
+        // Of several in a photograph the nearest.
+        let off = |ball: &Apparent| distance(&found.outline.centre, &Point2::from(ball.centre));
+        let Some(ball) = drawing.balls.iter().min_by(|a, b| off(a).total_cmp(&off(b))) else {
             empty.push(found.confidence);
             continue;
         };
         let error = (found.outline.radius / ball.radius).ln();
-        image.push(distance(&found.outline.centre, &Point2::from(ball.centre)));
+        image.push(off(ball));
+        if !ball.is_sized {
+            continue;
+        }
         errors.push(error.exp_m1().abs());
         for (number, within) in within.iter_mut().enumerate() {
             *within += usize::from(error.abs() <= (number + 1) as f64 * found.log_sigma);

@@ -10,8 +10,8 @@ use super::future::future;
 use super::knowledge::Knowledge;
 use super::loss::{map_losses, near_labels};
 use super::optimiser::AdamW;
-use crate::error::{Error, Result};
 use crate::model::{Pen, decode};
+use gravisight_geometry::error::{Error, Result};
 
 /// What a step optimises, and how.
 #[derive(Debug, Clone, Copy)]

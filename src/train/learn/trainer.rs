@@ -10,8 +10,8 @@ use super::knowledge::{Knowledge, OwnTrack};
 use super::laws::LearnedLaws;
 use super::optimiser::AdamW;
 use super::step::{StepOptions, StepReport, step};
-use crate::error::{Error, Result};
 use crate::model::Pen;
+use gravisight_geometry::error::{Error, Result};
 
 /// Steps over which the loss is averaged to see whether it explodes.
 const WATCHED: f64 = 50.0;

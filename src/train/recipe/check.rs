@@ -2,9 +2,9 @@
 
 use super::parts::STARTS;
 use super::{Augmentation, FutureConfig, HeatmapLoss, Recipe, Supervision, Velocity};
-use crate::error::{Error, Result};
 use crate::model::{MOTION_SIDE, VERIFIER_SIDE, check_input};
-use crate::size::Size;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::size::Size;
 
 impl Recipe {
     /// Refuses values that cannot train.
@@ -100,7 +100,7 @@ impl Recipe {
         if self.supervision.is_rendered() && !self.architecture(1.0).depth.is_size() {
             return refuse(
                 "network",
-                "must read sizes with supervision \"rendered\" or \"candidates\": take \"compact-size\" or \"verifier\""
+                "must read sizes with supervision \"rendered\" or \"candidates\": take \"compact-size\", \"csp-size\" or \"verifier\""
                     .into(),
             );
         }

@@ -19,10 +19,10 @@ pub use self::parts::{
 pub use self::paths::{RunPaths, TrainConfig};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::settings::TrainSettings;
-use crate::image::Normalisation;
 use crate::model::PenConfig;
-use crate::physics::Contact;
-use crate::size::Size;
+use gravisight_geometry::image::Normalisation;
+use gravisight_geometry::size::Size;
+use gravisight_physics::Contact;
 
 /// What is learned, and how: all of a training but its files. `run.toml` is this structure and the run's paths; the presets
 /// are this structure; `train --set FIELD=VALUE` sets any field.
@@ -232,7 +232,7 @@ impl Recipe {
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
         self.heatmap_loss.unwrap_or(match self.network {
-            Network::Compact | Network::CompactSize | Network::Verifier | Network::Motion => {
+            Network::Compact | Network::CompactSize | Network::CspSize | Network::Verifier | Network::Motion => {
                 HeatmapLoss::CrossEntropy { sigma: 4.0 }
             }
             Network::Paper | Network::ConvNextNano | Network::ConvNextV2Nano => {
@@ -247,6 +247,7 @@ impl Recipe {
             (Some(architecture), _) => architecture.clone(),
             (None, Network::Compact) => PenConfig::compact(prior_depth),
             (None, Network::CompactSize) => PenConfig::compact_size(),
+            (None, Network::CspSize) => PenConfig::csp_size(),
             (None, Network::Verifier) => PenConfig::verifier(),
             (None, Network::Motion) => PenConfig::motion(),
             (None, Network::Paper) => PenConfig::paper(),

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::physics::{Contact, Scene};
+use gravisight_physics::{Contact, Scene};
 
 /// Pictures of a window that the forecast starts from, where pictures tell the velocity.
 pub(in crate::train) const STARTS: usize = 3;
@@ -261,6 +261,9 @@ pub enum Network {
     /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
     #[serde(rename = "compact-size")]
     CompactSize,
+    /// [`PenConfig::csp_size`](crate::model::PenConfig::csp_size).
+    #[serde(rename = "csp-size")]
+    CspSize,
     /// [`PenConfig::motion`](crate::model::PenConfig::motion).
     #[serde(rename = "motion")]
     Motion,

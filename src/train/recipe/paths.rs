@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use super::{Recipe, TrainSettings};
-use crate::error::{Error, Result};
+use gravisight_geometry::error::{Error, Result};
 
 /// A training run: what is learned, and the files it is learned from and kept in. `run.toml` holds the fields of both.
 #[derive(Debug, Clone)]

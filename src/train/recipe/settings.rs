@@ -3,11 +3,12 @@
 use std::path::Path;
 
 use super::{Recipe, RunPaths, TrainConfig};
-use crate::error::{Error, Result};
+use gravisight_geometry::error::{Error, Result};
 
 /// The recipes of the published models and of the paper, and a short one, by name.
-const PRESETS: [(&str, &str); 11] = [
+const PRESETS: [(&str, &str); 12] = [
     ("any", include_str!("../../../models/any.toml")),
+    ("any-l", include_str!("../../../models/any-l.toml")),
     ("any-motion", include_str!("../../../models/any-motion.toml")),
     ("any-verifier", include_str!("../../../models/any-verifier.toml")),
     ("quick", include_str!("../../../models/quick.toml")),
@@ -47,7 +48,7 @@ impl TrainSettings {
     /// # Errors
     /// [`Error::Io`], [`Error::Format`].
     pub fn read(path: &Path) -> Result<Self> {
-        let text = crate::files::read_text(path)?;
+        let text = gravisight_geometry::files::read_text(path)?;
         let mut fields: toml::Table = toml::from_str(&text).map_err(Error::format(path.display().to_string()))?;
         let folder = path.parent().unwrap_or(Path::new("."));
         for name in RunPaths::FIELDS {

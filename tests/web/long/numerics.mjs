@@ -1,4 +1,4 @@
-/** What a wasm build makes of the pictures of `cargo bench --bench numerics`: `node numerics.mjs FOLDER BUILD` writes `wasm-BUILD.safetensors` there. */
+/** What a wasm build makes of the pictures of `cargo bench --bench all -- numerics `: `node numerics.mjs FOLDER BUILD` writes `wasm-BUILD.safetensors` there. */
 import { readFileSync, writeFileSync } from "node:fs";
 
 const [folder, build] = process.argv.slice(2);

@@ -34,7 +34,8 @@ export class Tracking {
   missed = 0;
   /** Why frames at the end are missing, in words; empty where none are. */
   broken = "";
-  readonly #seeds: { frame: number; image: [number, number] }[] = [];
+  /** Where a person saw the ball, by frame. */
+  readonly #seeds = new Map<number, [number, number]>();
 
   private constructor(tracker: VideoTracker, known: Known) {
     this.#tracker = tracker;
@@ -82,7 +83,7 @@ export class Tracking {
   /** Takes a person's word for where the ball is in the frame next to a time. */
   mark(timeMs: number, image: [number, number]): void {
     const near = this.#times.reduce((best, time, frame) => (Math.abs(time - timeMs) < Math.abs((this.#times[best] ?? Infinity) - timeMs) ? frame : best), 0);
-    this.#seeds.push({ frame: near, image });
+    this.#seeds.set(near, image);
   }
 
   /** The ball in all frames. */
@@ -91,7 +92,7 @@ export class Tracking {
     const { camera, cameraSigma, scene } = this.#known;
     return this.#tracker.track({
       ...(camera && scene && { camera, cameraSigma, scene }),
-      seeds: this.#seeds,
+      seeds: [...this.#seeds].map(([frame, image]) => ({ frame, image })),
       timesKnown: true,
       signal,
       onProgress: ({ loaded, total }) => progress(loaded, total),

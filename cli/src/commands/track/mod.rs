@@ -15,6 +15,7 @@ use gravisight::{Camera, Findings, FitOptions, Forecaster, Picture, Scene, Track
 use self::say::print;
 use super::fit::{Hits, PARTLY, config, hits, one_sigma};
 use super::print_line;
+use crate::ball::with_ball;
 use crate::cameras;
 use crate::device::DeviceChoice;
 use crate::footage::Footage;
@@ -47,7 +48,7 @@ pub struct Arguments {
     /// Frames a second [default: the video's own times].
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
-    /// The ball as you see it, in one frame: its number from 0, and px. May be given several times.
+    /// The ball as you see it, in one frame: its number from 0, and px. May be given several times; of two in one frame the last counts.
     #[arg(long, value_name = "FRAME,X,Y", value_parser = seed)]
     seed_label: Vec<SeedArgument>,
     /// Most hits of a racket, a foot or a hand between two pauses.
@@ -94,7 +95,7 @@ fn seed(text: &str) -> Result<SeedArgument, String> {
 
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let mut place = place(&arguments)?;
-    let localiser = model::open(arguments.model.as_deref(), Some(1.0), &arguments.device.open()?)?;
+    let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     let footage = Footage::open(&arguments.input, arguments.fps)?;
     if let (Some(place), Some(size)) = (&mut place, footage.size()) {
         place.camera = place.camera.for_picture(size)?;
@@ -107,8 +108,13 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
         tracker = tracker.with_config(config(path, "track")?)?;
     }
     let tracker = watched(&footage, tracker, &mut progress).with_context(name)?;
-    let seeds: Vec<(usize, [f64; 2])> =
-        arguments.seed_label.iter().map(|SeedArgument(frame, at)| (*frame, *at)).collect();
+    let mut seeds = BTreeMap::new();
+    for SeedArgument(frame, at) in &arguments.seed_label {
+        if let Some([x, y]) = seeds.insert(*frame, *at) {
+            eprintln!("gravisight: note: --seed-label {frame},{x},{y} is replaced by the later one in the same frame");
+        }
+    }
+    let seeds: Vec<(usize, [f64; 2])> = seeds.into_iter().collect();
     let known = place.as_ref().map(|place| (&place.camera, place.forecaster.scene()));
     let mut tracked = tracker.track(&seeds, known)?;
     if let Some(out) = &arguments.out {
@@ -168,14 +174,7 @@ fn place(arguments: &Arguments) -> Result<Option<SceneOfTrack>> {
     };
     let mut scene = Scene::open(scene)?;
     if let Some(ball) = &arguments.ball {
-        match ball.parse::<f64>() {
-            Ok(radius) => {
-                scene.ball.radius = radius;
-                scene.check("--ball")?;
-                ensure!(radius < 1.0, "--ball is a radius in metres, {radius} is too large: {} mm?", radius);
-            }
-            Err(_) => scene = scene.with_ball(ball)?,
-        }
+        scene = with_ball(scene, ball)?;
     }
     let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
     Ok(Some(SceneOfTrack { camera: cameras::open(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))

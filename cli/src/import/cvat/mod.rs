@@ -162,7 +162,7 @@ impl<'a> Annotations<'a> {
                             format!("holds a ball already ({other}); keep one, or give --category or --object");
                         return Err(Error::value(what, format!("frame {frame}"), reason));
                     }
-                    _ => drop(labels.insert(frame, Labelled { what, image: label, time: None })),
+                    _ => drop(labels.insert(frame, Labelled { what, image: label, time: None, carried: false })),
                 }
             }
         }

@@ -7,19 +7,20 @@ use std::path::Path;
 use nalgebra::{Point2, Point3};
 
 use super::candidates::missed;
+use super::photographs::Photographs;
 use super::renderings::NIGHTS;
 use super::{CandidateCrops, Example, Examples, Fits, Pictures, Prepared, Sampler, Start, Target, prepare, teach};
-use crate::camera::Outline;
-use crate::clips::{Clip, Clips};
 use crate::localise::Localiser;
 use crate::model::VERIFIER_RADIUS;
-use crate::random::Stream;
-use crate::synth::RandomScenes;
 use crate::testing::{formula, root, scratch};
-use crate::track::SOLVER_VERSION;
 use crate::train::recipe::{FitConfig, Phase, Recipe};
 use crate::train::testing::{on, synthetic};
 use crate::train::{TrainConfig, TrainSettings};
+use gravisight_clips::{Clip, Clips};
+use gravisight_geometry::camera::Outline;
+use gravisight_geometry::random::Stream;
+use gravisight_synth::RandomScenes;
+use gravisight_track::SOLVER_VERSION;
 
 #[test]
 fn physics_teaches_depths_from_2d_labels_alone() {
@@ -290,4 +291,42 @@ fn the_published_verifier_tells_balls_from_other_candidates() {
     }
     println!("{right} of {all} crops classified correctly");
     assert!(right * 100 >= all * 85, "{right} of {all}");
+}
+
+/// A folder with two photographs, one of them labelled.
+fn labelled_folder(name: &str, rows: &str) -> std::path::PathBuf {
+    let folder = scratch(name);
+    for (file, width, height) in [("plain.png", 64, 48), ("ball.png", 80, 80)] {
+        image::RgbImage::from_pixel(width, height, image::Rgb([90; 3])).save(folder.join(file)).unwrap();
+    }
+    let head = "file,x,y,radius_x_px,radius_y_px,quality,unstretch";
+    std::fs::write(folder.join("labels.csv"), format!("{head}\n{rows}\n")).unwrap();
+    folder
+}
+
+#[test]
+fn labelled_photographs_are_no_backgrounds_and_stretched_ones_are_made_round() {
+    let folder = labelled_folder("labelled", "ball.png,39.5,20,6,12,A,2\nball.png,10,60,6,6,B,2");
+    let Photographs { plain, labelled } = Photographs::read(&folder).unwrap();
+    assert_eq!((plain.len(), plain[0].dimensions()), (1, (64, 48)));
+    let [stretched, round] = &labelled[..] else { panic!("{}", labelled.len()) };
+    assert_eq!((stretched.rgb.dimensions(), round.rgb.dimensions()), ((80, 80), (160, 80)));
+    assert!(stretched.balls.iter().all(|ball| !ball.is_sized));
+    let [whole, loose] = &round.balls[..] else { panic!("{round:?}") };
+    assert_eq!((whole.centre, whole.radius, whole.is_sized), ([79.5, 20.0], 12.0, true));
+    // Of grade B, and as wide as high in a picture that is stretched: its larger half size is taken.
+    assert_eq!((loose.centre, loose.radius, loose.is_sized), ([20.5, 60.0], 12.0, false));
+}
+
+#[test]
+fn labels_that_cannot_teach_are_refused_by_name() {
+    for (rows, expected) in [
+        ("missing.png,1,2,3,3,A,1", "missing.png"),
+        ("ball.png,1,2,0,3,A,1", "not positive"),
+        ("ball.png,1,,3,3,A,1", "is missing"),
+        ("ball.png,1,2,3,3,A,-1", "not positive"),
+    ] {
+        let error = Photographs::read(&labelled_folder("labels-refused", rows)).unwrap_err().to_string();
+        assert!(error.contains(expected), "{rows}: {error}");
+    }
 }

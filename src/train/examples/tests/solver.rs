@@ -3,12 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::super::teach;
-use crate::camera::Camera;
-use crate::clips::{Clip, Frame};
-use crate::physics::Scene;
 use crate::testing::{formula, golden, root};
-use crate::track::SOLVER_VERSION;
 use crate::train::recipe::FitConfig;
+use gravisight_clips::{Clip, Frame};
+use gravisight_geometry::camera::Camera;
+use gravisight_physics::Scene;
+use gravisight_track::SOLVER_VERSION;
 
 /// Labels' noise, px: what is fitted then depends on every part of the solver.
 const NOISE: f64 = 0.5;
@@ -79,7 +79,7 @@ fn a_solver_that_fits_otherwise_has_another_version() {
     let version = before.map_or(0, |before| before.solver_version);
     if std::env::var_os("MAKE_REF").is_some() {
         assert!(differs > ROUNDING, "the solver fits as it did: there is nothing to write");
-        assert!(version != SOLVER_VERSION, "raise `SOLVER_VERSION` (src/track/fit/mod.rs) first");
+        assert!(version != SOLVER_VERSION, "raise `SOLVER_VERSION` (crates/track/src/fit/mod.rs) first");
         let generator = "MAKE_REF=1 cargo test --lib solver_that_fits; from tests/golden/tracks.json".into();
         let text = serde_json::to_string(&GoldenTracks { generator, solver_version: SOLVER_VERSION, clips }).unwrap();
         std::fs::write(root().join("tests/golden/fits.json"), text).unwrap();
@@ -88,7 +88,7 @@ fn a_solver_that_fits_otherwise_has_another_version() {
     assert_eq!(version, SOLVER_VERSION, "tests/golden/fits.json is of another version: MAKE_REF=1 writes it");
     assert!(
         differs <= ROUNDING,
-        "the solver fits otherwise than it did, by {differs:.1e} px or m: raise `SOLVER_VERSION` (src/track/fit/mod.rs), so that \
+        "the solver fits otherwise than it did, by {differs:.1e} px or m: raise `SOLVER_VERSION` (crates/track/src/fit/mod.rs), so that \
          training runs fit again, then write tests/golden/fits.json with MAKE_REF=1"
     );
 }

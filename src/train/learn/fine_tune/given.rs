@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::super::super::examples::TaughtClip;
-use crate::clips::Clip;
-use crate::error::{Error, Result};
-use crate::image::Picture;
+use gravisight_clips::Clip;
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::Picture;
 
 /// A clip as a checkpoint knows it: the clip itself is not in it.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]

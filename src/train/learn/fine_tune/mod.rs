@@ -20,11 +20,11 @@ use super::publish::{Best, card_of_fine_tuning, publish};
 use super::score::{Score, score};
 use super::step::StepReport;
 use super::trainer::{Trainer, TrainerState};
-use crate::clips::{Clip, Clips};
-use crate::error::{Error, Result};
-use crate::image::Picture;
 use crate::localise::{LocaliseOptions, Localiser};
 use crate::model::{self, Card, Pen};
+use gravisight_clips::{Clip, Clips};
+use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::image::Picture;
 
 /// What a clip gives to learn.
 #[derive(Debug, Clone, PartialEq, Serialize)]

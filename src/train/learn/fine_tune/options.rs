@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::super::super::recipe::{FutureConfig, Phase, Recipe, Supervision};
-use crate::error::Result;
 use crate::model::Card;
+use gravisight_geometry::error::Result;
 
 /// Fraction of the steps that see crops; the others see whole pictures, as the model will.
 const CROPPED: f64 = 0.9;
@@ -78,7 +78,7 @@ impl From<FineTuneSupervision> for Supervision {
 /// The training that goes on from the model of `card` so.
 ///
 /// # Errors
-/// [`Error::Value`](crate::Error::Value) for options that cannot train.
+/// [`Error::Value`](gravisight_geometry::error::Error::Value) for options that cannot train.
 pub fn recipe(card: &Card, options: &FineTuneOptions) -> Result<Recipe> {
     let FineTuneOptions { steps, batch, crop, learning_rate, supervision, seed } = *options;
     let cropped = ((steps as f64 * CROPPED).round() as usize).clamp(1, steps.max(1));

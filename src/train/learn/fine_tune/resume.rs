@@ -9,8 +9,8 @@ use super::super::publish::Best;
 use super::super::trainer::TrainerState;
 use super::FineTuner;
 use super::given::{ClipKey, Given};
-use crate::error::{Error, Result};
 use crate::model;
+use gravisight_geometry::error::{Error, Result};
 
 /// What a checkpoint is called in errors.
 const CHECKPOINT: &str = "fine-tuning checkpoint";

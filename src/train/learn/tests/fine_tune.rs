@@ -2,13 +2,13 @@
 
 use burn::tensor::Device;
 
-use crate::clips::{Clip, Clips};
-use crate::error::Error;
-use crate::image::Picture;
 use crate::localise::{LocaliseOptions, Localiser};
 use crate::model::Card;
 use crate::testing::{alone, golden, root, seen_by, tiny_card};
 use crate::train::{FineTuneOptions, FineTuneSupervision, FineTuner, Tuned};
+use gravisight_clips::{Clip, Clips};
+use gravisight_geometry::error::Error;
+use gravisight_geometry::image::Picture;
 
 /// Clips by the built-in engine with their pictures in memory.
 fn in_memory(camera: usize, name: &str, count: usize, frames: usize) -> Vec<(Clip, Vec<Picture>)> {

@@ -12,11 +12,11 @@ use super::super::launch::Launch;
 use super::super::laws::LearnedLaws;
 use super::super::step::StepOptions;
 use super::step::options;
-use crate::clips::Clips;
-use crate::physics::{Forecaster, Scene};
 use crate::testing::root;
 use crate::train::examples::{PictureTransform, Start, Target, Window};
 use crate::train::recipe::Law;
+use gravisight_clips::Clips;
+use gravisight_physics::{Forecaster, Scene};
 
 /// Three balls' windows in a batch of twelve pictures (three of the start, one ahead): one flies, one bounces, one is
 /// seen in a mirrored and scaled picture; and positions near the truth, but off.

@@ -4,13 +4,13 @@ use burn::tensor::Device;
 
 use super::super::memory::check_against;
 use super::step::tiny;
-use crate::clips::Clips;
 use crate::model::Pen;
-use crate::size::Size;
 use crate::testing::alone;
 use crate::train::examples::Examples;
 use crate::train::recipe::{Phase, Recipe, Supervision};
 use crate::train::testing::synthetic;
+use gravisight_clips::Clips;
+use gravisight_geometry::size::Size;
 
 #[test]
 fn pictures_count_as_they_are_kept_not_as_the_network_sees_them() {

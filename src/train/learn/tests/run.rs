@@ -7,14 +7,14 @@ use burn::tensor::Device;
 
 use super::super::laws::LearnedLaws;
 use super::super::score::score;
-use crate::clips::{Clips, Frame};
-use crate::error::Error;
 use crate::localise::Localiser;
 use crate::model::Card;
 use crate::testing::{alone, root, scratch, tiny_card};
 use crate::train::examples::Pictures;
 use crate::train::testing::{configuration, on, start, synthetic};
 use crate::train::{TrainConfig, TrainEvent as Event, TrainSettings, Validation};
+use gravisight_clips::{Clips, Frame};
+use gravisight_geometry::error::Error;
 
 #[test]
 fn a_run_killed_at_any_step_resumes_to_the_same_weights() {
@@ -176,7 +176,6 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
 }
 
 #[test]
-#[ignore = "long: a quarter of a minute; scripts/test runs it"]
 fn labels_written_otherwise_are_recognised() {
     for (name, hint, change) in [
         ("swapped", "exchanged", (|frame| frame.image = frame.image.map(|[x, y]| [y, x])) as fn(&mut Frame)),
@@ -218,7 +217,6 @@ fn clips_that_cannot_teach_are_refused_by_name() {
 }
 
 #[test]
-#[ignore = "long: a quarter of a minute; scripts/test runs it"]
 fn the_papers_own_recipe_makes_its_steps() {
     let _alone = alone();
     let folder = synthetic("paper", 1, 45, |clip| clip.frames.truncate(45));

@@ -3,9 +3,9 @@
 use nalgebra::{Point3, Vector3};
 
 use super::super::score::{clips_with, fitted};
-use crate::clips::Clips;
-use crate::physics::{Forecaster, Scene};
 use crate::testing::root;
+use gravisight_clips::Clips;
+use gravisight_physics::{Forecaster, Scene};
 
 #[test]
 fn however_many_frames_are_asked_for_no_more_than_all_clips_are_scored() {

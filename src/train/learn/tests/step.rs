@@ -10,7 +10,7 @@ use super::super::knowledge::Knowledge;
 use super::super::loss::map_losses;
 use super::super::optimiser::AdamW;
 use super::super::step::{StepOptions, step};
-use crate::model::{BackboneConfig, HeadConfig, HeatmapConfig, Pen, PenConfig, PenOutput, load_backbone_timm, save};
+use crate::model::{BackboneConfig, HeadConfig, HeatmapConfig, Pen, PenConfig, PenOutput, load_backbone, save};
 use crate::testing::{alone, formula, formula_tensor, safetensors_of, vector};
 use crate::train::examples::{Batch, Labels};
 use crate::train::recipe::HeatmapLoss;
@@ -110,7 +110,7 @@ fn a_backbone_from_timm_weights_goes_on_learning() {
         let values = formula_tensor(&name, view.shape());
         Some((name, view.shape().to_vec(), values))
     });
-    let pen = load_backbone_timm(pen, safetensors_of(timm.collect())).unwrap();
+    let pen = load_backbone(pen, safetensors_of(timm.collect())).unwrap();
     let kernel = |pen: &Pen| {
         let bytes = save(pen).unwrap();
         vector(&safetensors::SafeTensors::deserialize(&bytes).unwrap().tensor("backbone.conv1.weight").unwrap())

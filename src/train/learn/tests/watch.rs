@@ -5,12 +5,12 @@ use pollster::block_on;
 
 use super::super::trainer::{Trainer, TrainerState};
 use super::step::{batch, tiny};
-use crate::error::Error;
 use crate::model::Pen;
-use crate::size::Size;
 use crate::testing::{alone, scratch};
 use crate::train::examples::Batch;
 use crate::train::recipe::{Phase, Recipe, Supervision};
+use gravisight_geometry::error::Error;
+use gravisight_geometry::size::Size;
 
 /// A batch whose depths are nowhere near what was learned: the loss rises a hundredfold, and stays finite.
 fn far_off() -> Batch {

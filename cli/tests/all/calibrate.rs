@@ -1,0 +1,147 @@
+//! `gravisight calibrate` as a user meets it.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use crate::common::{root, scratch};
+use gravisight::Camera;
+use nalgebra::Point3;
+use serde_json::{Value, json};
+
+fn gravisight(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_gravisight")).args(arguments).current_dir(root()).output().unwrap()
+}
+
+fn read(output: &Output) -> Value {
+    let errors = String::from_utf8_lossy(&output.stderr);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {errors}"))
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+#[test]
+fn clicks_on_a_court_become_a_camera_that_localises() {
+    let folder = scratch("calibrate");
+    // Where a camera at (3, -20, 6) m that looks at the service T of the far side sees a tennis court.
+    let names = [
+        "near singles corner left",
+        "near singles corner right",
+        "far singles corner left",
+        "far singles corner right",
+        "near service T",
+        "far service T",
+        "net post top left",
+        "net post top right",
+    ];
+    let listed = read(&gravisight(&["calibrate", "--list", "tennis", "--json"]));
+    let camera = Camera::from_json(
+        r#"{"width":1280,"height":720,"intrinsic":[[1100,0,639.5],[0,1100,359.5],[0,0,1]],
+            "camera_from_world":[[1,0,0,-3],[0,-0.3,-0.9539392014169457,-0.2763647914983259],[0,0.9539392014169457,-0.3,20.878784028338914],[0,0,0,1]]}"#,
+        "camera",
+    )
+    .unwrap();
+    let image: Vec<[f64; 2]> = names
+        .iter()
+        .map(|name| {
+            let world: [f64; 3] = serde_json::from_value(listed["points"][name].clone()).unwrap();
+            camera.image_from_world(&world.into()).unwrap().into()
+        })
+        .collect();
+    let points = json!({"width": 1280, "height": 720, "court": "tennis", "names": names, "image": image});
+    let (file, out) = (folder.join("points.json"), folder.join("camera.json"));
+    std::fs::write(&file, points.to_string()).unwrap();
+    let found = read(&gravisight(&["calibrate", "--points", text(&file), "--out", text(&out), "--json"]));
+    assert!(found["rms_px"].as_f64().unwrap() < 1e-6);
+    let focal = found["camera"]["intrinsic"][0][0].as_f64().unwrap();
+    assert!((focal - 1100.0).abs() < 1e-3, "{focal}");
+    assert!(Camera::from_file(&out).is_ok());
+    let table = gravisight(&["calibrate", "--points", text(&file)]);
+    assert!(String::from_utf8_lossy(&table.stdout).contains("near service T"));
+    // Refusals: one line, what to do, status 1.
+    std::fs::write(&file, points.to_string().replace("far service T", "far service line")).unwrap();
+    let refused = gravisight(&["calibrate", "--points", text(&file)]);
+    let errors = String::from_utf8_lossy(&refused.stderr);
+    assert_eq!((refused.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
+    assert!(errors.contains("far service line"), "{errors}");
+    assert_eq!(gravisight(&["calibrate"]).status.code(), Some(2));
+}
+
+#[test]
+fn a_videos_lines_make_four_clicks_exact() {
+    let folder = scratch("lines");
+    let made = gravisight(&["synth", "--set", "broadcast", "--split", "val", "--clips", "1", "--out", text(&folder)]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let truth = Camera::from_file(&folder.join("tennis-000.camera.json")).unwrap();
+    let court = read(&gravisight(&["calibrate", "--list", "tennis", "--json"]));
+    let place = |name: &str| Point3::from(serde_json::from_value::<[f64; 3]>(court["points"][name].clone()).unwrap());
+    let size = truth.size();
+    let is_seen = |name: &&str| {
+        truth
+            .image_from_world(&place(name))
+            .is_ok_and(|at| at.x > 0.0 && at.y > 0.0 && at.x < size.xy()[0] && at.y < size.xy()[1])
+    };
+    let corners = [
+        "near singles corner left",
+        "near singles corner right",
+        "far doubles corner left",
+        "far doubles corner right",
+        "near service line left",
+        "near service line right",
+    ];
+    let names: Vec<&str> = corners.into_iter().filter(is_seen).collect();
+    // Clicks that are off by two pixels this way and that.
+    let click = |(index, name): (usize, &&str)| {
+        let at = truth.image_from_world(&place(name)).unwrap();
+        let off = [[2.0, -1.0], [-1.5, 1.5], [-2.0, -1.0], [1.0, 2.0], [0.5, -2.0], [-1.0, 1.5]][index];
+        [at.x + off[0], at.y + off[1]]
+    };
+    let image: Vec<[f64; 2]> = names.iter().enumerate().map(click).collect();
+    let points = json!({"width": size.width, "height": size.height, "court": "tennis", "names": names, "image": image});
+    let file = folder.join("points.json");
+    std::fs::write(&file, points.to_string()).unwrap();
+    let video = folder.join("tennis-000.mp4");
+    let focal = truth.intrinsic()[(0, 0)];
+    let off = |found: &Value| (found["camera"]["intrinsic"][0][0].as_f64().unwrap() / focal - 1.0).abs();
+    let clicked = read(&gravisight(&["calibrate", "--points", text(&file), "--json"]));
+    let lined = read(&gravisight(&["calibrate", "--points", text(&file), "--refine-lines", text(&video), "--json"]));
+    println!("focal length off by {:.2} %, with lines {:.2} %", 100.0 * off(&clicked), 100.0 * off(&lined));
+    assert!(off(&lined) < 0.003 && off(&lined) < 0.5 * off(&clicked));
+    let sigma = lined["sigma"]["focal_px"].as_f64().unwrap() / focal;
+    assert!(off(&lined) < 3.0 * sigma && sigma < 0.005, "{sigma}");
+    assert!(lined["lines"].as_array().unwrap().iter().filter(|line| line["share"].as_f64() > Some(0.0)).count() >= 6);
+    let said = gravisight(&["calibrate", "--points", text(&file), "--refine-lines", text(&video)]);
+    let said = String::from_utf8_lossy(&said.stdout);
+    assert!(said.contains("% seen") && !said.contains("DOUBTFUL"), "{said}");
+    // A picture of something else.
+    let other =
+        gravisight(&["calibrate", "--points", text(&file), "--refine-lines", text(&folder.join("toss-000.mp4"))]);
+    assert_eq!(other.status.code(), Some(1));
+}
+
+#[test]
+fn helps_example_is_one_that_works() {
+    let help = gravisight(&["calibrate", "--help"]);
+    let help = String::from_utf8_lossy(&help.stdout);
+    let example = help.split_once("in space:\n").unwrap().1.split_once("`intrinsic`").unwrap().0;
+    let file = scratch("example").join("points.json");
+    std::fs::write(&file, example).unwrap();
+    let found = read(&gravisight(&["calibrate", "--points", text(&file), "--json"]));
+    assert!(found["rms_px"].as_f64().unwrap() < 2.0 && found["doubts"] == json!([]), "{found}");
+    let formats = std::fs::read_to_string(root().join("docs/formats.md")).unwrap();
+    assert!(formats.contains(example.trim()), "docs/formats.md has another example of points.json than --help");
+}
+
+#[test]
+fn a_camera_that_cannot_be_is_doubted() {
+    // The court's right and left mixed up: only a camera under the ground sees it so.
+    let example = r#"{"width": 1920, "height": 1080, "court": "tennis",
+        "names": ["near doubles corner right", "near doubles corner left", "far doubles corner right", "far doubles corner left"],
+        "image": [[312.5, 905.0], [1630.0, 897.5], [601.0, 322.0], [1297.0, 319.5]]}"#;
+    let file = scratch("doubt").join("points.json");
+    std::fs::write(&file, example).unwrap();
+    let said = gravisight(&["calibrate", "--points", text(&file)]);
+    let said = String::from_utf8_lossy(&said.stdout);
+    assert!(said.contains("DOUBTFUL: the camera would be") && said.contains("below the ground"), "{said}");
+}

@@ -1,0 +1,297 @@
+//! From hypotheses to what a user is told: positions, how sure they are, flights, hits, and whether the laws explain them.
+
+use nalgebra::{Matrix3, Point3, Vector2, Vector3};
+
+use super::model::{Loss, Model};
+use super::observation::RayObservation;
+use super::part::Outcome;
+use super::profile::{NEGLIGIBLE, PROFILE_STEPS, least_risk};
+use super::solve::Hypothesis;
+use super::trajectory::{Begin, Trajectory};
+use crate::result::{Fit, FitSummary, FittedFrame, FittedImpact, Flight, Hit};
+use gravisight_physics::{Impact, State, part};
+
+/// Residual, in standard deviations, of an outlier.
+const OUTLIER: f64 = 4.0;
+/// Fraction of outliers with which a flight is explained.
+const MOST_OUTLIERS: f64 = 0.25;
+/// Fraction of the distance beyond which a position is as good as unknown, and that of the distance of what is not explained.
+const UNKNOWN: f64 = 0.06;
+const DISTANCE_UNKNOWN: f64 = 0.5;
+/// One case in a hundred, and in a thousand, in standard deviations.
+const ODD: f64 = 2.33;
+const VERY_ODD: f64 = 3.09;
+/// Degrees of freedom of the noise by the labels' smoothness, per label.
+const SMOOTH_FREEDOM: f64 = 0.6;
+/// Strongest correlation of one residual with the next that is believed.
+const STRONGEST: f64 = 0.9;
+
+impl Model<'_> {
+    /// What the hypotheses `found` say, the most probable first. The camera may as well be one by which the observations are one of
+    /// `cameras`.
+    pub fn result(&self, found: &[Hypothesis], cameras: &[Vec<RayObservation>]) -> Option<Outcome> {
+        let (weighed, cost) = self.weighed(found);
+        let least = found.first()?.cost;
+        let weights = found.iter().map(|it| (-0.5 * (it.cost - least)).exp()).filter(|weight| *weight >= NEGLIGIBLE);
+        let summary = FitSummary {
+            log_evidence: -0.5 * (cost + self.prior_constant()),
+            structures: u32::try_from(weights.clone().count()).unwrap_or(u32::MAX),
+            probability: weights.sum::<f64>().recip(),
+        };
+        let all: f64 = weighed.iter().map(|it| it.weight).sum();
+        let chosen = least_risk(&weighed)?;
+        let whole = &chosen.trajectory;
+        let (best, marginals) = (&chosen.own, self.marginals(&chosen.own)?);
+        let states = self.states(whole);
+        let residual = |frame: usize| -> Option<Vector2<f64>> {
+            let ray = self.observations[frame].ray.as_ref()?;
+            Some(ray.residual(&part(&states[frame], 0))?.0)
+        };
+        let residuals: Vec<Option<Vector2<f64>>> = (0..states.len()).map(residual).collect();
+        let white = (best.noise * best.noise - self.drift * self.drift).max(1e-6).sqrt();
+        let inflation = (correlation(&residuals, white) * (white / best.noise).powi(2)).max(1.0);
+        let hits: Vec<usize> =
+            (1..whole.segments.len()).filter(|&index| whole.segments[index].begin == Begin::Hit).collect();
+        // Where each frame is by a camera that is off.
+        let moved = |observations: &Vec<RayObservation>| {
+            let model = self.with_observations(observations);
+            let trajectory = model.refined(best, &best.all(), Loss::Mixture, PROFILE_STEPS)?.trajectory;
+            Some(self.states(&self.whole(&trajectory)).iter().map(|state| part(state, 0)).collect::<Vec<_>>())
+        };
+        let moved: Vec<Vec<Vector3<f64>>> = cameras.iter().filter_map(moved).collect();
+        let frame = |index: usize| {
+            let position = chosen.positions[index];
+            let mut covariance = Matrix3::zeros();
+            for other in &weighed {
+                let off = other.positions[index] - position;
+                covariance += (other.covariances[index] * inflation + off * off.transpose()) * (other.weight / all);
+            }
+            for positions in &moved {
+                let off = positions[index] - position;
+                covariance += off * off.transpose();
+            }
+            let state = State {
+                position: Point3::from(position),
+                velocity: part(&states[index], 1),
+                spin: part(&states[index], 2),
+            };
+            FittedFrame {
+                residual_px: residuals[index],
+                outlier: residuals[index].is_some_and(|residual| residual.norm() > OUTLIER * best.noise),
+                flight: hits.partition_point(|&segment| whole.segments[segment].time <= whole.times[index]),
+                ..FittedFrame::new(whole.times[index], state, covariance)
+            }
+        };
+        let mut frames: Vec<FittedFrame> = (0..states.len()).map(frame).collect();
+        let groups = self.prior_chi2(whole);
+        let mut flights = vec![];
+        for number in 0..=hits.len() {
+            let first = number.checked_sub(1).map_or(0, |before| hits[before]);
+            let last = hits.get(number).copied().unwrap_or(whole.segments.len());
+            let own: Vec<&FittedFrame> = frames.iter().filter(|frame| frame.flight == number).collect();
+            let doubt = self.doubt(whole, first..last, &own, &groups);
+            let segment = &whole.segments[first];
+            let covariance = &marginals.segments[first];
+            let along = segment.velocity().normalize();
+            let velocity: Matrix3<f64> = covariance.fixed_view::<3, 3>(4, 4).into_owned();
+            let speed_sigma = ((along.transpose() * velocity * along)[(0, 0)] * inflation).max(0.0).sqrt();
+            let reason = doubt.clone().or_else(|| self.unknown(&own));
+            flights.push((
+                doubt.is_some(),
+                Flight {
+                    start: segment.time,
+                    end: whole.segments.get(last).map_or(whole.times[whole.last], |next| next.time),
+                    speed_start: segment.velocity().norm(),
+                    speed_sigma,
+                    spin: part(&segment.state, 2).into(),
+                    spin_sigma: [7, 8, 9].map(|at| (covariance[(at, at)] * inflation).max(0.0).sqrt()),
+                    explained: reason.is_none(),
+                    reason,
+                },
+            ));
+        }
+        frames.iter_mut().filter(|frame| flights[frame.flight].0).for_each(|frame| self.widen(frame));
+        let doubtful = flights.iter().any(|(doubtful, _)| *doubtful);
+        let flights: Vec<Flight> = flights.into_iter().map(|(_, flight)| flight).collect();
+        let hit = |&index: &usize| {
+            let segment = &whole.segments[index];
+            let frame = whole.times.partition_point(|&at| at < segment.time);
+            Hit { time: segment.time, frame, world: Point3::from(segment.position()), explained: false }
+        };
+        let impact = |(index, segment): (usize, &super::trajectory::Segment)| {
+            let Begin::Bounce(obstacle) = segment.begin else { return None };
+            if index >= best.segments.len() {
+                return None;
+            }
+            let obstacle = &self.obstacles[obstacle];
+            let arrived = self.arrival(whole, index - 1);
+            let speed = -obstacle.nearest(&segment.position()).normal.dot(&part(&arrived, 1));
+            let (time, surface, world) = (segment.time, obstacle.surface, segment.position().into());
+            Some(Impact { time, surface, world, speed, time_gradient: None }.into())
+        };
+        let mut impacts: Vec<FittedImpact> = whole.segments.iter().enumerate().filter_map(impact).collect();
+        impacts.extend(self.lasting_impacts(whole).into_iter().map(FittedImpact::from));
+        let fit = Fit {
+            noise_px: white,
+            rms_px: rms(frames.iter()),
+            explained: Fit::all_explained(&flights),
+            impacts,
+            hits: hits.iter().map(hit).collect(),
+            flights,
+            estimates: self.estimates(best, &marginals, inflation),
+            spin: part(&whole.segments[0].state, 2).into(),
+            summary,
+            config: self.config,
+            frames,
+            ..Fit::default()
+        };
+        Some(Outcome { fit, cost, doubtful })
+    }
+
+    /// What is touched in contacts that last.
+    fn lasting_impacts(&self, whole: &Trajectory) -> Vec<Impact> {
+        let lasting = whole.segments.iter().enumerate().filter(|(_, segment)| segment.begin == Begin::LastingContact);
+        let touched = lasting.flat_map(|(index, segment)| {
+            let (arrived, from) = (self.arrival(whole, index - 1), whole.end_of_flight(index - 1));
+            let [position, velocity, spin] = [0, 1, 2].map(|which| part(&arrived, which));
+            let start = State { position: position.into(), velocity, spin };
+            let impacts = self.forecaster.forecast(&start, &[segment.time - from]).impacts;
+            impacts.into_iter().map(move |impact| Impact { time: from + impact.time, ..impact })
+        });
+        touched.collect()
+    }
+
+    /// The trajectory over all frames of the track, those before the first label and after the last included.
+    pub(super) fn whole(&self, trajectory: &Trajectory) -> Trajectory {
+        let mut whole = self.followed_on(trajectory);
+        let first = &mut whole.segments[0];
+        let mut flight = self.forecaster.flight(&first.state, &trajectory.log_scales, false);
+        flight.advance(trajectory.times[0] - first.time);
+        (first.state, first.time) = (flight.state, trajectory.times[0]);
+        (whole.first, whole.last) = (0, trajectory.times.len() - 1);
+        whole
+    }
+
+    /// Of each frame of the track.
+    pub(super) fn states(&self, whole: &Trajectory) -> Vec<[f64; 9]> {
+        let mut states = Vec::with_capacity(whole.times.len());
+        for (index, segment) in whole.segments.iter().enumerate() {
+            let mut flight = self.forecaster.flight(&segment.state, &whole.log_scales, false);
+            let mut time = segment.time;
+            for frame in whole.frames(index) {
+                flight.advance(whole.times[frame] - time);
+                time = whole.times[frame];
+                states.push(flight.state);
+            }
+        }
+        states
+    }
+
+    /// Why the flight of these segments is not explained, in words.
+    fn doubt(
+        &self,
+        whole: &Trajectory,
+        segments: std::ops::Range<usize>,
+        frames: &[&FittedFrame],
+        prior_chi2: &[(f64, usize)],
+    ) -> Option<String> {
+        let seen: Vec<&&FittedFrame> = frames.iter().filter(|frame| frame.residual_px.is_some()).collect();
+        if seen.is_empty() {
+            return Some("the ball is not seen".into());
+        }
+        let outliers = seen.iter().filter(|frame| frame.outlier).count();
+        if outliers as f64 > MOST_OUTLIERS * seen.len() as f64 {
+            return Some(format!("{outliers} of its {} labels lie far off", seen.len()));
+        }
+        let largest = 0.01 * self.area.sqrt();
+        if whole.noise > largest {
+            return Some(format!(
+                "its labels are off by {:.0} px from one to the next, which no ball's are",
+                whole.noise
+            ));
+        }
+        let speed = whole.segments[segments.clone()].iter().map(|it| it.velocity().norm()).fold(0.0, f64::max);
+        if speed > self.speed_max {
+            let most = self.speed_max;
+            return Some(format!(
+                "it would fly at {speed:.0} m/s, faster than a ball of its sport ever has ({most:.0} m/s)"
+            ));
+        }
+        let rms = rms(frames.iter().copied());
+        let smooth = self.smooth.hypot(self.drift);
+        let spread = (2.0 / (2 * seen.len()) as f64 + 2.0 / (SMOOTH_FREEDOM * seen.len() as f64)).sqrt();
+        if rms * rms > smooth * smooth * (VERY_ODD * spread).exp() {
+            return Some(format!("its labels are off by {rms:.2} px, though they are known to {smooth:.2} px"));
+        }
+        let odd = |&&[_, off]: &&[f64; 2]| off.abs() > VERY_ODD;
+        if let Some([restitution, _]) = self.restitutions(whole)[segments.clone()].iter().flatten().find(odd) {
+            return Some(format!(
+                "a bounce of it would have a restitution of {restitution:.2}, far from the scene's {:.2}: check the camera, \
+                 the scene's heights and the frame rate",
+                self.rigid.restitution
+            ));
+        }
+        // The forces, what begins the first flight, and each contact by itself; then all together.
+        let own = prior_chi2[..1].iter().chain(&prior_chi2[1 + segments.start..1 + segments.end]);
+        if let Some((chi2, numbers)) = own.clone().find(|(chi2, numbers)| *chi2 > quantile(*numbers, VERY_ODD)) {
+            return Some(format!("it takes spins and bounces that this ball has not (χ² {chi2:.0} of {numbers})"));
+        }
+        let (chi2, numbers) = own.fold((0.0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
+        if chi2 > quantile(numbers, ODD) {
+            return Some(format!("it takes spins and bounces that this ball has not (χ² {chi2:.0} of {numbers})"));
+        }
+        None
+    }
+
+    /// That a flight's distance is not known, in words.
+    fn unknown(&self, frames: &[&FittedFrame]) -> Option<String> {
+        let origin = self.observations.iter().find_map(|it| it.ray.as_ref())?.origin;
+        let seen = frames.iter().filter(|frame| frame.residual_px.is_some());
+        let distance = |frame: &FittedFrame| (frame.world.coords - origin).norm();
+        let mut fractions: Vec<(f64, f64)> = seen.map(|frame| (frame.sigma / distance(frame), frame.sigma)).collect();
+        fractions.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let &(fraction, sigma) = fractions.get(fractions.len() / 2)?;
+        (fraction > UNKNOWN).then(|| {
+            format!(
+                "how far away the ball is stays unknown (±{sigma:.1} m): its spin is, and it touches nothing of the scene"
+            )
+        })
+    }
+
+    /// Adds to a position's covariance that nobody knows where it is: the laws do not hold, or the camera is another.
+    pub fn widen(&self, frame: &mut FittedFrame) {
+        let Some(ray) = self.observations.iter().find_map(|it| it.ray.as_ref()) else { return };
+        let off = DISTANCE_UNKNOWN * (frame.world.coords - ray.origin).norm();
+        frame.spread(&(Matrix3::identity() * (off * off / 3.0)));
+    }
+}
+
+/// What squares of so many standard deviations add up to with a probability of `odd` standard deviations (Wilson and Hilferty 1931).
+pub fn quantile(numbers: usize, odd: f64) -> f64 {
+    let n = numbers as f64;
+    n * (1.0 - 2.0 / (9.0 * n) + odd * (2.0 / (9.0 * n)).sqrt()).powi(3)
+}
+
+/// Root mean square residual of labels that are no outliers, px.
+fn rms<'a>(frames: impl Iterator<Item = &'a FittedFrame>) -> f64 {
+    let squares: Vec<f64> = frames
+        .filter(|frame| !frame.outlier)
+        .filter_map(|frame| Some(frame.residual_px?.norm_squared() / 2.0))
+        .collect();
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+}
+
+/// By how much errors that last over frames make variances larger: of residuals that follow one another like a first-order
+/// process, (1 + ρ)/(1 − ρ).
+fn correlation(residuals: &[Option<Vector2<f64>>], sigma: f64) -> f64 {
+    let (mut product, mut square) = (0.0, 0.0);
+    let capped = |residual: Vector2<f64>| residual * (3.0 * sigma / residual.norm().max(3.0 * sigma));
+    for pair in residuals.windows(2) {
+        let (Some(a), Some(b)) = (pair[0], pair[1]) else { continue };
+        let (a, b) = (capped(a), capped(b));
+        product += a.dot(&b);
+        square += (a.norm_squared() + b.norm_squared()) / 2.0;
+    }
+    let rho = if square > 0.0 { (product / square).clamp(0.0, STRONGEST) } else { 0.0 };
+    (1.0 + rho) / (1.0 - rho)
+}

@@ -1,0 +1,398 @@
+//! A video's ball: where it is in each frame, and the flights of each segment of them.
+
+use std::ops::Range;
+
+use nalgebra::{Point2, Point3};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::file::Track;
+use super::segments::segments;
+use super::video::{CameraMotion, FollowedFrame, Hypotheses, TrackerConfig};
+use crate::config::EstimatorConfig;
+use crate::config::FitOptions;
+use crate::observation::Observation;
+use crate::result::{Fit, FittedImpact, Flight, Hit};
+use gravisight_geometry::camera::Camera;
+use gravisight_geometry::error::Result;
+use gravisight_geometry::statistics::median;
+use gravisight_physics::{Forecaster, Scene};
+
+/// Standard deviation of what the radii that are read in a video are off by in common, px: compression, sharpening and streaks make small balls
+/// larger (a tennis ball of 3.5 px in a broadcast by 0.8 px).
+const RADIUS_BIAS: f64 = 0.6;
+
+/// Segments that are fitted at a time, for each thread.
+const SEGMENTS_A_THREAD: usize = 4;
+
+/// Items of a list in words, at most.
+const MOST_LISTED: usize = 5;
+
+/// The ball in a video (`VideoTracker::track`): in each frame, and its flights.
+#[derive(Debug, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct TrackedVideo {
+    /// What came out, in a sentence.
+    pub verdict: String,
+    /// Whether there is a flight, and physics explains each; null without camera and scene.
+    pub explained: Option<bool>,
+    /// One a frame of the video.
+    pub frames: Vec<TrackedFrame>,
+    /// From hit to hit, bounces between.
+    pub flights: Vec<Flight>,
+    /// Where something that the scene does not hold changes the ball's path.
+    pub hits: Vec<Hit>,
+    /// Where the ball touches something of the scene, by time. The command's JSON calls them `bounces`, as its first version did.
+    #[cfg_attr(not(target_arch = "wasm32"), serde(rename = "bounces"))]
+    pub impacts: Vec<FittedImpact>,
+    /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
+    pub cuts: Vec<usize>,
+    /// Frames in which the camera looks elsewhere than at first. Without `moved_px` there are no metres.
+    pub elsewhere: Vec<OtherView>,
+    /// The numbers by which the ball was tracked.
+    pub config: TrackerConfig,
+    /// What is odd about the track, in words.
+    pub notes: Vec<String>,
+    /// Frames and places (px) in which a person saw the ball, and which no path goes through.
+    #[serde(skip)]
+    pub(crate) unused_seeds: Vec<(usize, [f64; 2])>,
+    /// The frames between pauses; none without [`Self::fit`].
+    #[serde(skip)]
+    pub segments: Vec<FittedSegment>,
+}
+
+/// The ball in a frame of a video.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct TrackedFrame {
+    /// The frame's index in the video.
+    pub frame: usize,
+    /// When it was taken, s.
+    pub time: f64,
+    /// Whether the picture is the one of the frame before again.
+    pub repeated: bool,
+    /// The ball's centre in the picture, px; null where it is not seen.
+    pub image: Option<Point2<f64>>,
+    /// Its apparent radius, px; null where it is not known.
+    pub radius_px: Option<f64>,
+    /// Probability that what was found is the ball, 0 to 1, by its motion, its size and what the networks see in it
+    /// ([`TrackerConfig::weights`]); no model's confidence. 0 where it is not seen.
+    pub confidence: f64,
+    /// The ball's centre in the world, m; null outside flights, as all that follows.
+    pub world: Option<Point3<f64>>,
+    /// Root mean square error of that to expect, m.
+    pub sigma: Option<f64>,
+    /// m/s.
+    pub speed: Option<f64>,
+    /// Index of the flight that it belongs to.
+    pub flight: Option<usize>,
+    /// Whether that flight is explained; where it is not, the position is not known.
+    pub explained: Option<bool>,
+    /// Whether what was seen there does not belong to that flight's trajectory.
+    pub outlier: bool,
+    /// As it was followed through the pictures.
+    #[serde(skip)]
+    pub followed: FollowedFrame,
+}
+
+/// Frames of a video that show another view than the first.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct OtherView {
+    /// The first of them.
+    pub from: usize,
+    /// The last.
+    pub to: usize,
+    /// How far what stands still is away at most from where it was, px; null where that is not known.
+    pub moved_px: Option<f64>,
+}
+
+/// What was fitted of a segment of frames.
+#[derive(Debug)]
+pub struct FittedSegment {
+    /// By index.
+    pub frames: Range<usize>,
+    /// The labels of these frames.
+    pub observations: Vec<Observation>,
+    /// Why it could not be fitted, in words.
+    pub fit: std::result::Result<Fit, String>,
+}
+
+impl TrackedVideo {
+    /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
+    #[doc(hidden)]
+    pub fn new(hypotheses: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
+        let frames = hypotheses.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
+        let (cuts, config) = (hypotheses.cuts().to_vec(), hypotheses.config());
+        let mut video = Self { frames, cuts, config, ..Self::default() };
+        video.elsewhere = video.other_views();
+        video.unused_seeds = hypotheses.unused_seeds().to_vec();
+        video.verdict = video.in_words();
+        video
+    }
+
+    /// The 2D track.
+    pub fn track(&self) -> Track {
+        Track { points: self.frames.iter().map(|frame| frame.followed.point).collect(), nowhere: 0 }
+    }
+
+    /// Frames that show the ball.
+    pub fn found(&self) -> usize {
+        self.frames.iter().filter(|frame| frame.followed.point.visibility > 0).count()
+    }
+
+    /// Finds the flights, segment by segment; `progress` hears how many are done, and of how many.
+    ///
+    /// # Errors
+    /// As [`Track::observations`]. That a segment cannot be fitted is a result ([`FittedSegment::fit`]).
+    pub fn fit(
+        &mut self,
+        forecaster: &Forecaster,
+        camera: &Camera,
+        options: &FitOptions,
+        mut progress: impl FnMut(usize, usize),
+    ) -> Result<()> {
+        // Of a rate that was raised, a video's own times are no longer those of the frames.
+        let times_known = options.times_known && !self.frames.iter().any(|frame| frame.repeated);
+        let (_, mut observations) = self.track().observations(None)?;
+        let radius = median(observations.iter().filter_map(|seen| Some(seen.radius?[0])));
+        let config = options.config.unwrap_or_else(|| {
+            let own = EstimatorConfig::of(forecaster.scene(), camera.size());
+            EstimatorConfig {
+                size_sigma: radius.map_or(own.size_sigma, |px| own.size_sigma.hypot(RADIUS_BIAS / px)),
+                ..own
+            }
+        });
+        let options = FitOptions { times_known, config: Some(config), ..options.clone() };
+        // The camera is that of the first view: so are the rays of what other views show, where those are known.
+        for (observation, frame) in observations.iter_mut().zip(&self.frames) {
+            match (frame.followed.elsewhere, frame.followed.view) {
+                (Some(CameraMotion::Moved(_)), Some(view)) => {
+                    let Some(image) = observation.image else { continue };
+                    let scale = view.scale(image.into());
+                    observation.image = Some(view.first(image.into()).into());
+                    observation.radius = observation.radius.map(|radius| radius.map(|px| px * scale));
+                }
+                (Some(_), _) => (observation.image, observation.radius) = (None, None),
+                (None, _) => {}
+            }
+        }
+        let ranges = segments(&observations);
+        let count = ranges.len();
+        self.forget();
+        let fitted = |frames: &Range<usize>| {
+            let observations = observations[frames.clone()].to_vec();
+            let fit = forecaster.fit(camera, &observations, &options).map_err(|error| error.to_string());
+            FittedSegment { frames: frames.clone(), observations, fit }
+        };
+        // As many at a time as keep every thread busy, and still tell of the progress.
+        for ranges in ranges.chunks(match rayon::current_num_threads() {
+            1 => 1,
+            threads => SEGMENTS_A_THREAD * threads,
+        }) {
+            for segment in ranges.par_iter().map(fitted).collect::<Vec<_>>() {
+                let confidences: Vec<f64> =
+                    self.frames[segment.frames.clone()].iter().map(|frame| frame.confidence).collect();
+                let fit = segment.fit.map(|fit| fit.doubted(&confidences, forecaster.scene()));
+                if let Ok(fit) = &fit {
+                    self.add(segment.frames.start, fit);
+                }
+                self.segments.push(FittedSegment { fit, ..segment });
+                progress(self.segments.len(), count);
+            }
+        }
+        self.explained = Some(!self.segments.is_empty() && self.segments.iter().all(FittedSegment::explained));
+        self.verdict = self.in_words();
+        Ok(())
+    }
+
+    /// Takes back what was fitted.
+    fn forget(&mut self) {
+        for (number, frame) in self.frames.iter_mut().enumerate() {
+            *frame = TrackedFrame::new((number, frame.followed));
+        }
+        (self.flights, self.hits, self.impacts, self.notes, self.segments) = Default::default();
+    }
+
+    /// Adds the fit of the frames from `first` on. Its flights count on from those before.
+    fn add(&mut self, first: usize, fit: &Fit) {
+        for (frame, fitted) in self.frames[first..].iter_mut().zip(&fit.frames) {
+            frame.world = Some(fitted.world);
+            frame.sigma = Some(fitted.sigma);
+            frame.speed = Some(fitted.speed);
+            frame.flight = Some(self.flights.len() + fitted.flight);
+            frame.explained = Some(fitted.explained);
+            frame.outlier = fitted.outlier;
+        }
+        self.hits.extend(fit.hits.iter().map(|hit| Hit { frame: first + hit.frame, ..*hit }));
+        self.flights.extend_from_slice(&fit.flights);
+        self.impacts.extend_from_slice(&fit.impacts);
+        self.notes.extend_from_slice(&fit.notes);
+    }
+
+    /// What came out.
+    fn in_words(&self) -> String {
+        let repeated = self.frames.iter().filter(|frame| frame.repeated).count();
+        let repeated = match repeated {
+            0 => String::new(),
+            count => format!(" ({count} more show the one before again)"),
+        };
+        let all = self.frames.iter().filter(|frame| !frame.repeated).count();
+        let seen = match self.found() {
+            0 => format!("no ball: nothing flies in these {all} frames{repeated}"),
+            found => format!("the ball is seen in {found} of {all} frames{repeated}"),
+        };
+        let said = match self.segments.as_slice() {
+            _ if self.explained.is_none() || self.found() == 0 => seen,
+            [] => format!("not explained: the ball is nowhere seen long enough for a flight; {seen}"),
+            [segment] => format!("{}; {seen}", segment.verdict()),
+            segments => {
+                let wrong = segments.iter().enumerate().filter(|(_, segment)| !segment.explained());
+                let wrong: Vec<String> =
+                    wrong.map(|(number, segment)| format!("segment {}: {}", number + 1, segment.verdict())).collect();
+                let head = if wrong.is_empty() { "explained" } else { "not all explained" };
+                let (explained, all) = (segments.len() - wrong.len(), segments.len());
+                let wrong = if wrong.is_empty() { String::new() } else { format!("; {}", listed(&wrong, "; ")) };
+                format!("{head}: {explained} of {all} segments; {seen}{wrong}")
+            }
+        };
+        said + &self.cuts_in_words() + &self.moved_in_words() + &self.clicks_in_words()
+    }
+
+    /// Frames in which the camera looks elsewhere than at first.
+    fn other_views(&self) -> Vec<OtherView> {
+        let mut views: Vec<OtherView> = Vec::new();
+        let mut goes_on = false;
+        for TrackedFrame { frame, followed, .. } in self.frames.iter().filter(|frame| !frame.repeated) {
+            let moved_px = match followed.elsewhere {
+                None => {
+                    goes_on = false;
+                    continue;
+                }
+                Some(CameraMotion::Moved(px)) => Some(px),
+                Some(CameraMotion::Cut) => None,
+            };
+            match views.last_mut().filter(|view| goes_on && view.moved_px.is_some() == moved_px.is_some()) {
+                Some(view) => {
+                    view.to = *frame;
+                    view.moved_px = view.moved_px.zip(moved_px).map(|(most, px)| most.max(px));
+                }
+                None => views.push(OtherView { from: *frame, to: *frame, moved_px }),
+            }
+            goes_on = true;
+        }
+        views
+    }
+
+    /// What a camera that does not stand still means.
+    fn moved_in_words(&self) -> String {
+        let moved: Vec<String> = (self.elsewhere.iter())
+            .filter_map(|view| Some(format!("{} to {} (by up to {:.0} px)", view.from, view.to, view.moved_px?)))
+            .collect();
+        let lost = self.elsewhere.iter().filter(|view| view.moved_px.is_none());
+        let lost: Vec<String> = lost.map(|OtherView { from, to, .. }| format!("{from} to {to}")).collect();
+        let mut said = String::new();
+        if !moved.is_empty() {
+            let hold = if self.explained.is_some() { ", which is counted in" } else { "" };
+            said += &format!("; the camera moves in frames {}{hold}", listed(&moved, ", "));
+        }
+        if !lost.is_empty() {
+            let hold = if self.explained.is_some() { ", so there are no metres there" } else { "" };
+            said += &format!("; another view than the first is shown in frames {}{hold}", listed(&lost, ", "));
+        }
+        said
+    }
+
+    /// Clicks that changed nothing.
+    fn clicks_in_words(&self) -> String {
+        if self.unused_seeds.is_empty() {
+            return String::new();
+        }
+        let clicks = self.unused_seeds.iter().map(|(frame, [x, y])| format!("({x:.0}, {y:.0}) px in frame {frame}"));
+        let clicks: Vec<String> = clicks.collect();
+        format!(
+            "; nothing that moves goes through the ball marked at {}: the marks were not used, click in a frame in which it flies",
+            clicks.join(", ")
+        )
+    }
+
+    /// What a change of the whole picture means.
+    fn cuts_in_words(&self) -> String {
+        if self.cuts.is_empty() {
+            return String::new();
+        }
+        let frames: Vec<String> = self.cuts.iter().map(usize::to_string).collect();
+        format!("; most of the picture changes at frame {}: a cut, or the camera moved", listed(&frames, ", "))
+    }
+}
+
+/// A list in words: of a long one the first few, and how many there are besides.
+pub(crate) fn listed(words: &[String], separator: &str) -> String {
+    let (first, others) = words.split_at(words.len().min(MOST_LISTED));
+    let others = if others.is_empty() { String::new() } else { format!(" and {} more", others.len()) };
+    first.join(separator) + &others
+}
+
+impl TrackedFrame {
+    /// A frame of the video by its index, without metres.
+    fn new((frame, followed): (usize, FollowedFrame)) -> Self {
+        let FollowedFrame { point, repeated, confidence, .. } = followed;
+        let (time, image, radius_px) = (point.time.unwrap_or_default(), point.image(), point.radius);
+        Self { frame, time, repeated, image, radius_px, confidence, followed, ..Self::default() }
+    }
+}
+
+impl FittedSegment {
+    /// Whether physics explains it.
+    pub fn explained(&self) -> bool {
+        self.fit.as_ref().is_ok_and(|fit| fit.explained)
+    }
+
+    fn verdict(&self) -> String {
+        match &self.fit {
+            Ok(fit) => fit.verdict.clone(),
+            Err(error) => format!("not explained: {error}"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gravisight_geometry::size::Size;
+
+    #[test]
+    fn a_ball_that_is_seen_too_shortly_for_a_flight_is_not_explained() {
+        let seen = |(number, x): (usize, Option<f64>)| {
+            let point = crate::TrackPoint {
+                frame: number as u64,
+                time: Some(number as f64 / 30.0),
+                visibility: u8::from(x.is_some()),
+                x,
+                y: x.map(|_| 200.0),
+                ..Default::default()
+            };
+            TrackedFrame::new((number, FollowedFrame { point, ..FollowedFrame::default() }))
+        };
+        let frames = [None, Some(100.0), Some(110.0), Some(121.0), None].into_iter().enumerate().map(seen).collect();
+        let mut video = TrackedVideo { frames, ..TrackedVideo::default() };
+        let scene = Scene::named("tennis").unwrap();
+        let camera = r#"{"width": 640, "height": 480, "intrinsic": [[600, 0, 319.5], [0, 600, 239.5], [0, 0, 1]],
+            "camera_from_world": [[1, 0, 0, 0], [0, 0, -1, 2], [0, 1, 0, 15], [0, 0, 0, 1]]}"#;
+        let camera = Camera::from_json(camera, "camera").unwrap();
+        assert_eq!(camera.size(), Size::new(640, 480));
+        video.fit(&Forecaster::new(&scene).unwrap(), &camera, &FitOptions::default(), |_, _| {}).unwrap();
+        assert!(video.flights.is_empty() && video.explained == Some(false), "{video:?}");
+        assert!(video.verdict.starts_with("not explained"), "{}", video.verdict);
+    }
+
+    #[test]
+    fn of_a_long_list_the_first_items_are_named_and_the_others_counted() {
+        let words: Vec<String> = (1..=7).map(|number| number.to_string()).collect();
+        assert_eq!(listed(&words[..5], ", "), "1, 2, 3, 4, 5");
+        assert_eq!(listed(&words, ", "), "1, 2, 3, 4, 5 and 2 more");
+    }
+}

@@ -1,0 +1,80 @@
+//! What the detector says of a candidate.
+
+use super::queries::LEAST_PROBABILITY;
+use gravisight_geometry::camera::Detection;
+
+/// Confidence of the detector from which it sees a ball where something flies.
+pub(super) const SEEN: f64 = 0.3;
+
+/// The detector's answer about a candidate, with its log-odds beyond those from which a ball counts as seen ([`SEEN`]): negative for a
+/// rejected one, positive for a ball, and 0 where nothing was asked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Evidence {
+    Unasked,
+    Rejected(f64),
+    Ball(Detection, f64),
+}
+
+impl Evidence {
+    /// Of the likeliest ball there; none where there is nothing like one.
+    pub fn of(ball: Option<Detection>) -> Self {
+        let log_odds = |probability: f64| (probability / (1.0 - probability)).ln();
+        let beyond =
+            |confidence: f64| log_odds(confidence.clamp(LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)) - log_odds(SEEN);
+        match ball {
+            Some(ball) if ball.confidence >= SEEN => Self::Ball(ball, beyond(ball.confidence)),
+            Some(ball) => Self::Rejected(beyond(ball.confidence)),
+            None => Self::Rejected(beyond(0.0)),
+        }
+    }
+
+    pub fn log_odds(&self) -> f64 {
+        match self {
+            Self::Unasked => 0.0,
+            Self::Rejected(log_odds) | Self::Ball(_, log_odds) => *log_odds,
+        }
+    }
+
+    pub fn ball(&self) -> Option<&Detection> {
+        match self {
+            Self::Ball(ball, _) => Some(ball),
+            Self::Unasked | Self::Rejected(_) => None,
+        }
+    }
+
+    pub fn is_asked(&self) -> bool {
+        *self != Self::Unasked
+    }
+
+    pub fn is_ball(&self) -> bool {
+        self.ball().is_some()
+    }
+
+    /// Whether both are answers, and different ones.
+    pub fn contradicts(&self, other: &Self) -> bool {
+        self.is_asked() && other.is_asked() && self.is_ball() != other.is_ball()
+    }
+
+    /// Whether both are answers, and the same.
+    pub fn agrees_with(&self, other: &Self) -> bool {
+        self.is_asked() && other.is_asked() && self.is_ball() == other.is_ball()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gravisight_geometry::camera::Outline;
+
+    #[test]
+    fn a_rejected_candidate_is_worth_less_than_one_that_was_not_asked_about() {
+        let outline = Outline { centre: [10.0, 20.0].into(), radius: 4.0 };
+        let ball = |confidence: f64| Some(Detection { outline, log_sigma: 0.05, confidence });
+        let ascending = [None, ball(0.1), ball(0.29)].map(Evidence::of);
+        let ascending =
+            ascending.into_iter().chain([Evidence::Unasked]).chain([ball(0.31), ball(1.0)].map(Evidence::of));
+        let log_odds: Vec<f64> = ascending.map(|evidence| evidence.log_odds()).collect();
+        assert!(log_odds.windows(2).all(|pair| pair[0] < pair[1]), "{log_odds:?}");
+        assert!(log_odds.iter().all(|log_odds| log_odds.is_finite()));
+    }
+}

@@ -1,0 +1,372 @@
+//! Which blobs are one thing in flight: on a way through the picture that bends as slowly as a ball's does.
+
+use std::cell::RefCell;
+use std::collections::{BTreeMap, HashMap};
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::blobs::Blob;
+use super::clutter::Clutter;
+use super::config::TrackerConfig;
+
+/// What a measured step may be off besides: px, and a fraction of it for a streak whose ends are not seen.
+const STEP_PX: f64 = 3.0;
+const STEP_FRACTION: f64 = 0.05;
+/// By how much a blob's radius may be too small, and the least that is assumed, px.
+const RADIUS_SLACK: f64 = 1.4;
+const LEAST_RADIUS: f64 = 1.5;
+/// How far from its line a parabola goes on, of its acceleration times the square of the time from one of three places to the next.
+const BEYOND_LINE: f64 = 5.0 / 3.0;
+/// Largest ratio of the radii of one ball's blobs.
+const ALIKE: f64 = 2.2;
+/// The same to the mean of those before it.
+const USUAL: f64 = 1.8;
+/// Standard deviation of a blob's place besides its own, a fraction of the way from the frame before.
+const PLACE_OF_STEP: f64 = 0.02;
+/// Frames from a tracklet's first or last blob to the next beyond which that one is chance.
+const LONELY: usize = 2;
+/// How far a seed may be from its blob's end, px.
+const SEED_PX: f64 = 6.0;
+/// Blobs that tell where a tracklet leads next.
+const RECENT: usize = 7;
+/// Fewest blobs of a tracklet.
+const FEWEST: usize = 5;
+/// Least way of a tracklet from its first to its last blob, in radii and px; and where a network sees a ball in most of them, px.
+const LEAST_WAY: f64 = 3.0;
+const LEAST_WAY_PX: f64 = 8.0;
+const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
+/// Distance (px) and frames within which other blobs tell how crowded a place is.
+const CROWD_PX: f64 = 80.0;
+const CROWD_FRAMES: usize = 6;
+
+/// Blobs of a frame, and when it was taken, s.
+pub(super) struct Candidates {
+    pub time: f64,
+    pub blobs: Vec<Blob>,
+}
+
+/// A way through the picture.
+#[derive(Debug, Clone)]
+pub(super) struct Tracklet {
+    /// Frames and blobs' numbers, ascending.
+    pub members: Vec<(usize, usize)>,
+    /// How much it is more than chance, log of odds.
+    pub gain: f64,
+    /// Whether a person saw the ball in it.
+    pub seeded: bool,
+}
+
+/// What tracklets are searched in.
+pub(super) struct Search<'a> {
+    pub config: &'a TrackerConfig,
+    pub frames: &'a [Candidates],
+    /// All frames, and the first of [`Self::frames`] among them.
+    pub all: &'a [Candidates],
+    pub from: usize,
+    /// Where something always moves.
+    pub clutter: &'a Clutter,
+    /// The picture's pixels.
+    pub area: f64,
+    /// Share of the least way that a tracklet must go: where few frames are looked at it cannot go far.
+    pub least_way: f64,
+    /// Gain from which what a tracklet has taken starts no other.
+    pub strong_gain: f64,
+    /// Where a person saw the ball, by frame.
+    pub seeds: &'a BTreeMap<usize, [f64; 2]>,
+    /// What [`Self::crowd`] has worked out: many tracklets go through one blob.
+    pub crowds: RefCell<HashMap<(usize, usize), f64>>,
+}
+
+impl Search<'_> {
+    fn blob(&self, (frame, index): (usize, usize)) -> &Blob {
+        &self.frames[frame].blobs[index]
+    }
+
+    /// All tracklets that are more than chance; those of most gain first, each blob in one of them.
+    pub fn tracklets(&self) -> Vec<Tracklet> {
+        let mut grown: Vec<Tracklet> = Vec::new();
+        let mut used: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
+        for frame in 0..self.frames.len() {
+            for seed in self.seeds(frame) {
+                if seed.iter().all(|&(frame, index)| used[frame][index]) {
+                    continue;
+                }
+                let Some(tracklet) = self.grow(seed) else { continue };
+                if tracklet.gain >= self.strong_gain {
+                    tracklet.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
+                }
+                grown.push(tracklet);
+            }
+        }
+        grown.sort_by(|a, b| b.seeded.cmp(&a.seeded).then(b.gain.total_cmp(&a.gain)));
+        let mut taken: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
+        let mut kept = Vec::new();
+        for tracklet in grown {
+            let free = tracklet.members.iter().filter(|&&(frame, index)| !taken[frame][index]).count();
+            if 2 * free < tracklet.members.len() {
+                continue;
+            }
+            tracklet.members.iter().for_each(|&(frame, index)| taken[frame][index] = true);
+            kept.push(tracklet);
+        }
+        kept
+    }
+
+    /// Three blobs in frames that follow one another (one may be left out) that may be one thing's.
+    fn seeds(&self, frame: usize) -> Vec<[(usize, usize); 3]> {
+        let mut seeds = Vec::new();
+        for (a, first) in self.frames[frame].blobs.iter().enumerate() {
+            for second_frame in frame + 1..(frame + 3).min(self.frames.len()) {
+                let before = self.frames[second_frame].time - self.frames[frame].time;
+                let steps = (second_frame - frame) as f64;
+                for (b, second) in self.frames[second_frame].blobs.iter().enumerate() {
+                    let way = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
+                    let length = (way[0] * way[0] + way[1] * way[1]).sqrt();
+                    let radius = RADIUS_SLACK * first.radius.max(second.radius).max(LEAST_RADIUS);
+                    let possible = length <= self.config.max_speed * radius * before && length >= 0.5 * steps;
+                    if !(possible && alike(first, second) && along(first, way) && along(second, way)) {
+                        continue;
+                    }
+                    for third_frame in second_frame + 1..(second_frame + 3).min(self.frames.len()) {
+                        let after = self.frames[third_frame].time - self.frames[second_frame].time;
+                        let fraction = after / before;
+                        let step = length * fraction;
+                        let bend = self.config.max_acceleration * radius * after * (before + after) / 2.0
+                            + self.config.drag * step * step / radius;
+                        let allowed = STEP_PX + STEP_FRACTION * step + bend;
+                        let to = [second.at[0] + fraction * way[0], second.at[1] + fraction * way[1]];
+                        for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
+                            let off = [third.at[0] - to[0], third.at[1] - to[1]];
+                            if off[0] * off[0] + off[1] * off[1] <= allowed * allowed && alike(second, third) {
+                                seeds.push([(frame, a), (second_frame, b), (third_frame, c)]);
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        seeds
+    }
+
+    /// The tracklet that goes through `seed` as far as it can be followed, if it is more than chance.
+    fn grow(&self, seed: [(usize, usize); 3]) -> Option<Tracklet> {
+        let mut members = seed.to_vec();
+        for forward in [true, false] {
+            while let Some(next) = self.next(&members, forward) {
+                match forward {
+                    true => members.push(next),
+                    false => members.insert(0, next),
+                }
+            }
+        }
+        trim(&mut members);
+        if members.len() < FEWEST {
+            return None;
+        }
+        let [first, last] = [self.blob(members[0]), self.blob(members[members.len() - 1])];
+        let way = members.iter().map(|&member| {
+            let at = self.blob(member).at;
+            (at[0] - first.at[0]).hypot(at[1] - first.at[1])
+        });
+        let way = way.fold(0.0, f64::max);
+        let balls = members.iter().filter(|&&member| self.blob(member).is_ball).count();
+        let least = match 2 * balls > members.len() {
+            true => LEAST_WAY_OF_BALL_PX,
+            false => self.least_way * LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)),
+        };
+        if way < least {
+            return None;
+        }
+        let (gain, seeded) = (self.gain(&members), self.is_seeded(&members)?);
+        (seeded || gain >= self.config.min_gain).then_some(Tracklet { members, gain, seeded })
+    }
+
+    /// Whether a seed is in a tracklet; none where one says that the ball was elsewhere then.
+    fn is_seeded(&self, members: &[(usize, usize)]) -> Option<bool> {
+        let mut seeds = members.iter().filter_map(|&member| Some((member, *self.seeds.get(&member.0)?))).peekable();
+        let seeded = seeds.peek().is_some();
+        seeds.all(|(member, seed)| self.is_at(member, seed)).then_some(seeded)
+    }
+
+    /// Whether a tracklet goes through a seed.
+    pub fn goes_through(&self, tracklet: &Tracklet, frame: usize, seed: [f64; 2]) -> bool {
+        tracklet.members.iter().any(|&member| member.0 == frame && self.is_at(member, seed))
+    }
+
+    /// Whether a blob is where a person saw the ball.
+    fn is_at(&self, member: (usize, usize), [x, y]: [f64; 2]) -> bool {
+        let blob = self.blob(member);
+        (blob.at[0] - x).hypot(blob.at[1] - y) <= SEED_PX + blob.reach
+    }
+
+    /// The blob by which a tracklet goes on.
+    fn next(&self, members: &[(usize, usize)], forward: bool) -> Option<(usize, usize)> {
+        let recent: Vec<(usize, usize)> = match forward {
+            true => members.iter().rev().take(RECENT).copied().collect(),
+            false => members.iter().take(RECENT).copied().collect(),
+        };
+        let (end, before) = (recent[0], recent[1]);
+        let way = Parabola::through(self, &recent)?;
+        let last = self.blob(end);
+        let logs = recent.iter().map(|&member| self.blob(member).radius.ln());
+        let usual = (logs.sum::<f64>() / recent.len() as f64).exp();
+        let step = {
+            let earlier = self.blob(before);
+            (last.at[0] - earlier.at[0]).hypot(last.at[1] - earlier.at[1]) / end.0.abs_diff(before.0) as f64
+        };
+        for gap in 1..=self.config.max_missed + 1 {
+            let frame = if forward { end.0.checked_add(gap)? } else { end.0.checked_sub(gap)? };
+            let seen = self.frames.get(frame)?;
+            let (to, unsure) = way.at(seen.time);
+            let fits = |blob: &&Blob| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
+            let near = seen.blobs.iter().enumerate().filter(|(_, blob)| fits(blob)).filter_map(|(index, blob)| {
+                let off = [blob.at[0] - to[0], blob.at[1] - to[1]];
+                let variance = deviation(blob, step).powi(2) + unsure * unsure;
+                let off = ((off[0] * off[0] + off[1] * off[1]) / variance).sqrt();
+                (off <= self.config.gate).then_some((index, off + 2.0 * (blob.radius / last.radius).ln().abs()))
+            });
+            if let Some((index, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                return Some((frame, index));
+            }
+        }
+        None
+    }
+
+    /// Where a tracklet leads in a frame beyond its ends or between its blobs, px; how far that may be off, and the radius there.
+    pub fn leads(&self, tracklet: &Tracklet, frame: usize) -> Option<([f64; 2], f64, f64)> {
+        let after = tracklet.members.partition_point(|member| member.0 < frame);
+        let near = after.saturating_sub(RECENT)..(after + RECENT).min(tracklet.members.len());
+        let mut near = tracklet.members[near].to_vec();
+        near.sort_by_key(|member| member.0.abs_diff(frame));
+        near.truncate(RECENT);
+        let (at, unsure) = Parabola::through(self, &near)?.at(self.frames[frame].time);
+        let logs = near.iter().map(|&member| self.blob(member).radius.ln());
+        Some((at, unsure, (logs.sum::<f64>() / near.len() as f64).exp()))
+    }
+
+    /// How much more likely a tracklet's blobs are as one thing's than as chance: of each but the first three, the density of a
+    /// blob where the others lead over that of blobs in general.
+    fn gain(&self, members: &[(usize, usize)]) -> f64 {
+        let mut gain = 0.0;
+        for (number, &member) in members.iter().enumerate() {
+            let near = number.saturating_sub(RECENT / 2)..(number + RECENT / 2 + 1).min(members.len());
+            let others: Vec<(usize, usize)> = members[near].iter().filter(|&&other| other != member).copied().collect();
+            let Some(way) = Parabola::through(self, &others) else { continue };
+            let (to, unsure) = way.at(self.frames[member.0].time);
+            let blob = self.blob(member);
+            let neighbour = self.blob(members[if number == 0 { 1 } else { number - 1 }]);
+            let step = (blob.at[0] - neighbour.at[0]).hypot(blob.at[1] - neighbour.at[1]);
+            let sigma = deviation(blob, step).hypot(unsure);
+            let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]) / sigma;
+            let density = (-0.5 * off * off).exp() / (std::f64::consts::TAU * sigma * sigma);
+            gain += (density / self.crowd(member)).ln().max(-4.0);
+        }
+        let (first, last) = (members[0].0, members[members.len() - 1].0);
+        // Three blobs make any way.
+        gain *= (members.len() as f64 - 3.0) / members.len() as f64;
+        gain - self.config.missed_cost * (last - first + 1 - members.len()) as f64
+    }
+
+    /// Blobs a px² about a blob, in the frames around its.
+    pub fn crowd(&self, (frame, index): (usize, usize)) -> f64 {
+        *self.crowds.borrow_mut().entry((frame, index)).or_insert_with(|| self.crowd_about(frame, index))
+    }
+
+    fn crowd_about(&self, frame: usize, index: usize) -> f64 {
+        let at = self.frames[frame].blobs[index].at;
+        let frames = frame.saturating_sub(CROWD_FRAMES)..(frame + CROWD_FRAMES + 1).min(self.frames.len());
+        let count = frames.len() as f64;
+        // Its own thing's blobs: one a frame is no crowd.
+        let near = |seen: &Candidates| {
+            let near = seen.blobs.iter().filter(|blob| {
+                let off = [blob.at[0] - at[0], blob.at[1] - at[1]];
+                off[0] * off[0] + off[1] * off[1] < CROWD_PX * CROWD_PX
+            });
+            near.count().saturating_sub(1)
+        };
+        let others: usize = self.frames[frames].iter().map(near).sum();
+        let always = self.clutter.density(self.all, self.from + frame, at);
+        others as f64 / count / (std::f64::consts::PI * CROWD_PX * CROWD_PX) + always + 1.0 / self.area
+    }
+}
+
+/// Leaves out single blobs at a tracklet's ends that frames without any divide from the others.
+fn trim(members: &mut Vec<(usize, usize)>) {
+    while members.len() > 2 && members[1].0 - members[0].0 > LONELY {
+        members.remove(0);
+    }
+    while members.len() > 2 && members[members.len() - 1].0 - members[members.len() - 2].0 > LONELY {
+        members.pop();
+    }
+}
+
+/// Whether two blobs may be one ball's.
+pub(super) fn alike(a: &Blob, b: &Blob) -> bool {
+    (ALIKE.recip()..=ALIKE).contains(&(a.radius / b.radius))
+}
+
+/// Whether a streak lies along the way of the ball.
+fn along(blob: &Blob, way: [f64; 2]) -> bool {
+    blob.reach < 2.0 * blob.radius || (way[1].atan2(way[0]) - blob.direction).sin().abs() < 0.5
+}
+
+/// Standard deviation of a blob's place on the way of its ball, px.
+fn deviation(blob: &Blob, step: f64) -> f64 {
+    blob.sigma + PLACE_OF_STEP * step
+}
+
+/// Where blobs lead: a parabola through them (a line through three), in time.
+struct Parabola {
+    middle: f64,
+    /// Coefficients of each coordinate; a line's third is 0.
+    of: [Vector3<f64>; 2],
+    /// (AᵀA)⁻¹; of a line without the third row and column.
+    covariance: Matrix3<f64>,
+    /// Of a blob's place, px.
+    sigma: f64,
+    is_line: bool,
+    /// Standard deviation of the acceleration times the square of the time between two places, px.
+    bend: f64,
+}
+
+impl Parabola {
+    fn through(search: &Search, members: &[(usize, usize)]) -> Option<Self> {
+        let is_line = members.len() <= 3;
+        let count = members.len() as f64;
+        let time = |&(frame, _): &(usize, usize)| search.frames[frame].time;
+        let middle = members.iter().map(time).sum::<f64>() / count;
+        let (mut normal, mut right, mut sigma) = (Matrix3::zeros(), [Vector3::zeros(); 2], 0.0);
+        for member in members {
+            let blob = search.blob(*member);
+            let powers = powers(time(member) - middle, is_line);
+            normal += powers * powers.transpose();
+            right[0] += powers * blob.at[0];
+            right[1] += powers * blob.at[1];
+            sigma += deviation(blob, 0.0) / count;
+        }
+        if is_line {
+            normal[(2, 2)] = 1.0;
+        }
+        let covariance = normal.try_inverse()?;
+        let radius = members.iter().map(|&member| search.blob(member).radius).sum::<f64>() / count;
+        let times = members.iter().map(time);
+        let (first, last) = (times.clone().fold(f64::INFINITY, f64::min), times.fold(f64::NEG_INFINITY, f64::max));
+        let interval = (last - first) / (count - 1.0).max(1.0);
+        // The gate admits the largest acceleration.
+        let bend = search.config.max_acceleration / search.config.gate * radius * interval * interval;
+        Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, bend })
+    }
+
+    /// Where it is at a time, px, and how far that may be off.
+    fn at(&self, time: f64) -> ([f64; 2], f64) {
+        let powers = powers(time - self.middle, self.is_line);
+        let spread = powers.dot(&(self.covariance * powers));
+        // A line is not yet a flight: what bends it is unknown.
+        let bend = if self.is_line { STEP_PX.hypot(BEYOND_LINE * self.bend) } else { 0.0 };
+        ([0, 1].map(|axis| self.of[axis].dot(&powers)), (self.sigma * spread.sqrt()).hypot(bend))
+    }
+}
+
+fn powers(time: f64, is_line: bool) -> Vector3<f64> {
+    Vector3::new(1.0, time, if is_line { 0.0 } else { time * time })
+}

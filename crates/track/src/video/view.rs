@@ -1,0 +1,76 @@
+//! What a frame shows of the first view: the homography between them, as of a camera that turns and zooms about its centre.
+
+use nalgebra::{Matrix3, Point2};
+
+/// Displacement below which a frame shows the first view itself, px: the mean over the picture.
+const STILL_PX: f64 = 0.35;
+/// Points along each side of the picture at which displacements are measured.
+const GRID: usize = 5;
+
+/// The view of a frame: from its pixels to those of the first view and back.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct View {
+    pub first_from_frame: Matrix3<f64>,
+    pub frame_from_first: Matrix3<f64>,
+    /// Standard deviation of a point that it maps, along each axis, px of the first view.
+    pub sigma: f64,
+}
+
+impl View {
+    /// The first view.
+    pub const FIRST: Self = Self {
+        first_from_frame: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        frame_from_first: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
+        sigma: 0.0,
+    };
+
+    /// By its homography; none where that has no inverse.
+    pub fn new(frame_from_first: Matrix3<f64>, sigma: f64) -> Option<Self> {
+        let first_from_frame = frame_from_first.try_inverse()?;
+        let is_finite = first_from_frame.iter().all(|value| value.is_finite());
+        is_finite.then_some(Self { first_from_frame, frame_from_first, sigma })
+    }
+
+    /// Where a point of the frame is in the first view, px.
+    pub fn first(&self, at: [f64; 2]) -> [f64; 2] {
+        mapped(&self.first_from_frame, at)
+    }
+
+    /// Where a point of the first view is in the frame, px.
+    pub fn frame(&self, at: [f64; 2]) -> [f64; 2] {
+        mapped(&self.frame_from_first, at)
+    }
+
+    /// How much larger things are in the first view than in the frame, at a point of the frame.
+    pub fn scale(&self, at: [f64; 2]) -> f64 {
+        scale(&self.first_from_frame, at)
+    }
+}
+
+/// Where a homography puts a point, px.
+pub(super) fn mapped(homography: &Matrix3<f64>, [x, y]: [f64; 2]) -> [f64; 2] {
+    let at = homography.transform_point(&Point2::new(x, y));
+    [at.x, at.y]
+}
+
+/// Root of the factor by which a homography enlarges areas at a point.
+pub(super) fn scale(homography: &Matrix3<f64>, [x, y]: [f64; 2]) -> f64 {
+    let depth = homography[(2, 0)] * x + homography[(2, 1)] * y + homography[(2, 2)];
+    (homography.determinant() / depth.powi(3)).abs().sqrt()
+}
+
+/// Mean distance by which a homography moves the points of a picture of `size`, px.
+pub(super) fn displacement(homography: &Matrix3<f64>, size: [usize; 2]) -> f64 {
+    let along = |index: usize, side: usize| index as f64 / (GRID - 1) as f64 * side as f64;
+    let points = (0..GRID * GRID).map(|index| [along(index % GRID, size[0]), along(index / GRID, size[1])]);
+    let moved = points.map(|at| {
+        let to = mapped(homography, at);
+        (to[0] - at[0]).hypot(to[1] - at[1])
+    });
+    moved.sum::<f64>() / (GRID * GRID) as f64
+}
+
+/// Whether a homography leaves a picture of `size` where it is.
+pub(super) fn is_still(homography: &Matrix3<f64>, size: [usize; 2]) -> bool {
+    displacement(homography, size) < STILL_PX
+}
