@@ -1,17 +1,18 @@
-//! How well a model that reads sizes finds balls in photographs: `cargo bench --bench all -- photographs FOLDER [CARD [SHEET.png]]`.
+//! How well a model that reads sizes finds balls in photographs: `cargo bench --bench all -- photographs FOLDER [CARD [SHEET.png [SIDE]]]`.
 //!
 //! `FOLDER/labels.csv` has a row a ball: `file`, `x`, `y`, and `radius_x_px` and `radius_y_px`, or `radius_px`; perhaps `source`, `quality` (`A`: the
 //! radius is right to a tenth) and `unstretch` (a radius counts only where that is 1). All other pictures in the folder and below it show no
 //! ball. The cameras are not known, so one is made up for each picture (focal length: the longer side), and depths are not scored.
 //!
 //! *First*: the first detection is within half a radius, at least 3 px, of a labelled ball. *Found*: and its confidence is 0.5 or more. *Wrong*:
-//! something else has that confidence. `SHEET.png` gets a row a miss, the surest first: the ball, and the first detection.
+//! something else has that confidence. `SHEET.png` gets a row a miss, the surest first: the ball, and the first detection. With `SIDE` only a
+//! square region of that many pixels is searched, which contains the ball somewhere, as where a user names a region.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use gravisight::internal::RandomScenes;
-use gravisight::{Camera, Card, Device, LocaliseOptions, Localiser, Picture, Size};
+use gravisight::{Camera, Card, Device, LocaliseOptions, Localiser, Picture, Region, Size};
 use image::imageops::{FilterType, crop_imm, overlay, resize};
 use image::{Rgb, RgbImage};
 use pollster::block_on;
@@ -125,7 +126,18 @@ fn localiser(card: Option<&String>) -> Localiser {
     Localiser::new(card, weights, &Device::flex()).unwrap()
 }
 
-fn detections(localiser: &Localiser, path: &Path) -> Vec<Found> {
+/// A square of `side` px in a picture of `size` that contains the ball, at a place that depends on the ball's.
+fn region_about(ball: &Ball, side: u32, size: Size) -> Region {
+    let side = side.min(size.width).min(size.height);
+    let corner = |at: f64, other: f64, room: u32| {
+        let part = 0.1 + 0.8 * (at + 0.37 * other).rem_euclid(7.0) / 7.0;
+        (at - part * f64::from(side)).clamp(0.0, f64::from(room - side)) as u32
+    };
+    let [left, top] = [corner(ball.x, ball.y, size.width), corner(ball.y, ball.x, size.height)];
+    Region { left, top, width: side, height: side }
+}
+
+fn detections(localiser: &Localiser, path: &Path, about: Option<(&Ball, u32)>) -> Vec<Found> {
     let picture = Picture::decode(&std::fs::read(path).unwrap()).unwrap();
     let Size { width, height } = picture.size();
     let [focal, x, y] = [f64::from(width.max(height)), f64::from(width - 1) / 2.0, f64::from(height - 1) / 2.0];
@@ -135,8 +147,13 @@ fn detections(localiser: &Localiser, path: &Path) -> Vec<Found> {
             "camera_from_world": [[1, 0, 0, 0], [0, 0, -1, 1.6], [0, 1, 0, 0], [0, 0, 0, 1]]}}"#
     );
     let camera = Camera::from_json(&camera, "camera").unwrap();
-    let options =
-        LocaliseOptions { ball_radius: Some(BALL_RADIUS), candidates: CANDIDATES, ..LocaliseOptions::default() };
+    let region = about.map(|(ball, side)| region_about(ball, side, picture.size()));
+    let options = LocaliseOptions {
+        ball_radius: Some(BALL_RADIUS),
+        candidates: CANDIDATES,
+        region,
+        ..LocaliseOptions::default()
+    };
     let found = block_on(localiser.localise(&picture, &camera, options)).unwrap();
     let found = found.candidates.iter();
     found.map(|it| Found { confidence: it.confidence, image: it.image, radius: it.radius_px }).collect()
@@ -164,7 +181,7 @@ pub fn run(arguments: &[String]) {
         arguments.push(small_set().to_string_lossy().into_owned());
     }
     let [folder, rest @ ..] = arguments.as_slice() else {
-        return println!("usage: cargo bench --bench all -- photographs FOLDER [CARD [SHEET.png]]");
+        return println!("usage: cargo bench --bench all -- photographs FOLDER [CARD [SHEET.png [SIDE]]]");
     };
     let folder = Path::new(folder);
     let localiser = localiser(rest.first());
@@ -178,7 +195,7 @@ pub fn run(arguments: &[String]) {
 
     let plain: Vec<PathBuf> = pictures(folder).into_iter().filter(|path| !labels.contains_key(path)).collect();
     let highest =
-        |path: &PathBuf| detections(&localiser, path).iter().fold(0.0_f64, |most, it| most.max(it.confidence));
+        |path: &PathBuf| detections(&localiser, path, None).iter().fold(0.0_f64, |most, it| most.max(it.confidence));
     let highest: Vec<f64> = plain.iter().map(highest).collect();
     let above = |limit: f64| percent(highest.iter().filter(|&&p| p >= limit).count(), highest.len());
     let [usual, high] = THRESHOLDS;
@@ -190,7 +207,9 @@ pub fn run(arguments: &[String]) {
     );
 
     let labelled: Vec<(&PathBuf, &Vec<Ball>)> = labels.iter().collect();
-    let scored: Vec<Vec<Found>> = labelled.iter().map(|(path, _)| detections(&localiser, path)).collect();
+    let side: Option<u32> = rest.get(2).map(|side| side.parse().expect("SIDE is a number of pixels"));
+    let scored: Vec<Vec<Found>> =
+        labelled.iter().map(|(path, balls)| detections(&localiser, path, side.map(|side| (&balls[0], side)))).collect();
     let group_of = |balls: &[Ball]| {
         let radius = balls.iter().map(Ball::radius).fold(0.0, f64::max);
         RADII.iter().position(|&end| radius < end).unwrap_or(RADII.len() - 1)

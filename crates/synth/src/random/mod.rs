@@ -8,6 +8,7 @@ pub(super) mod canvas;
 pub(super) mod noise;
 mod real;
 mod sensor;
+mod squeeze;
 #[cfg(test)]
 mod tests;
 
@@ -20,6 +21,7 @@ use self::canvas::{Canvas, Ellipse, PaintColour, Polygon, mix};
 use self::noise::Normals;
 use self::real::CutOut;
 pub use self::real::{LabelledBall, LabelledPhotograph};
+use self::squeeze::Squeeze;
 use gravisight_geometry::random::{Random, Stream};
 use gravisight_geometry::size::Size;
 
@@ -106,6 +108,8 @@ pub struct RandomScenes {
 
 /// Fraction of the pictures that are parts of labelled photographs, where there are any. This and the next are chosen, not fitted.
 const LABELLED: f64 = 0.3;
+/// Fraction of those parts in which other balls are put beside the labelled ones: fields and halls are behind few balls otherwise.
+const MORE: f64 = 0.5;
 /// Fraction of the other balls that are cut out of them.
 const CUT_OUT: f64 = 0.6;
 
@@ -137,8 +141,7 @@ impl RandomScenes {
         let mut random = Stream::Scene.of(seed);
         let mut drawing = match self.labelled.len() {
             count if count > 0 && random.random_bool(LABELLED) => {
-                let (canvas, balls) = real::part(size, &self.labelled[random.random_range(0..count)], &mut random);
-                Drawing { canvas, balls }
+                self.part(size, &self.labelled[random.random_range(0..count)], most, &mut random)
             }
             _ => self.scene(size, most, self.night(seed), &mut random),
         };
@@ -151,7 +154,7 @@ impl RandomScenes {
     pub fn draw_about(&self, size: Size, seed: u64, most: usize, spot: &Spot) -> (Drawing, [f32; 2], f32) {
         let mut random = Stream::Scene.of(seed);
         let (canvas, centre, radius) = background::draw_about(size, &self.photographs, spot, &mut random);
-        let mut drawing = self.with_balls(canvas, most, false, &mut random);
+        let mut drawing = self.with_some_balls(canvas, most, false, &mut random);
         sensor::expose(&mut drawing.canvas, &self.normals, &mut random);
         (drawing, centre, radius)
     }
@@ -161,7 +164,7 @@ impl RandomScenes {
         let mut random = Stream::Scene.of(seed);
         let mut canvas = Canvas::new(Size::new(photograph.width(), photograph.height()), [0.0; 3]);
         background::lay(&mut canvas, photograph, [0.0; 2], 1.0, [false; 2]);
-        let mut drawing = self.with_balls(canvas, most, false, &mut random);
+        let mut drawing = self.with_some_balls(canvas, most, false, &mut random);
         sensor::expose(&mut drawing.canvas, &self.normals, &mut random);
         drawing
     }
@@ -177,24 +180,54 @@ impl RandomScenes {
         random.random_bool(self.nights).then(|| random.random_range(DARKER[0]..DARKER[1]))
     }
 
+    /// A part of a labelled photograph, some squeezed, and perhaps with other balls before it.
+    fn part(&self, size: Size, photograph: &LabelledPhotograph, most: usize, random: &mut Random) -> Drawing {
+        let squeeze = Squeeze::random(random);
+        let before = squeeze.map_or(size, |squeeze| squeeze.before(size));
+        let (canvas, balls) = real::part(before, photograph, random);
+        let more = if random.random_bool(MORE) { most.saturating_sub(balls.len()) } else { 0 };
+        let drawing = self.with_balls(canvas, balls, more, false, random);
+        match squeeze {
+            Some(squeeze) => Drawing {
+                canvas: squeeze.canvas(&drawing.canvas, size),
+                balls: drawing.balls.into_iter().map(|ball| squeeze.ball(ball)).collect(),
+            },
+            None => drawing,
+        }
+    }
+
     /// The scene before the camera changes it.
     fn scene(&self, size: Size, most: usize, night: Option<f32>, random: &mut Random) -> Drawing {
         let mut canvas = background::draw(size, &self.photographs, random);
         if let Some(fraction) = night {
             canvas.planes.iter_mut().flatten().for_each(|value| *value *= fraction);
         }
-        self.with_balls(canvas, most, night.is_some(), random)
+        self.with_some_balls(canvas, most, night.is_some(), random)
     }
 
-    /// What is behind, with balls before it.
-    fn with_balls(&self, mut canvas: Canvas, most: usize, night: bool, random: &mut Random) -> Drawing {
-        if random.random_bool(self.empty) {
-            return Drawing { canvas, balls: vec![] };
-        }
-        let mut balls = vec![];
+    /// What is behind, with balls before it, or without.
+    fn with_some_balls(&self, canvas: Canvas, most: usize, night: bool, random: &mut Random) -> Drawing {
+        let most = if random.random_bool(self.empty) { 0 } else { most };
+        self.with_balls(canvas, vec![], most, night, random)
+    }
+
+    /// What is behind, which shows `labelled` balls, with at most `most` others before it.
+    fn with_balls(
+        &self,
+        mut canvas: Canvas,
+        labelled: Vec<Apparent>,
+        most: usize,
+        night: bool,
+        random: &mut Random,
+    ) -> Drawing {
+        let (mut balls, mut taken) = (vec![], labelled.iter().map(Covered::by).collect::<Vec<_>>());
         for number in 0..most {
             if number == 0 || random.random_bool(ANOTHER) {
-                balls.extend(DrawnBall::random(&canvas, &balls, &self.cut_outs, night, random));
+                let Some(mut ball) = DrawnBall::random(&canvas, &taken, &self.cut_outs, night, random) else { continue };
+                // What is before one of the drawn balls might hide a labelled one.
+                ball.occluder = ball.occluder.filter(|_| labelled.is_empty());
+                taken.push(Covered { centre: ball.centre, radius: ball.radius, streak: ball.streak });
+                balls.push(ball);
             }
         }
         let hidden = |x: usize, y: usize, balls: &[DrawnBall]| {
@@ -242,7 +275,22 @@ impl RandomScenes {
             focal: ball.focal,
             principal_point: ball.principal_point,
         };
-        Drawing { balls: balls.iter().map(apparent).collect(), canvas }
+        let balls = labelled.into_iter().chain(balls.iter().map(apparent)).collect();
+        Drawing { canvas, balls }
+    }
+}
+
+/// What a ball covers, px.
+struct Covered {
+    centre: [f32; 2],
+    radius: f32,
+    streak: f32,
+}
+
+impl Covered {
+    fn by(ball: &Apparent) -> Self {
+        let &Apparent { centre, radius, streak, .. } = ball;
+        Self { centre: centre.map(|at| at as f32), radius: radius as f32, streak: streak as f32 }
     }
 }
 
@@ -264,12 +312,18 @@ struct DrawnBall {
 
 impl DrawnBall {
     /// A ball anywhere but on `others`; none where no look of it can be told from what is behind.
-    fn random(canvas: &Canvas, others: &[Self], cut_outs: &[CutOut], night: bool, random: &mut Random) -> Option<Self> {
+    fn random(
+        canvas: &Canvas,
+        others: &[Covered],
+        cut_outs: &[CutOut],
+        night: bool,
+        random: &mut Random,
+    ) -> Option<Self> {
         let [width, height] = [canvas.width, canvas.height].map(|side| side as f64);
         let largest = LARGEST.min(width.min(height) / 3.0);
         let radius = random.random_range(SMALLEST.ln()..largest.ln()).exp() as f32;
         let mut anywhere = || [width, height].map(|side| random.random_range(0.0..side - 1.0) as f32);
-        let apart = |[x, y]: [f32; 2], other: &Self| {
+        let apart = |[x, y]: [f32; 2], other: &Covered| {
             let reach = 1.2 * (radius + other.radius)
                 + 0.5 * other.streak
                 + 0.5 * (ball::STREAK * radius).min(ball::STREAK_PX)

@@ -192,6 +192,46 @@ fn a_part_of_a_photograph_shows_its_ball_where_and_as_large_as_it_says() {
 }
 
 #[test]
+fn drawn_balls_stay_clear_of_the_labelled_one() {
+    let scenes = RandomScenes::new(vec![], 0.0).with_labelled(vec![labelled()]);
+    let drawings: Vec<_> = (0..300).map(|seed| scenes.draw(Size::square(128), seed, 3).balls).collect();
+    // The labelled ball comes first: its streak is 0, its focal length the picture's side. Squeezed ones have no sizes.
+    let is_part = |balls: &&Vec<Apparent>| balls.first().is_some_and(|it| it.focal == 128.0 && it.is_sized);
+    let parts: Vec<_> = drawings.iter().filter(is_part).collect();
+    let more = parts.iter().filter(|balls| balls.len() > 1).count();
+    assert!(more > 10 && more < parts.len(), "{more} of {}", parts.len());
+    for balls in parts {
+        for ball in &balls[1..] {
+            let away = (ball.centre[0] - balls[0].centre[0]).hypot(ball.centre[1] - balls[0].centre[1]);
+            assert!(away > 1.2 * (ball.radius + balls[0].radius), "{away}: {balls:?}");
+        }
+    }
+}
+
+#[test]
+fn a_squeezed_picture_keeps_its_balls_where_they_are_seen() {
+    let scenes = RandomScenes::new(vec![], 0.0).with_labelled(vec![labelled()]);
+    let mut squeezed = 0;
+    for seed in 0..400 {
+        let drawing = scenes.part(Size::square(64), &scenes.labelled[0], 0, &mut Stream::Scene.of(seed));
+        assert_eq!([drawing.canvas.width, drawing.canvas.height], [64, 64]);
+        let Some(ball) = drawing.balls.first().filter(|it| !it.is_sized && it.visible > 0.999 && it.radius > 3.0) else {
+            continue;
+        };
+        let at = |index: usize| drawing.canvas.planes[1][index];
+        let area: f32 = (0..64 * 64).map(at).sum();
+        let mean =
+            |of: &dyn Fn(usize) -> usize| (0..64 * 64).map(|index| at(index) * of(index) as f32).sum::<f32>() / area;
+        let [x, y] = [mean(&|index| index % 64), mean(&|index| index / 64)].map(f64::from);
+        let off = (x - ball.centre[0]).hypot(y - ball.centre[1]);
+        let radius = f64::from(area / std::f32::consts::PI).sqrt();
+        assert!(off < 0.5 && (radius / ball.radius - 1.0).abs() < 0.05, "{seed}: {off} px off, {radius} of {ball:?}");
+        squeezed += 1;
+    }
+    assert!(squeezed > 15, "{squeezed}");
+}
+
+#[test]
 fn a_cut_out_ball_covers_its_outline_with_its_own_colour() {
     let [cut_out] = &real::CutOut::all(&[labelled()])[..] else { panic!("one ball, one cut-out") };
     assert!((cut_out.largest() / 25.0 - 1.3).abs() < 1e-3);
