@@ -16,26 +16,28 @@ const sidebar = [
     text: "Begin",
     items: [
       page("Start here", "/docs/start"),
-      page("Concepts", "/docs/concepts"),
       page("Recipes by task", "/docs/recipes"),
       page("How accurate", "/docs/accuracy"),
-      page("Questions", "/docs/faq"),
+      page("Troubleshooting", "/docs/troubleshooting"),
     ],
   },
   {
     text: "Guides",
     items: [
+      page("A camera from clicks or another tool", "/docs/cameras"),
+      page("A ball in a picture", "/docs/any"),
       page("From a video to metres", "/docs/video"),
-      page("Any ball of known size", "/docs/any"),
       page("From a 2D track to metres", "/docs/real"),
-      page("Web page and Node.js", "/docs/web"),
-      page("Thousands of videos", "/docs/batch"),
+      page("Your own ball", "/docs/your-own-ball"),
+      page("Many videos", "/docs/many-videos"),
+      page("In a web page", "/docs/in-a-web-page"),
+      page("Programs for web pages and Node.js", "/docs/web"),
     ],
   },
   {
     text: "Reference",
     items: [
-      page("File formats and commands", "/docs/formats"),
+      page("Files, commands and results", "/docs/formats"),
       page("npm package", "/pkg/"),
       { ...page("npm package: every symbol", "/api/js/index.html"), target: "_self" },
       page("Changelog", "/CHANGELOG"),
@@ -50,6 +52,7 @@ const sidebar = [
     text: "Behind it",
     collapsed: true,
     items: [
+      page("How it works", "/docs/how-it-works"),
       page("The paper's tables", "/docs/paper"),
       page("Experiments", "/docs/experiments"),
       page("Architecture", "/ARCHITECTURE"),
@@ -115,7 +118,7 @@ export default defineConfig({
   },
   vite: { publicDir: false, logLevel: "warn", plugins: [vueOfPages] },
   themeConfig: {
-    nav: [page("Start here", "/docs/start"), page("Recipes", "/docs/recipes"), page("Questions", "/docs/faq"), page(version, "/CHANGELOG")],
+    nav: [page("Start here", "/docs/start"), page("Recipes", "/docs/recipes"), page("Troubleshooting", "/docs/troubleshooting"), page(version, "/CHANGELOG")],
     sidebar,
     outline: [2, 3],
     search: { provider: "local" },

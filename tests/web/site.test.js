@@ -25,6 +25,10 @@ const HALL = {
   intrinsic: [[1500, 0, 959.5], [0, 1500, 539.5], [0, 0, 1]],
   camera_from_world: [[0, 1, 0, 10], [0, 0, -1, 2.5], [-1, 0, 0, 9], [0, 0, 0, 1]],
 };
+/** Pages whose named blocks are run in this order. */
+const GUIDES = ["docs/cameras.md", "docs/recipes.md", "docs/your-own-ball.md", "docs/many-videos.md"];
+/** Blocks that need more than this machine; `cli/tests/all/batch.rs` runs that of GNU parallel. */
+const CLUSTERS = ["parallel", "slurm", "kubernetes"];
 const complaints = [];
 let folder, server, browser;
 
@@ -74,7 +78,7 @@ test("who starts here gets a position and a flight, and each recipe does what it
   assert.match(run(video), /^explained: 1 flight/);
 
   const said = new Map();
-  for (const block of blocksOf("docs/recipes.md")) {
+  for (const block of GUIDES.flatMap(blocksOf).filter(({ name }) => !CLUSTERS.includes(name))) {
     if (block.name === "fit") {
       writeFileSync(join(folder, "hall-camera.json"), JSON.stringify(HALL));
       writeFileSync(join(folder, "throw.csv"), await throwAt(JSON.parse(readFileSync(join(folder, "hall.json"), "utf8"))));
@@ -148,7 +152,7 @@ for (const colorScheme of ["light", "dark"]) {
     const page = await browser.newPage({ viewport: { width: 390, height: 844 }, colorScheme });
     page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
     page.on("pageerror", (error) => complaints.push(String(error)));
-    for (const path of ["index.html", "docs/start.html", "docs/concepts.html", "docs/recipes.html", "docs/formats.html", "docs/faq.html", "api/js/index.html"]) {
+    for (const path of ["index.html", "docs/start.html", "docs/how-it-works.html", "docs/recipes.html", "docs/formats.html", "docs/troubleshooting.html", "api/js/index.html"]) {
       await page.goto(server.url + path);
       await page.waitForLoadState("networkidle");
       assert.ok(await page.evaluate(() => document.documentElement.scrollWidth <= innerWidth), `${path} scrolls sideways`);

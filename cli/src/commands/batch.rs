@@ -41,7 +41,7 @@ path. A line of JSON is printed for each input; `result` is the path of NAME.jso
 {} stands for the input, {out} for OUT/NAME, for the subcommand's other files:\n\n  \
 gravisight batch videos.txt --out results -- track {} --camera camera.json --scene tennis --report {out}.html\n  \
 seq 0 7 | parallel gravisight batch videos.txt --shard {}/8 --out results -- track '{}' --camera …\n\n\
-docs/batch.md has recipes for GNU parallel, Slurm and Kubernetes.")]
+docs/many-videos.md has recipes for GNU parallel, Slurm and Kubernetes.")]
 pub struct Arguments {
     /// The inputs, one a line; empty lines and those that begin with # do not count. Paths are from the list's folder.
     #[arg(value_name = "LIST")]

@@ -198,7 +198,7 @@ fn the_recipe_for_parallel_works() {
         return;
     }
     let folder = folder_of("parallel", 10);
-    let guide = std::fs::read_to_string(root().join("docs/batch.md")).unwrap();
+    let guide = std::fs::read_to_string(root().join("docs/many-videos.md")).unwrap();
     let recipe = guide.split_once("```sh parallel\n").unwrap().1.split_once("```").unwrap().0;
     let path = Path::new(env!("CARGO_BIN_EXE_gravisight")).parent().unwrap();
     let path = format!("{}:{}", path.display(), std::env::var("PATH").unwrap());
