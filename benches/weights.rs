@@ -6,12 +6,13 @@
 //!   without. Beside them what a least probability by the first pass (`MIN_FIRST_PASS`) saves, and what it costs.
 //! - `cargo bench --bench all -- weights edge [FOLDER] [CARD]`: `edge_log_odds`, `edge_log_sigma` and `network_sigma_factor`, by maximum
 //!   likelihood on random renderings (with the photographs of FOLDER behind, if given): the error of log(radius) is Laplace-distributed, its
-//!   location the mean of edge and network that the first weights give, its scale by the second. The likelihood of the card's weights stands
-//!   beside that of the fitted ones, on other renderings than were fitted.
+//!   location the mean of edge and network that the first weights give, its scale by the second. Half of the balls that FOLDER's `labels.csv`
+//!   gives radii of (`quality` A) are fitted, too. The likelihood of the card's weights stands beside that of the fitted ones, on other
+//!   renderings than were fitted, and on the other half of the labelled balls.
 
 use std::path::Path;
 
-use gravisight::internal::{Apparent, LabelledPhotograph, Photographs, RandomScenes, read_photographs};
+use gravisight::internal::{Apparent, LabelledPhotograph, Photographs, RandomScenes};
 use gravisight::model::DetectionCalibration;
 use gravisight::{Camera, Card, Device, Localiser, Picture, Size};
 use image::RgbImage;
@@ -40,6 +41,10 @@ const SCORED: u64 = 3_000;
 const FIRST_SEED: u64 = 1 << 41;
 /// Side of the renderings, px.
 const SIDE: u32 = 256;
+/// Standard deviation of a labelled log(radius): boxes of quality A are tight to about a tenth, four in five within a twentieth.
+const LABEL_SIGMA: f64 = 0.04;
+/// What the labelled balls weigh together, over the renderings. Chosen: they are few, and all that is real.
+const LABELLED_WEIGHT: f64 = 0.5;
 /// Steps of the descent (Adam), its learning rate at the start; it falls to zero.
 const DESCENT_STEPS: usize = 4_000;
 const LEARNING_RATE: f64 = 0.03;
@@ -166,22 +171,38 @@ fn fit_confidence(folder: &Path, localiser: &Localiser, drawings: u64) {
 
 /// A detected ball: the errors of network and edge.
 struct BallError {
+    /// How much it counts.
+    weight: f64,
     /// True log(radius) less the network's.
     error: f64,
     /// The network's standard deviation of log(radius).
     log_sigma: f64,
-    /// The edge's log(radius) less the network's, the features, and the σ of a fading rim.
+    /// The edge's log(radius) less the network's, the features, and the σ of a fading rim (and of the label).
     edge: Option<(f64, [f64; 5], f64)>,
 }
 
-/// The camera that sees the ball so.
-fn camera(ball: &Apparent) -> Camera {
-    let (focal, [x, y]) = (ball.focal, ball.principal_point);
+/// A camera of this focal length and principal point, px.
+fn camera(focal: f64, [x, y]: [f64; 2], size: Size) -> Camera {
+    let Size { width, height } = size;
     let camera = format!(
-        r#"{{"intrinsic": [[{focal}, 0, {x}], [0, {focal}, {y}], [0, 0, 1]], "width": {SIDE}, "height": {SIDE},
+        r#"{{"intrinsic": [[{focal}, 0, {x}], [0, {focal}, {y}], [0, 0, 1]], "width": {width}, "height": {height},
             "camera_from_world": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}}"#
     );
     Camera::from_json(&camera, "camera").unwrap()
+}
+
+/// The error of the detection that is near a ball at `centre` with this `radius`, px, if there is one.
+fn ball_error(
+    localiser: &Localiser,
+    rgb: RgbImage,
+    camera: &Camera,
+    centre: [f64; 2],
+    radius: f64,
+) -> Option<BallError> {
+    let found = block_on(localiser.edge_evidence(&Picture::from_rgb(rgb), camera)).unwrap();
+    let found = found.into_iter().find(|it| is_near(centre, radius, it.outline.centre.x, it.outline.centre.y))?;
+    let error = (radius / found.outline.radius).ln();
+    Some(BallError { weight: 1.0, error, log_sigma: found.log_sigma, edge: found.edge })
 }
 
 /// The detected balls of `count` renderings.
@@ -189,13 +210,28 @@ fn ball_errors(scenes: &RandomScenes, localiser: &Localiser, first: u64, count: 
     let of_seed = |seed: u64| {
         let drawing = scenes.draw(Size::square(SIDE), seed, 1);
         let ball = drawing.balls.first()?;
-        let found = block_on(localiser.edge_evidence(&Picture::from_rgb(drawing.picture()), &camera(ball))).unwrap();
-        let found =
-            found.into_iter().find(|it| is_near(ball.centre, ball.radius, it.outline.centre.x, it.outline.centre.y))?;
-        let error = (ball.radius / found.outline.radius).ln();
-        Some(BallError { error, log_sigma: found.log_sigma, edge: found.edge })
+        let camera = camera(ball.focal, ball.principal_point, Size::square(SIDE));
+        ball_error(localiser, drawing.picture(), &camera, ball.centre, ball.radius)
     };
     (first..first + count).filter_map(of_seed).collect()
+}
+
+/// The detected balls of known radius in photographs: those to fit, and those to score.
+fn labelled_errors(photographs: &[LabelledPhotograph], localiser: &Localiser) -> [Vec<BallError>; 2] {
+    let of_photograph = |LabelledPhotograph { rgb, balls }: &LabelledPhotograph| {
+        let ball = balls.iter().find(|ball| ball.is_sized)?;
+        let [width, height] = [rgb.width(), rgb.height()].map(f64::from);
+        let size = Size::new(rgb.width(), rgb.height());
+        let camera = camera(width.max(height), [(width - 1.0) / 2.0, (height - 1.0) / 2.0], size);
+        let error = ball_error(localiser, rgb.clone(), &camera, ball.centre.map(f64::from), f64::from(ball.radius))?;
+        let edge = error.edge.map(|(difference, row, inside)| (difference, row, inside.hypot(LABEL_SIGMA)));
+        Some(BallError { edge, ..error })
+    };
+    let (mut fitted, mut scored) = (vec![], vec![]);
+    for (index, error) in photographs.iter().filter_map(of_photograph).enumerate() {
+        if index % 2 == 0 { &mut fitted } else { &mut scored }.push(error);
+    }
+    [fitted, scored]
 }
 
 fn dot(row: &[f64; 5], weights: &[f64; 5]) -> f64 {
@@ -215,25 +251,28 @@ fn loss((difference, row, inside): &(f64, [f64; 5], f64), error: f64, weights: &
     (value, [row.map(|feature| by_log_odds * feature), row.map(|feature| by_log_sigma * feature)])
 }
 
-/// Mean negative log-likelihood, median error and the fractions within 1 and 2 σ.
+/// Mean negative log-likelihood, median error, median of the estimate's signed error, and the fractions within 1 and 2 σ.
 fn scores(balls: &[&BallError], weights: &[[f64; 5]; 2]) -> String {
     let count = balls.len() as f64;
-    let (mut total, mut errors, mut within) = (0.0, vec![], [0.0; 2]);
+    let (mut total, mut errors, mut signed, mut within) = (0.0, vec![], vec![], [0.0; 2]);
     for ball in balls {
         let Some(edge) = &ball.edge else { continue };
         total += loss(edge, ball.error, weights).0;
         let (difference, row, inside) = edge;
-        let error = (ball.error - difference / (1.0 + (-dot(row, &weights[0])).exp())).abs();
+        signed.push(ball.error - difference / (1.0 + (-dot(row, &weights[0])).exp()));
+        let error = signed[signed.len() - 1].abs();
         let sigma = dot(row, &weights[1]).exp().hypot(*inside);
         within[0] += f64::from(u8::from(error <= sigma));
         within[1] += f64::from(u8::from(error <= 2.0 * sigma));
         errors.push(error);
     }
     errors.sort_by(f64::total_cmp);
+    signed.sort_by(f64::total_cmp);
     format!(
-        "negative log-likelihood {:.3}, median error {:.2} %, within 1 / 2 σ {:.0} / {:.0} %",
+        "negative log-likelihood {:.3}, median error {:.2} %, bias {:+.2} %, within 1 / 2 σ {:.0} / {:.0} %",
         total / count,
         100.0 * errors[errors.len() / 2],
+        -100.0 * signed[signed.len() / 2],
         100.0 * within[0] / count,
         100.0 * within[1] / count
     )
@@ -241,20 +280,26 @@ fn scores(balls: &[&BallError], weights: &[[f64; 5]; 2]) -> String {
 
 /// Fits the weights of edge refinement.
 fn fit_edge(photographs: Option<&Path>, localiser: &Localiser, [fitted, scored]: [u64; 2]) {
-    let photographs = photographs.map_or(vec![], |folder| read_photographs(folder).unwrap());
-    let scenes = RandomScenes::new(photographs, 0.0);
-    let all = ball_errors(&scenes, localiser, FIRST_SEED, fitted);
-    let held_out = ball_errors(&scenes, localiser, FIRST_SEED + FITTED, scored);
+    let Photographs { plain, labelled } =
+        photographs.map(|folder| Photographs::read(folder).unwrap()).unwrap_or_default();
+    let scenes = RandomScenes::new(plain, 0.0);
+    let mut all = ball_errors(&scenes, localiser, FIRST_SEED, fitted);
+    let drawn = ball_errors(&scenes, localiser, FIRST_SEED + FITTED, scored);
     let with_edge = |all: &[BallError]| all.iter().filter(|ball| ball.edge.is_some()).count();
     println!("{} balls detected in {fitted} renderings, {} with an edge", all.len(), with_edge(&all));
+    let [mut of_labels, real] = labelled_errors(&labelled, localiser);
+    println!("{} labelled balls to fit, {} with an edge", of_labels.len(), with_edge(&of_labels));
+    let weight = LABELLED_WEIGHT * all.len() as f64 / of_labels.len().max(1) as f64;
+    of_labels.iter_mut().for_each(|ball| ball.weight = weight);
+    all.extend(of_labels);
 
     let mut weights = [[0.0; 5]; 2];
     let (mut mean, mut square) = ([[0.0; 5]; 2], [[0.0; 5]; 2]);
     for step in 0..DESCENT_STEPS {
         let mut gradient = [[0.0; 5]; 2];
-        for (edge, error) in all.iter().filter_map(|ball| Some((ball.edge.as_ref()?, ball.error))) {
-            let (_, of_ball) = loss(edge, error, &weights);
-            (0..10).for_each(|at| gradient[at / 5][at % 5] += of_ball[at / 5][at % 5] / all.len() as f64);
+        for (edge, ball) in all.iter().filter_map(|ball| Some((ball.edge.as_ref()?, ball))) {
+            let (_, of_ball) = loss(edge, ball.error, &weights);
+            (0..10).for_each(|at| gradient[at / 5][at % 5] += ball.weight * of_ball[at / 5][at % 5] / all.len() as f64);
         }
         let rate = LEARNING_RATE * (1.0 - step as f64 / DESCENT_STEPS as f64);
         let steps = 1 + step as i32;
@@ -270,14 +315,20 @@ fn fit_edge(photographs: Option<&Path>, localiser: &Localiser, [fitted, scored]:
     }
     println!("\"edge_log_odds\": [{}],", listed(&weights[0], 2));
     println!("\"edge_log_sigma\": [{}],", listed(&weights[1], 2));
-    let alone: Vec<f64> = all.iter().filter(|it| it.edge.is_none()).map(|it| it.error.abs() / it.log_sigma).collect();
-    let factor = SIGMA_OF_SCALE * alone.iter().sum::<f64>() / alone.len().max(1) as f64;
+    let alone: Vec<_> = all.iter().filter(|it| it.edge.is_none()).collect();
+    let sum = |of: &dyn Fn(&BallError) -> f64| alone.iter().map(|ball| ball.weight * of(ball)).sum::<f64>();
+    let factor = SIGMA_OF_SCALE * sum(&|ball| ball.error.abs() / ball.log_sigma) / sum(&|_| 1.0).max(1.0);
     println!("\"network_sigma_factor\": {factor:.1} ({} balls without an edge)", alone.len());
-    let held_out: Vec<&BallError> = held_out.iter().filter(|ball| ball.edge.is_some()).collect();
-    println!("on {} other balls with an edge:", held_out.len());
-    println!("  fitted: {}", scores(&held_out, &weights));
     let DetectionCalibration { edge_log_odds, edge_log_sigma, .. } = localiser.card().calibration.unwrap_or_default();
-    println!("  today:  {}", scores(&held_out, &[edge_log_odds, edge_log_sigma]));
+    for (name, balls) in [("other renderings", drawn), ("other labelled balls", real)] {
+        let with_edge: Vec<&BallError> = balls.iter().filter(|ball| ball.edge.is_some()).collect();
+        if with_edge.is_empty() {
+            continue;
+        }
+        println!("on {} {name} with an edge:", with_edge.len());
+        println!("  fitted: {}", scores(&with_edge, &weights));
+        println!("  today:  {}", scores(&with_edge, &[edge_log_odds, edge_log_sigma]));
+    }
 }
 
 pub fn run(arguments: &[String]) {
