@@ -162,10 +162,50 @@ fn fit_counts_in_noise_camera_and_what_the_scene_does_not_know() {
     let of = |found: &Value| found["frames"][10]["sigma"].as_f64().unwrap();
     let unsure = fit(&["--camera-sigma", text(&sigma)]);
     assert!(of(&unsure) > 1.5 * of(&plain), "{} {}", of(&unsure), of(&plain));
+    let speed = |found: &Value| found["flights"][0]["speed_sigma"].as_f64().unwrap();
+    assert!(speed(&unsure) > 1.5 * speed(&plain), "{} {}", speed(&unsure), speed(&plain));
     assert_eq!(fit(&["--noise-px", "3"])["noise_px"], 3.0);
     let drag = |found: &Value| found["estimates"]["drag"]["sigma"].as_f64().unwrap();
     let unknown = fit(&["--estimate", "drag"]);
     assert!(drag(&unknown) > 1.5 * drag(&plain), "{} {}", drag(&unknown), drag(&plain));
+}
+
+#[test]
+fn the_cameras_uncertainty_counts_where_the_ball_is_held_at_first() {
+    let [track, camera, sigma] = thrown("options-held", false);
+    // Twelve frames in a hand, then the throw.
+    let text_of = std::fs::read_to_string(&track).unwrap();
+    let mut lines = text_of.lines();
+    let mut held = format!("{}\n", lines.next().unwrap());
+    let flight: Vec<&str> = lines.map(|line| line.split_once(',').unwrap().1).collect();
+    let all = std::iter::repeat_n(flight[0], 12).chain(flight.iter().copied());
+    all.enumerate().for_each(|(frame, rest)| held += &format!("{frame},{rest}\n"));
+    let held_track = track.with_file_name("held.csv");
+    std::fs::write(&held_track, held).unwrap();
+    let plain = fit(&held_track, &camera, &[]);
+    let unsure = fit(&held_track, &camera, &["--camera-sigma", text(&sigma)]);
+    assert_eq!(plain["flights"][0]["reason"], "the ball is held, or lies still, before it flies");
+    let of = |found: &Value| {
+        let speed = found["flights"][1]["speed_sigma"].as_f64().unwrap();
+        (found["frames"][25]["sigma"].as_f64().unwrap(), speed)
+    };
+    let ((place, speed), (unsure_place, unsure_speed)) = (of(&plain), of(&unsure));
+    assert!(unsure_place > 1.5 * place && unsure_speed > 1.5 * speed, "{plain:?}");
+}
+
+#[test]
+fn a_camera_that_is_hardly_known_leaves_the_distance_unknown() {
+    let [track, camera, sigma] = thrown("options-doubtful", false);
+    let file = std::fs::read_to_string(&sigma).unwrap();
+    let mut sigmas: Value = serde_json::from_str(&file).unwrap();
+    // Twice the distance, by a lens twice as long.
+    sigmas["one_sigma"][0]["camera_from_world"][2][3] = 8.0.into();
+    (0..2).for_each(|axis| sigmas["one_sigma"][0]["intrinsic"][axis][axis] = 1800.0.into());
+    std::fs::write(&sigma, sigmas.to_string()).unwrap();
+    let found = fit(&track, &camera, &["--camera-sigma", text(&sigma)]);
+    assert_eq!(found["explained"], false);
+    let reason = found["flights"][0]["reason"].as_str().unwrap();
+    assert!(reason.contains("the camera is not known well enough"), "{reason}");
 }
 
 #[test]

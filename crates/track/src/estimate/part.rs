@@ -84,6 +84,11 @@ impl Part<'_> {
         self.labels.iter().map(|label| RayObservation::of(label, camera, radius).ok()).collect()
     }
 
+    /// The observations by each camera of the options; none by one whose lens leaves a label out.
+    fn cameras(&self) -> Vec<Option<Vec<RayObservation>>> {
+        self.options.cameras.iter().map(|camera| self.observations(camera)).collect()
+    }
+
     fn model<'b>(&'b self, observations: &'b [RayObservation], noise: Option<f64>) -> Model<'b> {
         let numbers = [self.area(), self.smooth(), self.clock];
         let config =
@@ -118,9 +123,8 @@ impl Part<'_> {
         let observations = self.observations(self.camera).ok_or_else(unexplained)?;
         let given = self.options.noise_px.map(|noise| noise.max(LEAST_NOISE));
         let model = self.model(&observations, given);
-        let cameras = self.options.cameras.iter().filter_map(|camera| self.observations(camera)).collect::<Vec<_>>();
         let found = self.found(&model);
-        let outcome = found.as_ref().and_then(|(hypotheses, _)| model.result(hypotheses, &cameras));
+        let outcome = found.as_ref().and_then(|(hypotheses, _)| model.result(hypotheses, &self.cameras()));
         let mut reason = None;
         if outcome.as_ref().is_none_or(|outcome| outcome.is_odd() || outcome.is_alone()) && !model.lasting {
             // What is wrong is wrong from the beginning on: of a long track that is enough to see it.
@@ -189,7 +193,8 @@ impl Part<'_> {
 
     /// The result of a part whose first frames, so many, show a ball that does not fly yet.
     fn with_held(&self, first: usize) -> Option<Fit> {
-        let Outcome { mut fit, .. } = self.outcome_of(&self.labels[first..], self.options.hits, f64::INFINITY)?;
+        let rest = Part { labels: &self.labels[first..], ..*self };
+        let Outcome { mut fit, .. } = rest.outcome(f64::INFINITY)?;
         let start = fit.frames[0].clone();
         let state = State { velocity: Vector3::zeros(), ..start.state() };
         let held = |label: &Label| FittedFrame::new(label.time, state, start.covariance);
@@ -235,16 +240,20 @@ impl Part<'_> {
     /// `limit`.
     pub fn outcome_of(&self, labels: &[Label], hits: Option<usize>, limit: f64) -> Option<Outcome> {
         let options = FitOptions { hits, cameras: vec![], ..self.options.clone() };
-        let part = Part { labels, options: &options, ..*self };
-        let observations = part.observations(self.camera)?;
-        let model = part.model(&observations, options.noise_px);
-        let times: Vec<f64> = labels.iter().map(|label| label.time).collect();
-        let quick = Search::new(&model, Arc::new(times), part.noise(), hits)?.quick();
+        Part { labels, options: &options, ..*self }.outcome(limit)
+    }
+
+    /// The most probable trajectory of this part; none where nothing explains it, or where that clearly costs more than `limit`.
+    fn outcome(&self, limit: f64) -> Option<Outcome> {
+        let observations = self.observations(self.camera)?;
+        let model = self.model(&observations, self.options.noise_px);
+        let times: Vec<f64> = self.labels.iter().map(|label| label.time).collect();
+        let quick = Search::new(&model, Arc::new(times), self.noise(), self.options.hits)?.quick();
         if quick.first()?.cost > limit + WORTH {
             return None;
         }
-        let (hypotheses, _) = part.found(&model)?;
-        model.result(&hypotheses, &[])
+        let (hypotheses, _) = self.found(&model)?;
+        model.result(&hypotheses, &self.cameras())
     }
 
     /// The most probable hypotheses, with lost and repeated frames where that is more probable than without.

@@ -26,10 +26,17 @@ const SMOOTH_FREEDOM: f64 = 0.6;
 /// Strongest correlation of one residual with the next that is believed.
 const STRONGEST: f64 = 0.9;
 
+/// What the labels say by a camera that is moved by one standard deviation along one direction of its uncertainty.
+struct Moved {
+    trajectory: Trajectory,
+    /// Of each frame, m.
+    positions: Vec<Vector3<f64>>,
+}
+
 impl Model<'_> {
-    /// What the hypotheses `found` say, the most probable first. The camera may as well be one by which the observations are one of
-    /// `cameras`.
-    pub fn result(&self, found: &[Hypothesis], cameras: &[Vec<RayObservation>]) -> Option<Outcome> {
+    /// What the hypotheses `found` say, the most probable first. `cameras` are the observations by the camera moved by one standard
+    /// deviation along each direction of its uncertainty; none where such a camera does not see the labels.
+    pub fn result(&self, found: &[Hypothesis], cameras: &[Option<Vec<RayObservation>>]) -> Option<Outcome> {
         let (weighed, cost) = self.weighed(found);
         let least = found.first()?.cost;
         let weights = found.iter().map(|it| (-0.5 * (it.cost - least)).exp()).filter(|weight| *weight >= NEGLIGIBLE);
@@ -52,13 +59,22 @@ impl Model<'_> {
         let inflation = (correlation(&residuals, white) * (white / best.noise).powi(2)).max(1.0);
         let hits: Vec<usize> =
             (1..whole.segments.len()).filter(|&index| whole.segments[index].begin == Begin::Hit).collect();
-        // Where each frame is by a camera that is off.
-        let moved = |observations: &Vec<RayObservation>| {
-            let model = self.with_observations(observations);
+        // The trajectory by a camera that is off, and where that has the ball in each frame.
+        let moved = |observations: &Option<Vec<RayObservation>>| {
+            let model = self.with_observations(observations.as_ref()?);
             let trajectory = model.refined(best, &best.all(), Loss::Mixture, PROFILE_STEPS)?.trajectory;
-            Some(self.states(&self.whole(&trajectory)).iter().map(|state| part(state, 0)).collect::<Vec<_>>())
+            let trajectory = self.whole(&trajectory);
+            let positions = self.states(&trajectory).iter().map(|state| part(state, 0)).collect();
+            Some(Moved { trajectory, positions })
         };
-        let moved: Vec<Vec<Vector3<f64>>> = cameras.iter().filter_map(moved).collect();
+        let moved: Vec<Option<Moved>> = cameras.iter().map(moved).collect();
+        // Without a trajectory by one of them nobody knows what it would change.
+        let is_camera_known = moved.iter().all(Option::is_some);
+        let moved: Vec<Moved> = moved.into_iter().flatten().collect();
+        let by_camera = |index: usize| -> Matrix3<f64> {
+            let off = moved.iter().map(|it| it.positions[index] - chosen.positions[index]);
+            off.map(|off| off * off.transpose()).sum()
+        };
         let frame = |index: usize| {
             let position = chosen.positions[index];
             let mut covariance = Matrix3::zeros();
@@ -66,10 +82,7 @@ impl Model<'_> {
                 let off = other.positions[index] - position;
                 covariance += (other.covariances[index] * inflation + off * off.transpose()) * (other.weight / all);
             }
-            for positions in &moved {
-                let off = positions[index] - position;
-                covariance += off * off.transpose();
-            }
+            covariance += by_camera(index);
             let state = State {
                 position: Point3::from(position),
                 velocity: part(&states[index], 1),
@@ -83,6 +96,9 @@ impl Model<'_> {
             }
         };
         let mut frames: Vec<FittedFrame> = (0..states.len()).map(frame).collect();
+        if !is_camera_known {
+            frames.iter_mut().for_each(|frame| self.widen(frame));
+        }
         let groups = self.prior_chi2(whole);
         let mut flights = vec![];
         for number in 0..=hits.len() {
@@ -95,7 +111,23 @@ impl Model<'_> {
             let along = segment.velocity().normalize();
             let velocity: Matrix3<f64> = covariance.fixed_view::<3, 3>(4, 4).into_owned();
             let speed_sigma = ((along.transpose() * velocity * along)[(0, 0)] * inflation).max(0.0).sqrt();
-            let reason = doubt.clone().or_else(|| self.unknown(&own));
+            let spin = part(&segment.state, 2);
+            let spin_sigma = Vector3::new(7, 8, 9).map(|at| (covariance[(at, at)] * inflation).max(0.0).sqrt());
+            // What the camera's uncertainty adds.
+            let starts = || moved.iter().filter_map(|it| it.trajectory.segments.get(first));
+            let speed_sigma = starts().fold(speed_sigma, |sigma, by_moved| {
+                sigma.hypot(by_moved.velocity().norm() - segment.velocity().norm())
+            });
+            let spin_sigma = starts().fold(spin_sigma, |sigma: Vector3<f64>, by_moved| {
+                sigma.zip_map(&(part(&by_moved.state, 2) - spin), f64::hypot)
+            });
+            let is_by_camera = !is_camera_known || {
+                let inside = (0..frames.len()).filter(|&index| frames[index].flight == number);
+                let sums = inside.map(|index| (by_camera(index).trace(), frames[index].covariance.trace()));
+                let (by_camera, all) = sums.fold((0.0, 0.0), |(by, all), (a, b)| (by + a, all + b));
+                by_camera > 0.5 * all
+            };
+            let reason = doubt.clone().or_else(|| self.unknown(&own, is_by_camera));
             flights.push((
                 doubt.is_some(),
                 Flight {
@@ -103,8 +135,8 @@ impl Model<'_> {
                     end: whole.segments.get(last).map_or(whole.times[whole.last], |next| next.time),
                     speed_start: segment.velocity().norm(),
                     speed_sigma,
-                    spin: part(&segment.state, 2).into(),
-                    spin_sigma: [7, 8, 9].map(|at| (covariance[(at, at)] * inflation).max(0.0).sqrt()),
+                    spin: spin.into(),
+                    spin_sigma: spin_sigma.into(),
                     explained: reason.is_none(),
                     reason,
                 },
@@ -244,7 +276,7 @@ impl Model<'_> {
     }
 
     /// That a flight's distance is not known, in words.
-    fn unknown(&self, frames: &[&FittedFrame]) -> Option<String> {
+    fn unknown(&self, frames: &[&FittedFrame], is_by_camera: bool) -> Option<String> {
         let origin = self.observations.iter().find_map(|it| it.ray.as_ref())?.origin;
         let seen = frames.iter().filter(|frame| frame.residual_px.is_some());
         let distance = |frame: &FittedFrame| (frame.world.coords - origin).norm();
@@ -252,9 +284,11 @@ impl Model<'_> {
         fractions.sort_by(|a, b| a.0.total_cmp(&b.0));
         let &(fraction, sigma) = fractions.get(fractions.len() / 2)?;
         (fraction > UNKNOWN).then(|| {
-            format!(
-                "how far away the ball is stays unknown (±{sigma:.1} m): its spin is, and it touches nothing of the scene"
-            )
+            let why = match is_by_camera {
+                true => "the camera is not known well enough; calibrate it with more points, farther apart",
+                false => "its spin is, and it touches nothing of the scene",
+            };
+            format!("how far away the ball is stays unknown (±{sigma:.1} m): {why}")
         })
     }
 
