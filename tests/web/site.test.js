@@ -87,6 +87,7 @@ test("who starts here gets a position and a flight, and each recipe does what it
   }
   assert.match(said.get("camera"), /4 points, 0\.0\d px rms/);
   assert.match(said.get("serve"), /\d+ ± \d+ km\/h/);
+  assert.match(said.get("toss"), /flight 1: .* starts at 4\.\d+ ± 0\.\d+ m\/s/);
   assert.match(said.get("in"), /within_lines: (1|0\.9\d*),\s+explained: true/);
   assert.match(said.get("throw"), /1\.0000 +0\.0+ +-12\.\d+ +[23]\.\d+/);
   assert.match(said.get("fit"), /flight 1: /);
