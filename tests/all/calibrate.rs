@@ -336,6 +336,15 @@ fn points_that_fix_no_camera_are_refused_with_what_to_add() {
     let error = calibrate(&clicked(&facing, &wall, false, 0.0, 1), &ONLY_POSE).unwrap_err();
     assert!(error.to_string().contains("off the plane"), "{error}");
     assert_eq!(error.code(), "calibration");
+    // A click 100 px off on a poster that faces the camera: the focal length grows without bound.
+    let poster = Points {
+        world: [[0.0, 1.0], [1.4, 1.0], [1.4, 0.0], [0.0, 0.0]].map(|[x, z]| Point3::new(x, 0.0, z)).to_vec(),
+        image: [[273.0, 202.0], [1075.0, 189.0], [1187.0, 869.0], [261.0, 778.0]].map(Point2::from).to_vec(),
+        size: Size::new(1920, 1080),
+        ..clicked(&facing, &wall, false, 0.0, 1)
+    };
+    let error = calibrate(&poster, &Unknowns::default()).unwrap_err();
+    assert!(error.code() == "calibration" && error.to_string().contains("on its point"), "{error}");
     // A world that is left-handed has its points behind the camera, or fits badly.
     let mut mirrored = clicked(&camera, &BOX, true, 0.0, 1);
     mirrored.world.iter_mut().for_each(|point| point.x = -point.x);
@@ -350,7 +359,7 @@ fn points_on_a_line_and_points_in_centimetres_are_told() {
         "image": [[1784.05, 1272.44], [1418.48, 775.2], [1182.3, 453.95], [1141.23, 398.1], [973.49, 1276.11]]}"#;
     let points = Points::from_json(on_a_line, "points.json").unwrap();
     let error = calibrate(&points, &Unknowns::default()).unwrap_err().to_string();
-    assert!(error.contains("4 of these 5 points lie on a line") && error.contains("click more"), "{error}");
+    assert!(error.contains("4 of these 5 points lie on one line") && error.contains("click more"), "{error}");
     let court = |scale: f64| {
         let corners = [[0.0, 0.0, 0.0], [10.97, 0.0, 0.0], [0.0, 23.77, 0.0], [10.97, 23.77, 0.0]];
         let world: Vec<[f64; 3]> = corners.iter().map(|corner| corner.map(|value| scale * value)).collect();
@@ -383,7 +392,7 @@ fn a_court_that_is_named_along_its_other_side_is_told() {
         let points = Points::from_json(&text.to_string(), "points.json").unwrap();
         calibrate(&points, &Unknowns::default()).map_or(vec![], |found| found.doubts)
     };
-    let told = |doubts: &[String]| doubts.iter().any(|doubt| doubt.contains("from its side"));
+    let told = |doubts: &[String]| doubts.iter().any(|doubt| doubt.contains("turned by 90°"));
     let (x, y) = (0.7625, 1.37);
     let right_names = doubts([[-x, -y], [x, -y], [-x, y], [x, y]]);
     assert!(!told(&right_names), "{right_names:?}");
@@ -398,8 +407,8 @@ fn files_are_read_with_their_errors() {
     let points = Points::from_json(text, "points.json").unwrap();
     assert_eq!(points.world[0], Point3::new(0.0, -6.4, 0.0));
     for (text, expected) in [
-        (text.replace("far service T", "far service X"), "no point of tennis"),
-        (text.replace("tennis", "tenis"), "there are badminton"),
+        (text.replace("far service T", "far service X"), "not a point of tennis"),
+        (text.replace("tennis", "tenis"), "choose one of badminton"),
         (text.replace("[3, 4]", "[3, 4], [5, 6]"), "has 3 points"),
         (text.replace("960", "0"), "width"),
         (text.replace("\"names\"", "\"nmes\""), "nmes"),

@@ -27,22 +27,23 @@ pub const EXAMPLE: &str = r#"{
 /// Find a camera from labelled points.
 #[derive(Args)]
 #[command(after_long_help = format!("\
-points.json says where points are in the picture (`image`, px from the top left pixel's middle), and which they are: names of a court's
-points (`gravisight calibrate --list tennis`), or `world`, their places in metres. At least 4 in one plane, or 6 in space:\n\n{EXAMPLE}\n
-`intrinsic` (3 rows of 3) and `distortion` (k1, k2, p1, p2, k3) may be given, where they are known. `lines` are painted lines besides
-a court's: {{\"from\": [x,y,z], \"to\": [x,y,z], \"width\": 0.05}}."))]
+points.json gives the points' positions in the picture (`image`, px from the centre of the top left pixel) and identifies them: by `names`
+of a court's points (`gravisight calibrate --list tennis`), or by `world`, their positions in metres. Give at least 4 in one plane, or 6 in
+space:\n\n{EXAMPLE}\n
+`intrinsic` (3 rows of 3) and `distortion` (k1, k2, p1, p2, k3) may be given if known. `lines` are painted lines in addition to
+the court's: {{\"from\": [x,y,z], \"to\": [x,y,z], \"width\": 0.05}}."))]
 pub struct Arguments {
     /// The points (points.json: width, height, intrinsic if known, image, and world or court and names).
     #[arg(long, value_name = "POINTS.JSON", required_unless_present = "list")]
     points: Option<PathBuf>,
-    /// Intrinsics and lens are this camera's: a camera.json, or another tool's file (see `gravisight camera import --help`).
+    /// Take intrinsics and lens from this camera: a camera.json, or another tool's file (see `gravisight camera import --help`).
     #[arg(long, value_name = "CAMERA", conflicts_with = "list")]
     camera: Option<PathBuf>,
-    /// Estimate these, too; the focal length is estimated where the file has no intrinsic.
+    /// Estimate these as well; the focal length is estimated anyway if the file has no intrinsic.
     #[arg(long, value_delimiter = ',', value_parser = unknowns())]
     estimate: Vec<String>,
-    /// Then let the court's painted lines, as this picture (or a video's first frame) shows them, pull the camera to a fraction
-    /// of a pixel: four to six clicks are enough.
+    /// Then refine the camera with the court's painted lines in this picture (or a video's first frame), to a fraction of a pixel. Four
+    /// to six clicks are enough.
     #[arg(long, value_name = "PICTURE|VIDEO", conflicts_with = "list")]
     refine_lines: Option<PathBuf>,
     /// Write the camera here.
@@ -76,7 +77,10 @@ pub fn run(arguments: Arguments) -> Result<()> {
         write_whole(out, serde_json::to_string_pretty(&found.camera)?.as_bytes())?;
     }
     match arguments.json {
-        true => print_line(serde_json::to_string(&found)?)?,
+        true => {
+            found.doubts.iter().for_each(|doubt| eprintln!("DOUBTFUL: {doubt}"));
+            print_line(serde_json::to_string(&found)?)?;
+        }
         false => print(&points, &found, arguments.out.is_none())?,
     }
     Ok(())
@@ -86,10 +90,10 @@ pub fn run(arguments: Arguments) -> Result<()> {
 fn with_camera(points: Points, camera: Option<&Path>) -> Result<Points> {
     let Some(path) = camera else { return Ok(points) };
     let name = path.display();
-    ensure!(points.intrinsic.is_none(), "{name}: --camera and `intrinsic` in the points cannot both be given");
+    ensure!(points.intrinsic.is_none(), "{name}: give either --camera or `intrinsic` in the points, not both");
     let Intrinsics { size, intrinsic, distortion } = cameras::intrinsics(path)?;
     if let Some(size) = size.filter(|&size| size != points.size) {
-        bail!("{name}: is of {size} pictures, the points are of one of {}", points.size);
+        bail!("{name}: is for {size} pictures, but the points are for {}", points.size);
     }
     Ok(Points { intrinsic: Some(intrinsic), distortion, ..points })
 }
@@ -107,7 +111,7 @@ fn list(court: &str, as_json: bool) -> Result<()> {
         return Ok(print_line(json!({"court": court, "about": about, "points": points}))?);
     }
     print_line(about)?;
-    print_line("origin on the floor in the middle; x right, y away, z up, as seen from the near end; metres")?;
+    print_line("origin: middle of the floor; x right, y away from the viewer, z up, seen from the near end; metres")?;
     for (name, [x, y, z]) in points {
         print_line(format_args!("{x:9.3} {y:9.3} {z:7.3}  {name}"))?;
     }
@@ -126,13 +130,13 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
         let [from, to] = [points.lines[line.index].from, points.lines[line.index].to];
         let seen = match line.share {
             0.0 => "NOT FOUND".into(),
-            fraction => format!("{:.0} % seen, {:.2} px rms", 100.0 * fraction, line.rms_px),
+            fraction => format!("{:.0} % found, {:.2} px rms", 100.0 * fraction, line.rms_px),
         };
         print_line(format_args!("line {} from {from:?} to {to:?}: {seen}", line.index))?;
     }
     let used = points.image.len() - found.outliers.len();
     print_line(format_args!(
-        "{used} points, {:.2} px rms (clicks are good to about {:.2} px a coordinate), start by {}",
+        "{used} points, {:.2} px rms (click noise about {:.2} px per coordinate), initialised by {}",
         found.rms_px,
         found.noise_px,
         match found.method {
@@ -143,7 +147,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
     let centre = found.centre;
     let [sx, sy, sz] = <[f64; 3]>::from(found.sigma.centre).map(|sigma| 100.0 * sigma);
     print_line(format_args!(
-        "camera at x {:.3}  y {:.3}  z {:.3} m, ± {sx:.1} {sy:.1} {sz:.1} cm; turned to ± {:.2}°",
+        "camera at x {:.3}  y {:.3}  z {:.3} m, ± {sx:.1} {sy:.1} {sz:.1} cm; orientation ± {:.2}°",
         centre.x,
         centre.y,
         centre.z,
@@ -153,7 +157,7 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
     let PointSigma { depth, world, .. } = found.point_sigma;
     let sigma = 100.0 * world.norm();
     print_line(format_args!(
-        "a ball in the picture's middle, {depth:.1} m away, is placed to ± {sigma:.1} cm by this camera"
+        "position error due to this camera: ± {sigma:.1} cm for a ball in the middle of the picture, {depth:.1} m away"
     ))?;
     for doubt in &found.doubts {
         print_line(format_args!("DOUBTFUL: {doubt}"))?;

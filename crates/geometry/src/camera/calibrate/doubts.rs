@@ -72,8 +72,8 @@ impl Calibration {
         let pixel = distance / self.camera.intrinsic()[(0, 0)];
         (pixel > LARGEST_BALL).then(|| {
             format!(
-                "the points would be {distance:.0} m away, where a pixel is {pixel:.2} m wide and no ball can be seen: is `world` in \
-                 centimetres or millimetres? Its numbers are metres: divide them by 100, or by 1000"
+                "the points are {distance:.0} m from the camera, where a pixel covers {pixel:.2} m, too coarse to show a ball: is \
+                 `world` in centimetres or millimetres instead of metres? If so, divide its numbers by 100 or 1000"
             )
         })
     }
@@ -82,7 +82,7 @@ impl Calibration {
         let ground = points.world.iter().map(|point| point.z).fold(0.0, f64::min);
         let below = ground - self.centre.z;
         (below > BELOW.max(SIGMAS * self.sigma.centre.z)).then(|| {
-            format!("the camera would be {below:.1} m below the ground: are near and far, or left and right, mixed up?")
+            format!("the camera is {below:.1} m below the ground: are near and far, or left and right, swapped?")
         })
     }
 
@@ -93,11 +93,14 @@ impl Calibration {
         }
         match self.camera.bend_of_corners() {
             None => Some(
-                "the lens found does not reach the picture's corners: estimate less of it, or add points near the corners".into(),
+                "the estimated lens does not cover the picture's corners: estimate fewer distortion coefficients, or \
+                 add points near the corners"
+                    .into(),
             ),
             Some(most) => (most > BENT).then(|| {
                 format!(
-                    "the lens found bends the picture's corners by {:.0} %: estimate less of it, or add points near the corners",
+                    "the estimated lens distorts the picture's corners by {:.0} %: estimate fewer distortion \
+                     coefficients, or add points near the corners",
                     100.0 * most
                 )
             }),
@@ -107,7 +110,7 @@ impl Calibration {
     fn width(&self) -> Option<String> {
         let degrees = self.camera.field_of_view();
         (!(NARROWEST..=WIDEST).contains(&degrees)).then(|| {
-            format!("the picture would be {degrees:.1}° wide: give `intrinsic`, or add points at other depths")
+            format!("the picture is {degrees:.1}° wide, which is implausible: give `intrinsic`, or add points at other depths")
         })
     }
 
@@ -115,16 +118,20 @@ impl Calibration {
         let distance = self.mean_depth(points);
         let sigma = self.sigma.centre.norm();
         (sigma > VAGUE * distance).then(|| {
-            format!("the clicks leave open where the camera is, to ± {sigma:.1} m: add points farther apart, at other depths or heights")
+            format!(
+                "the clicks determine the camera's position only to ± {sigma:.1} m: add points farther apart, at \
+                     other depths or heights"
+            )
         })
     }
 
     fn rough(&self, points: &Points) -> Option<String> {
-        let known = if points.intrinsic.is_some() { "is `intrinsic` this camera's, at this size? " } else { "" };
+        let known =
+            if points.intrinsic.is_some() { "is `intrinsic` for this camera and this picture size? " } else { "" };
         (self.noise_px > ROUGH * self.camera.size().xy()[0]).then(|| {
             format!(
-                "the best camera leaves the clicks {:.0} px off (root mean square), which is far more than a click is: {known}Was each point \
-                 clicked that its name says?",
+                "the best camera misses the clicks by {:.0} px (root mean square), far more than a click's error: {known}Is every click on \
+                 the right point?",
                 self.rms_px
             )
         })
@@ -143,8 +150,8 @@ impl Calibration {
         let turned = calibrated(&Points { world, ..points.clone() }, &Unknowns::default()).ok()?;
         (TURNED * turned.rms_px < self.rms_px && turned.centre.z > 0.0).then(|| {
             format!(
-                "the clicks are {:.1} px off as they are named, and {:.1} px where the court is seen from its side: its near end is the side \
-                 of which the rules say so, not the one next to the camera (`gravisight calibrate --list` has the points)",
+                "the clicks are {:.1} px off as they are named, but only {:.1} px if the court is turned by 90°: its near end is fixed by \
+                 the court's rules, not by where the camera stands (`gravisight calibrate --list` shows the points)",
                 self.rms_px, turned.rms_px
             )
         })
@@ -153,8 +160,8 @@ impl Calibration {
     fn unlike(&self) -> Option<String> {
         (!self.lines.is_empty() && self.are_clicks_unlike(1.0)).then(|| {
             format!(
-                "the clicks are {:.1} px (root mean square) from where the painted lines say their points are: is it this court, and was \
-                 each point clicked that its name says?",
+                "the clicks are {:.1} px (root mean square) from where the painted lines put their points: is this the right court, and \
+                 is every click on the right point?",
                 self.rms_px
             )
         })
@@ -165,8 +172,8 @@ impl Calibration {
         let missing = expected.iter().filter(|line| line.share == 0.0).count();
         (missing as f64 > MISSING * expected.len() as f64).then(|| {
             format!(
-                "{missing} of {} painted lines that the picture should show are not where this camera puts them: was each point clicked \
-                 that its name says?",
+                "{missing} of {} painted lines that the picture should show are not where this camera puts them: is every click on the \
+                 right point?",
                 expected.len()
             )
         })

@@ -77,7 +77,7 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
     if picture.size() != points.size {
         let (shown, clicked) = (picture.size(), points.size);
         return Err(refuse(format!(
-            "the picture with the lines has {shown} pixels, the clicks are on one of {clicked}"
+            "the picture with the lines is {shown} px, but the clicks are for a picture of {clicked} px"
         )));
     }
     check_lens(points, unknowns)?;
@@ -134,8 +134,8 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
     }
     if lines.len() < FEWEST_LINES {
         return Err(refuse(format!(
-            "of {} painted lines the picture shows {} where the clicks say they are, and {FEWEST_LINES} are needed; click more \
-             exactly, or do without the lines",
+            "of {} painted lines, {} were found where the clicks put them, but {FEWEST_LINES} are needed; click more exactly, \
+             or calibrate without the lines",
             points.lines.len(),
             lines.len()
         )));
@@ -158,8 +158,8 @@ pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Pictur
     let mut result = problem.result((camera, method), outliers, noise, variance)?;
     if result.are_clicks_unlike(FAR_OFF) {
         return Err(refuse(format!(
-            "the clicks are {:.1} px (root mean square) from where the lines found say they should be: perhaps another court's lines, \
-             or clicks on the wrong points; do without the lines",
+            "the clicks are {:.1} px (root mean square) from where the detected lines put them: they may be another court's lines, or \
+             the clicks may be on the wrong points; correct the clicks, or calibrate without the lines",
             result.rms_px
         )));
     }

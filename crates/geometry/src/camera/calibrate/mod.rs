@@ -93,7 +93,9 @@ fn refuse(reason: impl Into<String>) -> Error {
 /// Refuses to estimate a fisheye, whose coefficients are others.
 fn check_lens(points: &Points, unknowns: &Unknowns) -> Result<()> {
     match points.distortion.is_fisheye() && unknowns.distortion > 0 {
-        true => Err(refuse("a fisheye's coefficients are not estimated: do without `distortion` in what is estimated")),
+        true => Err(refuse(
+            "the coefficients of a fisheye cannot be estimated: remove `distortion` from what is to be estimated",
+        )),
         false => Ok(()),
     }
 }
@@ -151,7 +153,7 @@ impl<'a> Problem<'a> {
             None => format!("point {index}"),
         };
         let names = outside.iter().map(name).collect::<Vec<_>>().join(", ");
-        refuse(format!("{reason} (left out, since no point has its image there through the lens given: {names})"))
+        refuse(format!("{reason} (left out because the given lens projects no point there: {names})"))
     }
 
     fn check(&self, of: &[usize]) -> Result<()> {
@@ -169,7 +171,7 @@ impl<'a> Problem<'a> {
         let [length, width, height] = plane.extents;
         if width <= LINE * length {
             return Err(refuse(
-                "the world points lie on one line, which leaves the camera free to turn about it; add points beside it",
+                "the world points lie on one line, which leaves the camera free to turn about it; add points off this line",
             ));
         }
         if height > NEARLY_FLAT * length && count < 6 {
@@ -244,7 +246,8 @@ impl<'a> Problem<'a> {
         let better = |a: Solution, b: Solution| if b.0.cost < a.0.cost * (1.0 - SAME_COST) - SAME_COST { b } else { a };
         refined.reduce(better).ok_or_else(|| match on_a_line(&world) {
             on if world.len() < on + 2 => refuse(format!(
-                "{on} of these {} points lie on a line, and so fix no camera; click more points, two at least off that line",
+                "{on} of these {} points lie on one line, which does not determine a camera; click more points, at \
+                 least two of them off that line",
                 world.len()
             )),
             _ => refuse(
@@ -302,10 +305,10 @@ impl<'a> Problem<'a> {
     ) -> Result<Calibration> {
         let vague = || {
             refuse(if self.unknowns.count() > 6 {
-                "the points do not tell the camera's distance, focal length and lens apart; add points at other depths \
+                "the points do not separate the camera's distance, focal length and lens; add points at other depths \
                  (off the plane, nearer and farther), or give `intrinsic`"
             } else {
-                "the points do not fix the camera; add points farther apart, off their line or plane"
+                "the points do not determine the camera; add points farther apart, off their line or plane"
             })
         };
         let used = self.points.image.len() - outliers.len();
@@ -313,9 +316,15 @@ impl<'a> Problem<'a> {
         // Small enough for a derivative: a millionth of what clicks of 1 px would leave open.
         let steps: Vec<f64> = unit.diagonal().iter().map(|variance| (1e-6 * variance.sqrt()).max(1e-12)).collect();
         let size = self.points.size;
-        let camera = refined.guess.camera(size)?;
+        // Wrong clicks have the best camera infinitely far away, or with an infinite focal length.
+        let camera_of = |guess: &Guess| {
+            let reason = "the clicks do not determine a camera: check that each click is on its point and that both lists \
+                          have the same order, or give `intrinsic`";
+            guess.camera(size).map_err(|_| refuse(reason))
+        };
+        let camera = camera_of(&refined.guess)?;
         let neighbours = (refined.guess.neighbours(&self.unknowns, &steps).iter())
-            .map(|[up, down]| Ok([up.camera(size)?, down.camera(size)?]))
+            .map(|[up, down]| Ok([camera_of(up)?, camera_of(down)?]))
             .collect::<Result<Vec<_>>>()?;
         let residual = |(world, image): (&Point3<f64>, &Point2<f64>)| {
             camera.image_from_world(world).map_or(Vector2::repeat(f64::INFINITY), |found| found - image)
@@ -343,7 +352,7 @@ impl<'a> Problem<'a> {
             sigma: CameraSigma { rotation, focal_px, ..CameraSigma::default() },
             point_sigma: PointSigma::default(),
             one_sigma: (refined.guess.one_sigma(&self.unknowns, &(&unit * variance)).iter())
-                .map(|moved| moved.camera(size))
+                .map(&camera_of)
                 .collect::<Result<_>>()?,
             noise,
             covariance: unit.clone(),

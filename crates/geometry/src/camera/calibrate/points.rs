@@ -11,8 +11,8 @@ use crate::error::{Error, Result, json_refusal};
 use crate::size::Size;
 
 /// What a file of points is, for who gave another.
-const EXPECTED: &str = "points are a JSON object with width, height, image (px) and world (m), or court and names in its place; `gravisight \
-                        calibrate --help` shows one";
+const EXPECTED: &str = "points are a JSON object with width, height, image (px) and world (m), or court and names instead of world; \
+                        `gravisight calibrate --help` shows one";
 
 /// Known points and where they were clicked.
 #[derive(Debug, Clone)]
@@ -67,11 +67,11 @@ impl Points {
         let world = match (&file.court, file.world) {
             (None, Some(world)) => world,
             (Some(court), None) => court_points(court, file.names.as_deref(), what)?,
-            (None, None) => return Err(Error::value(what, "world", "is missing (or `court` and `names`)")),
+            (None, None) => return Err(Error::value(what, "world", "is missing; give it, or `court` and `names`")),
             (Some(_), Some(_)) => return Err(Error::value(what, "world", "and `court` cannot both be given")),
         };
         if world.len() != file.image.len() {
-            let reason = format!("has {} points, `world` has {}", file.image.len(), world.len());
+            let reason = format!("has {} points, but `world` has {}", file.image.len(), world.len());
             return Err(Error::value(what, "image", reason));
         }
         let names = file.names.unwrap_or_default();
@@ -81,8 +81,7 @@ impl Points {
         let of_court = || file.court.as_deref().map(|court| Ok(Court::named(court)?.lines.clone()));
         let lines = file.lines.map(Ok).or_else(of_court).transpose()?.unwrap_or_default();
         if let Some(index) = lines.iter().position(|line| !line.is_possible()) {
-            let reason =
-                "is no line: two ends apart, a width over 0 and, where `paint` is given, a unit vector across it";
+            let reason = "is not a valid line: it needs two distinct ends, a width above 0 and, if `paint` is given, a unit vector across the line";
             return Err(Error::value(what, format!("lines[{index}]"), reason));
         }
         let intrinsic = file.intrinsic.map(|rows| Matrix3::from_fn(|row, column| rows[row][column]));
@@ -119,7 +118,11 @@ fn court_points(court: &str, names: Option<&[String]>, what: &str) -> Result<Vec
     let point = |(index, name): (usize, &String)| {
         court_points.get(name).copied().ok_or_else(|| {
             let known = court_points.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
-            Error::value(what, format!("names[{index}]"), format!("`{name}` is no point of {court}; there are {known}"))
+            Error::value(
+                what,
+                format!("names[{index}]"),
+                format!("`{name}` is not a point of {court}; choose one of {known}"),
+            )
         })
     };
     names.iter().enumerate().map(point).collect()

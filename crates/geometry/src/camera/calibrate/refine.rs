@@ -53,7 +53,7 @@ impl Unknowns {
                 "full-distortion" => unknowns.distortion = 5,
                 _ => {
                     let names = Self::NAMES.map(|(name, _)| name).join(", ");
-                    let reason = format!("cannot be `{name}`; there are {names}");
+                    let reason = format!("cannot be `{name}`; choose one of {names}");
                     return Err(Error::value("calibration", "estimate", reason));
                 }
             }
