@@ -127,14 +127,26 @@ impl TrainConfig {
         let TrainConfig { mut recipe, paths } = self;
         recipe.check()?;
         if paths.run_file().exists() {
-            let reason = "already holds a run; go on with `train --resume`, or choose another `out`".into();
+            let reason = "already holds a run; continue it with `train --resume`, or choose another `out`".into();
             return Err(Error::Data { what: paths.out.display().to_string(), reason });
         }
         let paths = paths.absolute()?;
         if let Some(path) = &paths.start_from {
             let card = Card::from_file(path)?;
-            recipe.architecture = Some(card.architecture);
-            (recipe.input, recipe.normalisation) = (card.input, card.normalisation);
+            let network = recipe.supervision.network();
+            let (architecture, name) = match network {
+                1 => (card.verifier, "verifier"),
+                2 => (card.motion, "motion network"),
+                _ => (Some(card.architecture), "detector"),
+            };
+            let Some(architecture) = architecture else {
+                return Err(Error::value("train", "start_from", format!("`{}` has no {name}", card.name)));
+            };
+            (recipe.architecture, recipe.normalisation) = (Some(architecture), card.normalisation);
+            // The other networks see crops of one size.
+            if network == 0 {
+                recipe.input = card.input;
+            }
         }
         let config = TrainConfig { recipe, paths };
         let text = config.to_toml()?;
@@ -187,7 +199,7 @@ impl<'a> RunInProgress<'a> {
         check_memory(recipe, &blank, &source)?;
         let state = match TrainerState::load_last(&paths.checkpoints(), &blank, recipe)? {
             Some(state) => state,
-            None => TrainerState::first(recipe, with_start(blank, paths)?),
+            None => TrainerState::first(recipe, with_start(blank, recipe.supervision, paths)?),
         };
         let best = Best::load(&paths.checkpoints(), &state.average)?;
         let log = log_until(&paths.log(), state.step)?;
@@ -341,13 +353,13 @@ fn with_second(
     Ok((card, weights))
 }
 
-/// The fresh network with the weights that the run starts from: a model's, or a backbone's.
-fn with_start(pen: Pen, paths: &RunPaths) -> Result<Pen> {
+/// The fresh network with the weights that the run starts from: those of the same network of a model, or a backbone's.
+fn with_start(pen: Pen, supervision: Supervision, paths: &RunPaths) -> Result<Pen> {
     if let Some(path) = &paths.start_from {
         let (card, weights) = Card::with_weights(path)?;
         card.check_weights(&weights)?;
-        let [weights, ..] = model::parted(&weights)?;
-        return model::load_into(pen, weights);
+        let mut networks = model::parted(&weights)?;
+        return model::load_into(pen, std::mem::take(&mut networks[supervision.network()]));
     }
     let Some(path) = &paths.backbone_weights else { return Ok(pen) };
     model::load_backbone(pen, gravisight_geometry::files::read(path)?)

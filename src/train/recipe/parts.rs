@@ -50,6 +50,15 @@ impl Supervision {
         matches!(self, Self::Rendered | Self::Candidates | Self::Motion)
     }
 
+    /// Which network of a model it trains: the detector (0), the verifier (1) or the motion network (2).
+    pub fn network(self) -> usize {
+        match self {
+            Self::Candidates => 1,
+            Self::Motion => 2,
+            _ => 0,
+        }
+    }
+
     /// Whether it learns through forecasts.
     pub fn is_future(self) -> bool {
         matches!(self, Self::Future2dPredict | Self::Future2dGt | Self::Future3dGt)

@@ -26,7 +26,8 @@ pub struct RunPaths {
     pub validation: Option<PathBuf>,
     /// Folder of the run: checkpoints, log and the model made.
     pub out: PathBuf,
-    /// The card of a model whose weights the network starts from; architecture and input are then that model's.
+    /// The card of a model whose weights the network starts from: those of its detector, or of its verifier or motion network where that is
+    /// trained. Architecture, normalisation and (of a detector) input are then that model's.
     pub start_from: Option<PathBuf>,
     /// The card of the model whose verifier is trained, with supervision `candidates`: the result is that model with its verifier.
     pub detector: Option<PathBuf>,
@@ -65,7 +66,7 @@ fn run_file(out: &Path) -> PathBuf {
 }
 
 fn needed(field: &'static str) -> Error {
-    Error::value("run configuration", field, "is missing: the folder of the clips")
+    Error::value("run configuration", field, "is missing: give the folder of the clips")
 }
 
 impl RunPaths {
@@ -110,7 +111,7 @@ impl RunPaths {
     /// # Errors
     /// [`Error::Value`] where none is given.
     pub fn detector(&self) -> Result<&Path> {
-        let missing = "is missing: the card of the model whose verifier is trained";
+        let missing = "is missing: give the card of the model whose verifier is trained";
         self.detector.as_deref().ok_or_else(|| Error::value("run configuration", "detector", missing))
     }
 
