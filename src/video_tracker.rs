@@ -75,7 +75,7 @@ impl VideoTracker {
     /// reads no sizes; [`Error::CameraMismatch`] for a camera of another shape; [`Error::OutputNotFinite`] and [`Error::Device`].
     pub async fn add(&mut self, picture: Picture, time: f64) -> Result<()> {
         if self.ended {
-            let reason = "comes after the last: track another video with another tracker";
+            let reason = "comes after the end of the video; use a new tracker for another video";
             return Err(Error::value("video", "frame", reason));
         }
         self.localiser.must_read_sizes()?;

@@ -8,10 +8,10 @@ use gravisight::internal::check_ball_radius;
 /// The ball that a command measures.
 #[derive(Debug, Args)]
 pub struct BallArguments {
-    /// The ball's radius, m, for a model that reads sizes, as the built-in `any` does.
+    /// Radius of the ball, m, for a model that measures apparent size, such as the built-in `any`.
     #[arg(long, value_name = "M")]
     ball_radius: Option<f64>,
-    /// The same as the ball of a sport, or as a radius in metres.
+    /// The ball: the name of a sport, or a radius in metres.
     #[arg(long, value_name = "SPORT|M", conflicts_with = "ball_radius")]
     ball: Option<String>,
 }

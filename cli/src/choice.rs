@@ -13,7 +13,7 @@ pub fn one_of<T: Clone + Send + Sync + 'static>(choices: &'static [Choice<T>]) -
     });
     let value = |name: String| match choices.iter().find(|choice| choice.0 == name) {
         Some((.., value)) => Ok(value.clone()),
-        None => Err(format!("`{name}` is none of the possible values")),
+        None => Err(format!("`{name}` is not one of the possible values")),
     };
     PossibleValuesParser::new(possible).try_map(value)
 }

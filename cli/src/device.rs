@@ -6,7 +6,7 @@ use gravisight::{Device, Error};
 /// Where the network runs.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum DeviceChoice {
-    /// wgpu where this build has it and the machine an adapter, else cpu.
+    /// wgpu if this build and this machine support it, otherwise cpu.
     Auto,
     /// All cores.
     Cpu,

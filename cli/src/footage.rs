@@ -49,7 +49,7 @@ impl Footage {
                 note_left_out(pictures);
                 evenly(pictures.len(), fps)
             }
-            (FootageSource::Pictures(_), None) => bail!("--fps is needed for frames: how many were taken a second"),
+            (FootageSource::Pictures(_), None) => bail!("--fps (frames per second) is needed for single frames"),
         };
         let own_times = matches!(media, FootageSource::Video(_)) && fps.is_none();
         let (mut size, mut begun) = (None, None);
@@ -75,7 +75,7 @@ impl Footage {
     pub fn first(video: &Path) -> Result<Picture> {
         ensure!(video.exists(), "{}: no such video", video.display());
         let first = VideoStream::open(video)?.read()?;
-        first.map(Picture::from_rgb).with_context(|| format!("{}: no frame", video.display()))
+        first.map(Picture::from_rgb).with_context(|| format!("{}: has no frames", video.display()))
     }
 
     /// Its name, for people.
@@ -137,8 +137,8 @@ pub fn note_left_out(pictures: &[PathBuf]) {
     let numbers = left_out(pictures);
     if let (Some(first), Some(last)) = (numbers.first(), numbers.last()) {
         eprintln!(
-            "gravisight: note: {} numbers between {first} and {last} have no picture: frames are taken as if none were \
-             missing; give those that are",
+            "gravisight: note: {} numbers between {first} and {last} have no picture: times are computed as if no \
+             frame were missing; add the missing frames",
             numbers.len()
         );
     }

@@ -24,7 +24,7 @@ const STROKES: [f64; 3] = [0.0, 0.5, 1.0];
 /// Where ffmpeg is not installed or cannot write it.
 pub fn write(out: &Path, footage: &Footage, balls: &[Option<[f64; 3]>]) -> Result<()> {
     let size = footage.size().context("the footage has no frames")?;
-    let [first, .., last] = footage.times() else { bail!("--overlay: a film has more than one frame") };
+    let [first, .., last] = footage.times() else { bail!("--overlay needs at least two frames") };
     let fps = (footage.times().len() - 1) as f64 / (last - first);
     ensure!(fps.is_finite() && fps > 0.0, "--overlay: the footage has no frame rate; give --fps");
     let mut encoder = Encoder::new(out, size, fps, QUALITY)?;

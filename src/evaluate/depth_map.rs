@@ -49,7 +49,11 @@ pub async fn score_depth_maps(localiser: &Localiser, clips: &Clips, limit: usize
         let depths = image::open(&path).map_err(|error| refuse(error.to_string()))?.into_luma16();
         let size = clip.camera.size();
         if depths.dimensions() != (size.width, size.height) {
-            return Err(refuse(format!("is {}×{} px, its camera has {size}", depths.width(), depths.height())));
+            return Err(refuse(format!(
+                "is {}×{} px, but its camera is for {size} px",
+                depths.width(),
+                depths.height()
+            )));
         }
         let picture = clips.picture(clip, frame)?;
         let options = LocaliseOptions { maps: true, ..LocaliseOptions::default() };

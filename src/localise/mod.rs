@@ -279,7 +279,8 @@ impl Localiser {
         ];
         for (field, given) in given {
             if given {
-                let reason = format!("is for models that read sizes; `{}` takes whole pictures", self.card.name);
+                let reason =
+                    format!("is only for models that measure apparent size; `{}` takes whole pictures", self.card.name);
                 return Err(Error::value("options", field, reason));
             }
         }
@@ -296,7 +297,10 @@ impl Localiser {
         let stride = self.config.output_stride();
         let mut notes = picture.notes().to_vec();
         if size != camera.size() {
-            notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));
+            notes.push(format!(
+                "camera.json is for a {} picture; it was scaled to this picture's {size}",
+                camera.size()
+            ));
         }
         notes.extend(camera.doubts(None, &[]));
         let confidence = model::confidence(&raw.probability, raw.width, stride, raw.image);
@@ -324,7 +328,8 @@ impl Localiser {
     fn below_threshold(&self, confidence: f64) -> Option<String> {
         let threshold = self.card.confidence_threshold.filter(|&threshold| confidence < threshold)?;
         Some(format!(
-            "no ball found: the confidence is below the model's {threshold:.2}, and the position is that of the likeliest detection"
+            "no ball found: the confidence is below the model's threshold of {threshold:.2}; the position is that of \
+             the likeliest detection"
         ))
     }
 }

@@ -104,8 +104,8 @@ impl Localiser {
             return Ok(());
         }
         let reason = format!(
-            "the output of the model's {name} is wrong (off by {heatmap:.1e} in the heatmap, {depth:.1e} of the largest \
-             depth from the CPU's), so it is not used"
+            "the output of the model's {name} is wrong (it differs from the CPU's by {heatmap:.1e} in the heatmap and \
+             {depth:.1e} of the largest depth), so this device is not used"
         );
         Err(Error::Device { device: device_name(&self.device), reason })
     }

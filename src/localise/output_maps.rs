@@ -153,7 +153,7 @@ impl Localiser {
         let output = self.runner(size).run(values);
         let [_, _, columns] = output.depth.dims();
         let failed = |reason: String| Error::Device { device: device_name(&self.device), reason };
-        let log_scale = output.log_scale.ok_or_else(|| failed("the network does not read sizes".into()))?;
+        let log_scale = output.log_scale.ok_or_else(|| failed("the network does not measure apparent size".into()))?;
         let data = Transaction::default()
             .register(output.heatmap.mul_scalar(self.config.heatmap.beta))
             .register(output.depth)

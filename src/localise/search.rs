@@ -87,7 +87,7 @@ impl Localiser {
         if self.reads_size() {
             return Ok(());
         }
-        let reason = format!("must read sizes, as `any` does; `{}` knows one scene", self.card.name);
+        let reason = format!("must be \"size\", as in `any`; `{}` knows only one scene", self.card.name);
         Err(Error::value("model", "depth_from", reason))
     }
 

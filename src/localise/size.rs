@@ -53,7 +53,10 @@ impl Localiser {
         let centre = camera_of_picture.ball_from_outline(&best.outline, radius)?;
         let mut notes = picture.notes().to_vec();
         if size != camera.size() {
-            notes.push(format!("camera.json is for a {} picture; scaled to this one's {size}", camera.size()));
+            notes.push(format!(
+                "camera.json is for a {} picture; it was scaled to this picture's {size}",
+                camera.size()
+            ));
         }
         let not_found = match all_refused {
             true => Some(
@@ -67,8 +70,8 @@ impl Localiser {
         if let Some((likeliest, reason)) = refused.first() {
             let Point2 { coords } = likeliest.outline.centre;
             notes.push(format!(
-                "detections outside the volume in which the ball can be, refused: {}; the likeliest, at ({:.0}, {:.0}) px with a \
-                 confidence of {:.2}: {reason}",
+                "rejected detections, outside the volume in which the ball can be: {}; the likeliest, at ({:.0}, {:.0}) px with \
+                 a confidence of {:.2}: {reason}",
                 refused.len(),
                 coords.x,
                 coords.y,
@@ -79,7 +82,7 @@ impl Localiser {
         if off_axis > WIDE && camera.distortion().is_none() {
             notes.push(format!(
                 "the ball is {off_axis:.0}° off the camera's axis, and camera.json models no lens distortion: if the lens has \
-                 some, position and depth are off by as much as it bends there"
+                 any, position and depth are wrong by as much as it distorts there"
             ));
         }
         notes.extend(camera.doubts(None, &[]));

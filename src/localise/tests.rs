@@ -143,7 +143,10 @@ fn a_detection_outside_the_balls_volume_is_refused() {
     // The ball is above the floor that this volume ends at.
     let cellar = gravisight_geometry::volume::Volume { low: [-50.0, -50.0, -9.0], high: [50.0, 50.0, -3.0] };
     let below = localised(Some(cellar));
-    assert!(below.confidence < 0.5 && below.notes.iter().any(|note| note.contains("refused: ")), "{below:?}");
+    assert!(
+        below.confidence < 0.5 && below.notes.iter().any(|note| note.starts_with("rejected detections")),
+        "{below:?}"
+    );
     // Nearer than anything in the picture: no confident detection can be the ball.
     let eye = clip.camera.world_from_camera(&nalgebra::Point3::origin()).coords;
     let near =

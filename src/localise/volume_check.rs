@@ -34,9 +34,11 @@ impl VolumeRefusal {
             Self::Depth { depth, near, far } => {
                 let range = match far.is_finite() {
                     true => format!("from {near:.1} to {far:.1} m"),
-                    false => format!("from {near:.1} m on"),
+                    false => format!("from {near:.1} m onwards"),
                 };
-                format!("a ball of that apparent size would be {depth:.1} m away, and the volume is {range} there")
+                format!(
+                    "a ball of that apparent size would be {depth:.1} m away, but on its line of sight the volume is {range}"
+                )
             }
         }
     }

@@ -13,8 +13,8 @@ use gravisight_geometry::image::Normalisation;
 use gravisight_geometry::size::Size;
 
 /// Added to the error about a file that is no card.
-const EXPECTED: &str = "a model's card is the JSON file NAME.json beside its weights NAME.safetensors, which `gravisight train` writes and \
-                        the project's folder models/ holds";
+const EXPECTED: &str = "a model's card is the JSON file NAME.json beside its weights NAME.safetensors; `gravisight train` writes one, and \
+                        the project's folder models/ has some";
 /// Version of the format of cards and weights files that this version of the crate reads and writes. 2: the verifier's tensors have the
 /// prefix `verifier.`, and its architecture is the card's field `verifier` (both were `closer`); cards state their version.
 pub const CARD_VERSION: u32 = 2;
@@ -164,7 +164,7 @@ impl Card {
         let card: Self = serde_json::from_str(text).map_err(refuse)?;
         check_input(&card.architecture, card.input, &card.normalisation, what)?;
         if card.architecture.input_channels() != PICTURE_CHANNELS {
-            let reason = "must be 3: a model is given one picture (its verifier two)";
+            let reason = "must be 3: a model takes one picture (its verifier two)";
             return Err(Error::value(what, "architecture.backbone.input_channels", reason));
         }
         let second = [
@@ -180,8 +180,7 @@ impl Card {
         }
         let is_size = card.depth_from == Some(DepthFrom::Size);
         if is_size != card.architecture.depth.is_size() {
-            let reason =
-                "must be \"size\" where the architecture's depth activation is \"radius\", and absent elsewhere";
+            let reason = "must be \"size\" if the architecture's depth activation is \"radius\", and absent otherwise";
             return Err(Error::value(what, "depth_from", reason));
         }
         let (field, range) =
@@ -276,8 +275,8 @@ fn check_version(text: &str, what: &str) -> Result<()> {
         return Ok(());
     }
     let reason = format!(
-        "must be {CARD_VERSION}, not {version}: the card is of another version of the model format; `scripts/migrate-models` of the \
-         project rewrites models of version 1"
+        "must be {CARD_VERSION}, not {version}: the card uses another version of the model format; the project's \
+         `scripts/migrate-models` converts models of version 1"
     );
     Err(Error::value(what, "version", reason))
 }

@@ -195,7 +195,10 @@ impl PenConfig {
         let several = features.len() > 1;
         if several != matches!(self.head, HeadConfig::Paper { .. }) {
             let count = features.len();
-            return refuse("head", format!("`paper` takes several feature maps, `depthwise` one; there are {count}"));
+            return refuse(
+                "head",
+                format!("`paper` takes several feature maps, `depthwise` one; the backbone has {count}"),
+            );
         }
         for (field, value) in [("heatmap.beta", self.heatmap.beta), ("depth.scale", self.depth.scale)] {
             if !(value.is_finite() && value > 0.0) {

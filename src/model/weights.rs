@@ -34,11 +34,11 @@ pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
     let mut store = checked_store(bytes)?;
     let result = store.apply_to(&mut pen).map_err(architecture)?;
     if let Some((name, _)) = result.missing.first() {
-        let reason = format!("tensor `{name}` is missing ({} in all)", result.missing.len());
+        let reason = format!("tensor `{name}` is missing ({} missing in all)", result.missing.len());
         return Err(Error::WeightsArchitecture { reason });
     }
     if let Some(name) = result.unused.first() {
-        let reason = format!("tensor `{name}` has no place in it ({} in all)", result.unused.len());
+        let reason = format!("tensor `{name}` does not belong to it ({} such in all)", result.unused.len());
         return Err(Error::WeightsArchitecture { reason });
     }
     Ok(pen)
@@ -53,7 +53,7 @@ pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 /// As [`load`]; [`Error::WeightsArchitecture`] also where nobody publishes weights for `pen`'s backbone.
 pub fn load_backbone(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
     let Some(prefix) = pen.config().backbone.shape().published else {
-        let reason = "nobody publishes weights for a backbone like this network's (not timm, not NanoDet)".into();
+        let reason = "no published weights fit this network's backbone (neither timm's nor NanoDet's)".into();
         return Err(Error::WeightsArchitecture { reason });
     };
     let remapper = KeyRemapper::new()
@@ -249,7 +249,7 @@ pub fn bundled(parts: &[(&str, Vec<u8>)], about: &str) -> Result<Vec<u8>> {
 /// [`Error::WeightsFile`] for bytes that are no whole bundle.
 pub fn unbundled(bytes: &[u8]) -> Result<(BTreeMap<String, Vec<u8>>, String)> {
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(refuse)?;
-    let missing = || Error::WeightsFile { reason: "holds no training's state".into() };
+    let missing = || Error::WeightsFile { reason: "holds no training state".into() };
     let about = header.metadata().as_ref().and_then(|entries| entries.get(ABOUT)).ok_or_else(missing)?.clone();
     let file = opened(bytes)?;
     let mut parts: BTreeMap<String, Vec<Entry<'_>>> = BTreeMap::new();

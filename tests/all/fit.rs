@@ -256,7 +256,7 @@ fn a_label_that_the_lens_does_not_reach_costs_itself_alone_and_is_named() {
     // Of too few others, the answer says why there are no more.
     observations.iter_mut().for_each(|o| o.image = o.image.filter(|_| o.time < 0.15 || o.time == 20.0 / track.fps));
     let error = fit(&track, &observations, &FitOptions::default()).unwrap_err().to_string();
-    assert!(error.contains("seen in 3 frames") && error.contains("lens"), "{error}");
+    assert!(error.contains("labelled in 3 frames") && error.contains("lens"), "{error}");
 }
 
 #[test]
@@ -266,14 +266,14 @@ fn tracks_that_cannot_be_fitted_are_refused_in_words() {
         |observations: &[Observation]| fit(track, observations, &FitOptions::default()).unwrap_err().to_string();
     let whole = observed(track, 0.0, 0.0);
     let few: Vec<_> = whole.iter().map(|o| Observation { image: o.image.filter(|_| o.time < 0.15), ..*o }).collect();
-    assert!(message(&few).contains("seen in 3 frames"), "{}", message(&few));
-    assert!(message(&[]).contains("seen in 0 frames"));
+    assert!(message(&few).contains("labelled in 3 frames"), "{}", message(&few));
+    assert!(message(&[]).contains("labelled in 0 frames"));
     let mut twice = whole.clone();
     twice[5].time = twice[4].time;
     assert!(message(&twice).contains("ascend"), "{}", message(&twice));
     let mut late = whole.clone();
     late.last_mut().unwrap().time = 1e242;
-    assert!(message(&late).contains("in the air"), "{}", message(&late));
+    assert!(message(&late).contains("longer than any flight"), "{}", message(&late));
     let mut nan = whole.clone();
     nan[3].image = Some(Point2::new(f64::NAN, 1.0));
     assert!(message(&nan).contains("NaN"));

@@ -11,11 +11,8 @@ const CELL: usize = 150;
 const NOT_USED: [&str; 9] =
     ["is said", "are said", "is told", "are told", "of which", "asked about", "'s word", "said to be", "looked at"];
 /// Each document, and how many long sentences, long cells and such words it still has.
-const LEFT: [(&str, [usize; 3]); 3] = [
-    ("models/sd-l.md", [0, 1, 0]),
-    ("models/sd-s-1px.md", [1, 0, 0]),
-    ("models/sd-s-future.md", [3, 0, 0]),
-];
+const LEFT: [(&str, [usize; 3]); 3] =
+    [("models/sd-l.md", [0, 1, 0]), ("models/sd-s-1px.md", [1, 0, 0]), ("models/sd-s-future.md", [3, 0, 0])];
 
 /// The paragraphs, list items and cells of a document, without code.
 fn parts(text: &str) -> (Vec<String>, Vec<String>) {

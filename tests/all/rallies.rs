@@ -308,7 +308,7 @@ fn flights_of_a_simulator_that_shares_no_code_are_found() {
         let observations: Vec<Observation> = stroke.times.iter().zip(&stroke.labels["side"]).map(label).collect();
         let fit = forecaster.fit(&strokes.cameras["side"], &observations, &FitOptions::default());
         let words = fit.as_ref().map_or_else(|error| error.to_string(), |fit| fit.verdict.clone());
-        named += usize::from(words.contains("at 50 frames a second"));
+        named += usize::from(words.contains("at 50 frames per second"));
     }
     assert!(named >= 2, "{named} of 6");
 }

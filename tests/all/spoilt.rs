@@ -86,8 +86,8 @@ fn what_people_get_wrong_is_not_explained_and_named() {
     let turned = moved(|at| Point2::new(SIZE[0] - 1.0 - at.x, SIZE[1] - 1.0 - at.y));
     let turned = spoilt(SCENE, false, &["upside down"], turned);
     let upwards = spoilt(&upwards, false, &["upwards"], |_| ());
-    let slower = spoilt(SCENE, false, &["frames a second"], slower);
-    let larger = spoilt(SCENE, false, &["another resolution"], moved(|at| at * 2.0));
+    let slower = spoilt(SCENE, false, &["frames per second"], slower);
+    let larger = spoilt(SCENE, false, &["of another resolution"], moved(|at| at * 2.0));
     let high = spoilt(&high, true, &["apparent size"], |_| ());
     println!("{mirrored:?} {turned:?} {upwards:?} {slower:?} {larger:?} {high:?}");
     for ([explained, named], what) in
@@ -128,7 +128,7 @@ fn repeated_frames_are_left_out_and_told() {
     let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
     let forecaster = Forecaster::new(&scene).unwrap();
     let fit = forecaster.fit(&rolled(), &observations, &FitOptions::default()).unwrap();
-    assert!(fit.notes.iter().any(|note| note.contains("again")), "{:?}", fit.notes);
+    assert!(fit.notes.iter().any(|note| note.contains("repeat the previous ones")), "{:?}", fit.notes);
     // Also by a camera that reads its rows one after the other.
     let mut text = serde_json::to_value(rolled()).unwrap();
     text["readout_s"] = 0.006.into();

@@ -24,7 +24,7 @@ after(async () => {
 
 test("without a picture the step says calmly what to do", async () => {
   assert.ok(await page.getByTestId("cal-empty").isVisible());
-  assert.match(await page.getByTestId("cal-hint").textContent(), /First a picture/);
+  assert.match(await page.getByTestId("cal-hint").textContent(), /Choose a picture/);
   assert.equal(await page.getByTestId("cal-alert").textContent(), "");
   assert.ok(await page.getByTestId("cal-use").isDisabled());
 });
@@ -115,7 +115,7 @@ test("a reload keeps picture, points and clicks, and the camera is used", async 
   assert.deepEqual(await savedPoints(), before);
   assert.ok(await page.getByTestId("cal-frame").isVisible());
   await page.getByTestId("cal-use").click();
-  assert.match(await page.getByTestId("cal-said").textContent(), /other steps use/);
+  assert.match(await page.getByTestId("cal-said").textContent(), /other steps now use/);
   const kept = await page.evaluate(() => JSON.parse(localStorage.getItem("gravisight.camera")));
   nearMatrix(kept.camera_from_world, camera.camera_from_world, 1e-3);
 });
@@ -149,9 +149,9 @@ test("points on one line are explained by the core's own words", async () => {
 test("files that are of no use are refused in words", async () => {
   for (const [file, words] of [
     [pngFile("x.png", Buffer.from("no picture")), /x\.png is not a picture/],
-    [jsonFile({ width: 5 }, "p.json"), /p\.json is no points\.json/],
+    [jsonFile({ width: 5 }, "p.json"), /p\.json is not a points\.json/],
     [jsonFile("{", "p.json"), /not JSON/],
-    [jsonFile({ width: 5, height: 5, image: [], world: [] }, "p.json"), /5 × 5 pixels; this one has 224 × 224/],
+    [jsonFile({ width: 5, height: 5, image: [], world: [] }, "p.json"), /5 × 5 pixels, but this one has 224 × 224/],
   ]) {
     await page.getByTestId("cal-file").setInputFiles([file]);
     await page.getByTestId("cal-alert").filter({ hasText: words }).waitFor(PATIENCE);

@@ -42,7 +42,7 @@ test("a frame without a camera is handed to Calibrate, with the court of the pla
 
 test("six clicks two pixels off and the court's lines give its camera", async () => {
   await page.getByTestId("cal-load").setInputFiles([jsonFile(points, "points.json")]);
-  await page.getByTestId("cal-lines").filter({ hasText: /Made exact by \d of the \d painted lines/ }).waitFor(PATIENCE);
+  await page.getByTestId("cal-lines").filter({ hasText: /Refined with \d of the \d painted lines/ }).waitFor(PATIENCE);
   assert.equal(await page.getByTestId("cal-doubts").textContent(), "");
   const found = JSON.parse(await saved(page, "cal-save"));
   const [focal, expected] = [found, truth].map(({ intrinsic }) => intrinsic[0][0]);
@@ -53,10 +53,10 @@ test("six clicks two pixels off and the court's lines give its camera", async ()
 test("lines that the picture does not show are said, and the clicks alone count", async () => {
   const elsewhere = { ...points, image: points.image.map(([x, y]) => [x, y - 150]) };
   await page.getByTestId("cal-load").setInputFiles([jsonFile(elsewhere, "points.json")]);
-  await page.getByTestId("cal-lines").filter({ hasText: "By the clicks alone" }).waitFor(PATIENCE);
+  await page.getByTestId("cal-lines").filter({ hasText: "From the clicks only" }).waitFor(PATIENCE);
   assert.ok(await page.getByTestId("cal-use").isEnabled());
   await page.getByTestId("cal-undo").click();
-  await page.getByTestId("cal-lines").filter({ hasText: "Made exact" }).waitFor(PATIENCE);
+  await page.getByTestId("cal-lines").filter({ hasText: "Refined with" }).waitFor(PATIENCE);
 });
 
 test("the camera goes back to the step that asked for it", async () => {

@@ -50,10 +50,10 @@ test("without the WebGPU build, auto takes the CPU, webgpu says what is missing,
     for (const asset of webGpuGlue()) await page.route(`**/${asset}`, (route) => route.fulfill({ status: 404 }));
     await page.goto(`${server.url}?device=auto`);
     await located(page);
-    assert.match(await page.getByTestId("device").textContent(), /CPU.*auto: WebGPU failed: .*build is not here/);
+    assert.match(await page.getByTestId("device").textContent(), /CPU.*auto: WebGPU failed: .*build was not found/);
     await page.getByTestId("device-webgpu").check();
     await page.waitForFunction(() => document.querySelector('[data-part="alert"]').textContent !== "");
-    assert.match(await page.getByTestId("alert").textContent(), /WebGPU build is not here/);
+    assert.match(await page.getByTestId("alert").textContent(), /WebGPU build was not found/);
     assert.ok(await page.getByTestId("device-auto").isChecked());
     await located(page);
   });
@@ -101,7 +101,7 @@ test("auto measures both devices once, keeps the answer, and takes the faster on
     const auto = (options) => page.evaluate(createAuto, { model: "golden/tiny.json", ...options });
     const first = await auto();
     assert.equal(first.device.kind, "cpu", first.device.reason);
-    assert.match(first.device.reason, /^auto: the CPU is faster, [\d.]+ ms a picture and WebGPU [\d.e+]+ ms$/);
+    assert.match(first.device.reason, /^auto: the CPU is faster: [\d.]+ ms per picture, WebGPU [\d.e+]+ ms$/);
     assert.equal(first.measured, 6);
 
     const second = await auto();
@@ -112,7 +112,7 @@ test("auto measures both devices once, keeps the answer, and takes the faster on
     assert.equal(await page.evaluate(changeTimes, { times: { webgpu: 0.5 } }), 1);
     const third = await auto();
     assert.deepEqual([third.device.kind, third.measured], ["webgpu", 0]);
-    assert.match(third.device.reason, /^auto: WebGPU is faster, 0\.500 ms a picture and the CPU .* \(measured on /);
+    assert.match(third.device.reason, /^auto: WebGPU is faster: 0\.500 ms per picture, the CPU .* \(measured on /);
 
     // Kept by another version of the package, of another adapter, or not at all.
     for (const change of [{ key: { from: /"\d+\.\d+\.\d+"/.source, to: '"0.0.1"' } }, { key: { from: "swiftshader", to: "ampere" } }, { times: { webgpu: 0 } }]) {

@@ -177,7 +177,7 @@ test("a browser that cannot write a folder saves the labels and says what is mis
 test("own pictures need a camera, and one of their size", async () => {
   const files = [2, 10, 1].map((number, index) => pngFile(`shot_${number}.png`, pictureOf(samples[index])));
   await page.getByTestId("lab-files").setInputFiles(files);
-  await page.getByTestId("lab-alert").filter({ hasText: "First a camera" }).waitFor(PATIENCE);
+  await page.getByTestId("lab-alert").filter({ hasText: "A camera is needed first" }).waitFor(PATIENCE);
   await page.getByTestId("lab-files").setInputFiles([...files, jsonFile({ ...samples[0].camera, width: 640, height: 480 })]);
   await page.getByTestId("lab-alert").filter({ hasText: "224 × 224 pixels; the camera was calibrated for 640 × 480" }).waitFor(PATIENCE);
   await page.getByTestId("lab-files").setInputFiles([...files, jsonFile(samples[0].camera)]);

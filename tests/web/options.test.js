@@ -183,7 +183,7 @@ test("VideoTracker: every option, frames that are not awaited, frames that fail"
       return far(await heights(0.1), await heights(0.2), 0.1);
     },
     seeds: async () => {
-      const unused = async (seeds) => (await tracker.track({ seeds })).verdict.includes("the marks were not used");
+      const unused = async (seeds) => (await tracker.track({ seeds })).verdict.includes("these marks were ignored");
       // Of two in one frame the last counts.
       return (await unused([none])) && !(await unused([none, seen])) && (await unused([seen, none]));
     },

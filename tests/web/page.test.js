@@ -36,7 +36,7 @@ after(async () => {
 test("the page opens with a real picture, and the ball that is found in it is the ball", async () => {
   assert.equal(await page.getByTestId("sample-real").getAttribute("aria-pressed"), "true");
   assert.equal(await page.getByTestId("alert").textContent(), "");
-  assert.match(await page.getByTestId("device").textContent(), /CPU.*as asked for/);
+  assert.match(await page.getByTestId("device").textContent(), /CPU.*as requested/);
   const { image, radius } = realLabels[REAL_FRAME];
   const [u, v] = await shown(page, "image-xy");
   // The picture is half the clip's frame; the label is good to about 3 px of that.
@@ -81,7 +81,7 @@ test("the scenes' own model, named by the address, opens a rendered sample and g
   }
   const note = own.getByTestId("model-note");
   await note.filter({ hasText: "test pictures" }).waitFor();
-  assert.match(await note.textContent(), /sd-l: .*three scenes.*off by \d+\.\d ± \d+\.\d cm/);
+  assert.match(await note.textContent(), /sd-l: .*three scenes.*error on \d+ test pictures is \d+\.\d ± \d+\.\d cm/);
   await forget(own);
   await own.getByTestId("sample-real").click();
   await located(own);

@@ -51,7 +51,7 @@ test("the real clip is tracked at one click: the ball is where a person labelled
   const [header, ...rows] = (await saved(own, "video-csv")).toString().trim().split("\r\n");
   const column = header.split(",").indexOf("outlier");
   const marked = rows.filter((row) => row.split(",")[column] === "true").length;
-  const [, left = "0"] = told.match(/(\d+) sightings? do(?:es)? not belong to it/) ?? [];
+  const [, left = "0"] = told.match(/(\d+) detections? do(?:es)? not fit the trajectory/) ?? [];
   assert.equal(marked, Number(left), `${marked} of ${rows.length} frames`);
   assert.ok(marked <= 0.4 * rows.length, `${marked} of ${rows.length} frames`);
   await own.close();
@@ -117,7 +117,7 @@ function hearFlights({ reason }) {
     const heard = (event) => {
       const findings = event.data?.answer?.findings;
       if (findings) {
-        const explained = { when: "0.10 to 0.80 s", speed: { value: "4.32 m/s (16 km/h)", sigma: "0.02 m/s", precise: true }, spin: { value: "10 turns/s", sigma: "4 turns/s", precise: false }, explained: true };
+        const explained = { when: "0.10 to 0.80 s", speed: { value: "4.32 m/s (16 km/h)", sigma: "0.02 m/s", precise: true }, spin: { value: "10 rev/s", sigma: "4 rev/s", precise: false }, explained: true };
         findings.flights = [explained, { when: "0.80 to 1.20 s", speed: null, spin: null, explained: false }, explained];
         findings.reasons = [{ what: "Flight 2, 0.80 to 1.20 s", why: reason }];
         findings.contacts = [

@@ -32,11 +32,11 @@ async function stopped(act) {
     });
   });
   const refused = await page.evaluate(act).then(() => "", (thrown) => thrown.message);
-  return (refused.match(/is no script of this page/) ?? [])[0] ?? page.evaluate(() => window.stopped);
+  return (refused.match(/is not a script of this page/) ?? [])[0] ?? page.evaluate(() => window.stopped);
 }
 
 const attempts = {
-  "a script in the page": ["is no script of this page", () => document.body.append(Object.assign(document.createElement("script"), { src: "https://elsewhere.invalid/x.js" }))],
+  "a script in the page": ["is not a script of this page", () => document.body.append(Object.assign(document.createElement("script"), { src: "https://elsewhere.invalid/x.js" }))],
   "a style in the page": ["style-src-elem", () => document.body.append(Object.assign(document.createElement("style"), { textContent: "p{}" }))],
   "an event handler as an attribute": ["require-trusted-types-for", () => document.body.setAttribute("onclick", "alert(1)")],
   "a picture from elsewhere": ["img-src", () => document.body.append(Object.assign(document.createElement("img"), { src: "https://elsewhere.invalid/x.png" }))],
@@ -52,7 +52,7 @@ const attempts = {
   "a frame": ["frame-src", () => document.body.append(Object.assign(document.createElement("iframe"), { src: "https://elsewhere.invalid/" }))],
   "another base": ["base-uri", () => document.head.append(Object.assign(document.createElement("base"), { href: "https://elsewhere.invalid/" }))],
   "markup from a string": ["require-trusted-types-for", () => (document.createElement("p").innerHTML = "<img src=x onerror=alert(1)>")],
-  "a Worker from elsewhere": ["is no script of this page", () => new Worker("https://elsewhere.invalid/worker.js")],
+  "a Worker from elsewhere": ["is not a script of this page", () => new Worker("https://elsewhere.invalid/worker.js")],
   "a policy of one's own": ["trusted-types", () => window.trustedTypes.createPolicy("mine", { createHTML: (markup) => markup })],
 };
 for (const [what, [directive, act]] of Object.entries(attempts)) {

@@ -47,9 +47,9 @@ async function refused(path, words) {
 
 test("a card from a server names no file of this machine", async () => {
   answers["/file.json"] = json({ ...card, weights: new URL("../../models/sd-l.safetensors", import.meta.url).href });
-  await refused("/file.json", /not on a network as the card is/);
+  await refused("/file.json", /may only name weights on a network/);
   answers["/data.json"] = json({ ...card, weights: "data:application/octet-stream;base64,AAAA" });
-  await refused("/data.json", /not on a network/);
+  await refused("/data.json", /may only name weights on a network/);
 });
 
 test("a redirect to another kind of address is not followed", async () => {

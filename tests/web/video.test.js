@@ -51,14 +51,14 @@ test("a picture and its camera.json give the position that the step Try gives", 
   assert.match(await page.getByTestId("video-place").textContent(), /camera\.json, 224 × 224 px/);
   assert.ok(await page.getByTestId("video-transport").isHidden(), "a picture is not played");
   assert.ok(await page.getByTestId("video-track").isDisabled());
-  assert.match(await page.getByTestId("video-track-why").textContent(), /One picture is no flight/);
+  assert.match(await page.getByTestId("video-track-why").textContent(), /A single picture cannot be tracked/);
 });
 
 const refusals = {
-  "a text file": [[{ name: "notes.txt", mimeType: "text/plain", buffer: Buffer.from("no video at all") }], /notes\.txt is no video/],
-  "a text file named as a video": [[{ name: "a.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video at all") }], /a\.mp4 is no video/],
+  "a text file": [[{ name: "notes.txt", mimeType: "text/plain", buffer: Buffer.from("no video at all") }], /notes\.txt is not a video/],
+  "a text file named as a video": [[{ name: "a.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video at all") }], /a\.mp4 is not a video/],
   "an empty file": [[{ name: "a.webm", mimeType: "video/webm", buffer: Buffer.alloc(0) }], /a\.webm is empty/],
-  "a text file named as a picture": [[pngFile("x.png", Buffer.from("no picture"))], /x\.png is no picture/],
+  "a text file named as a picture": [[pngFile("x.png", Buffer.from("no picture"))], /x\.png is not a picture/],
   "two pictures": [[pngFile("a.png", ONE_PIXEL), pngFile("b.png", ONE_PIXEL)], /One video or picture at a time/],
   "a JSON file of something else": [[jsonFile({ hello: 1 }, "other.json")], /neither a camera\.json .* nor a scene\.json/],
   "broken JSON": [[jsonFile("{", "broken.json")], /broken\.json is not JSON/],
@@ -238,7 +238,7 @@ test("a video is tracked, corrected by a click, and its flight is near the truth
   assert.ok(average(off) < 0.1, `off by ${average(off)} m on average`);
   assert.ok(frames.every(({ sigma, world }) => (sigma === null) === (world === null)));
   assert.ok(fit.impacts.length >= 1);
-  assert.match(await own.getByTestId("video-track-why").textContent(), /Click it there/);
+  assert.match(await own.getByTestId("video-track-why").textContent(), /Click the ball there/);
   // A click on a ball that was found changes nothing but the time it takes.
   const [u, v] = frames[5].image;
   await own.getByTestId("video-time").evaluate((slider, t) => {
@@ -299,7 +299,7 @@ test("without a camera the ball is tracked in pixels, with a table to take along
   const own = await step();
   await own.getByTestId("video-input").setInputFiles([file]);
   await own.getByTestId("video-needs-camera").waitFor(PATIENCE);
-  assert.match(await own.getByTestId("video-track-why").textContent(), /In pixels, for its camera is not known; with it, in metres/);
+  assert.match(await own.getByTestId("video-track-why").textContent(), /In pixels, because its camera is not known; with it, in metres/);
   await own.getByTestId("video-track").click();
   await own.getByTestId("video-fit-words").waitFor(PATIENCE);
   assert.match(await own.getByTestId("video-fit-words").textContent(), /^The ball was found in \d+ of \d+ frames\.$/);
@@ -318,7 +318,7 @@ test("without a camera the ball is tracked in pixels, with a table to take along
   assert.deepEqual(await axe(own, "#panel-video"), []);
   // With the camera and the place the same video gives metres.
   await own.getByTestId("video-input").setInputFiles([jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
-  await own.getByTestId("video-track-why").filter({ hasText: "Every frame, then the flights" }).waitFor(PATIENCE);
+  await own.getByTestId("video-track-why").filter({ hasText: "Processes every frame, then fits the flights" }).waitFor(PATIENCE);
   assert.ok(await own.getByTestId("video-verdict").isHidden(), "what was found in pixels is forgotten");
   await own.close();
 });
@@ -332,10 +332,10 @@ test("of a flight that is not explained no number is shown, and the reason is fo
   await count(own, 1);
   await own.getByTestId("video-track").click();
   await own.getByTestId("video-fit-words").waitFor(PATIENCE);
-  assert.match(await own.getByTestId("video-fit-words").textContent(), /explained: there are no metres; the ball was found in \d+ of \d+ frames\.$/);
+  assert.match(await own.getByTestId("video-fit-words").textContent(), /explained: no positions in metres; the ball was found in \d+ of \d+ frames\.$/);
   const reasons = own.getByTestId("video-reasons");
   assert.ok(!(await reasons.evaluate((details) => details.open)));
-  assert.match(await reasons.textContent(), /(Frames 0 to \d+.*no trajectory.*explains the track|labels are off by|labels lie far off).*\.$/s);
+  assert.match(await reasons.textContent(), /(Frames 0 to \d+.*no trajectory.*explains the track|labels jump by|px from the trajectory|labels lie far from).*\.$/s);
   assert.equal(await own.getByTestId("video-flight").count(), 0);
   assert.equal(await own.getByTestId("video-x").textContent(), "–");
   assert.ok(await own.getByTestId("video-sigma-row").isHidden());
@@ -377,7 +377,7 @@ test("without WebGL the step says so and does the rest", PATIENCE, async () => {
     const own = await step({}, plain);
     await own.getByTestId("video-example").click();
     await count(own, 5);
-    assert.match(await own.getByTestId("no-webgl").innerText(), /no 3D graphics/);
+    assert.match(await own.getByTestId("no-webgl").innerText(), /not support 3D graphics/);
   } finally {
     await plain.close();
   }

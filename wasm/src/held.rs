@@ -25,7 +25,7 @@ impl Held {
             let bytes = self.earlier + bytes_of(&self.pictures);
             if bytes > MOST_BYTES {
                 let reason = format!(
-                    "take {} MB, and a browser holds {} MB: give fewer frames, or smaller ones with their camera",
+                    "take {} MB, but a browser can hold only {} MB: give fewer frames, or smaller ones and a camera to match",
                     bytes >> 20,
                     MOST_BYTES >> 20
                 );

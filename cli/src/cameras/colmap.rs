@@ -22,23 +22,26 @@ pub fn read(path: &Path, stated: &Stated) -> Result<Found> {
     let cameras: Vec<Vec<&str>> = lines(&cameras).map(words).collect();
     ensure!(
         cameras.iter().all(|camera| camera.len() > 4),
-        "is no cameras.txt of COLMAP (CAMERA_ID MODEL WIDTH HEIGHT PARAMS)"
+        "is not a COLMAP cameras.txt (CAMERA_ID MODEL WIDTH HEIGHT PARAMS)"
     );
     let images_at = folder.join(IMAGES);
     if !images_at.is_file() {
         let [camera] = &cameras[..] else {
-            bail!("has {} cameras, and no {IMAGES} beside it says which picture is whose", cameras.len())
+            bail!(
+                "has {} cameras, but no {IMAGES} beside it that assigns pictures to them; add that file",
+                cameras.len()
+            )
         };
         return camera_of(camera, None);
     }
     let images = read_text(&images_at)?;
     let image = image(&images, stated).with_context(|| images_at.display().to_string())?;
     let camera = cameras.iter().find(|camera| camera[0] == image[8]);
-    let camera = camera.with_context(|| format!("has no camera {}, whose picture {} is", image[8], image[9]))?;
+    let camera = camera.with_context(|| format!("has no camera {}, which took picture {}", image[8], image[9]))?;
     let numbers: [f64; 7] = numbers(&image[1..8])?.try_into().ok().context("a pose must have 7 numbers")?;
     let [w, x, y, z, tx, ty, tz] = numbers;
-    let turn =
-        UnitQuaternion::try_new(Quaternion::new(w, x, y, z), f64::EPSILON).context("a pose has the quaternion 0")?;
+    let turn = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), f64::EPSILON)
+        .context("a pose has a quaternion of zero length")?;
     let rotation = turn.to_rotation_matrix().into_inner();
     camera_of(camera, Some(Pose { rotation, translation: Vector3::new(tx, ty, tz), units: None, world: None }))
 }
@@ -56,7 +59,7 @@ fn numbers(words: &[&str]) -> Result<Vec<f64>> {
         word.parse()
             .ok()
             .filter(|number: &f64| number.is_finite())
-            .with_context(|| format!("`{word:.40}` is no number"))
+            .with_context(|| format!("`{word:.40}` is not a number"))
     };
     words.iter().map(number).collect()
 }
@@ -68,13 +71,13 @@ fn image<'a>(text: &'a str, stated: &Stated) -> Result<Vec<&'a str>> {
     let all: Vec<Vec<&str>> = all.map(|line| line.splitn(10, char::is_whitespace).collect()).collect();
     ensure!(
         all.iter().all(|image| image.len() == 10),
-        "is no images.txt of COLMAP (IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME)"
+        "is not a COLMAP images.txt (IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME)"
     );
     let known = || all.iter().take(5).map(|image| image[9]).collect::<Vec<_>>().join(", ");
     match &stated.image {
         None if all.len() == 1 => Ok(all[0].clone()),
         None => bail!(
-            "has {} pictures ({}, …): `gravisight camera import --image NAME` takes the camera of one",
+            "has {} pictures ({}, …): choose one with `gravisight camera import --image NAME`",
             all.len(),
             known()
         ),
@@ -97,19 +100,21 @@ fn camera_of(words: &[&str], pose: Option<Pose>) -> Result<Found> {
         ("FULL_OPENCV", &[fx, fy, cx, cy, ref lens @ ..]) if lens.len() == 8 => ([fx, fy, cx, cy], brown(lens)?),
         ("OPENCV_FISHEYE", &[fx, fy, cx, cy, ref lens @ ..]) => ([fx, fy, cx, cy], fisheye(lens)?),
         (model @ ("SIMPLE_PINHOLE" | "PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "OPENCV" | "FULL_OPENCV"), values) => {
-            bail!("has a camera {model} with {} parameters, which it has not", values.len())
+            bail!("has a camera {model} with {} parameters, the wrong number for that model", values.len())
         }
         (model, _) => bail!(
-            "has a camera of the model `{model}`; SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV and OPENCV_FISHEYE \
-             are read"
+            "has a camera of the unsupported model `{model}`; supported are SIMPLE_PINHOLE, PINHOLE, SIMPLE_RADIAL, RADIAL, OPENCV, \
+             FULL_OPENCV and OPENCV_FISHEYE"
         ),
     };
     let [fx, fy, cx, cy] = intrinsics;
-    let side = |word: &str| word.parse().ok().with_context(|| format!("`{word:.40}` is no side of a picture"));
+    let side =
+        |word: &str| word.parse().ok().with_context(|| format!("`{word:.40}` is not a valid picture width or height"));
     let size = Some(Size::new(side(words[2])?, side(words[3])?));
     let notes = match pose {
         Some(_) => vec![
-            "COLMAP knows no scale and no vertical unless the model was aligned: check where the camera stands".into(),
+            "COLMAP's scale and vertical are arbitrary unless the model was aligned: check the camera's position"
+                .into(),
         ],
         None => Vec::new(),
     };

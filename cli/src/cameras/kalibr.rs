@@ -26,7 +26,7 @@ pub fn read(tree: &Value, stated: &Stated) -> Result<Found> {
             let found = all.iter().find(|(name, _)| chosen.as_ref() == Some(name)).map(|(_, camera)| camera);
             let names = all.iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ");
             found.with_context(|| {
-                format!("has the cameras {names}: `gravisight camera import --image NAME` takes one")
+                format!("has the cameras {names}: choose one with `gravisight camera import --image NAME`")
             })?
         }
     };
@@ -36,7 +36,10 @@ pub fn read(tree: &Value, stated: &Stated) -> Result<Found> {
         Ok::<_, anyhow::Error>(array.with_context(|| format!("`{name}` is missing"))?.values)
     };
     if text("camera_model") != "pinhole" {
-        bail!("has a camera of the model `{}`; pinhole is read, with radtan or equi", text("camera_model"));
+        bail!(
+            "has a camera of the unsupported model `{}`; supported is pinhole, with radtan or equi",
+            text("camera_model")
+        );
     }
     let intrinsics = numbers("intrinsics", "intrinsics")?;
     let intrinsics: [f64; 4] = intrinsics.try_into().ok().context("`intrinsics` must be fx, fy, cx and cy")?;
@@ -45,7 +48,7 @@ pub fn read(tree: &Value, stated: &Stated) -> Result<Found> {
         "radtan" => brown(&lens()?)?,
         "equi" => fisheye(&lens()?)?,
         "none" => Distortion::default(),
-        other => bail!("has the lens `{other}`; radtan and equi are read"),
+        other => bail!("has the unsupported lens model `{other}`; supported are radtan and equi"),
     };
     let [width, height]: [f64; 2] =
         numbers("resolution", "resolution")?.try_into().ok().context("`resolution` must be width and height")?;

@@ -41,13 +41,13 @@ impl Units {
 /// Which way a right-handed world has its axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum World {
-    /// z points up: this project's.
+    /// z points up, as in camera.json.
     ZUp,
     /// y points up.
     YUp,
-    /// z points down, as from a chessboard's corners on the floor.
+    /// z points down, as with a chessboard lying on the floor.
     ZDown,
-    /// y points down, as of structure from motion.
+    /// y points down, as in structure from motion.
     YDown,
 }
 
@@ -66,9 +66,9 @@ impl World {
 /// What four coefficients are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Lens {
-    /// k1, k2, p1, p2 and on, of OpenCV's `calibrateCamera`.
+    /// k1, k2, p1, p2, … from OpenCV's `calibrateCamera`.
     BrownConrady,
-    /// k1 to k4 of OpenCV's `fisheye`.
+    /// k1 to k4 from OpenCV's `fisheye`.
     Fisheye,
 }
 
@@ -145,20 +145,22 @@ pub fn import(path: &Path, stated: &Stated, pose: Option<&Path>) -> Result<(Came
         found.pose = Some(read_pose(path, stated)?);
     }
     let size = match (found.size, stated.size) {
-        (Some(size), Some(stated)) if size != stated => bail!("{name}: is of {size} pictures, --size says {stated}"),
+        (Some(size), Some(stated)) if size != stated => {
+            bail!("{name}: is for {size} pictures, but --size says {stated}")
+        }
         (size, stated) => size.or(stated),
     };
     let size =
-        size.with_context(|| format!("{name}: does not say how large its pictures are: give --size WxH{}", at(path)))?;
+        size.with_context(|| format!("{name}: does not state the size of its pictures: give --size WxH{}", at(path)))?;
     let Some(pose) = found.pose else { bail!("{name}: {}", no_pose(&found.intrinsic, &found.distortion)) };
     let (units, world) = (pose.units.or(stated.units), pose.world.or(stated.world));
     let missing = [
-        units.is_none().then_some("in which unit its translation is (--units m|cm|mm)"),
+        units.is_none().then_some("the unit of its translation (--units m|cm|mm)"),
         world.is_none().then_some("which axis of its world points up (--world z-up|y-up|z-down|y-down)"),
     ];
     let missing: Vec<&str> = missing.into_iter().flatten().collect();
     let (Some(units), Some(world)) = (units, world) else {
-        bail!("{name}: does not say {}{}", missing.join(", nor "), at(path));
+        bail!("{name}: does not state {}{}", missing.join(", nor "), at(path));
     };
     let rotation = pose.rotation * world.to_ours().transpose();
     let camera = Camera::new(size, found.intrinsic, found.distortion, rotation, units.metres() * pose.translation);
@@ -167,14 +169,14 @@ pub fn import(path: &Path, stated: &Stated, pose: Option<&Path>) -> Result<(Came
 
 /// Where options are given.
 fn at(path: &Path) -> String {
-    format!("; `gravisight camera import {} --to camera.json` takes them", path.display())
+    format!("; use these options with `gravisight camera import {} --to camera.json`", path.display())
 }
 
 fn no_pose(intrinsic: &Matrix3<f64>, distortion: &Distortion) -> String {
     let rows: Vec<Vec<f64>> = intrinsic.row_iter().map(|row| row.iter().copied().collect()).collect();
     format!(
-        "has no pose: give the file that has it by --pose, or find it from clicks with `gravisight calibrate --points points.json \
-         --camera` and this file (intrinsic {rows:?}, {})",
+        "has no pose: give a file that has one with --pose, or compute it from clicks with `gravisight calibrate --points \
+         points.json --camera` and this file (intrinsic {rows:?}, {})",
         serde_json::to_string(distortion).unwrap_or_default()
     )
 }
@@ -249,10 +251,7 @@ fn pinhole([fx, fy, cx, cy]: [f64; 4]) -> Matrix3<f64> {
 /// The distortion of coefficients in OpenCV's order.
 fn brown(values: &[f64]) -> Result<Distortion> {
     let count = values.len();
-    ensure!(
-        matches!(count, 4 | 5 | 8 | 12 | 14),
-        "has {count} distortion coefficients; 4, 5, 8, 12 or 14 are OpenCV's"
-    );
+    ensure!(matches!(count, 4 | 5 | 8 | 12 | 14), "has {count} distortion coefficients; OpenCV uses 4, 5, 8, 12 or 14");
     ensure!(
         values.iter().skip(8).all(|&value| value == 0.0),
         "has a thin prism or a tilted sensor (distortion coefficients 9 to 14), which are not modelled: calibrate without them"
@@ -264,6 +263,6 @@ fn brown(values: &[f64]) -> Result<Distortion> {
 
 /// The distortion of a fisheye's coefficients.
 fn fisheye(values: &[f64]) -> Result<Distortion> {
-    let &[k1, k2, k3, k4] = values else { bail!("has {} coefficients of a fisheye; there are 4", values.len()) };
+    let &[k1, k2, k3, k4] = values else { bail!("has {} fisheye coefficients; there must be 4", values.len()) };
     Ok(Distortion { model: gravisight::parts::LensModel::Fisheye, k1, k2, k3, k4, ..Distortion::default() })
 }

@@ -35,7 +35,10 @@ pub fn is_one(tree: &Value) -> bool {
 
 pub fn read(tree: &Value, stated: &Stated) -> Result<Found> {
     let Some(matrix) = array(tree, &MATRIX)? else {
-        bail!("has no intrinsic matrix (camera_matrix, mtx or K), and is no camera of a tool that is known here");
+        bail!(
+            "has no intrinsic matrix (camera_matrix, mtx or K), and is not a camera file of any supported tool (see \
+               `gravisight camera import --help`)"
+        );
     };
     let values: [f64; 9] =
         matrix.values.try_into().map_err(|_| anyhow::anyhow!("the intrinsic matrix must have 9 numbers"))?;
@@ -43,7 +46,7 @@ pub fn read(tree: &Value, stated: &Stated) -> Result<Found> {
     let distortion = match array(tree, &LENS)? {
         Some(Array { values, .. }) => lens(tree, &values, stated)?,
         None => {
-            notes.push("the file has no distortion: the lens is taken for a pinhole".into());
+            notes.push("the file has no distortion coefficients: a pinhole lens is assumed".into());
             Distortion::default()
         }
     };
@@ -69,7 +72,9 @@ fn lens(tree: &Value, values: &[f64], stated: &Stated) -> Result<Distortion> {
         return match model {
             "plumb_bob" | "rational_polynomial" => brown(values),
             "equidistant" | "fisheye" => fisheye(values),
-            other => bail!("has the lens `{other}`; plumb_bob, rational_polynomial and equidistant are read"),
+            other => bail!(
+                "has the unsupported lens model `{other}`; supported are plumb_bob, rational_polynomial and equidistant"
+            ),
         };
     }
     let is_fisheye = field(tree, &["fisheyemodel"]).and_then(|(_, value)| value.as_f64()).map(|flag| flag != 0.0);
@@ -79,7 +84,7 @@ fn lens(tree: &Value, values: &[f64], stated: &Stated) -> Result<Distortion> {
         Some(Lens::BrownConrady) => brown(values),
         None if values.len() == 4 && values.iter().any(|&value| value != 0.0) => {
             bail!(
-                "has 4 distortion coefficients, which may be k1, k2, p1, p2 or a fisheye's: say which by `gravisight camera import \
+                "has 4 distortion coefficients, which may be k1, k2, p1, p2 or a fisheye's: choose with `gravisight camera import \
                  --lens brown-conrady` or `--lens fisheye`"
             )
         }
@@ -104,7 +109,7 @@ pub fn pose(tree: &Value, stated: &Stated) -> Result<Option<Pose>> {
             let translations: Vec<_> = triples(&translations)?.map(Vector3::from_column_slice).collect();
             let rotations = rotations(tree)?;
             let (turns, moves) = (rotations.len(), translations.len());
-            ensure!(turns == moves, "has {turns} rotations and {moves} translations");
+            ensure!(turns == moves, "has {turns} rotations but {moves} translations");
             rotations.into_iter().zip(translations).collect()
         }
     };
@@ -143,7 +148,7 @@ fn pick<T: Copy>(poses: &[T], stated: &Stated) -> Result<T> {
     chosen.with_context(|| {
         let count = poses.len();
         format!(
-            "has the poses of {count} pictures: `gravisight camera import --image N` takes that of one, 0 to {}",
+            "has the poses of {count} pictures: choose one with `gravisight camera import --image N`, N from 0 to {}",
             count - 1
         )
     })
@@ -157,6 +162,6 @@ fn said<T: clap::ValueEnum>(tree: &Value, name: &str) -> Result<Option<T>> {
             .iter()
             .filter_map(|value| Some(value.to_possible_value()?.get_name().to_string()))
             .collect();
-        anyhow::anyhow!("`{name}` is `{text}`; it may be {}", names.join(", "))
+        anyhow::anyhow!("`{name}` is `{text}`; it must be one of {}", names.join(", "))
     })
 }

@@ -87,7 +87,7 @@ pub fn array(tree: &Value, names: &[&str]) -> Result<Option<Array>> {
     let Some((name, value)) = field(tree, names) else { return Ok(None) };
     let read = || {
         if let Value::String(text) = value {
-            bail!("is no matrix: {text:.80}");
+            bail!("is not a matrix: {text:.80}");
         }
         let data = value.get("data").unwrap_or(value);
         let mut values = Vec::new();
@@ -96,7 +96,7 @@ pub fn array(tree: &Value, names: &[&str]) -> Result<Option<Array>> {
         let rows = rows.or(data.as_array().map(Vec::len)).unwrap_or(1);
         ensure!(
             rows > 0 && !values.is_empty() && values.len().is_multiple_of(rows),
-            "has {} numbers in {rows} rows",
+            "has {} numbers, which do not fill {rows} rows",
             values.len()
         );
         Ok(Array { rows, values })
@@ -109,7 +109,7 @@ fn flatten(value: &Value, into: &mut Vec<f64>) -> Result<()> {
         Value::Array(values) => values.iter().try_for_each(|value| flatten(value, into)),
         _ => {
             let number = value.as_f64().filter(|number| number.is_finite());
-            into.push(number.with_context(|| format!("holds {value:.40}, which is no number"))?);
+            into.push(number.with_context(|| format!("holds {value:.40}, which is not a number"))?);
             Ok(())
         }
     }

@@ -37,7 +37,7 @@ fn numbers<const N: usize>(element: &Node, names: [&str; N]) -> Result<[f64; N]>
     for (value, name) in values.iter_mut().zip(names) {
         let text = element.attribute(name).with_context(|| format!("<{tag}> has no {name}"))?;
         let number = text.trim().parse().ok().filter(|number: &f64| number.is_finite());
-        *value = number.with_context(|| format!("<{tag} {name}={text:?}> is no number"))?;
+        *value = number.with_context(|| format!("<{tag} {name}={text:?}> is not a number"))?;
     }
     Ok(values)
 }
@@ -68,7 +68,11 @@ pub fn read(path: &Path) -> Result<Found> {
 /// The lens that takes ideal radii to seen ones, where the ideal one is seen·(1 + κ·seen²) up to the seen radius `corner`; `focal` (px)
 /// is for its error.
 fn inverse(kappa: f64, corner: f64, focal: f64) -> Result<Distortion> {
-    ensure!(1.0 + 3.0 * kappa * corner * corner > 0.0, "kappa1 folds the picture over before its corner");
+    ensure!(
+        1.0 + 3.0 * kappa * corner * corner > 0.0,
+        "kappa1 makes the distortion fold over inside the picture; \
+                                                        check kappa1, dpx and dpy"
+    );
     let seen = DVector::from_fn(SAMPLES, |index, _| corner * (index + 1) as f64 / SAMPLES as f64);
     let ideal = seen.map(|seen| seen * (1.0 + kappa * seen * seen));
     // In units of the largest radius, so that the powers are alike.
@@ -77,7 +81,10 @@ fn inverse(kappa: f64, corner: f64, focal: f64) -> Result<Distortion> {
     let moved = (&seen - &ideal) / most;
     let found = powers.clone().svd(true, true).solve(&moved, f64::EPSILON).map_err(anyhow::Error::msg)?;
     let error = (powers * &found - &moved).amax() * most * focal;
-    ensure!(error < LARGEST_ERROR, "kappa1 bends the picture more than the lens model follows ({error:.2} px off)");
+    ensure!(
+        error < LARGEST_ERROR,
+        "kappa1 bends the picture more than camera.json's lens model can represent (error {error:.2} px)"
+    );
     let [k1, k2, k3] = std::array::from_fn(|index| found[index] / most.powi(2 * index as i32 + 2));
     Ok(Distortion { k1, k2, k3, ..Distortion::default() })
 }

@@ -31,22 +31,22 @@ const NAME_DIGITS: usize = 12;
 
 /// Run a subcommand for each line of a list: many videos, on as many machines as there are.
 ///
-/// What is done is not done again, so a batch that was stopped or killed is simply started again; an input that fails does not stop the
-/// others and is tried again the next time. A result counts for this version alone, and as long as all files that the subcommand reads
-/// hold what they held. Exit status: 0 where all of the shard is done, 3 where some failed.
+/// Finished inputs are skipped, so to resume a batch that was stopped or killed, start it again. An input that fails does not stop the
+/// others; the next start retries it. A result is reused only by the same version of gravisight, and only while the files that the
+/// subcommand reads are unchanged. Exit status: 0 if the whole shard is done, 3 if some inputs failed.
 #[derive(Args)]
 #[command(after_help = "\
-Of each input OUT gets NAME.json, what the subcommand prints with --json, once it is whole. NAME is the input's name and a hash of its \
-path. A line of JSON is printed for each input; `result` is the path of NAME.json. OUT is for one subcommand with its options.\n\
-{} stands for the input, {out} for OUT/NAME, for the subcommand's other files:\n\n  \
+For each input, OUT gets NAME.json: what the subcommand prints with --json, written once it is complete. NAME is the input's name and a \
+hash of its path. A line of JSON is printed for each input; `result` is the path of NAME.json. Use one OUT per subcommand and set of options.\n\
+{} stands for the input; {out} stands for OUT/NAME, to name the subcommand's other files:\n\n  \
 gravisight batch videos.txt --out results -- track {} --camera camera.json --scene tennis --report {out}.html\n  \
 seq 0 7 | parallel gravisight batch videos.txt --shard {}/8 --out results -- track '{}' --camera …\n\n\
 docs/many-videos.md has recipes for GNU parallel, Slurm and Kubernetes.")]
 pub struct Arguments {
-    /// The inputs, one a line; empty lines and those that begin with # do not count. Paths are from the list's folder.
+    /// The inputs, one per line; empty lines and lines that begin with # are ignored. Paths are relative to the list's folder.
     #[arg(value_name = "LIST")]
     list: PathBuf,
-    /// Only every Nth input, from the Ith on (from 0).
+    /// Process only every Nth input, starting at the Ith (counted from 0).
     #[arg(long, value_name = "I/N", default_value = "0/1", value_parser = shard)]
     shard: Shard,
     /// Folder of the results.
@@ -79,10 +79,10 @@ struct Item {
 
 pub fn run(arguments: &Arguments) -> Result<ExitCode> {
     let name = arguments.command.first().and_then(|name| name.to_str()).unwrap_or_default();
-    ensure!(KNOWN.contains(&name), "`{name}` is no subcommand for a batch; there are {}", KNOWN.join(", "));
+    ensure!(KNOWN.contains(&name), "`{name}` cannot be run as a batch; choose one of {}", KNOWN.join(", "));
     ensure!(
         arguments.command.iter().any(|argument| argument.to_string_lossy().contains(INPUT)),
-        "the subcommand names no input: write {INPUT} where it stands"
+        "the subcommand names no input: write {INPUT} in place of the input"
     );
     let items = items(&arguments.list)?;
     if let Some(Item { input, name }) = items.first() {
@@ -114,7 +114,7 @@ fn items(list: &Path) -> Result<Vec<Item>> {
         Ok(Item { name: format!("{stem}-{}", &hash[..NAME_DIGITS]), input })
     });
     let items = items.collect::<Result<Vec<Item>>>()?;
-    ensure!(!items.is_empty(), "{}: no input in it", list.display());
+    ensure!(!items.is_empty(), "{}: lists no inputs", list.display());
     Ok(items)
 }
 
@@ -129,12 +129,12 @@ fn claim(out: &Path, command: &[OsString]) -> Result<()> {
     // Another shard may have come first just now.
     if !manifest.exists() {
         if let Some(name) = foreign {
-            bail!("{}: holds `{name}`, which no batch made; give another --out", out.display());
+            bail!("{}: holds `{name}`, which was not written by a batch; give another --out", out.display());
         }
         write_whole(&manifest, format!("{:#}\n", json!({"command": words})).as_bytes())?;
     }
     let found: Value = serde_json::from_str(&read_text(&manifest)?)
-        .with_context(|| format!("{}: is not what a batch wrote; give another --out", manifest.display()))?;
+        .with_context(|| format!("{}: was not written by a batch; give another --out", manifest.display()))?;
     if found["command"] != json!(words) {
         let theirs: Vec<&str> = found["command"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
         bail!("{}: holds the results of another command, `{}`; give another --out", out.display(), theirs.join(" "));
@@ -224,11 +224,11 @@ fn done(arguments: &Arguments, Item { input, name }: &Item) -> Result<Value> {
     if result.exists() {
         std::fs::remove_file(&result).with_context(|| result.display().to_string())?;
     }
-    let mut command = Command::new(std::env::current_exe().context("this program's own path")?);
+    let mut command = Command::new(std::env::current_exe().context("cannot find gravisight's own path")?);
     command.args(arguments.command.iter().map(|word| filled(word, input, &stem)));
     command.arg("--json").stdin(Stdio::null());
     let started = Instant::now();
-    let output = command.output().context("this program, once more")?;
+    let output = command.output().context("cannot start gravisight again for an input")?;
     let seconds = (started.elapsed().as_secs_f64() * 100.0).round() / 100.0;
     let said = String::from_utf8_lossy(&output.stderr);
     let exit = output.status.code();
@@ -246,7 +246,8 @@ fn done(arguments: &Arguments, Item { input, name }: &Item) -> Result<Value> {
         _ => {
             line["status"] = json!("failed");
             // What a program says last is what ended it.
-            line["error"] = json!(said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it said nothing"));
+            line["error"] =
+                json!(said.lines().rfind(|line| !line.trim().is_empty()).unwrap_or("it printed no error message"));
         }
     }
     Ok(line)

@@ -13,19 +13,20 @@ use super::print_line;
 use super::synth::parse_size;
 use crate::cameras::{self, Lens, Stated, Units, World};
 
-/// Read the cameras of other tools.
+/// Import cameras from other tools.
 #[derive(Subcommand)]
 pub enum Subcommands {
     Import(Arguments),
 }
 
-/// Make a camera.json of another tool's camera.
+/// Convert another tool's camera to camera.json.
 ///
-/// Read are OpenCV's FileStorage (YAML, XML, JSON), NumPy's .npz with mtx, dist, rvecs and tvecs, ROS's camera_info, Kalibr's camchain,
-/// COLMAP's cameras.txt (images.txt beside it) and Tsai's model in XML. What the file does not say is asked for.
+/// Supported formats: OpenCV's FileStorage (YAML, XML, JSON), NumPy's .npz with mtx, dist, rvecs and tvecs, ROS's camera_info, Kalibr's camchain,
+/// COLMAP's cameras.txt (images.txt beside it) and Tsai's model in XML. If the file lacks something, the error message names the option
+/// to add.
 #[derive(Args)]
 pub struct Arguments {
-    /// The file; of COLMAP also its folder.
+    /// The file; for COLMAP, the folder works too.
     file: PathBuf,
     /// Write the camera here.
     #[arg(long, value_name = "CAMERA.JSON")]
@@ -36,19 +37,19 @@ pub struct Arguments {
     /// Axes of the file's world, which is right-handed.
     #[arg(long, value_enum)]
     world: Option<World>,
-    /// Size of the pictures, where the file does not say it.
+    /// Size of the pictures, if the file does not state it.
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<Size>,
-    /// The pose (rvec or R, and tvec or T) is in this file.
+    /// Take the pose (rvec or R, and tvec or T) from this file.
     #[arg(long, value_name = "FILE")]
     pose: Option<PathBuf>,
-    /// Of several pictures or cameras, this one: its name (COLMAP, Kalibr) or its number from 0.
+    /// Which picture or camera to use, if there are several: its name (COLMAP, Kalibr) or its number, from 0.
     #[arg(long, value_name = "NAME")]
     image: Option<String>,
-    /// What 4 distortion coefficients are.
+    /// Meaning of 4 distortion coefficients.
     #[arg(long, value_enum)]
     lens: Option<Lens>,
-    /// The place (scene.json, or the name of a sport): whether the camera looks at it is checked.
+    /// Check that the camera looks at this scene (scene.json, or the name of a sport).
     #[arg(long, value_name = "SCENE.JSON")]
     scene: Option<PathBuf>,
     /// Print one JSON object.
@@ -88,12 +89,12 @@ fn doubts(camera: &Camera, landmarks: &[Point3<f64>]) -> Vec<String> {
     let mut doubts = camera.doubts(None, landmarks);
     if landmarks.is_empty() && camera.camera_from_world(&Point3::origin()).z <= 0.0 {
         doubts.push(
-            "the world's origin is behind the camera: is the pose from the world to the camera, and not its inverse?"
+            "the world's origin is behind the camera: does the pose transform world to camera, and not the inverse?"
                 .into(),
         );
     }
     if !doubts.is_empty() {
-        doubts.push("are --units and --world those of the file?".into());
+        doubts.push("check that --units and --world match the file".into());
     }
     doubts
 }

@@ -17,9 +17,9 @@ use gravisight::{Card, Clips, Metrics, score};
 /// Most pictures whose depth map is compared with a depth image.
 const DEPTH_MAPS: usize = 90;
 
-/// Score a model on labelled clips with 3D truth: how far off it is.
+/// Measure a model's errors on labelled clips with 3D truth.
 ///
-/// The ball is that of each clip's scene, unless --ball-radius or --ball is given.
+/// The ball is taken from each clip's scene unless --ball-radius or --ball is given.
 #[derive(Args)]
 pub struct Arguments {
     /// Clips folder (with clips.jsonl).
@@ -45,10 +45,10 @@ pub struct Arguments {
     /// Upper edge of the last bin, m [default: the farthest ball].
     #[arg(long, value_name = "B")]
     z_max: Option<f64>,
-    /// Write a report: one HTML file with charts, tables and pictures, which needs nothing else.
+    /// Write a report: one HTML file with charts, tables and pictures, without external files.
     #[arg(long, value_name = "OUT.HTML")]
     report: Option<PathBuf>,
-    /// The log.jsonl of the run that made the model: its curves, for the report.
+    /// The log.jsonl of the run that trained the model; its curves are added to the report.
     #[arg(long, value_name = "LOG.JSONL", requires = "report")]
     log: Option<PathBuf>,
     /// Write the metrics into the model's card.
@@ -63,7 +63,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let given = [arguments.z_min, arguments.z_max].map(|edge| edge.is_none_or(f64::is_finite));
     let ordered = arguments.z_min.zip(arguments.z_max).is_none_or(|(low, high)| low < high);
     if given != [true; 2] || !ordered {
-        bail!("--z-min must be below --z-max, and both finite numbers");
+        bail!("--z-min and --z-max must be finite numbers, and --z-min below --z-max");
     }
     let ball_radius = arguments.ball.radius()?;
     let log = arguments.log.as_deref().map(Log::read).transpose()?;
@@ -71,7 +71,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let mut clips = Clips::read(&arguments.data)?;
     if let Some(part) = &arguments.only {
         clips.clips.retain(|clip| clip.id.contains(part));
-        ensure!(!clips.clips.is_empty(), "--only {part}: no clip of {} has that in its id", arguments.data.display());
+        ensure!(!clips.clips.is_empty(), "--only {part}: no clip in {} has that in its id", arguments.data.display());
     }
     // The first picture would pay for memory and kernels, and the speed would tell.
     pollster::block_on(localiser.warm_up())?;
@@ -107,8 +107,8 @@ pub fn run(arguments: Arguments) -> Result<()> {
         Some(DepthMapScore { pictures, correlation, error_relative, error_of_constant }) => {
             let percent = |error: Statistic| 100.0 * error.median.unwrap_or_default();
             Ok(print_line(format_args!(
-                "depth map of {pictures} pictures, away from the ball: correlation with the scene's depth {correlation:.2}; off by {:.0} % \
-                 (median), a constant by {:.0} %",
+                "depth map of {pictures} pictures, away from the ball: correlation with the scene's depth {correlation:.2}; median error \
+                 {:.0} %, against {:.0} % for a constant depth",
                 percent(error_relative),
                 percent(error_of_constant)
             ))?)
@@ -138,7 +138,7 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
         _ => print_line(format_args!("{name:<22} no pictures")),
     };
     row("DtG", &metrics.dtg, 100.0, "cm")?;
-    row("DtG, ball seen", &metrics.dtg_visible, 100.0, "cm")?;
+    row("DtG, ball visible", &metrics.dtg_visible, 100.0, "cm")?;
     row("DtG / distance", &metrics.dtg_relative, 100.0, "%")?;
     row("2D error", &metrics.image_error_px, 1.0, "px")?;
     if let (Some(error), Some(coverage), Some(gross)) =
@@ -147,7 +147,7 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
         row("depth error / depth", error, 100.0, "%")?;
         let fraction = |times: u8| 100.0 * coverage.get(&times).copied().unwrap_or(0.0);
         print_line(format_args!(
-            "depth within 1 / 2 sigma {:.0} / {:.0} %, off by more than 30 %: {:.2} %",
+            "depth within 1 / 2 sigma {:.0} / {:.0} %, error above 30 %: {:.2} % of pictures",
             fraction(1),
             fraction(2),
             100.0 * gross
@@ -163,12 +163,12 @@ fn print(metrics: &Metrics, bins: Bins) -> Result<()> {
         print_line(match kind {
             ConfidenceKind::BallProbability => {
                 format!(
-                    "confidence: the probability that it is a ball; mean {said:.3}, and it is the ball in {right:.1} %"
+                    "confidence: the probability that the detection is the ball; mean {said:.3}, correct in {right:.1} %"
                 )
             }
             ConfidenceKind::HeatmapMass => format!(
-                "confidence: the fraction of the heatmap within 12 px (of the network's input); mean {said:.3}, and the ball is there in \
-                 {right:.1} %"
+                "confidence: the fraction of the heatmap within 12 px (of the network's input); mean {said:.3}, and the ball is within \
+                 them in {right:.1} %"
             ),
         })?;
     }

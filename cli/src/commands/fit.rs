@@ -19,49 +19,48 @@ pub(super) const PARTLY: u8 = 3;
 /// 1-σ of a position that counts as sure, m.
 const SURE: f64 = 0.1;
 /// In place of where something is that belongs to a flight that is not explained.
-pub(super) const DOUBTFUL: &str = "(doubtful: its flight is not explained, so where is not known)";
+pub(super) const DOUBTFUL: &str = "(doubtful: its flight is not explained, so the position is unknown)";
 
 /// Find the 3D trajectory whose projection best explains a 2D track.
 ///
-/// Exit status: 0 where every flight is explained, 3 where some are not (the output is written all the same), 1 where nothing
-/// can be said.
+/// Exit status: 0 if every flight is explained, 3 if some are not (the output is written anyway), 1 if there is no result.
 #[derive(Args)]
 pub struct Arguments {
-    /// The 2D track (CSV with Frame,Visibility,X,Y and, if you like, Time in seconds).
+    /// The 2D track (CSV with Frame,Visibility,X,Y and, optionally, Time in seconds).
     #[arg(long, value_name = "TRACK.CSV")]
     track: PathBuf,
     /// The camera that saw it (camera.json).
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: PathBuf,
-    /// What `calibrate --json` printed of that camera: its uncertainty enters σ.
+    /// Output of `calibrate --json` for this camera; its uncertainty is added to σ.
     #[arg(long, value_name = "CALIBRATION.JSON")]
     camera_sigma: Option<PathBuf>,
-    /// The place and its ball (scene.json).
+    /// The scene and its ball (scene.json).
     #[arg(long, value_name = "SCENE.JSON")]
     scene: PathBuf,
-    /// Frames a second; not needed, and not used, where the track has a column Time.
+    /// Frames per second; neither needed nor used if the track has a column Time.
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
-    /// The ball of this sport in place of the scene's, and its bounces where the scene says nothing of them.
+    /// Use the ball of this sport instead of the scene's, and its bounce parameters if the scene has none.
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(Scene::ball_names()))]
     ball: Option<String>,
-    /// Most hits of a racket, a foot or a hand that the track may hold.
+    /// Maximum number of hits by a racket, foot or hand in the track.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = hits)]
     hits: Hits,
-    /// Standard deviation of the labels, px [default: found from the track].
+    /// Standard deviation of the labels, px [default: estimated from the track].
     #[arg(long, value_name = "S")]
     noise_px: Option<f64>,
-    /// These the scene does not know. Drag and restitution are estimated anyway, near the scene's values; named here they may be almost
-    /// any.
+    /// Estimate these freely. Drag and restitution are always estimated near the scene's values; named here, they may take almost any
+    /// value.
     #[arg(long, value_delimiter = ',', value_parser = one_of(&PARAMETERS))]
     estimate: Vec<Parameter>,
-    /// Judge trajectories by these numbers: `config` of what `--json` prints, changed.
+    /// Configuration of the solver: an edited copy of `config` in the `--json` output.
     #[arg(long, value_name = "CONFIG.JSON")]
     config: Option<PathBuf>,
     /// Write the trajectory as CSV (position, velocity, 1-σ, residual by frame).
     #[arg(long, value_name = "TRAJECTORY.CSV")]
     out: Option<PathBuf>,
-    /// Write a page with the trajectory, the track and its residuals, flights and contacts; it needs nothing else.
+    /// Write a page with the trajectory, the track and its residuals, flights and contacts; one HTML file without external files.
     #[arg(long, value_name = "OUT.HTML")]
     plot: Option<PathBuf>,
     /// Print one JSON object.
@@ -71,7 +70,7 @@ pub struct Arguments {
 
 /// What `--estimate` takes.
 const PARAMETERS: [Choice<Parameter>; 3] = [
-    ("restitution", "Of the scene's bounces", Parameter::Restitution),
+    ("restitution", "The coefficient of restitution of the scene's bounces", Parameter::Restitution),
     ("drag", "The ball's drag coefficient", Parameter::Drag),
     ("spin", "The ball's spin at the start", Parameter::Spin),
 ];
@@ -108,7 +107,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let (frames, observations) = track.observations(arguments.fps).with_context(name)?;
     let own_times = track.points.iter().any(|point| point.time.is_some());
     if let Some(fps) = arguments.fps.filter(|_| own_times) {
-        eprintln!("gravisight: note: {}: its column Time counts; --fps {fps} is not used", arguments.track.display());
+        eprintln!("gravisight: note: {}: has a column Time, so --fps {fps} is ignored", arguments.track.display());
     }
     if track.nowhere > 0 {
         eprintln!("gravisight: note: {}: {}", arguments.track.display(), nowhere(track.nowhere));
@@ -152,7 +151,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
 pub(super) fn config<T: serde::de::DeserializeOwned>(path: &Path, command: &str) -> Result<T> {
     let text = read_text(path)?;
     serde_json::from_str(&text).with_context(|| {
-        format!("{}: is no object as `config` of what `gravisight {command} --json` prints", path.display())
+        format!("{}: does not have the form of `config` in the output of `gravisight {command} --json`", path.display())
     })
 }
 
@@ -164,7 +163,7 @@ pub(super) fn one_sigma(path: &Path) -> Result<Vec<Camera>> {
     }
     let text = read_text(path)?;
     let found: Calibrated = serde_json::from_str(&text)
-        .with_context(|| format!("{}: is no JSON object as `gravisight calibrate --json` prints it", path.display()))?;
+        .with_context(|| format!("{}: is not the output of `gravisight calibrate --json`", path.display()))?;
     Ok(found.one_sigma)
 }
 
@@ -217,7 +216,7 @@ fn print(fit: &Fit, camera: &Camera, table: bool) -> Result<()> {
     }
     let seen = fit.frames.iter().filter(|frame| frame.residual_px.is_some() || frame.refused.is_some()).count();
     let outliers = fit.frames.iter().filter(|frame| frame.outlier).count();
-    print_line(format_args!("{} frames, seen in {seen}, {outliers} outliers", fit.frames.len()))?;
+    print_line(format_args!("{} frames, ball labelled in {seen}, {outliers} outliers", fit.frames.len()))?;
     print_line(format_args!("labels: noise {:.2} px, residuals {:.2} px rms", fit.noise_px, fit.rms_px))?;
     let sigmas = fit.known_sigmas(camera);
     let sure = sigmas.iter().filter(|sigma| **sigma < SURE).count();
@@ -238,7 +237,7 @@ fn print(fit: &Fit, camera: &Camera, table: bool) -> Result<()> {
 fn of_flight(flight: &Flight) -> String {
     let turns = |spin: [f64; 3]| spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
     match flight.known_speed() {
-        _ if !flight.explained => "not explained: speed, spin and place are not known".into(),
+        _ if !flight.explained => "not explained: speed, spin and position are unknown".into(),
         None => "speed not known".into(),
         Some([speed, sigma]) => format!(
             "starts at {speed:.2} ± {sigma:.2} m/s, spin {:.0} ± {:.0} rev/s",

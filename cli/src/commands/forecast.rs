@@ -11,11 +11,11 @@ use super::print_line;
 use gravisight::internal::{Case, read_text};
 use gravisight::{Forecast, ForecastOptions, Forecaster, Integrator, Scene};
 
-/// Forecast where a ball will be: positions, velocities, and their derivatives by the start.
+/// Forecast where a ball will be: positions, velocities, and their derivatives with respect to the start.
 #[derive(Args)]
 #[command(group(ArgGroup::new("what").required(true).args(["scene", "cases"])))]
 pub struct Arguments {
-    /// The place and its ball (scene.json).
+    /// The scene and its ball (scene.json).
     #[arg(long, value_name = "SCENE.JSON", requires = "state", requires = "times")]
     scene: Option<PathBuf>,
     /// Position (m) and velocity (m/s) at the start: x,y,z,vx,vy,vz.
@@ -27,11 +27,10 @@ pub struct Arguments {
     /// Print the 6×6 Jacobian d(state at t)/d(state at 0), too.
     #[arg(long)]
     jacobian: bool,
-    /// Run a file of cases instead (starts, times and systems in the paper's own terms) and print them with results, as
-    /// JSON.
+    /// Run the cases in this file instead (starts, times and systems in the paper's notation) and print them with their results as JSON.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["state", "times", "jacobian"])]
     cases: Option<PathBuf>,
-    /// Relative tolerance of the solver, where no closed form is used; a hundredth of it is the absolute one.
+    /// Relative tolerance of the solver, where no closed form is used; the absolute tolerance is one hundredth of it.
     #[arg(long, default_value_t = 1e-10, value_name = "RTOL", value_parser = tolerance)]
     tolerance: f64,
     /// Solve numerically even where there is a closed form.

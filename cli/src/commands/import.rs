@@ -18,7 +18,7 @@ use crate::progress::Progress;
 /// Refused clips that are printed.
 const REFUSED: usize = 10;
 
-/// Turn other people's data into clips, or a ball that was drawn into a 2D track for `fit`.
+/// Convert other data sets to clips, or an annotated ball to a 2D track for `fit`.
 #[derive(Args)]
 pub struct Arguments {
     /// The format.
@@ -29,30 +29,30 @@ pub struct Arguments {
     /// The clips folder to make.
     #[arg(long, value_name = "DIR", required_unless_present = "track")]
     out: Option<PathBuf>,
-    /// Write the ball's 2D track instead, with its radii (cvat, yolo, labelme, label-studio; no camera is needed): the centre and the
-    /// semi-minor axis of an ellipse, or half the smaller side of a box. Where the ball is outside or occluded it is not visible.
+    /// Write the ball's 2D track instead, with its radii (cvat, yolo, labelme, label-studio; needs no camera). The radius is the
+    /// semi-minor axis of an ellipse, or half the shorter side of a box. A ball marked outside or occluded is written as not visible.
     #[arg(long, value_name = "TRACK.CSV", conflicts_with_all = ["out", "camera", "scene", "clip_frames"])]
     track: Option<PathBuf>,
-    /// The camera of the pictures (camera.json): for all but sd, spring and rd, which bring theirs.
+    /// The camera of the pictures (camera.json); clips need it in all formats except sd, spring and rd, which include it.
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: Option<PathBuf>,
-    /// The place and its ball (scene.json), for every clip.
+    /// The scene and its ball (scene.json), for every clip.
     #[arg(long, value_name = "SCENE.JSON")]
     scene: Option<PathBuf>,
-    /// Frames a second: for pictures, which bring no times; for a video, in place of its own.
+    /// Frames per second, for pictures, which have no times; for a video, it replaces the video's own times.
     #[arg(long, value_name = "F", required_if_eq("from", "coco"))]
     fps: Option<f64>,
-    /// Folder of the pictures, or the video [default: what lies beside the annotations]; with --track, the video whose times the
-    /// track is to have.
+    /// Folder of the pictures, or the video [default: what lies beside the annotations]; with --track, the video that provides the
+    /// track's times.
     #[arg(long, value_name = "PATH")]
     pictures: Option<PathBuf>,
-    /// Category (coco), class (yolo) or label (cvat, labelme, label-studio) of the ball, where there are others.
+    /// Category (coco), class (yolo) or label (cvat, labelme, label-studio) of the ball, if there are several.
     #[arg(long, visible_alias = "class", value_name = "NAME")]
     category: Option<String>,
-    /// Id of the ball's track (cvat), where several have its label.
+    /// Id of the ball's track (cvat), if several tracks have its label.
     #[arg(long, value_name = "ID")]
     object: Option<u64>,
-    /// Cut into clips of so many frames [default: 16 for rd, else whole].
+    /// Cut into clips of this many frames [default: 16 for rd, otherwise uncut].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     clip_frames: Option<u32>,
     /// Print one JSON object.
@@ -75,11 +75,11 @@ fn misused(arguments: &Arguments) -> Option<(ErrorKind, String)> {
     ];
     let from = name(*from);
     if let Some((option, ..)) = given.into_iter().find(|(_, given, unused)| *given && *unused) {
-        let why = if brings_its_own { ", which brings its own" } else { "" };
-        return Some((ErrorKind::ArgumentConflict, format!("{option} means nothing with --from {from}{why}")));
+        let why = if brings_its_own { ", which includes its own" } else { "" };
+        return Some((ErrorKind::ArgumentConflict, format!("{option} cannot be used with --from {from}{why}")));
     }
     (camera.is_none() && track.is_none() && !brings_its_own).then(|| {
-        let message = format!("--camera is missing: pictures of --from {from} come without one");
+        let message = format!("--camera is missing: --from {from} does not include the camera");
         (ErrorKind::MissingRequiredArgument, message)
     })
 }
@@ -128,11 +128,13 @@ fn print_track(path: &Path, found: &DrawnTrack, arguments: &Arguments) -> Result
     let ids = objects.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
     let of_tracks = if objects.is_empty() { String::new() } else { format!(", CVAT's track {ids}") };
     print_line(format_args!("track      {frames} frames of `{label}`{of_tracks}, in {}", path.display()))?;
-    print_line(format_args!("labels     {labels}, {radii} with a radius; outside or occluded in {hidden} frames"))?;
+    print_line(format_args!(
+        "labels     {labels}, {radii} with a radius; ball outside or occluded in {hidden} frames"
+    ))?;
     print_nowhere(*nowhere)?;
     if *interpolated > 0 {
         print_line(format_args!(
-            "NOTE: {interpolated} labels are between key frames, where CVAT draws straight lines and a ball's path is curved"
+            "NOTE: {interpolated} labels are interpolated between key frames; CVAT interpolates linearly, but a ball's path is curved"
         ))?;
     }
     Ok(())
@@ -168,15 +170,15 @@ fn print(out: &Path, report: &ImportReport) -> Result<()> {
     let fps = |pick: fn(f64, f64) -> f64| report.fps.iter().copied().reduce(pick).unwrap_or_default();
     let (slowest, fastest) = (fps(f64::min), fps(f64::max));
     match fastest - slowest < 1e-3 {
-        true => print_line(format_args!("frame rate {slowest:.3} a second; longer steps: {gaps}"))?,
-        false => print_line(format_args!("frame rate {slowest:.3} to {fastest:.3} a second; longer steps: {gaps}"))?,
+        true => print_line(format_args!("frame rate {slowest:.3} per second; gaps: {gaps}"))?,
+        false => print_line(format_args!("frame rate {slowest:.3} to {fastest:.3} per second; gaps: {gaps}"))?,
     }
     if let Statistic { mean: Some(mean), std: Some(std), n, .. } = Statistic::of(report.reprojection_px.iter().copied())
     {
         print_line(format_args!("2D label to projected 3D position: {mean:.3} ± {std:.3} px (mean of {n})"))?;
     }
     match scenes {
-        0 => print_line("scene      none; give --scene for training with the laws of motion")?,
+        0 => print_line("scene      none; training with physics needs --scene")?,
         _ => print_line(format_args!("scene      in {scenes} clips"))?,
     }
     print_line(format_args!("refused    {}", report.refused.len()))?;

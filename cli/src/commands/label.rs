@@ -19,25 +19,25 @@ use crate::import::{pictures_in, video_frames};
 use crate::model;
 use crate::progress::Progress;
 
-/// Propose the ball's 2D label in every frame, as `track` follows it, for correction by hand.
+/// Propose 2D labels of the ball in every frame, tracked as by `track`, for correction by hand.
 #[derive(Args)]
 pub struct Arguments {
-    /// A clips folder (labels in it are not read), a folder of frames (in the order of their numbers), or a video (needs ffmpeg).
+    /// A clips folder (its labels are ignored), a folder of frames (in the order of their numbers), or a video (needs ffmpeg).
     #[arg(value_name = "DIR|VIDEO")]
     input: PathBuf,
     /// New folder for the labelled clips.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// The camera that took the frames (camera.json); a clips folder has its own.
+    /// The camera that took the frames (camera.json); not for a clips folder, which has its own.
     #[arg(long, value_name = "CAMERA.JSON")]
     camera: Option<PathBuf>,
-    /// Frames a second [default: the video's].
+    /// Frames per second [default: the video's].
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
-    /// The place and its ball (scene.json), to stand in the clip.
+    /// The scene and its ball (scene.json), to store in the clip.
     #[arg(long, value_name = "SCENE.JSON")]
     scene: Option<PathBuf>,
-    /// Model that measures the ball [default: the built-in `any`].
+    /// Model that detects the ball [default: the built-in `any`].
     #[arg(long, value_name = "M")]
     model: Option<PathBuf>,
     /// Device to run on.
@@ -100,7 +100,7 @@ fn tracked(source: &LabelSource, localiser: Arc<Localiser>, observe: &mut dyn Fn
         let (size, expected) = (picture.size(), camera.size());
         ensure!(
             size == expected,
-            "{}: is {size} px, the camera says {expected}; give the camera of these pictures",
+            "{}: is {size} px, but the camera is for {expected} px; give the camera of these pictures",
             path.display()
         );
         pollster::block_on(tracker.add(picture, frame.t))?;
@@ -115,17 +115,22 @@ fn sources(arguments: &Arguments, unpacked: &Path) -> Result<Vec<LabelSource>> {
     let input = &arguments.input;
     if input.join("clips.jsonl").is_file() {
         let own = arguments.camera.is_none() && arguments.fps.is_none() && arguments.scene.is_none();
-        ensure!(own, "{} is a clips folder, which has its own --camera, --fps and --scene", input.display());
+        ensure!(
+            own,
+            "{} is a clips folder, which has its own camera, frame rate and scene: leave out --camera, --fps \
+                      and --scene",
+            input.display()
+        );
         return of_clips(Clips::read(input)?);
     }
     let Some(camera) = &arguments.camera else {
-        bail!("{}: --camera camera.json is needed where there is no clips.jsonl", input.display());
+        bail!("{}: has no clips.jsonl, so --camera camera.json is needed", input.display());
     };
     let (camera, scene) = (cameras::open(camera)?, arguments.scene.as_deref().map(Scene::open).transpose()?);
     ensure!(arguments.fps.is_none_or(|fps| fps.is_finite() && fps > 0.0), "--fps must be positive");
     let (pictures, times, fps) = if input.is_dir() {
         let Some(fps) = arguments.fps else { bail!("{}: --fps is needed for a folder of frames", input.display()) };
-        let pictures = pictures_in(input).with_context(|| "neither frames nor a clips.jsonl")?;
+        let pictures = pictures_in(input).with_context(|| "holds neither frames nor a clips.jsonl")?;
         note_left_out(&pictures);
         let times = (0..pictures.len()).map(|frame| frame as f64 / fps).collect();
         (pictures, times, fps)
@@ -250,7 +255,7 @@ fn report(arguments: &Arguments, sources: &[LabelSource], labels: &[TrackedVideo
     }
     let line = |name: &str, [frames, labelled, doubtful, not_seen]: [usize; 4]| {
         print_line(format_args!(
-            "{name}: {frames} frames, {labelled} labelled, {doubtful} of them doubtful, not seen in {not_seen}"
+            "{name}: {frames} frames, {labelled} labelled, {doubtful} of them doubtful; no ball found in {not_seen}"
         ))
     };
     if sources.len() > 1 {

@@ -27,13 +27,13 @@ pub struct Arguments {
     model: Option<PathBuf>,
     #[command(flatten)]
     ball: BallArguments,
-    /// A scene (scene.json, or the name of a sport): its ball's radius, and the volume in which that ball can be.
+    /// Scene (scene.json, or the name of a sport) that gives the ball's radius and the volume in which the ball can be.
     #[arg(long, value_name = "SCENE.JSON", conflicts_with_all = ["ball_radius", "ball"])]
     scene: Option<PathBuf>,
     /// Search region: left, top, width and height, px.
     #[arg(long, value_name = "X,Y,W,H", value_parser = region)]
     region: Option<Region>,
-    /// Also print so many candidates.
+    /// Also print up to this many candidates.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u8).range(0..=100))]
     candidates: u8,
     /// Device to run on.
@@ -42,14 +42,18 @@ pub struct Arguments {
     /// Write the picture with heatmap and position drawn over it (one picture only).
     #[arg(long, value_name = "OUT.PNG")]
     overlay: Option<PathBuf>,
-    /// Print one JSON object a picture, with `"file"` where there are several.
+    /// Print one JSON object per picture, with `"file"` if there are several.
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
     let several = arguments.images.len() > 1;
-    ensure!(!(several && arguments.overlay.is_some()), "--overlay takes one picture, {} given", arguments.images.len());
+    ensure!(
+        !(several && arguments.overlay.is_some()),
+        "--overlay takes one picture, but {} were given",
+        arguments.images.len()
+    );
     if let Some(out) = &arguments.overlay {
         check_png("--overlay", out)?;
     }
@@ -103,7 +107,7 @@ fn region(text: &str) -> Result<Region, String> {
 /// Refuses an `option` that is no PNG's name.
 pub fn check_png(option: &str, out: &Path) -> Result<()> {
     let png = out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png"));
-    ensure!(png, "{option} writes a PNG: {} should end in .png", out.display());
+    ensure!(png, "{option} writes a PNG: {} must end in .png", out.display());
     Ok(())
 }
 

@@ -80,7 +80,7 @@ impl Arguments {
 
 /// What is said of labels where trackers and tools put a ball that is not visible.
 fn nowhere(frames: usize) -> String {
-    format!("{frames} frames have (0, 0) or (−1, −1): taken as not visible")
+    format!("{frames} frames have (0, 0) or (−1, −1): treated as not visible")
 }
 
 /// Prints a line of results; an error, not a panic, where nobody reads.

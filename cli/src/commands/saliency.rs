@@ -24,9 +24,9 @@ const IN_METRES: [&str; 5] = ["depth", "depth_sigma", "camera", "world", "covari
 
 /// Show which pixels of a picture the ball's depth depends on.
 ///
-/// Writes the picture with |∂depth/∂pixel| glowing in it: how far the depth found would move if the pixel got
-/// brighter, worked out through the whole network (on the CPU).
-/// Without the ball's radius, which a model that reads sizes needs for metres, it is a fraction of the depth.
+/// Writes the picture with |∂depth/∂pixel| as a bright overlay: how much the estimated depth would change if the pixel got brighter,
+/// computed through the whole network (on the CPU).
+/// Without the ball's radius, a model that measures apparent size gives it as a fraction of the depth, not in metres.
 #[derive(Args)]
 pub struct Arguments {
     /// PNG, JPEG or WebP picture.
@@ -85,7 +85,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     };
     print_line(format_args!("image       {u:.2}, {v:.2} px   {depth}"))?;
     let percent = near * 100.0;
-    print_line(format_args!("saliency    {percent:.0} % of it within {radius:.0} px of the ball"))?;
+    print_line(format_args!("saliency    {percent:.0} % within {radius:.0} px of the ball"))?;
     Ok(print_line(format_args!("full colour {full:.2e} {unit} for a pixel from black to white"))?)
 }
 

@@ -6,7 +6,7 @@ use gravisight::Scene;
 
 use super::print_line;
 
-/// Print the scene of a sport, to be used or changed; without a name, what there is.
+/// Print the scene of a sport, to use or edit; without a name, list the available scenes.
 #[derive(Args)]
 pub struct Arguments {
     /// Name of the scene.

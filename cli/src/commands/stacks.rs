@@ -18,7 +18,7 @@ const OTHERS_EVERY: usize = 16;
 /// Of the candidates on such paths that are no ball, one of so many is kept.
 const WANTED_EVERY: usize = 2;
 
-/// Cut the stacks of frames that the motion network of a model is trained on from footage with labels.
+/// Cut labelled footage into the stacks of frames on which a model's motion network is trained.
 #[derive(Args)]
 pub struct Arguments {
     /// A video (needs ffmpeg) or a folder of frames.
@@ -30,7 +30,7 @@ pub struct Arguments {
     /// File to write (`*.stacks`).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Frames a second [default: the video's].
+    /// Frames per second [default: the video's].
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
 }

@@ -28,34 +28,34 @@ const FILMS: usize = 100;
 /// Sides that a picture may have, px.
 const SIDES: RangeInclusive<u32> = 16..=4096;
 
-/// Make the paper's synthetic data sets, a room like its real one, or footage of sports.
+/// Render the paper's synthetic data sets, a room like the one in its real data set, or footage of sports.
 #[derive(Args)]
 pub struct Arguments {
     /// Which set: sd-s is a part of sd-m, and sd-m of sd-l.
     #[arg(long, value_parser = one_of(&SETS))]
     set: Made,
-    /// Which part of it.
+    /// Which split of the set.
     #[arg(long, value_parser = one_of(&SPLITS))]
     split: Split,
-    /// Folder to make; one that was interrupted is gone on with.
+    /// Folder to create; an interrupted run is resumed.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What simulates and draws.
+    /// Simulation and rendering engine.
     #[arg(long, value_enum, default_value = "builtin")]
     engine: EngineChoice,
-    /// Clips for each camera of each environment [default: as in the paper: 100; of rd 251, 34 and 81 over both cameras].
+    /// Clips per camera and environment [default: as in the paper, 100; for rd, 251, 34 and 81 over both cameras].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     clips: Option<u32>,
-    /// Size of the pictures, px; the vertical field of view stays [default: 224x224, of rd 384x224].
+    /// Size of the pictures, px; the vertical field of view is kept [default: 224x224; for rd, 384x224].
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<Size>,
-    /// Standard deviation of noise on the 2D labels, px [default: 0, of rd 1.5].
+    /// Standard deviation of noise on the 2D labels, px [default: 0; for rd, 1.5].
     #[arg(long, value_name = "PX", value_parser = parse_noise)]
     label_noise: Option<f64>,
-    /// Clips to test with: something that their scenes do not say (built-in engine).
+    /// Make test clips with a disturbance that their scenes do not describe (built-in engine).
     #[arg(long, value_name = "WHAT", value_parser = one_of(&DISTURBANCES))]
     disturb: Option<Disturbance>,
-    /// Write what is how far, too: beside each 000.png a 000.depth.png of 16 bits, mm along the camera's axis; 0 where nothing is.
+    /// Also write depth maps: beside each 000.png a 16-bit 000.depth.png, in mm along the camera's axis; 0 where there is nothing.
     #[arg(long)]
     depth: bool,
     /// Another seed gives other clips.
@@ -84,10 +84,15 @@ const SETS: [Choice<Made>; 7] = [
         "A rendered room that stands in for the paper's real data set: 60 frames a second, 2D labels as if clicked (σ 1.5 px)",
         Made::Clips(Set::Rd),
     ),
-    ("broadcast", "Sports as people film them, as videos (needs ffmpeg): --clips of each of four kinds", Made::Films),
+    (
+        "broadcast",
+        "Sports as people film them, as videos (needs ffmpeg); --clips sets how many of each of four kinds",
+        Made::Films,
+    ),
     (
         "footage",
-        "The same as hard as real footage: crowds, screens, cameras that sway and pan, repeated frames, low bitrates; and as many clips without a ball as of a kind",
+        "Like broadcast, but as hard as real footage: crowds, screens, cameras that sway and pan, repeated frames, low \
+         bitrates; plus as many clips without a ball as of each kind",
         Made::Footage,
     ),
 ];
@@ -96,14 +101,14 @@ const DISTURBANCES: [Choice<Disturbance>; 4] = [
     ("wind", "A wind from the side", Disturbance::Wind),
     ("hand", "A push at a random time", Disturbance::Hand),
     ("ball", "A ball that is a quarter larger than the scene's", Disturbance::Ball),
-    ("background", "An empty floor of another colour behind the ball, whose path stays", Disturbance::Background),
+    ("background", "An empty floor of another colour behind the ball, with the same path", Disturbance::Background),
 ];
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum EngineChoice {
     /// The forecaster and a ray-caster.
     Builtin,
-    /// The paper's, MuJoCo, in a build by scripts/mujoco.
+    /// MuJoCo, as in the paper; needs a build by scripts/mujoco.
     Mujoco,
 }
 
@@ -140,7 +145,10 @@ pub fn run(arguments: Arguments) -> Result<()> {
                 && !arguments.depth
                 && arguments.disturb.is_none()
                 && arguments.label_noise.is_none();
-            ensure!(plain, "--set broadcast and footage take none of --size, --depth, --label-noise and --disturb");
+            ensure!(
+                plain,
+                "--set broadcast and --set footage cannot be combined with --size, --depth, --label-noise or --disturb"
+            );
             let clips = arguments.clips.map_or(FILMS, |clips| clips as usize);
             let make = if matches!(made, Made::Films) { film::run } else { film::run_footage };
             return make(&arguments.out, split, clips, arguments.seed, arguments.json);
@@ -251,7 +259,7 @@ fn claim(out: &Path, settings: &Value) -> Result<Claim> {
         }
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             if std::fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
-                bail!("{}: is there already and was not made by synth; choose another --out", out.display());
+                bail!("{}: already exists and was not made by synth; choose another --out", out.display());
             }
             std::fs::create_dir_all(out.join("frames")).with_context(|| out.display().to_string())?;
             write_whole(&file, settings.to_string().as_bytes())?;

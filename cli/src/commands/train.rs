@@ -20,36 +20,36 @@ const BINS: usize = 3;
 
 /// Train a model on labelled clips.
 ///
-/// 2D labels and the scene's physics are enough: `--preset sd-s --train DIR --validation DIR --out DIR`. Checkpoints are
-/// written as it goes; after a stop at any point, `--resume` goes on from the last.
+/// 2D labels and the scene's physics are enough: `--preset sd-s --train DIR --validation DIR --out DIR`. Checkpoints are written during
+/// training; after an interruption, `--resume` continues from the last one.
 #[derive(Args)]
 #[command(group(clap::ArgGroup::new("what").required(true).multiple(true).args(["config", "preset", "resume"])))]
 pub struct Arguments {
     /// Configuration of a new run (TOML; paths in it are relative to it).
     #[arg(long, value_name = "RUN.TOML")]
     config: Option<PathBuf>,
-    /// Start from a recipe; --config, the folders and --set are laid over it.
+    /// Start from a preset; --config, the folder options and --set override it.
     #[arg(long, value_parser = clap::builder::PossibleValuesParser::new(TrainSettings::presets()))]
     preset: Option<String>,
     /// Clips folder to train on.
     #[arg(long, value_name = "DIR")]
     train: Option<PathBuf>,
-    /// Clips folder that is scored while training, never trained on.
+    /// Clips folder for validation during training; never trained on.
     #[arg(long, value_name = "DIR")]
     validation: Option<PathBuf>,
-    /// Folder of the run: checkpoints, log and the model made.
+    /// Folder of the run: checkpoints, log and the trained model.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Set any field of the configuration, as in seed=3 or augmentation.shift=8; can be repeated.
     #[arg(long = "set", value_name = "FIELD=VALUE")]
     fields: Vec<String>,
-    /// Folder of a run to go on with.
+    /// Folder of a run to continue.
     #[arg(long, value_name = "DIR", conflicts_with_all = ["config", "preset", "train", "validation", "out", "fields"])]
     resume: Option<PathBuf>,
     /// Device to train on.
     #[arg(long, value_enum, default_value = "cpu")]
     device: DeviceChoice,
-    /// Print one JSON object at the end instead of words: `{"card": PATH, "report": PATH or null}`.
+    /// Print one JSON object at the end instead of text: `{"card": PATH, "report": PATH or null}`.
     #[arg(long)]
     json: bool,
 }
@@ -81,7 +81,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
             progress.restart();
             progress.say(&format!("{frames} frames of {clips} clips to learn from"));
             if !left_out.is_empty() {
-                progress.say(&format!("{} clips are left out, for physics does not explain them:", left_out.len()));
+                progress.say(&format!("{} clips are left out because physics does not explain them:", left_out.len()));
             }
             left_out.iter().for_each(|it| progress.say(&format!("  {}: {}", it.clip, it.reason)));
         }
@@ -100,9 +100,11 @@ pub fn run(arguments: Arguments) -> Result<()> {
     }
     print_line(format_args!("model written: {path}"))?;
     if let Some(report) = report {
-        print_line(format_args!("report, on the validation clips: {}", report.display()))?;
+        print_line(format_args!("report on the validation clips: {}", report.display()))?;
     }
-    print_line(format_args!("score it on data it never saw: gravisight evaluate --data DIR --model {path} --record"))?;
+    print_line(format_args!(
+        "evaluate it on data it has never seen: gravisight evaluate --data DIR --model {path} --record"
+    ))?;
     Ok(())
 }
 
@@ -155,8 +157,8 @@ fn show(progress: &mut Progress, now: &TrainProgress) {
             progress.say(&line);
         }
         Some(Validation::Size(score)) => progress.say(&format!(
-            "step {step}: validation: radius off by {:.2} % (median from 4 px on; of all {:.2} %, {:.2} % gross; {:.0} % and \
-             {:.0} % within 1 and 2 sigma), 2D error {:.2} px; ball or none confused in {:.1} %",
+            "step {step}: validation: median radius error {:.2} % from 4 px up ({:.2} % over all sizes; gross errors {:.2} \
+             %; {:.0} % and {:.0} % within 1 and 2 sigma), 2D error {:.2} px; ball confused with no ball in {:.1} %",
             100.0 * score.radius_error,
             100.0 * score.radius_error_of_all.median.unwrap_or(f64::NAN),
             100.0 * score.gross,

@@ -120,12 +120,12 @@ fn shots(images: &[Image], folder: &Path, balls: &Balls, size: Size, fps: f64, w
         let what = format!("{what}: image `{}`", image.file_name);
         for (side, name, expected) in [(image.width, "width", size.width), (image.height, "height", size.height)] {
             if let Some(side) = side.filter(|side| *side != f64::from(expected)) {
-                return Err(Error::value(what, name, format!("is {side} px, the camera says {expected}")));
+                return Err(Error::value(what, name, format!("is {side} px, but the camera is for {expected} px")));
             }
         }
         let found = balls.get(&key(&image.id)).map(Vec::as_slice).unwrap_or_default();
         if let [(one, _), (other, _), ..] = found {
-            let reason = format!("annotations {one} and {other} are both of it; keep one ball, or give --category");
+            let reason = format!("has two balls, annotations {one} and {other}; keep one, or give --category");
             return Err(Error::Data { what, reason });
         }
         let t = number.saturating_sub(first) as f64 / fps;
@@ -140,7 +140,7 @@ impl File {
         let named = |wanted: &str| {
             let found = self.categories.iter().find(|category| category.name == wanted);
             let names = || self.categories.iter().map(|category| category.name.as_str()).collect::<Vec<_>>().join(", ");
-            let missing = || Error::value(what, "categories", format!("has no `{wanted}`, only: {}", names()));
+            let missing = || Error::value(what, "categories", format!("has no `{wanted}`; choose one of {}", names()));
             found.map(|category| key(&category.id)).ok_or_else(missing)
         };
         let wanted = category.map(named).transpose()?;

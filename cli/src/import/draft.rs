@@ -111,11 +111,13 @@ impl Draft {
     fn picture(&self, path: &Path) -> Result<(Vec<u8>, &'static str)> {
         let bytes = read(path)?;
         let refuse = |reason: String| Error::Data { what: path.display().to_string(), reason };
-        let extension = format_of(&bytes).ok_or_else(|| refuse("is no PNG, JPEG or WebP picture".into()))?;
+        let extension = format_of(&bytes).ok_or_else(|| refuse("is not a PNG, JPEG or WebP picture".into()))?;
         let found = Picture::decode(&bytes).map_err(|error| refuse(error.to_string()))?.size();
         let expected = self.camera.size();
         if found != expected {
-            return Err(refuse(format!("is {found} px, its camera speaks of {expected}; give this picture's camera")));
+            return Err(refuse(format!(
+                "is {found} px, but its camera is for {expected} px; give this picture's camera"
+            )));
         }
         Ok((bytes, extension))
     }
@@ -166,7 +168,7 @@ pub(super) fn fps_of(shots: &[Shot]) -> Result<f64> {
     let mut steps: Vec<f64> = shots.windows(2).map(|pair| pair[1].t - pair[0].t).collect();
     steps.sort_by(f64::total_cmp);
     let Some(&step) = steps.get(steps.len() / 2) else {
-        return Err(Error::value(&first.what, "time", "two frames at least are needed to read the frame rate"));
+        return Err(Error::value(&first.what, "time", "at least two frames are needed to determine the frame rate"));
     };
     let frames: f64 = steps.iter().map(|other| (other / step).round().max(1.0)).sum();
     Ok(frames / (last.t - first.t))
@@ -185,5 +187,5 @@ fn common_divisor(one: u64, other: u64) -> u64 {
 }
 
 fn not_growing(shot: &Shot, before: f64) -> Error {
-    Error::value(&shot.what, "time", format!("must grow from frame to frame: {} s follows {before} s", shot.t))
+    Error::value(&shot.what, "time", format!("must increase from frame to frame: {} s follows {before} s", shot.t))
 }

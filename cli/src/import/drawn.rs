@@ -78,7 +78,7 @@ pub fn drawn_track(format: Format, source: &Path, options: &ImportOptions) -> Re
         Format::Labelme => track(labelme::drawn(source)?, options),
         Format::LabelStudio => track(label_studio::drawn(source, options)?, options),
         _ => {
-            let reason = "brings no shapes to make a track of".into();
+            let reason = "has no shapes from which to make a track".into();
             Err(Error::Data { what: source.display().to_string(), reason })
         }
     }
@@ -119,8 +119,10 @@ fn track(mut drawn: Drawn, options: &ImportOptions) -> Result<DrawnTrack> {
     let folders: BTreeSet<PathBuf> = drawn.pictures.iter().map(|picture| folder_of(&picture.name)).collect();
     if folders.len() > 1 {
         let folders: Vec<String> = folders.iter().take(NAMED).map(|folder| format!("`{}`", folder.display())).collect();
-        let reason =
-            format!("has pictures of several folders ({}): a track is of one; give it alone", folders.join(", "));
+        let reason = format!(
+            "has pictures from several folders ({}), but a track is made from one; give a single folder",
+            folders.join(", ")
+        );
         return Err(Error::Data { what: drawn.what, reason });
     }
     let numbers = in_time(&mut drawn.pictures);
@@ -154,7 +156,7 @@ pub(super) fn chosen(labels: &BTreeSet<&str>, options: &ImportOptions, what: &st
     let reason = match (options.category.as_deref(), labels.first()) {
         (_, None) => "holds no shapes".into(),
         (Some(wanted), _) if labels.contains(wanted) => return Ok(wanted.into()),
-        (Some(wanted), _) => format!("has nothing with the label `{wanted}`; there are {}", names()),
+        (Some(wanted), _) => format!("has nothing with the label `{wanted}`; choose one of {}", names()),
         (None, Some(only)) if labels.len() == 1 => return Ok((*only).into()),
         (None, _) => format!("holds several labels: {}; choose the ball's with --category", names()),
     };
@@ -187,7 +189,7 @@ impl Drawing {
         match self.size {
             Some([width, height]) if [width, height] != camera.xy() => {
                 let reason =
-                    format!("is {width}×{height} px, the camera speaks of {camera}; give this picture's camera");
+                    format!("is {width}×{height} px, but the camera is for {camera} px; give this picture's camera");
                 Err(Error::value(&self.what, "size", reason))
             }
             _ => Ok(()),

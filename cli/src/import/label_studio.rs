@@ -113,7 +113,7 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
         0 => drawn::jobs(pictures(tasks, source, options)?, options),
         _ if videos == tasks.len() => tasks.into_iter().map(|task| task.video(source, videos, options)).collect(),
         _ => {
-            let reason = "holds videos and pictures; export each kind alone".into();
+            let reason = "holds videos and pictures; export them separately".into();
             Err(Error::Data { what: source.display().to_string(), reason })
         }
     }
@@ -123,7 +123,7 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
 pub(super) fn drawn(source: &Path, options: &ImportOptions) -> Result<Drawn> {
     let tasks = tasks(source)?;
     if tasks.iter().any(|task| task.file(&VIDEOS).is_some()) {
-        let reason = "is of a video, in per cent of a size that it does not say; import it as clips (--out, --camera)";
+        let reason = "annotates a video in per cent of its size, but does not give the size; import it as clips (--out, --camera)";
         return Err(Error::Data { what: source.display().to_string(), reason: reason.into() });
     }
     pictures(tasks, source, options)
@@ -172,13 +172,13 @@ impl Task {
     fn picture(self, source: &Path, options: &ImportOptions) -> Result<Drawing> {
         let what = self.what(source);
         let named = self.file(&PICTURES).ok_or_else(|| {
-            let reason = "its data name no PNG, JPEG or WebP picture, and no video".into();
+            let reason = "its data names neither a PNG, JPEG or WebP picture nor a video".into();
             Error::Data { what: what.clone(), reason }
         })?;
         let (mut shapes, mut size) = (Vec::new(), None);
         for region in self.regions(&what)? {
             if region.image_rotation.is_some_and(|angle| angle != 0.0) {
-                let reason = "was turned while it was labelled; turn it back and export it again".into();
+                let reason = "was rotated in Label Studio; rotate it back and export it again".into();
                 return Err(Error::Data { what, reason });
             }
             let Some(sides) = region.original_width.zip(region.original_height).map(<[f64; 2]>::from) else { continue };
@@ -275,15 +275,16 @@ fn along(sequence: &[KeyFrame], frames: Option<u64>, sides: [f64; 2], what: &str
         let until = next.map_or(frames, |next| Some(next.frame.saturating_sub(1)));
         let last = until.filter(|_| key.enabled).unwrap_or(key.frame).max(key.frame);
         if next.is_none() && last - key.frame > MOST_FRAMES {
-            let reason = format!("is {last}; a video has at most {MOST_FRAMES} frames after a key frame");
+            let reason = format!("is {last}; at most {MOST_FRAMES} frames may follow a key frame");
             return Err(Error::value(what, "framesCount", reason));
         }
         if key.frame == 0
             || next.is_some() && last - key.frame > LONGEST_GAP
             || next.is_some_and(|next| next.frame == key.frame)
         {
-            let reason =
-                format!("of a key frame must count from 1, once each, and be within {LONGEST_GAP} of the next one");
+            let reason = format!(
+                "of a key frame must count from 1, be unique, and be within {LONGEST_GAP} frames of the next one"
+            );
             return Err(Error::value(what, "frame", reason));
         }
         for frame in key.frame..=last {

@@ -40,7 +40,7 @@ pub(super) fn drawn(source: &Path) -> Result<Drawn> {
             Some(picture) => pictures.push(picture),
             None if source.is_dir() => (),
             None => {
-                let message = "is no LabelMe file: it has no `shapes`".into();
+                let message = "is not a LabelMe file: it has no `shapes`".into();
                 return Err(Error::Format { what: path.display().to_string(), message });
             }
         }
@@ -86,7 +86,7 @@ fn ball(kind: &str, points: &[[f64; 2]]) -> std::result::Result<Option<Ball>, St
             Ball::in_box([x, y], [width, height])
         }
         ("point" | "circle" | "rectangle" | "polygon", _) => {
-            return Err(format!("has {} points, which is no {kind}", points.len()));
+            return Err(format!("has {} points, the wrong number for a {kind}", points.len()));
         }
         _ => return Ok(None),
     }))

@@ -50,27 +50,27 @@ pub enum Format {
     Rd,
     /// COCO annotations (JSON): first visible keypoint, else the box's centre; a clip for every folder.
     ///
-    /// Keypoints are of pixel centres, boxes count from the picture's corner.
+    /// Keypoints count from the centre of the top left pixel, boxes from its corner.
     Coco,
     /// CVAT annotations (XML 1.1), for images or for video: points, boxes or ellipses.
     ///
-    /// The first of the points, or the centre; all count from the picture's corner.
+    /// The label is the first point, or the shape's centre; coordinates count from the picture's corner.
     Cvat,
     /// Tracks (CSV with Frame,Visibility,X,Y) beside folders of frames of the same name, or videos.
     ///
-    /// X, Y of pixel centres.
+    /// X and Y count from the centre of the top left pixel.
     Tracknet,
-    /// YOLO labels (text: class, cx, cy, width, height) beside pictures, or in `labels` where they are in `images`.
+    /// YOLO labels (text: class, cx, cy, width, height) beside pictures, or in `labels/` for pictures in `images/`.
     ///
-    /// The folder, or its data.yaml. The box's centre; a picture without labels is one without the ball.
+    /// Give the folder, or its data.yaml. The label is the box's centre; a picture without labels shows no ball.
     Yolo,
-    /// LabelMe annotations (JSON, one a picture): point, circle, rectangle or polygon.
+    /// LabelMe annotations (one JSON file per picture): point, circle, rectangle or polygon.
     ///
-    /// The folder of them, or one file. The centre; of a polygon that of the box around it.
+    /// Give the folder of these files, or one file. The label is the shape's centre; for a polygon, that of its bounding box.
     Labelme,
     /// Label Studio's export (JSON): keypoints, rectangles, ellipses, or rectangles in a video.
     ///
-    /// The centre; all are in per cent of the picture.
+    /// The label is the shape's centre; coordinates are in per cent of the picture.
     LabelStudio,
 }
 
@@ -231,11 +231,11 @@ fn other_format(source: &Path) -> Option<&'static str> {
 fn nothing_left(source: &Path, refused: &[Refusal]) -> Error {
     let reason = match refused.first() {
         None => match other_format(source) {
-            Some(other) => format!("holds no clips of this format, but of --from {other}"),
+            Some(other) => format!("holds no clips of this format; it looks like --from {other}"),
             None => "holds no clips of this format".into(),
         },
         Some(Refusal { clip, reason }) => {
-            format!("no clip is left, {} refused; the first, `{clip}`: {reason}", refused.len())
+            format!("no clip could be imported, {} refused; the first, `{clip}`: {reason}", refused.len())
         }
     };
     Error::Data { what: source.display().to_string(), reason }
@@ -254,12 +254,14 @@ impl ImportOptions {
 
     /// The camera, for a format that brings none.
     fn camera(&self) -> Result<Camera> {
-        self.camera.clone().ok_or_else(|| Error::value("import", "camera", "is missing: this format brings none"))
+        self.camera
+            .clone()
+            .ok_or_else(|| Error::value("import", "camera", "is missing: this format does not include one"))
     }
 
     /// Frames a second, for pictures without times.
     fn fps(&self) -> Result<f64> {
-        self.fps.ok_or_else(|| Error::value("import", "fps", "is missing: pictures bring no times"))
+        self.fps.ok_or_else(|| Error::value("import", "fps", "is missing: pictures have no times"))
     }
 }
 

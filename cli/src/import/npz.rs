@@ -83,13 +83,13 @@ fn array(file: impl std::io::Read) -> std::result::Result<Array, String> {
 }
 
 fn parse(bytes: &[u8]) -> std::result::Result<Array, String> {
-    let rest = bytes.strip_prefix(MAGIC).ok_or("is no .npy array")?;
+    let rest = bytes.strip_prefix(MAGIC).ok_or("is not a .npy array")?;
     let (length, rest) = match *rest {
         [1, _, a, b, ref rest @ ..] => (usize::from(u16::from_le_bytes([a, b])), rest),
         [2 | 3, _, a, b, c, d, ref rest @ ..] => (u32::from_le_bytes([a, b, c, d]) as usize, rest),
         _ => return Err("is a .npy array of an unknown version".into()),
     };
-    let (header, data) = rest.split_at_checked(length).ok_or("breaks off in its header")?;
+    let (header, data) = rest.split_at_checked(length).ok_or("is truncated in its header")?;
     let header = std::str::from_utf8(header).map_err(|error| error.to_string())?;
     let shape = shape(header)?;
     let count = shape.iter().try_fold(1_usize, |count, side| count.checked_mul(*side)).ok_or("is too large")?;
@@ -97,7 +97,7 @@ fn parse(bytes: &[u8]) -> std::result::Result<Array, String> {
     let values =
         values(data, kind).ok_or_else(|| format!("is of type `{kind}`; float32, float64 or int64 is needed"))?;
     if values.len() < count {
-        return Err(format!("has {} of its {count} numbers", values.len()));
+        return Err(format!("is truncated: has {} of its {count} numbers", values.len()));
     }
     let by_columns = entry(header, "fortran_order").is_some_and(|text| text.trim_start().starts_with("True"));
     // Of the element that is `index`th where the last index runs fastest, its place where the first one does.

@@ -57,7 +57,7 @@ pub fn pictures_in(folder: &Path) -> Result<Vec<PathBuf>> {
     match pictures.is_empty() {
         true => Err(Error::Data {
             what: folder.display().to_string(),
-            reason: "no PNG, JPEG or WebP pictures in it".into(),
+            reason: "holds no PNG, JPEG or WebP pictures".into(),
         }),
         false => Ok(pictures),
     }
@@ -117,12 +117,12 @@ pub(super) fn one_a_row(folder: &Path, prefix: &str, rows: usize, table: &str) -
     let refuse = |reason: String| Error::Data { what: folder.display().to_string(), reason };
     let picture = |row: usize| {
         let number = first + row as u64;
-        pictures.remove(&number).ok_or_else(|| refuse(format!("picture {number} is missing, of which {table} speaks")))
+        pictures.remove(&number).ok_or_else(|| refuse(format!("picture {number}, listed in {table}, is missing")))
     };
     let ordered = (0..rows).map(picture).collect::<Result<Vec<_>>>()?;
     match pictures.first_key_value() {
         None => Ok(ordered),
-        Some((number, _)) => Err(refuse(format!("{table} says nothing of picture {number}"))),
+        Some((number, _)) => Err(refuse(format!("picture {number} is not listed in {table}"))),
     }
 }
 

@@ -76,7 +76,7 @@ fn draft(folder: &Path, scene: Option<Scene>) -> Result<Draft> {
     let labels = Table::from_file(&folder.join(LABELS))?;
     let times = Table::from_file(&folder.join(TIMES))?;
     if labels.rows.len() != times.rows.len() {
-        let reason = format!("{LABELS} has {} rows, {TIMES} {}", labels.rows.len(), times.rows.len());
+        let reason = format!("{LABELS} has {} rows, but {TIMES} has {}", labels.rows.len(), times.rows.len());
         return Err(Error::Data { what: folder.display().to_string(), reason });
     }
     let pictures = one_a_row(folder, "frame", labels.rows.len(), LABELS)?;
@@ -110,7 +110,7 @@ fn beside(folder: &Path, name: &str) -> Result<PathBuf> {
     let above = folder.ancestors().take(4);
     let mut places = above.flat_map(|above| [above.join(name), above.join(camera).join(name)]);
     places.find(|path| path.is_file()).ok_or_else(|| {
-        let reason = format!("has no {name}, nor have its camera's folders");
+        let reason = format!("has no {name}, and neither have its camera's folders");
         Error::Data { what: folder.display().to_string(), reason }
     })
 }
@@ -125,7 +125,7 @@ fn seconds(times: &Table) -> Result<Vec<f64>> {
     };
     let all = times.rows.iter().map(nanoseconds).collect::<Result<Vec<i128>>>()?;
     if let Some(at) = all.windows(2).position(|pair| pair[1] <= pair[0]) {
-        let reason = format!("must grow from frame to frame: {} follows {}", all[at + 1], all[at]);
+        let reason = format!("must increase from frame to frame: {} follows {}", all[at + 1], all[at]);
         return Err(Error::value(&times.rows[at + 1].what, "timestamp", reason));
     }
     let first = all.first().copied().unwrap_or_default();
@@ -158,7 +158,7 @@ fn position(camera: &Camera, image: &Point2<f64>, depth: &Path, metadata: &Metad
     let picture = Picture::open(depth).map_err(|error| refuse(error.to_string()))?;
     if picture.size() != metadata.resized {
         let (found, expected) = (picture.size(), metadata.resized);
-        return Err(refuse(format!("is {found} px, {} says {expected}", metadata.what)));
+        return Err(refuse(format!("is {found} px, but {} says {expected}", metadata.what)));
     }
     let [width, height] = [metadata.resized.width, metadata.resized.height].map(i64::from);
     let (column, row) = (image.x.round() as i64, image.y.round() as i64);
@@ -186,10 +186,9 @@ impl Metadata {
         };
         let side = |name: &str| -> Result<u32> {
             let side = row.count(table.column(name)?)?;
-            u32::try_from(side)
-                .ok()
-                .filter(|side| *side > 0)
-                .ok_or_else(|| Error::value(&row.what, name, format!("must be a picture's side, not {side}")))
+            u32::try_from(side).ok().filter(|side| *side > 0).ok_or_else(|| {
+                Error::value(&row.what, name, format!("must be a picture's width or height in px, not {side}"))
+            })
         };
         let max_depth = row.number(table.column("max_depth")?)?;
         if max_depth <= 0.0 {

@@ -105,8 +105,8 @@ impl Draft {
             return Ok(());
         }
         let reason = format!(
-            "its matrices do not belong to {LABELS}: {} of {both} balls are behind the camera, the others on average {mean:.1} \
-             px from their labels",
+            "its matrices do not belong to {LABELS}: {} of {both} balls are behind the camera, the others are {mean:.1} px \
+             from their labels on average",
             both - distances.len()
         );
         Err(Error::Data { what: info.display().to_string(), reason })
@@ -126,7 +126,7 @@ impl Matrices {
         let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty());
         let refuse = |what: String, message: String| Error::Format { what, message };
         let mut rows = |name: &str, count: usize| -> Result<Vec<Vec<f64>>> {
-            let missing = || refuse(what.into(), format!("line `{name}` and {count} rows below it are needed"));
+            let missing = || refuse(what.into(), format!("must have a line `{name}` and {count} rows below it"));
             lines.find(|(_, line)| line.trim().trim_end_matches([':', ',']) == name).ok_or_else(missing)?;
             let row = |_| {
                 let (index, line) = lines.next().ok_or_else(missing)?;

@@ -19,7 +19,11 @@ pub(super) fn jobs(source: &Path, options: &ImportOptions) -> Result<Vec<Job>> {
         false => vec![source.to_path_buf()],
     };
     if options.pictures.is_some() && tracks.len() > 1 {
-        let reason = format!("{} holds {} tracks, each has its own", source.display(), tracks.len());
+        let reason = format!(
+            "cannot be used: {} holds {} tracks, and each has its own pictures",
+            source.display(),
+            tracks.len()
+        );
         return Err(Error::value("import", "pictures", reason));
     }
     let root = if source.is_dir() { source } else { source.parent().unwrap_or(Path::new("")) };

@@ -93,7 +93,7 @@ pub(super) fn draft(
     let (labels, nowhere) = &without_nowhere(labels.clone());
     let seen = || labels.iter().filter(|(_, label)| label.image.is_some()).map(|(number, _)| *number);
     let (Some(first), Some(last)) = (seen().next(), seen().next_back()) else {
-        return Err(Error::Data { what, reason: "no frame of it has a label".into() });
+        return Err(Error::Data { what, reason: "has no labelled frame".into() });
     };
     let clock = options.fps.is_none().then(|| Clock::of(labels)).flatten();
     let fps = options.fps.or(clock.as_ref().map(Clock::fps));
@@ -107,7 +107,7 @@ pub(super) fn draft(
     let mut told = labels.range(first..=last);
     if let Some((number, label)) = told.find(|(number, label)| !label.carried && !frames.pictures.contains_key(number))
     {
-        let reason = format!("is not in {what}; check that both count frames alike");
+        let reason = format!("is not in {what}; check that labels and video count frames alike");
         return Err(Error::value(&label.what, format!("frame {number}"), reason));
     }
     let nothing = Labelled { what: what.clone(), image: None, time: None, carried: false };
@@ -182,7 +182,7 @@ fn decoded(video: &Path, [first, last]: [u64; 2], fps: Option<f64>, scratch: &Pa
     let refuse = |reason: String| Error::Data { what: video.display().to_string(), reason };
     let last = last.min((all.len() as u64).saturating_sub(1));
     if first > last || all.is_empty() {
-        return Err(refuse(format!("has {} frames, the first label is of frame {first}", all.len())));
+        return Err(refuse(format!("has {} frames, but the first label is for frame {first}", all.len())));
     }
     let start = if fps.is_some() { all[first as usize] } else { 0.0 };
     let times: Vec<f64> = all[first as usize..=last as usize].iter().map(|time| time - start).collect();
@@ -191,7 +191,7 @@ fn decoded(video: &Path, [first, last]: [u64; 2], fps: Option<f64>, scratch: &Pa
     let pictures = by_number(scratch, "")?;
     if pictures.len() != times.len() {
         let reason = format!(
-            "ffmpeg gave {} frames where ffprobe counts {}; the file may be damaged",
+            "ffmpeg decoded {} frames, but ffprobe counts {}; the file may be damaged",
             pictures.len(),
             times.len()
         );

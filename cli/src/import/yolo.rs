@@ -39,7 +39,7 @@ pub(super) fn drawn(source: &Path, options: &ImportOptions) -> Result<Drawn> {
     let names = names(&data, root)?;
     let folder = options.pictures.as_deref().unwrap_or(root);
     if !folder.is_dir() {
-        return Err(Error::Data { what: folder.display().to_string(), reason: "is no folder of pictures".into() });
+        return Err(Error::Data { what: folder.display().to_string(), reason: "is not a folder of pictures".into() });
     }
     let picture = |file: PathBuf| {
         let within = file.strip_prefix(folder).unwrap_or(&file).to_path_buf();
@@ -110,7 +110,7 @@ fn shapes(path: &Path, names: &[(usize, String)], [width, height]: [f64; 2]) -> 
             }
             _ => {
                 let message = format!(
-                    "must be a box (class, cx, cy, width, height, and maybe a confidence), not `{}`",
+                    "must be a box (class, cx, cy, width, height and optionally a confidence), not `{}`",
                     line.trim()
                 );
                 return Err(refuse(message));

@@ -63,7 +63,7 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
         for (index, fitted) in fit.frames.iter().enumerate() {
             let frame = segment.frames.start + index;
             if let Some(ball) = ball(frame).filter(|_| fitted.outlier) {
-                add(DoubtKind::Off, frame, ball, "what was found lies off the flight".into());
+                add(DoubtKind::Off, frame, ball, "the detection lies off the flight".into());
             }
         }
         for (number, flight) in fit.flights.iter().enumerate().filter(|(_, flight)| !flight.explained) {
@@ -73,7 +73,7 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
                 .filter(|&frame| ball(frame).is_some())
                 .collect();
             if let Some(&frame) = of.get(of.len() / 2) {
-                let why = flight.reason.clone().unwrap_or_else(|| "its labels are not those of a flight".into());
+                let why = flight.reason.clone().unwrap_or_else(|| "no flight fits its labels".into());
                 add(DoubtKind::Unexplained, frame, ball(frame).unwrap_or_default(), format!("not explained: {why}"));
             }
         }
@@ -82,7 +82,12 @@ pub fn doubts(tracked: &TrackedVideo) -> Vec<Doubt> {
     for &frame in &seen {
         let confidence = tracked.frames[frame].confidence;
         if let Some(ball) = ball(frame).filter(|_| confidence < DOUBTFUL) {
-            add(DoubtKind::Unsure, frame, ball, format!("{:.0} % sure that this is the ball", 100.0 * confidence));
+            add(
+                DoubtKind::Unsure,
+                frame,
+                ball,
+                format!("the ball with a probability of only {:.0} %", 100.0 * confidence),
+            );
         }
     }
     for pair in seen.windows(2) {
@@ -128,7 +133,7 @@ pub fn chapter(doubts: &[Doubt], looks: &BTreeMap<usize, String>) -> String {
     if parts.is_empty() {
         return String::new();
     }
-    let lead = "The ring is where the ball was found, or should be. Where it is elsewhere, --seed-label FRAME,X,Y says so, and what \
-                follows from it is put right.";
-    html::section("What is doubtful", lead, &html::strip(&parts))
+    let lead = "The ring marks where the ball was found, or is expected. If it is wrong, run again with --seed-label FRAME,X,Y at \
+                the ball's position; the track is then recomputed.";
+    html::section("Doubtful frames", lead, &html::strip(&parts))
 }

@@ -14,8 +14,8 @@ const DRAWN_SIGMAS: f64 = 2.0;
 const TEXT: f64 = 0.032;
 const DOT: f64 = 0.006;
 /// Which numbers are bold.
-const RULE: &str = "Bold: known to 0.3 m and to a tenth of the distance from the camera (a position), to a tenth (a speed, a spin). \
-                    Grey: known less well; ± is 1 σ.";
+const RULE: &str = "Bold: positions known to within 0.3 m and a tenth of their distance from the camera; speeds and spins known to \
+                    within a tenth. Grey: known less well. ± is 1 σ.";
 
 /// The page's head: what was looked at, and what came out.
 pub fn head(name: &str, findings: &Findings) -> String {
@@ -39,7 +39,7 @@ pub fn remarks(findings: &Findings) -> String {
         let unknown: Vec<String> =
             unknown.map(|contact| format!("{} at {:.2} s", contact.what, contact.time)).collect();
         if !unknown.is_empty() {
-            let what = format!("Doubtful, and where it was is not known: {}.", unknown.join(", "));
+            let what = format!("Doubtful, position unknown: {}.", unknown.join(", "));
             list += &html::text("p", &what);
         }
         body += &html::folded("What is not explained, and why", &list);
@@ -68,8 +68,12 @@ pub fn flights(findings: &Findings) -> String {
     // Said once, where the first such numbers are.
     let rule = if contacts(findings).is_empty() { RULE } else { "" };
     if !rows.is_empty() {
-        let table = html::cells(&["Flight", "when", "speed at its start", "spin"], &rows);
-        body += &html::section("Flights", format!("From hit to hit; bounces are within. {rule}").trim_end(), &table);
+        let table = html::cells(&["Flight", "when", "initial speed", "spin"], &rows);
+        body += &html::section(
+            "Flights",
+            format!("Each flight lasts from hit to hit and may contain bounces. {rule}").trim_end(),
+            &table,
+        );
     }
     body
 }
@@ -99,15 +103,16 @@ pub fn contacts(findings: &Findings) -> String {
             row
         };
         let rows: Vec<Vec<Cell>> = known.iter().map(row).collect();
-        let head = ["What", "when", "where", "arrives at", "within the lines"];
+        let head = ["What", "when", "where", "impact speed", "within the lines"];
         let table = html::cells(&head[..if lined { 5 } else { 4 }], &rows);
         cards.push(table);
     }
     if cards.is_empty() {
         return String::new();
     }
-    let lead =
-        format!("Bounces on what the scene holds, hits by what it does not. From above: x to the right, y up. {RULE}");
+    let lead = format!(
+        "Bounces are off surfaces of the scene; hits are by anything else. Top view: x to the right, y up. {RULE}"
+    );
     html::section("Bounces and hits", &lead, &html::row("contacts", &cards))
 }
 
@@ -117,7 +122,7 @@ fn measured(number: Option<&Measured>) -> Cell {
         let axes = ["x ", "y ", "z "]
             .iter()
             .fold(value.to_string(), |value, axis| value.replace(axis, &axis.replace(' ', "\u{a0}")));
-        axes.replace(" m", "\u{a0}m").replace(" turns", "\u{a0}turns")
+        axes.replace(" m", "\u{a0}m").replace(" rev", "\u{a0}rev")
     };
     number.map_or_else(
         || Cell::vague("not known".into(), String::new()),
@@ -131,7 +136,7 @@ fn measured(number: Option<&Measured>) -> Cell {
 /// The place from above with its bounces; none where no bounce is known.
 fn plan(findings: &Findings) -> Option<String> {
     let plan = findings.plan.as_ref().filter(|plan| !plan.bounces.is_empty())?;
-    let caption = "Bounces by number; an ellipse holds the place with a probability of 86 % (2 σ)";
+    let caption = "Bounces by number; the ellipse contains the bounce with a probability of 86 % (2 σ)";
     Some(html::figure(&drawing(plan), caption, &[]))
 }
 

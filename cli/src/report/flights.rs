@@ -60,7 +60,7 @@ fn segment(flights: &Flights<'_>) -> Result<String> {
     let mut body =
         html::section("In metres", "How well the labels and the laws of motion agree.", &html::tiles(&tiles(flights)));
     body +=
-        &html::section("The ball's way", "In the world's frame: metres, z up.", &html::row("", &in_space(flights)?));
+        &html::section("The ball's path", "In the world's frame: metres, z up.", &html::row("", &in_space(flights)?));
     body +=
         &html::section("Labels and trajectory", "In the picture: pixels.", &html::row("", &in_the_picture(flights)?));
     Ok(body)
@@ -72,7 +72,7 @@ fn tiles(flights: &Flights<'_>) -> Vec<[String; 3]> {
     let sigmas = fit.known_sigmas(flights.camera);
     let position = match sigmas.get(sigmas.len() / 2) {
         Some(&median) => {
-            [format!("{} cm", cm(median)), format!("median of the {} frames in which it is known", sigmas.len())]
+            [format!("{} cm", cm(median)), format!("median of the {} frames with a known position", sigmas.len())]
         }
         None => ["not known".into(), "no flight is explained".into()],
     };
@@ -86,7 +86,7 @@ fn tiles(flights: &Flights<'_>) -> Vec<[String; 3]> {
     let tile = |name: &str, [value, about]: [String; 2]| [name.into(), value, about];
     vec![
         tile("Position, 1-σ", position),
-        tile("Fastest start", fastest),
+        tile("Highest initial speed", fastest),
         [
             "Flights explained".into(),
             format!("{explained} of {}", fit.flights.len()),
@@ -143,7 +143,7 @@ fn in_space(flights: &Flights<'_>) -> Result<Vec<String>> {
     let caption = match (fit.explained, frames.len() < fit.frames.len()) {
         (true, _) => "In space, with its shadow on the ground",
         (false, true) => "In space, with its shadow on the ground; flights that are not explained are left out",
-        (false, false) => "Doubtful, for no flight is explained: in space, with its shadow on the ground",
+        (false, false) => "Doubtful because no flight is explained: in space, with its shadow on the ground",
     };
     let mut cards = vec![html::figure(&space, caption, &[("found", "the ball")])];
     for (axis, label) in ["x, m", "y, m", "z, m"].into_iter().enumerate() {
@@ -175,9 +175,8 @@ fn in_the_picture(flights: &Flights<'_>) -> Result<Vec<String>> {
     // Rows count downwards.
     let y = Axis::new("y, px", f64::from(size.height)..0.0);
     let marks = [Mark::Dots(labels, TRUTH), Mark::Dots(outliers, OTHER), Mark::Line(way, FOUND)];
-    let keys = [("truth", "labels"), ("other", "outliers"), ("found", "the trajectory's picture")];
-    let mut cards =
-        vec![html::figure(&plots::chart(&x, &y, &marks)?, "What was seen, and what should have been", &keys)];
+    let keys = [("truth", "labels"), ("other", "outliers"), ("found", "the projected trajectory")];
+    let mut cards = vec![html::figure(&plots::chart(&x, &y, &marks)?, "Labels and projected trajectory", &keys)];
     let residual = |axis: usize| -> Vec<(f64, f64)> {
         let of = |frame: &FittedFrame| Some((frame.time, frame.residual_px.filter(|_| !frame.outlier)?[axis]));
         fit.frames.iter().filter_map(of).collect()

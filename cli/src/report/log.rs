@@ -51,9 +51,9 @@ pub fn chapter(log: &Log) -> Result<String> {
         let drawing = drawn([(curve, ACCENT)].into_iter(), unit)?;
         cards.push(html::figure(&drawing, &format!("Validation: {name}"), &[]));
     }
-    let lead = "Vertical axes are logarithmic; a point of a loss is the mean of the steps up to the next. \
-                Validation scores the averaged weights: forecast_px, the median forecast error, chooses those that are kept; of the others means are shown. A curve that is still falling asks for \
-                more steps.";
+    let lead = "Vertical axes are logarithmic. Each point of a loss curve is the mean over the steps up to the next point. Validation \
+                scores the averaged weights; those with the lowest forecast_px, the median forecast error, are kept. The other scores are \
+                means. If a curve is still falling, train for more steps.";
     Ok(html::section("How it was trained", lead, &html::row("", &cards)))
 }
 
@@ -82,8 +82,9 @@ impl Log {
             let what = || format!("{}:{}", path.display(), index + 1);
             let fields: Map<String, Value> = serde_json::from_str(line).map_err(Error::format(what()))?;
             let step = fields.get("step").and_then(Value::as_f64);
-            let step =
-                step.ok_or_else(|| Error::format(what())("missing field `step`: is this a training's log.jsonl?"))?;
+            let step = step.ok_or_else(|| {
+                Error::format(what())("missing field `step`: is this the log.jsonl of a training run?")
+            })?;
             for (name, value) in fields.iter().filter(|(name, _)| !OTHERS.contains(&name.as_str())) {
                 if let Some(value) = value.as_f64() {
                     curves.losses.entry(name.clone()).or_default().push((step, value));

@@ -30,9 +30,9 @@ pub fn tiles(metrics: &Metrics) -> Vec<[String; 3]> {
     vec![
         tile("Distance to truth", &metrics.dtg, 100.0, 1, "cm"),
         visible,
-        tile("… per distance", &metrics.dtg_relative, 100.0, 2, "%"),
-        tile("In the picture", &metrics.image_error_px, 1.0, 2, "px"),
-        ["Time a picture".into(), format!("{network} ms"), format!("{with_decoding} with decoding (medians)")],
+        tile("… relative to distance", &metrics.dtg_relative, 100.0, 2, "%"),
+        tile("Error in the picture", &metrics.image_error_px, 1.0, 2, "px"),
+        ["Time per picture".into(), format!("{network} ms"), format!("{with_decoding} with decoding (medians)")],
     ]
 }
 
@@ -53,13 +53,13 @@ pub fn accuracy(report: &Report<'_>, metrics: &Metrics) -> Result<String> {
         &[Mark::Bars { edges, heights }],
     )?;
     let largest = dtg.last().copied().unwrap_or_default();
-    let caption = format!("How far off. {beyond} pictures lie beyond, up to {} cm", cm(largest));
+    let caption = format!("Distribution of errors. {beyond} pictures lie beyond the axis, up to {} cm", cm(largest));
     let (by_depth, table) = by_depth(report, metrics)?;
     let keys = [("accent", "mean"), ("found", "median")];
     let cards = [html::figure(&histogram, &caption, &[]), html::figure(&by_depth, "By true depth", &keys)];
     let lead = "Distance to ground truth (DtG) is the distance in space between the position found and the true \
-                one. All pictures count, also those in which something hides the ball. A depth bin holds its lower \
-                edge, the last one its upper edge, too.";
+                one. All pictures count, also those in which something hides the ball. A depth bin includes its \
+                lower edge; the last one also includes its upper edge.";
     Ok(html::section("How far off", lead, &(html::row("", &cards) + &table)))
 }
 
@@ -126,9 +126,9 @@ pub fn places(report: &Report<'_>) -> String {
         return String::new();
     }
     let head = ["Where", "Pictures", "DtG, cm", "Median", "The paper, cm"];
-    let lead = "Environments and cameras as the clips' ids name them. The paper's numbers (mean ± deviation, and \
-                the model they are of) stand only where the clips are of its data sets; those of an environment are \
-                over all of its nine cameras.";
+    let lead = "Environments and cameras are named as in the clips' ids. The paper's numbers (mean ± standard \
+                deviation, and the model) are shown only for clips from its data sets; those of an environment are \
+                over all its nine cameras.";
     html::section("Environments and cameras", lead, &html::table(&head, &rows))
 }
 
@@ -149,9 +149,9 @@ pub fn confidence(metrics: &Metrics) -> Result<String> {
         groups().map(|(confidence, group)| (confidence, group.dtg.mean.unwrap_or_default() * 100.0)).collect();
     let (right, about) = match metrics.confidence_kind {
         Some(ConfidenceKind::BallProbability) => (
-            "fraction in which it is the ball",
-            "The confidence is the probability that what was found is a ball. It is the ball where the label lies inside the outline \
-             found.",
+            "fraction in which the detection is the ball",
+            "The confidence is the probability that the detection is the ball. It counts as the ball if the label lies inside the \
+             detected outline.",
         ),
         Some(ConfidenceKind::HeatmapMass) | None => (
             "fraction found within 12 px",
@@ -173,14 +173,14 @@ pub fn confidence(metrics: &Metrics) -> Result<String> {
         &Axis::new("mean DtG, cm", 0.0..top),
         &[Mark::Line(dtg.clone(), ACCENT), Mark::Dots(dtg, ACCENT)],
     )?;
-    let keys = [("accent", "this model"), ("other", "a confidence that is right")];
+    let keys = [("accent", "this model"), ("other", "perfect calibration")];
     let cards = [
-        html::figure(&calibration, "Confidence against what came of it", &keys),
+        html::figure(&calibration, "Confidence against accuracy", &keys),
         html::figure(&error, "Distance to ground truth by confidence", &[]),
     ];
     let lead = format!(
-        "{about} Pictures are sorted by it into groups of equally many; a dot is a group. Above the line the model is too modest, \
-         below it too sure."
+        "{about} Pictures are sorted by confidence into groups of equal size; each dot is a group. Above the line the model is \
+         under-confident, below it over-confident."
     );
-    Ok(html::section("Does it know?", &lead, &html::row("", &cards)))
+    Ok(html::section("Calibration of the confidence", &lead, &html::row("", &cards)))
 }

@@ -85,7 +85,7 @@ fn bad(report: &Report<'_>, sample: &Sample) -> Result<String> {
     let hidden = if sample.visible { "" } else { ", ball hidden" };
     let caption = format!("{} cm off: {}, frame {}{hidden}", cm(sample.dtg()), sample.clip, sample.place[1]);
     let details = format!(
-        "Depth {:.2} m, truly {:.2} m. {:.1} px off. Confidence {:.2}.",
+        "Depth {:.2} m, true depth {:.2} m. Error in the picture {:.1} px. Confidence {:.2}.",
         found.depth,
         sample.true_depth,
         sample.image_error(),
@@ -113,11 +113,11 @@ pub fn saliency(report: &Report<'_>) -> Result<String> {
         Ok(html::figure(&glow, &format!("{} cm off", cm(sample.dtg())), &[]))
     };
     let cards = some.map(card).collect::<Result<Vec<_>>>()?;
-    let lead = "|∂depth/∂pixel|: how far the depth found would move if a pixel got brighter, from black to white \
-                (paper, “Interpretation of the learning process”). What glows is what the network measures the \
-                depth by; colours follow its square root, so that weak traces show. From a good picture to a bad \
-                one.";
-    Ok(html::section("What the depth looks at", lead, &html::row("four", &cards)))
+    let lead = "|∂depth/∂pixel|: how much the estimated depth would change if a pixel went from black to white \
+                (paper, “Interpretation of the learning process”). Bright pixels are those from which the \
+                network estimates the depth; colours show the square root, so that weak values are visible. \
+                Sorted from good pictures to bad ones.";
+    Ok(html::section("Pixels that determine the depth", lead, &html::row("four", &cards)))
 }
 
 /// The picture of `sample`.

@@ -63,7 +63,7 @@ pub fn chapter(tracked: &TrackedVideo, size: Size) -> Result<String> {
             "",
             &[
                 html::figure(&path, "Where the ball was found", &[("found", "a frame")]),
-                html::figure(&sure, "How sure it is that this is the ball", &[("accent", "a frame")]),
+                html::figure(&sure, "Probability that this is the ball", &[("accent", "a frame")]),
             ],
         );
     }

@@ -35,8 +35,8 @@ pub fn chapter(report: &Report<'_>) -> Result<String> {
         html::figure(&depth, "Depth over time", &KEYS),
     ];
     let lead = format!(
-        "Clip {}: {} pictures, each localised by itself, {} cm off on average. It is the clip in the middle: half of \
-         the others are better.",
+        "Clip {}: {} pictures, each localised on its own; mean error {} cm. This is the median clip: half of the \
+         others are better.",
         clip.id,
         samples.len(),
         cm(mean)

@@ -34,7 +34,7 @@ pub fn frame_times(video: &Path) -> Result<Vec<f64>> {
     if packets.len() == shown.len() {
         return Ok(packets);
     }
-    let reason = format!("says the times of {} of its {} frames; give --fps", known.len(), shown.len());
+    let reason = format!("has times for only {} of its {} frames; give --fps", known.len(), shown.len());
     Err(Error::Data { what: video.display().to_string(), reason })
 }
 
@@ -118,8 +118,8 @@ fn passthrough(video: &Path) -> Result<[&'static str; 2]> {
 fn cannot_run(program: &str, error: &std::io::Error, video: &Path) -> Error {
     let reason = match error.kind() {
         std::io::ErrorKind::NotFound => format!(
-            "videos are read by `{program}`, which is not installed; install ffmpeg (apt install ffmpeg, brew install \
-             ffmpeg, winget install ffmpeg), or give a folder of frames (to import with --pictures)"
+            "reading videos needs `{program}`, which is not installed; install ffmpeg (apt install ffmpeg, brew \
+             install ffmpeg, winget install ffmpeg), or give a folder of frames (for import, with --pictures)"
         ),
         _ => format!("`{program}` cannot be run: {error}"),
     };
@@ -196,12 +196,13 @@ impl Oddities {
     pub fn words(&self) -> Vec<String> {
         let all = [
             (self.interlaced).then(|| {
-                "it is interlaced: of every frame the first half picture is taken, so small balls are seen half as well as they \
-                 could be; `ffmpeg -i IN -vf bwdif=send_field OUT` makes of it twice the frames a second"
+                "it is interlaced: only the first field of every frame is used, so small balls are harder to detect; `ffmpeg -i \
+                 IN -vf bwdif=send_field OUT` converts it to twice as many frames per second"
                     .to_string()
             }),
-            self.hdr.then(|| "it is of high dynamic range, which is seen flat: less contrast, small balls may be missed".into()),
-            (self.others > 0).then(|| format!("it has {} streams of pictures: the first is taken", self.others + 1)),
+            self.hdr.then(|| "it has a high dynamic range (HDR), which is read without tone mapping: contrast is low, \
+                              and small balls may be missed".into()),
+            (self.others > 0).then(|| format!("it has {} video streams: the first is used", self.others + 1)),
         ];
         all.into_iter().flatten().collect()
     }
@@ -270,13 +271,13 @@ impl VideoStream {
             match count {
                 Ok(0) if words.is_empty() => return self.ended(),
                 Ok(1..) => words.extend(line.split_whitespace().map(str::to_owned)),
-                _ => return Err(self.refuse("its pictures break off")),
+                _ => return Err(self.refuse("its frames are truncated")),
             }
         }
         let numbers: Vec<u32> = words[1..].iter().filter_map(|word| word.parse().ok()).collect();
         let &[width, height, 255] = numbers.as_slice() else { return Err(self.refuse("ffmpeg gave no picture")) };
         let mut bytes = vec![0; 3 * width as usize * height as usize];
-        self.pictures.read_exact(&mut bytes).map_err(|_| self.refuse("its pictures break off"))?;
+        self.pictures.read_exact(&mut bytes).map_err(|_| self.refuse("its frames are truncated"))?;
         Ok(RgbImage::from_raw(width, height, bytes))
     }
 

@@ -102,12 +102,12 @@ impl Probe {
     pub fn refusal(&self) -> String {
         let rate = self.rate().map_or(String::new(), |rate| {
             let digits = if rate.fract().abs() < 5e-4 { 0 } else { 3 };
-            format!(" (it seems to have {rate:.digits$} a second, which may be a default and nobody's word)")
+            format!(" (ffprobe reports {rate:.digits$} per second, which may be just a default)")
         });
         match self.has_times() {
-            true => "has no picture, or says no times of its frames; give --fps".into(),
+            true => "has no frames, or no times for them; give --fps".into(),
             false => format!(
-                "is a raw stream ({}), which says no times of its frames; give --fps: how many were taken a second{rate}",
+                "is a raw stream ({}) without times for its frames; give the frames per second with --fps{rate}",
                 self.formats
             ),
         }

@@ -141,7 +141,7 @@ fn what_has_changed_is_done_again_and_another_commands_folder_is_refused() {
         let arguments = [&["batch", "list.txt", "--out", out][..], &LOCALISE].concat();
         gravisight(&folder, &arguments).output().unwrap()
     };
-    refused(&into("."), "which no batch made");
+    refused(&into("."), "which was not written by a batch");
     assert_eq!(status(&batch(&[])), ["was there"; 3]);
 }
 
@@ -213,7 +213,7 @@ fn the_recipe_for_parallel_works() {
 fn what_is_no_batch_is_refused() {
     let folder = folder_of("refused", 2);
     let cases: [(&[&str], &str); 5] = [
-        (&["batch", "list.txt", "--out", "r", "--", "train", "{}"], "no subcommand for a batch"),
+        (&["batch", "list.txt", "--out", "r", "--", "train", "{}"], "cannot be run as a batch"),
         (&["batch", "list.txt", "--out", "r", "--", "localise", "{}", "--kamera", "c.json"], "--kamera"),
         (&["batch", "list.txt", "--out", "r", "--", "track", "a.mp4"], "names no input"),
         (&["batch", "none.txt", "--out", "r", "--", "track", "{}"], "none.txt"),

@@ -199,7 +199,7 @@ fn evaluate_writes_a_report_and_says_how_fast_it_was() {
     let out = scratch("report-command").join("report.html");
     let output = gravisight(&["evaluate", "--data", "tests/samples", "--report", text(&out)]);
     let words = String::from_utf8(output.stdout).unwrap();
-    for word in ["DtG, ball seen", "network", "with decoding"] {
+    for word in ["DtG, ball visible", "network", "with decoding"] {
         assert!(words.contains(word), "{words}");
     }
     assert!(String::from_utf8(output.stderr).unwrap().contains("24/24 pictures"));
@@ -218,7 +218,7 @@ fn saliency_is_strongest_around_the_ball() {
     assert!(found["saliency"]["full_m"].as_f64().unwrap() > 0.0);
     let drawn = image::open(&out).unwrap().into_rgb8();
     assert_eq!(drawn.dimensions(), image::open(file).unwrap().into_rgb8().dimensions());
-    assert!(String::from_utf8(gravisight(&arguments).stdout).unwrap().contains("of it within 12 px"));
+    assert!(String::from_utf8(gravisight(&arguments).stdout).unwrap().contains("% within 12 px of the ball"));
     let refused = gravisight(&["saliency", text(file), "--camera", text(camera), "--out", "out.jpg"]);
     assert_eq!(refused.status.code(), Some(1));
     assert!(String::from_utf8(refused.stderr).unwrap().contains("--out writes a PNG"));
@@ -374,7 +374,7 @@ fn fit_refuses_in_one_line() {
     refused(fit(&folder, &["--estimate", "spin,spin"]), "twice");
     for (csv, words) in [
         ("x,y\n1,2\n", "no column `Frame`"),
-        ("Frame,Visibility,X,Y\n0,1,1,1\n", "seen in 1 frames"),
+        ("Frame,Visibility,X,Y\n0,1,1,1\n", "labelled in 1 frames"),
         ("Frame,Visibility,X,Y\n0,1,1,1\n0,1,2,2\n", "must ascend"),
         ("Frame,Visibility,X,Y\n0,1,nan,1\n", "track.csv:2: `X` must be a finite number"),
         ("Frame,Visibility,X,Y\n0,1,one,1\n", "track.csv"),
@@ -568,7 +568,7 @@ fn fit_of_an_unknown_spin_says_whether_it_knows_how_far_away_the_ball_is() {
     assert_eq!(output.status.code(), Some(3));
     let found = json(&output);
     assert_eq!(found["explained"], false);
-    assert!(found["flights"][0]["reason"].as_str().unwrap().contains("how far away"), "{found}");
+    assert!(found["flights"][0]["reason"].as_str().unwrap().contains("distance is unknown"), "{found}");
     let message = String::from_utf8(fit(&["--hits", "many"]).stderr).unwrap();
     assert!(message.contains("auto"), "{message}");
 }

@@ -81,10 +81,7 @@ fn nothing_of_a_flight_that_is_not_explained_is_told_as_a_fact() {
     }
     assert!(said.contains("positions: not known") && !said.contains("starts at"), "{said}");
     let page = std::fs::read_to_string(folder.join("plot.html")).unwrap();
-    assert!(
-        page.contains("explained: there are no metres") && page.contains("where it was is not known"),
-        "{page:.2000}"
-    );
+    assert!(page.contains("explained: no positions in metres") && page.contains("position unknown"), "{page:.2000}");
     // Why is folded away, and no number is bold.
     assert!(page.contains("<summary>What is not explained, and why</summary>") && !page.contains("<strong>"));
     for contact in contacts {
@@ -98,7 +95,11 @@ fn a_column_of_times_counts_and_that_is_said() {
     let folder = bounce("times");
     let fit = |more: &[&str]| gravisight(&folder, &[&FIT[..], more].concat());
     let output = fit(&["--track", "timed.csv", "--fps", "30"]);
-    assert!(output.status.success() && errors(&output).contains("column Time counts; --fps 30"), "{}", errors(&output));
+    assert!(
+        output.status.success() && errors(&output).contains("column Time, so --fps 30 is ignored"),
+        "{}",
+        errors(&output)
+    );
     assert!(errors(&fit(&["--track", "timed.csv"])).is_empty());
 }
 
@@ -121,15 +122,16 @@ fn a_report_without_a_flight_says_why_and_one_without_a_camera_how_to_get_metres
     assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert!(
-        found["verdict"].as_str().unwrap().starts_with("no ball") && found["frames"].as_array().unwrap().len() == 40
+        found["verdict"].as_str().unwrap().starts_with("no flying ball")
+            && found["frames"].as_array().unwrap().len() == 40
     );
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
-    assert!(page.contains("No ball was found: nothing flies in these 40 frames.") && page.ends_with("</html>\n"));
+    assert!(page.contains("No flying ball was found in these 40 frames.") && page.ends_with("</html>\n"));
     std::fs::remove_file(folder.join("report.html")).unwrap();
     let output = track(&["--report", "report.html"]);
     assert_eq!(output.status.code(), Some(1), "{}", errors(&output));
     let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
-    for said in ["No ball was found", "0 of 40", "--camera camera.json", "--scene NAME"] {
+    for said in ["No flying ball was found", "0 of 40", "--camera camera.json", "--scene NAME"] {
         assert!(page.contains(said), "{said}");
     }
 }
@@ -153,7 +155,9 @@ fn raw_streams_are_read_at_the_rate_that_is_given_and_asked_for_one_otherwise() 
             match rest {
                 "" => assert!(!said.contains("--fps"), "{name}: {said}"),
                 rest => assert!(
-                    output.status.code() == Some(1) && said.contains(rest) && said.contains("give --fps"),
+                    output.status.code() == Some(1)
+                        && said.contains(rest)
+                        && said.contains("give the frames per second with --fps"),
                     "{said}"
                 ),
             }
@@ -247,11 +251,11 @@ fn a_camera_below_the_ground_is_said_wherever_it_is_used() {
     let localise = ["localise", "grey.png", "--camera", "camera.json"];
     for more in [&["--ball-radius", "0.0335"][..], &["--model", "sd-l", "--json"][..]] {
         let said = words(&gravisight(&folder, &[&localise[..], more].concat()));
-        assert!(said.contains("the camera stands 3.0 m below z = 0 m"), "{said}");
+        assert!(said.contains("the camera is 3.0 m below z = 0 m"), "{said}");
     }
     let output = gravisight(&folder, &[&FIT[..], &["--track", "track.csv", "--fps", "60"]].concat());
     assert!(
-        words(&output).contains("the camera stands 3.0 m below z = 0 m") || !output.status.success(),
+        words(&output).contains("the camera is 3.0 m below z = 0 m") || !output.status.success(),
         "{}",
         errors(&output)
     );

@@ -219,7 +219,7 @@ fn what_is_wrong_is_refused_with_file_and_line() {
     let rd = "rd/real_dataset/train/camera1/0/";
     let cases: [(&str, &str, &str, &str, &[&str]); 49] = [
         ("sd", "label.csv", "0.066666667", "nan", &["label.csv:3", "`t`", "finite"]),
-        ("sd", "label.csv", "0.066666667", "-1", &["label.csv:3", "grow"]),
+        ("sd", "label.csv", "0.066666667", "-1", &["label.csv:3", "increase"]),
         ("sd", "label.csv", "ball imgy", "ball imgz", &["label.csv:1", "ball imgy"]),
         ("sd", "label.csv", "-0.800000000, 0.5", "-0.8x, 0.5", &["label.csv:2", "ball x", "-0.8x"]),
         ("sd", "label.csv", ", 1\n", "\n", &["label.csv:2", "ball visible"]),
@@ -234,7 +234,7 @@ fn what_is_wrong_is_refused_with_file_and_line() {
         ("rd", "labels.csv", "\n;", "\n32;3", &["labels.csv:14", "outside"]),
         ("rd", "labels.csv", "\n;", "\n3;", &["labels.csv:14", "ball_y", "missing"]),
         ("rd", "labels.csv", "\n;", "", &["19 rows", "20"]),
-        ("rd", "timestamps.csv", "1693000000140123455", "1693000000120123455", &["timestamps.csv:3", "grow"]),
+        ("rd", "timestamps.csv", "1693000000140123455", "1693000000120123455", &["timestamps.csv:3", "increase"]),
         ("rd", "timestamps.csv", "1693000000140123455", "soon", &["timestamps.csv:3", "soon"]),
         ("rd", "metadata.csv", "4.0", "-4.0", &["metadata.csv:2", "max_depth"]),
         ("rd", "metadata.csv", "24;32;", "24;33;", &["33"]),
@@ -295,7 +295,7 @@ fn what_is_wrong_is_refused_with_file_and_line() {
             "label_studio_video/clip.json",
             "\"frame\": 3",
             "\"frame\": 1",
-            &["task 7", "once each"],
+            &["task 7", "be unique"],
         ),
     ];
     for (name, file, find, put, named) in cases {
@@ -463,7 +463,7 @@ fn labels_where_tools_put_a_ball_that_is_not_visible_are_taken_as_that_and_count
     let words = out.join("words");
     let arguments = [&arguments[..], &["--out", words.to_str().unwrap()]].concat();
     let said = String::from_utf8(gravisight(&arguments, None).stdout).unwrap();
-    assert!(said.contains("NOTE: 1 frames have (0, 0) or (−1, −1): taken as not visible"), "{said}");
+    assert!(said.contains("NOTE: 1 frames have (0, 0) or (−1, −1): treated as not visible"), "{said}");
 }
 
 #[test]
@@ -511,7 +511,10 @@ fn the_command_reports_in_words_and_in_one_json_object() {
     let [words, json] = ["words", "json"].map(|name| out.join(name).to_str().unwrap().to_string());
     let output = gravisight(&["import", "--from", "rd", "rd", "--out", &words], None);
     let text = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success() && text.contains("60.000 a second") && text.contains("scene      none"), "{text}");
+    assert!(
+        output.status.success() && text.contains("60.000 per second") && text.contains("scene      none"),
+        "{text}"
+    );
     let output = gravisight(&["import", "--from", "rd", "rd", "--out", &json, "--json"], None);
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["clips"], 2);

@@ -120,7 +120,7 @@ fn fit_reads_such_a_track() {
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains("track.csv: 1 frames have (0, 0) or (−1, −1): taken as not visible"), "{said}");
+    assert!(said.contains("track.csv: 1 frames have (0, 0) or (−1, −1): treated as not visible"), "{said}");
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     let start: Vec<f64> = serde_json::from_value(found["frames"][0]["world"].clone()).unwrap();
     assert!((start[1]).abs() < 0.3 && (start[2] - 2.5).abs() < 0.2, "{start:?}");
@@ -130,7 +130,10 @@ fn fit_reads_such_a_track() {
 fn labelled_pictures_become_a_track() {
     let (output, path) = import(&annotations("images", IMAGES), &[]);
     let said = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success() && said.contains("1, 1 with a radius; outside or occluded in 1 frames"), "{said}");
+    assert!(
+        output.status.success() && said.contains("1, 1 with a radius; ball outside or occluded in 1 frames"),
+        "{said}"
+    );
     let text = std::fs::read_to_string(path).unwrap();
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!(lines[0], "Frame,Visibility,X,Y,Radius,RadiusSigma");

@@ -36,11 +36,11 @@ fn a_report_is_one_file_that_asks_for_no_other() {
     for title in [
         "How far off",
         "Environments and cameras",
-        "Does it know?",
+        "Calibration of the confidence",
         "A trajectory",
         "heatmaps and depth maps",
         "Where it failed",
-        "looks at",
+        "determine the depth",
     ] {
         assert!(html.contains(title), "{title}");
     }

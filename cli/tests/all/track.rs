@@ -102,7 +102,7 @@ fn a_clip_becomes_flights_in_metres() {
         for said in [
             "In space, with its shadow",
             headline,
-            "From above",
+            "Top view",
             "Bounces by number",
             "<ellipse",
             "The ball in the picture",
@@ -131,7 +131,7 @@ fn frames_that_are_doubtful_are_shown_in_the_report() {
     let output = gravisight(&[&["track", text(&frames), "--fps", "15"], place.as_slice()].concat());
     assert!([Some(0), Some(3)].contains(&output.status.code()), "{}", String::from_utf8_lossy(&output.stderr));
     let page = std::fs::read_to_string(&page).unwrap();
-    let (_, doubts) = page.split_once("What is doubtful").expect("the chapter");
+    let (_, doubts) = page.split_once("Doubtful frames").expect("the chapter");
     assert!(doubts.contains("no ball found from frame 40 to 4"), "{}", &doubts[..doubts.len().min(400)]);
     assert!(doubts.contains("data:image/png"), "no picture");
 }
@@ -174,7 +174,7 @@ fn of_several_labels_for_a_frame_the_last_counts() {
     };
     let [x, y] = clip.frames[3].image.unwrap();
     let (ball, beside) = (format!("3,{x},{y}"), "3,1,1");
-    let unused = "nothing that moves goes through the ball marked at (1, 1) px in frame 3";
+    let unused = "no moving object passes through the ball marked at (1, 1) px in frame 3";
     let replaced = "is replaced by the later one in the same frame";
     let (alone, notes) = track(&[&ball]);
     assert!(!alone.contains(unused) && !notes.contains("--seed-label"), "{alone} {notes}");
@@ -230,7 +230,10 @@ fn no_ball_is_an_answer() {
     }
     let output = gravisight(&["track", text(&frames), "--fps", "15", "--json"]);
     let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert!(output.status.code() == Some(1) && found["verdict"].as_str().unwrap().starts_with("no ball"), "{found}");
+    assert!(
+        output.status.code() == Some(1) && found["verdict"].as_str().unwrap().starts_with("no flying ball"),
+        "{found}"
+    );
 }
 
 #[test]
@@ -245,11 +248,11 @@ fn bad_input_is_refused_in_words() {
     std::fs::write(&broken, b"no film").unwrap();
     let (camera, other, broken) = (text(&camera), text(&other), text(&broken));
     let cases: [(&[&str], &str); 8] = [
-        (&[frames], "--fps is needed"),
+        (&[frames], "--fps (frames per second) is needed"),
         (&["no/such/film.mp4"], "no such video"),
         (&[broken], "broken.mp4"),
         (&["src", "--fps", "15"], "no PNG"),
-        (&[frames, "--fps", "15", "--seed-label", "900,3,3"], "the last is 89"),
+        (&[frames, "--fps", "15", "--seed-label", "900,3,3"], "the last frame is 89"),
         (&[frames, "--fps", "15", "--camera", camera, "--scene", "curling"], "table-tennis"),
         (&[frames, "--fps", "15", "--camera", camera, "--scene", "floor", "--ball", "33.5"], "mm"),
         (&[frames, "--fps", "15", "--camera", other, "--scene", "floor"], "448"),

@@ -83,7 +83,7 @@ struct ClipLine {
 }
 
 /// What the file is, for who gave another.
-const EXPECTED: &str = "clips.jsonl has a clip in each line, a JSON object with id, fps, camera and frames; `gravisight import`, `label` and \
+const EXPECTED: &str = "clips.jsonl has one clip per line, a JSON object with id, fps, camera and frames; `gravisight import`, `label` and \
                         `synth` write it";
 
 impl Clips {
@@ -163,7 +163,7 @@ impl Clip {
         if found == expected {
             return Ok(());
         }
-        let reason = format!("is {found} px, the camera of clip `{}` says {expected}", self.id);
+        let reason = format!("is {found} px, but the camera of clip `{}` is for {expected} px", self.id);
         Err(Error::Data { what: what.into(), reason })
     }
 
@@ -173,7 +173,7 @@ impl Clip {
     /// [`Error::Data`].
     pub fn check_pictures(&self, pictures: &[Picture]) -> Result<()> {
         if pictures.len() != self.frames.len() {
-            let reason = format!("has {} frames and {} pictures", self.frames.len(), pictures.len());
+            let reason = format!("has {} frames but {} pictures", self.frames.len(), pictures.len());
             return Err(Error::Data { what: format!("clip `{}`", self.id), reason });
         }
         let mut named = self.frames.iter().zip(pictures);
@@ -230,7 +230,7 @@ impl Clip {
                 return refuse("image", "is missing though `visible` is true".into());
             }
             if !(frame.t.is_finite() && frame.t > before) {
-                return refuse("t", format!("must grow from frame to frame, not be {}", frame.t));
+                return refuse("t", format!("must increase from frame to frame; here it is {}", frame.t));
             }
             before = frame.t;
             if !frame.file.components().all(|part| matches!(part, Component::Normal(_) | Component::CurDir)) {

@@ -70,8 +70,9 @@ pub enum Error {
     },
     /// The camera speaks of a picture of another shape than the one given.
     #[error(
-        "camera.json is for a {camera} picture, this one is {picture}: the aspect ratios differ, \
-         so it cannot be scaled; give the camera of this picture (or crop the camera with the picture)"
+        "camera.json is for a {camera} picture, but this picture is {picture}: the aspect ratios differ, so \
+         the camera cannot be scaled; give the camera of this picture (if the picture was cropped, adapt \
+         camera.json)"
     )]
     CameraMismatch {
         /// The pictures' size in `camera.json`.
@@ -102,8 +103,8 @@ pub enum Error {
     },
     /// A point lies beyond the radius at which the lens model folds over, and has no image.
     #[error(
-        "a point at normalised image point ({x:.4}, {y:.4}) has no image: it lies outside the lens model's range, \
-         beyond the radius at which the distortion folds the picture over"
+        "the normalised image point ({x:.4}, {y:.4}) has no image: it lies outside the lens model's range, beyond \
+         the radius at which the distortion folds over"
     )]
     OutsideLens {
         /// Ideal normalised x.
@@ -166,7 +167,7 @@ pub enum Error {
         reason: String,
     },
     /// The weights are not those that the card speaks of.
-    #[error("weights: sha256 is {found}, the card says {expected}; download the pair again")]
+    #[error("weights: sha256 is {found}, but the card says {expected}; download card and weights again")]
     WeightsSha256 {
         /// From the card.
         expected: String,
@@ -217,7 +218,8 @@ pub enum Error {
     },
     /// Training produced a loss that is not finite, or many times what it was before.
     #[error(
-        "training diverged: the loss at step {step} is {loss}; lower `learning_rate` in the run folder's run.toml and go on with --resume; the best weights so far are kept in its checkpoints"
+        "training diverged: the loss at step {step} is {loss}; lower `learning_rate` in the run folder's run.toml and \
+         continue with --resume; the best weights so far are kept in its checkpoints"
     )]
     Diverged {
         /// Optimiser step.

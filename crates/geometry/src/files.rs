@@ -34,7 +34,7 @@ pub fn read(path: &Path) -> Result<Vec<u8>> {
         (&mut file).take(LARGEST + 1).read_to_end(&mut bytes).map_err(Error::io(path))?;
     }
     if says.max(bytes.len() as u64) > LARGEST {
-        let reason = format!("is larger than the {} MB that are read; split it", LARGEST >> 20);
+        let reason = format!("is larger than {} MB, the most that can be read; split it", LARGEST >> 20);
         return Err(Error::Data { what: path.display().to_string(), reason });
     }
     Ok(bytes)
@@ -146,7 +146,7 @@ impl NewFolder {
     /// [`Error::Data`] where something is there already; [`Error::Io`].
     pub fn at(path: &Path) -> Result<Self> {
         if std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some()) || path.is_file() {
-            let reason = "is there already; choose another name or remove it".to_string();
+            let reason = "already exists; choose another name or remove it".to_string();
             return Err(Error::Data { what: path.display().to_string(), reason });
         }
         let goal = std::path::absolute(path).map_err(Error::io(path))?;

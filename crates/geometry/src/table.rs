@@ -122,7 +122,7 @@ impl Row {
             Some(cell) => Ok(Some(cell.as_str()).filter(|cell| !cell.is_empty())),
             None => {
                 let message =
-                    format!("has {} cells, `{}` would be cell {}", self.cells.len(), column.name, column.index + 1);
+                    format!("has {} cells, but `{}` is cell {}", self.cells.len(), column.name, column.index + 1);
                 Err(Error::Format { what: self.what.clone(), message })
             }
         }

@@ -274,7 +274,7 @@ impl Scene {
     /// [`Error::Value`] with the names there are.
     pub fn with_ball(mut self, name: &str) -> Result<Self> {
         let preset = PRESETS.into_iter().find(|preset| preset.name == name).ok_or_else(|| {
-            Error::value("ball", "name", format!("cannot be `{name}`; there are {}", Self::ball_names().join(", ")))
+            Error::value("ball", "name", format!("cannot be `{name}`; choose one of {}", Self::ball_names().join(", ")))
         })?;
         self.ball = preset.ball;
         if self.contact == Contact::default() {

@@ -78,7 +78,7 @@ impl Scene {
             if let Some(rotation) = cuboid.rotation {
                 let refuse = |reason: &str| Err(Error::value(what, format!("boxes[{index}].rotation"), reason));
                 if cuboid.yaw != 0.0 {
-                    return refuse("is given beside a yaw; take one of them");
+                    return refuse("and `yaw` are both given; keep one");
                 }
                 if !rotation.is_proper() {
                     return refuse(
@@ -98,7 +98,7 @@ impl Scene {
         if let Some(Bounds { low, high }) = self.bounds {
             finite("bounds".into(), &[low, high].concat())?;
             if (0..3).any(|axis| low[axis] >= high[axis]) {
-                let reason = format!("must have each of `low` below `high`, not {low:?} and {high:?}");
+                let reason = format!("must have every number of `low` below that of `high`, not {low:?} and {high:?}");
                 return Err(Error::value(what, "bounds", reason));
             }
         }

@@ -272,7 +272,7 @@ impl Scene {
     /// [`Error::Value`] with the names there are.
     pub fn named(name: &str) -> Result<Self> {
         let place = PLACES.into_iter().find(|place| place.name == name).ok_or_else(|| {
-            Error::value("scene", "name", format!("cannot be `{name}`; there are {}", Self::names().join(", ")))
+            Error::value("scene", "name", format!("cannot be `{name}`; choose one of {}", Self::names().join(", ")))
         })?;
         let scene = Self {
             contact: place.contact.unwrap_or_default(),

@@ -15,7 +15,7 @@ const UNSURE: f64 = 0.1;
 
 /// What a scene's file is, for who gave another.
 const EXPECTED: &str = "a scene is a JSON object with gravity and ball at least; `gravisight scene tennis` prints one, and `gravisight \
-                        scene` lists the sports whose name will do (`Toolbox.scenes` in JavaScript)";
+                        scene` lists the sports whose names can be given instead (`Toolbox.scenes` in JavaScript)";
 
 /// A place: gravity, a ball, what it can touch. World frame, z up; SI units, radians.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -201,7 +201,7 @@ impl Studio {
         };
         let times: Vec<f64> = (0..count).map(|frame| frame as f64 / fps).collect();
         let path = (0..TRIES).find_map(|_| self.path(engine, &mut random, &times)).ok_or_else(|| {
-            let reason = format!("no start of {TRIES} keeps the ball in the picture");
+            let reason = format!("none of {TRIES} random starts keeps the ball in the picture; choose another seed");
             Error::Data { what: id.clone(), reason }
         })?;
         let folder = self.shot.folder(split, number);

@@ -104,7 +104,8 @@ impl Engine for Mujoco {
 
 fn failed(error: RendererError) -> Error {
     let cause = error.source().map_or_else(|| error.to_string(), ToString::to_string);
-    let reason = format!("{cause}; MuJoCo needs OpenGL without a screen (EGL): scripts/mujoco installs Mesa's");
+    let reason =
+        format!("{cause}; MuJoCo needs OpenGL without a screen (EGL); scripts/mujoco installs the one from Mesa");
     Error::Device { device: "opengl".into(), reason }
 }
 

@@ -223,7 +223,7 @@ impl Paper {
     pub(super) fn camera(&self, site: Site, number: usize, size: Option<Size>) -> Result<Camera> {
         let none = |count: usize| Error::Data {
             what: "--set".into(),
-            reason: format!("there is no camera {number}; there are 1 to {count}"),
+            reason: format!("there is no camera {number}; choose 1 to {count}"),
         };
         match site {
             Site::Environment(_) => {

@@ -64,7 +64,9 @@ impl Fits {
     pub fn clips(&self) -> Result<Vec<TaughtClip>> {
         let lines = self.text.lines().skip(1);
         lines
-            .map(|line| serde_json::from_str(line).map_err(Error::format("fits; delete them, and run again")))
+            .map(|line| {
+                serde_json::from_str(line).map_err(Error::format("fits.jsonl is damaged; delete it and run again"))
+            })
             .collect()
     }
 

@@ -37,8 +37,10 @@ impl LabelMistake {
     fn hint(self) -> &'static str {
         match self {
             Self::Swapped => "x and y of the labels are exchanged",
-            Self::Faster => "the true frame rate is twice the stated one (times `t` are twice too long)",
-            Self::Slower => "the true frame rate is half the stated one (times `t` are half too short)",
+            Self::Faster => {
+                "the true frame rate is twice the stated one (times `t` are twice as long as they should be)"
+            }
+            Self::Slower => "the true frame rate is half the stated one (times `t` are half as long as they should be)",
             Self::Upward => "y of the labels counts from the bottom instead of the top",
         }
     }
@@ -63,11 +65,11 @@ pub fn check_taught(clips: &[Clip], taught: &[TaughtClip], config: &FitConfig, w
     let hint = LabelMistake::ALL.into_iter().map(|mistake| (fits(mistake), mistake)).max_by_key(|&(count, _)| count);
     let advice = match hint {
         Some((count, mistake)) if 2 * count > tried.len() => {
-            format!("but {count} of {} tried are explained if {}", tried.len(), mistake.hint())
+            format!("{count} of the {} tried would be explained if {}", tried.len(), mistake.hint())
         }
         _ => {
             let (clip, reason) = left_out[0];
-            format!("check camera, scene and labels; the first that is not, clip `{}`: {reason}", clip.id)
+            format!("check camera, scene and labels; the first that is not explained, clip `{}`: {reason}", clip.id)
         }
     };
     let reason = format!("the scene's physics explains {explained} of {} clips; {advice}", clips.len());

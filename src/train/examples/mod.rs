@@ -236,7 +236,8 @@ pub(super) fn check_physics(clips: &[Clip]) -> Result<()> {
             None => return refuse("has no `scene`; give it one, or train with supervision \"3d-gt\""),
             Some(scene) if scene.gravity == [0.0; 3] && scene.spring.is_none() => {
                 return refuse(
-                    "has a scene without gravity or spring: motion then has no scale, and 2D labels no depth",
+                    "has a scene without gravity or spring, so 2D labels do not determine the depth; add one of them, \
+                     or train with supervision \"3d-gt\"",
                 );
             }
             Some(_) => {}

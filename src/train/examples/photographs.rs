@@ -54,7 +54,7 @@ impl Photographs {
         let files = files(folder)?;
         let labels = labels(folder)?;
         if let Some(missing) = labels.keys().find(|file| !files.contains(file)) {
-            let reason = format!("has labels in {LABELS}, and is no photograph in {}", folder.display());
+            let reason = format!("has labels in {LABELS}, but is not a photograph in {}", folder.display());
             return Err(Error::Data { what: missing.display().to_string(), reason });
         }
         let plain: Vec<&PathBuf> = files.iter().filter(|file| !labels.contains_key(*file)).collect();

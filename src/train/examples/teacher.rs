@@ -83,7 +83,7 @@ pub(super) fn options(config: &FitConfig) -> FitOptions {
 /// # Errors
 /// [`Error::Data`] with the clip where it has none.
 pub(super) fn scene_of(clip: &Clip) -> Result<&Scene> {
-    let reason = "has no `scene`, so physics can teach nothing; give it one, or train with 3D labels";
+    let reason = "has no `scene`, which training with physics needs; give it one, or train with 3D labels";
     clip.scene.as_ref().ok_or_else(|| Error::Data { what: format!("clip `{}`", clip.id), reason: reason.into() })
 }
 
@@ -112,7 +112,7 @@ fn taught_frames(clip: &Clip, fit: &Fit, config: &FitConfig) -> Result<Vec<Optio
         return Ok(frames);
     }
     let surest = fit.frames.iter().map(|frame| frame.sigma).fold(f64::INFINITY, f64::min);
-    let reason = format!("its trajectory is nowhere sure enough (1-σ of {surest:.2} m at best)");
+    let reason = format!("its trajectory is too uncertain everywhere (1-σ of {surest:.2} m at best)");
     Err(Error::Fit { reason })
 }
 

@@ -128,7 +128,7 @@ fn list(folder: &Path) -> Result<Vec<(usize, PathBuf)>> {
         let step = name.strip_prefix(NAME[0]).and_then(|rest| rest.strip_suffix(NAME[1])?.parse().ok());
         if name.starts_with(NAME[0]) && path.is_dir() {
             let reason =
-                "is a checkpoint of an earlier version, which this one cannot read: start the run again".into();
+                "is a checkpoint of an earlier version, which this version cannot read: start the run again".into();
             return Err(Error::Data { what: path.display().to_string(), reason });
         }
         found.extend(step.map(|step| (step, path)));
@@ -149,6 +149,6 @@ fn unfinished(folder: &Path) -> Result<Vec<PathBuf>> {
 }
 
 fn damaged(path: &Path, error: impl std::fmt::Display) -> Error {
-    let reason = format!("{error}; without this file, --resume takes the checkpoint before it");
+    let reason = format!("{error}; delete this file to --resume from the previous checkpoint");
     Error::Data { what: path.display().to_string(), reason }
 }

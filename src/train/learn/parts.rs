@@ -61,7 +61,7 @@ impl TrainerState {
         let numbers =
             |[mean, lowest]: &[String; 2]| Some(LossWatch { mean: mean.parse().ok()?, lowest: lowest.parse().ok()? });
         let watch = match &beside.watch {
-            Some(watch) => Some(numbers(watch).ok_or_else(|| damaged("its watch over the loss is no two numbers"))?),
+            Some(watch) => Some(numbers(watch).ok_or_else(|| damaged("its loss watch is not two numbers"))?),
             None => None,
         };
         Ok(Self {
@@ -72,7 +72,7 @@ impl TrainerState {
             moments: [load(MOMENTS[0], blank.valid())?, load(MOMENTS[1], blank.valid())?],
             watch,
             knowledge: Knowledge::from_text(recipe, &beside.knowledge)
-                .ok_or_else(|| damaged("what it knows is not a step, laws and frames"))?,
+                .ok_or_else(|| damaged("its knowledge is not a step, laws and frames"))?,
         })
     }
 }

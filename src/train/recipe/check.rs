@@ -95,12 +95,13 @@ impl Recipe {
             return refuse("clips_per_camera", "must be at least 1".into());
         }
         if !(self.centre_weight.is_finite() && self.centre_weight >= 0.0) {
-            return refuse("centre_weight", format!("must not be negative, not {}", self.centre_weight));
+            return refuse("centre_weight", format!("must not be negative, but is {}", self.centre_weight));
         }
         if self.supervision.is_rendered() && !self.architecture(1.0).depth.is_size() {
             return refuse(
                 "network",
-                "must read sizes with supervision \"rendered\" or \"candidates\": take \"compact-size\", \"csp-size\" or \"verifier\""
+                "must measure apparent size with supervision \"rendered\" or \"candidates\": use \"compact-size\", \
+                 \"csp-size\" or \"verifier\""
                     .into(),
             );
         }
@@ -138,7 +139,7 @@ impl Recipe {
         if let Some(frames) = *sequence {
             let shortest = STARTS - 1 + ahead.iter().min().unwrap_or(&0);
             if frames < shortest || self.phases.iter().any(|phase| frames > phase.batch) {
-                let reason = format!("must be from {shortest} frames to the batch's pictures, not {frames}");
+                let reason = format!("must be from {shortest} to the batch size, not {frames}");
                 return refuse("future.sequence", reason);
             }
         }

@@ -38,7 +38,7 @@ impl TrainSettings {
     pub fn preset(name: &str) -> Result<Self> {
         let Some((_, text)) = PRESETS.iter().find(|(known, _)| *known == name) else {
             let known: Vec<&str> = Self::presets().collect();
-            return Err(Error::value("presets", name, format!("is none; there are {}", known.join(", "))));
+            return Err(Error::value("presets", name, format!("is not a preset; choose one of {}", known.join(", "))));
         };
         toml::from_str(text).map(Self).map_err(Error::format(name))
     }

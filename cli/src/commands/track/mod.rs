@@ -26,8 +26,8 @@ use crate::report::{Flights, doubts, track2d, write_flights};
 
 /// Follow the ball through a video: its flights, bounces and hits in metres.
 ///
-/// The camera stays where it is; it may turn and zoom. Without --camera and --scene only the 2D track comes out. Exit status: 0 where every flight is
-/// explained, 3 where some are not (the output is written all the same), 1 where nothing can be said.
+/// The camera must stay in one place; it may turn and zoom. Without --camera and --scene the result is the 2D track only. Exit status: 0
+/// if every flight is explained, 3 if some are not (the output is written anyway), 1 if there is no result.
 #[derive(Args)]
 pub struct Arguments {
     /// A video (needs ffmpeg), a folder of frames, or frames in order.
@@ -36,28 +36,28 @@ pub struct Arguments {
     /// The camera that took it (camera.json).
     #[arg(long, value_name = "CAMERA.JSON", requires = "scene")]
     camera: Option<PathBuf>,
-    /// What `calibrate --json` printed of that camera: its uncertainty enters σ.
+    /// Output of `calibrate --json` for this camera; its uncertainty is added to σ.
     #[arg(long, value_name = "CALIBRATION.JSON", requires = "camera")]
     camera_sigma: Option<PathBuf>,
-    /// The place and its ball: scene.json, or the name of a sport (`gravisight scene` lists them).
+    /// The scene and its ball: scene.json, or the name of a sport (`gravisight scene` lists them).
     #[arg(long, value_name = "SCENE.JSON|NAME", requires = "camera")]
     scene: Option<PathBuf>,
-    /// The ball in place of the scene's: of a sport, or its radius in metres.
+    /// Ball to use instead of the scene's: the name of a sport, or a radius in metres.
     #[arg(long, value_name = "NAME|M")]
     ball: Option<String>,
-    /// Frames a second [default: the video's own times].
+    /// Frames per second [default: the video's own times].
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
-    /// The ball as you see it, in one frame: its number from 0, and px. May be given several times; of two in one frame the last counts.
+    /// Position of the ball in one frame: the frame's number, from 0, and px. Can be repeated; for two in the same frame, the last is used.
     #[arg(long, value_name = "FRAME,X,Y", value_parser = seed)]
     seed_label: Vec<SeedArgument>,
-    /// Most hits of a racket, a foot or a hand between two pauses.
+    /// Maximum number of hits by a racket, foot or hand between two pauses.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = hits)]
     hits: Hits,
-    /// Track by these numbers: `config` of what `--json` prints, changed.
+    /// Configuration of the tracker: an edited copy of `config` in the `--json` output.
     #[arg(long, value_name = "CONFIG.JSON")]
     config: Option<PathBuf>,
-    /// Model that measures the ball [default: the built-in `any`].
+    /// Model that detects the ball [default: the built-in `any`].
     #[arg(long, value_name = "M")]
     model: Option<PathBuf>,
     /// Device to run on.
@@ -69,7 +69,8 @@ pub struct Arguments {
     /// Write the video with the ball marked.
     #[arg(long, value_name = "OUT.MP4")]
     overlay: Option<PathBuf>,
-    /// Write a page with the verdict, the track and doubtful frames, with --camera also flights and contacts; it needs nothing else.
+    /// Write a page with the verdict, the track and doubtful frames, with --camera also flights and contacts; one HTML file without
+    /// external files.
     #[arg(long, value_name = "OUT.HTML")]
     report: Option<PathBuf>,
     /// Print one JSON object.
@@ -78,7 +79,7 @@ pub struct Arguments {
 }
 
 /// What a report without metres says of them.
-const FLAT: &str = "In pixels alone. For metres, speeds and bounces give the camera and the place: --camera camera.json (from `gravisight \
+const FLAT: &str = "In pixels only. For metres, speeds and bounces, give the camera and the scene: --camera camera.json (from `gravisight \
                     calibrate`, four clicks on a court) and --scene NAME.";
 
 /// A frame and a place in it, px.
@@ -169,7 +170,7 @@ struct SceneOfTrack {
 
 fn place(arguments: &Arguments) -> Result<Option<SceneOfTrack>> {
     let (Some(camera), Some(scene)) = (&arguments.camera, &arguments.scene) else {
-        ensure!(arguments.ball.is_none(), "--ball is for metres: give --camera and --scene");
+        ensure!(arguments.ball.is_none(), "--ball needs --camera and --scene");
         return Ok(None);
     };
     let mut scene = Scene::open(scene)?;

@@ -36,7 +36,7 @@ pub(super) fn print(tracked: &TrackedVideo, camera: Option<&Camera>) -> Result<(
 fn of_flight(number: usize, flight: &Flight) -> String {
     let when = format!("flight {number}: {:.2} to {:.2} s", flight.start, flight.end);
     match flight.known_speed() {
-        _ if !flight.explained => format!("{when}, not explained: speed, spin and place are not known"),
+        _ if !flight.explained => format!("{when}, not explained: speed, spin and position are unknown"),
         None => format!("{when}, speed not known"),
         Some([speed, sigma]) => {
             let digits = if sigma < 0.095 { 2 } else { 1 };

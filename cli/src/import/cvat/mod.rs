@@ -58,13 +58,12 @@ impl<'a> Annotations<'a> {
         let parsing = ParsingOptions { allow_dtd: false, ..ParsingOptions::default() };
         let document = Document::parse_with_options(text, parsing).map_err(Error::format(&what))?;
         if document.root_element().tag_name().name() != "annotations" {
-            let message =
-                "is no CVAT file: its first element must be `annotations` (export as CVAT for images or for video 1.1)";
+            let message = "is not a CVAT file: its first element must be `annotations` (export as CVAT for images or for video 1.1)";
             return Err(Error::Format { what, message: message.into() });
         }
         let annotations = Self { document, what, category: options.category.as_deref(), object: options.object };
         if annotations.object.is_some() && !annotations.is_of_a_video() {
-            let reason = "means nothing here: shapes of images belong to no track (export as CVAT for video 1.1)";
+            let reason = "cannot be used here: shapes in images belong to no track (export as CVAT for video 1.1)";
             return Err(Error::value(annotations.what, "object", reason));
         }
         Ok(annotations)
@@ -135,7 +134,11 @@ impl<'a> Annotations<'a> {
             let child = node.children().find(|child| child.has_tag_name(name)).and_then(|child| child.text());
             let Some(text) = node.attribute(name).or(child) else { continue };
             if self.number(node, name, text)? != f64::from(expected) {
-                return Err(Error::value(self.line(node), name, format!("is {text} px, the camera says {expected}")));
+                return Err(Error::value(
+                    self.line(node),
+                    name,
+                    format!("is {text} px, but the camera is for {expected} px"),
+                ));
             }
         }
         Ok(())
@@ -158,8 +161,7 @@ impl<'a> Annotations<'a> {
                     // A track that has ended says nothing of what another one sees.
                     Some(_) if outside => continue,
                     Some((true, other)) => {
-                        let reason =
-                            format!("holds a ball already ({other}); keep one, or give --category or --object");
+                        let reason = format!("already has a ball ({other}); keep one, or give --category or --object");
                         return Err(Error::value(what, format!("frame {frame}"), reason));
                     }
                     _ => drop(labels.insert(frame, Labelled { what, image: label, time: None, carried: false })),

@@ -48,7 +48,7 @@ pub fn cvat_track(source: &Path, options: &ImportOptions) -> Result<DrawnTrack> 
     };
     let is_seen = |said: &&Said| said.ball.is_some();
     if !said.values().any(|said| is_seen(&said)) {
-        return Err(annotations.refused("no frame shows the ball: each is outside or occluded".into()));
+        return Err(annotations.refused("no frame shows the ball: it is outside or occluded in all of them".into()));
     }
     let clock = Clock::of(options)?;
     let point = |(&frame, said): (&u64, &Said)| clock.point(frame, said.ball.as_ref(), &said.what);
@@ -116,7 +116,7 @@ impl Annotations<'_> {
                 None => "holds no ellipse, no box and no point".into(),
             },
             (Some(wanted), _) if labels.contains_key(wanted) => return Ok(wanted.into()),
-            (Some(wanted), _) => format!("has nothing with the label `{wanted}`; there are {}", names()),
+            (Some(wanted), _) => format!("has nothing with the label `{wanted}`; choose one of {}", names()),
             (None, 1) => return Ok(labels.keys().next().cloned().unwrap_or_default()),
             (None, _) => format!("holds several labels: {}; choose the ball's with --category", names()),
         };
@@ -154,7 +154,7 @@ impl Annotations<'_> {
         let more = if tracks.len() > NAMED { ", …" } else { "" };
         let tracks = tracks[..tracks.len().min(NAMED)].join(", ");
         Ok(self.refused(format!(
-            "shows several balls: tracks {one} and {other}, both `{label}`, are in frame {frame}; choose one with --object;              there are {tracks}{more}"
+            "shows several balls: tracks {one} and {other}, both `{label}`, are in frame {frame}; choose one with --object: {tracks}{more}"
         )))
     }
 
@@ -181,8 +181,11 @@ impl Annotations<'_> {
         }
         if folders.len() > 1 {
             let folders: Vec<String> = folders.iter().take(NAMED).map(|folder| format!("`{folder}`")).collect();
-            let reason =
-                format!("has images of several folders ({}): a track is of one; export each", folders.join(", "));
+            let reason = format!(
+                "has images from several folders ({}), but a track is made from one; export each folder \
+                         separately",
+                folders.join(", ")
+            );
             return Err(self.refused(reason));
         }
         Ok(all)
@@ -224,7 +227,7 @@ impl Clock {
         Ok(match (options.fps, &options.pictures) {
             (Some(fps), _) => Self::Rate(fps),
             (None, Some(folder)) if folder.is_dir() => {
-                let reason = "is a folder, and pictures bring no times; give --fps, or the video".into();
+                let reason = "is a folder of pictures, which have no times; give --fps, or the video".into();
                 return Err(Error::Data { what: folder.display().to_string(), reason });
             }
             (None, Some(video)) => Self::Video(video.display().to_string(), frame_times(video)?),
@@ -254,7 +257,10 @@ impl Clock {
         };
         let reason = match usize::try_from(frame).ok().and_then(|frame| times.get(frame)) {
             Some(time) => return Ok(Some(*time)),
-            None => format!("is not in {video}, which has {} frames; check that both count alike", times.len()),
+            None => format!(
+                "is not in {video}, which has {} frames; check that labels and video count frames alike",
+                times.len()
+            ),
         };
         Err(Error::value(what, format!("frame {frame}"), reason))
     }

@@ -103,7 +103,7 @@ impl Court {
     /// [`Error::Calibration`] with the names there are.
     pub fn named(name: &str) -> Result<&'static Self> {
         COURTS.get(name).ok_or_else(|| Error::Calibration {
-            reason: format!("there is no court `{name}`; there are {}", Self::names().join(", ")),
+            reason: format!("unknown court `{name}`; choose one of {}", Self::names().join(", ")),
         })
     }
 }

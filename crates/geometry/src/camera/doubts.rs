@@ -51,12 +51,10 @@ impl Camera {
         let known = if ground.is_some() { "the scene's ground" } else { "if that is the ground" };
         (below > BELOW).then(|| match ground {
             Some(_) => format!(
-                "the camera stands {below:.1} m below z = {height} m, {known}: camera.json is wrong, as where near and far, or left and \
-                 right, were mixed up"
+                "the camera is {below:.1} m below z = {height} m, {known}: are near and far, or left and right, swapped?"
             ),
             None => format!(
-                "the camera stands {below:.1} m below z = 0 m: {known}, camera.json is wrong, as where near and far, or left and right, \
-                 were mixed up"
+                "the camera is {below:.1} m below z = 0 m: {known}, are near and far, or left and right, swapped?"
             ),
         })
     }
@@ -68,9 +66,8 @@ impl Camera {
         let pixel = distance / self.intrinsic()[(0, 0)];
         (pixel > LARGEST_BALL).then(|| {
             format!(
-                "the camera stands {distance:.0} m from {of}, where a pixel is {pixel:.2} m wide and no ball can be seen: were its points \
-                 given in centimetres or millimetres? Its numbers are metres: divide the last column of `camera_from_world` by 100, or by \
-                 1000"
+                "the camera is {distance:.0} m from {of}, where a pixel covers {pixel:.2} m, too coarse to show a ball: is camera.json in \
+                 centimetres or millimetres instead of metres? If so, divide the last column of `camera_from_world` by 100 or 1000"
             )
         })
     }
@@ -81,7 +78,7 @@ impl Camera {
         let inside = (0.0..width).contains(&x) && (0.0..height).contains(&y);
         (!inside).then(|| {
             format!(
-                "the principal point ({x:.0}, {y:.0}) lies outside the {} picture: the intrinsic matrix is of another picture's size, or \
+                "the principal point ({x:.0}, {y:.0}) lies outside the {} picture: the intrinsic matrix is for another picture size, or \
                  transposed",
                 self.size()
             )
@@ -93,8 +90,8 @@ impl Camera {
         let ratio = (fx / fy).max(fy / fx);
         (ratio > STRETCHED).then(|| {
             format!(
-                "the focal lengths {fx:.0} and {fy:.0} px are {ratio:.1} times as large as each other: pixels are about square, so one of \
-                 them is of another picture's size"
+                "the focal lengths {fx:.0} and {fy:.0} px differ by a factor of {ratio:.1}: pixels are nearly square, so one of them is \
+                 wrong, or for another picture size"
             )
         })
     }
@@ -103,8 +100,8 @@ impl Camera {
         let degrees = self.field_of_view();
         (degrees > STRAIGHT && self.distortion().is_none()).then(|| {
             format!(
-                "the picture is {degrees:.0}° wide and camera.json models no lens distortion: no such lens keeps lines straight; calibrate \
-                 with --estimate distortion, or give a longer focal length"
+                "the picture is {degrees:.0}° wide, but camera.json has no lens distortion: no lens that wide keeps lines straight; \
+                 calibrate with --estimate distortion, or correct the focal length"
             )
         })
     }
@@ -112,7 +109,8 @@ impl Camera {
     fn upside_down(&self) -> Option<String> {
         let down = self.rotation().transpose() * Vector3::y();
         (down.z > UPWARDS).then(|| {
-            "the camera is upside down (its picture's lower edge points up): is y of the picture counted from the bottom, or z downwards?"
+            "the camera is upside down (its picture's lower edge points up): does y in the picture count from the \
+             bottom, or z in the world point down?"
                 .into()
         })
     }
@@ -132,11 +130,11 @@ impl Camera {
             ..self.clone()
         });
         let advice = if inverse.iter().any(seen) {
-            "; it would be if `camera_from_world` were the inverse of what camera.json has"
+            "; it would be if `camera_from_world` in camera.json were inverted"
         } else {
-            ": is it this scene's, and `camera_from_world` not its inverse?"
+            ": is it the camera of this scene, and is `camera_from_world` not inverted?"
         };
-        Some(format!("nothing of the scene is in the camera's picture{advice}"))
+        Some(format!("no part of the scene is in the camera's picture{advice}"))
     }
 
     /// Whether the picture shows this point of the world, if nothing is before it.

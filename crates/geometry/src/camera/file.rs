@@ -9,7 +9,7 @@ use crate::size::Size;
 
 /// What a camera's file is, for who gave another.
 const EXPECTED: &str = "a camera is a JSON object with width, height, intrinsic and camera_from_world, which `gravisight calibrate` (the \
-                        page's Calibrate, `Toolbox.calibrate` in JavaScript) makes from points whose place is known";
+                        page's Calibrate, `Toolbox.calibrate` in JavaScript) makes from points with known positions";
 /// Largest number a camera of this world can hold (px, m): beyond it, products overflow.
 const MAX_ENTRY: f64 = 1e9;
 /// Largest entry of `RᵀR − 1` that rounding in a file explains.
@@ -166,7 +166,7 @@ pub(super) fn check(
         }
     }
     if distortion.is_fisheye() && [p1, p2, k5, k6] != [0.0; 4] {
-        return refuse("distortion", "of a fisheye has k1, k2, k3 and k4 alone: p1, p2, k5 and k6 must be 0".into());
+        return refuse("distortion", "of a fisheye has only k1, k2, k3 and k4: p1, p2, k5 and k6 must be 0".into());
     }
     if intrinsic[(1, 0)] != 0.0 || intrinsic.row(2) != nalgebra::RowVector3::new(0.0, 0.0, 1.0) {
         return refuse("intrinsic", "must have the form [[fx, s, cx], [0, fy, cy], [0, 0, 1]]".into());

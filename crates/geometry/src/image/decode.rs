@@ -29,10 +29,10 @@ impl Picture {
         let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
         let reader = reader.map_err(|error| Error::ImageDecode { reason: error.to_string() })?;
         let Some(format) = reader.format() else {
-            return Err(Error::ImageDecode { reason: "these bytes are no picture of a known format".into() });
+            return Err(Error::ImageDecode { reason: "these bytes are not a picture in a known format".into() });
         };
         if !is_whole(bytes, format) {
-            return Err(Error::ImageDecode { reason: "the file breaks off before its end".into() });
+            return Err(Error::ImageDecode { reason: "the file is truncated".into() });
         }
         let mut decoder = reader.into_decoder().map_err(refuse)?;
         let (width, height) = decoder.dimensions();
@@ -58,7 +58,7 @@ impl Picture {
         let colour = decoded.color();
         let mut notes = Vec::new();
         if matches!(colour, ColorType::L8 | ColorType::La8 | ColorType::L16 | ColorType::La16) {
-            notes.push("the picture is grey; the model was trained on colour, so trust it less".into());
+            notes.push("the picture is grey, but the model was trained on colour: the result is less reliable".into());
         }
         if colour.bytes_per_pixel() / colour.channel_count() > 1 {
             notes.push("the picture's 16-bit channels were rounded to 8 bits".into());
@@ -68,7 +68,7 @@ impl Picture {
         }
         let rgba = decoded.into_rgba8();
         if rgba.pixels().any(|pixel| pixel.0[3] < u8::MAX) {
-            notes.push("the picture's transparent pixels were laid on black".into());
+            notes.push("the picture's transparent pixels were drawn on black".into());
         }
         let rgb = RgbImage::from_fn(rgba.width(), rgba.height(), |x, y| {
             let [red, green, blue, alpha] = rgba.get_pixel(x, y).0;

@@ -164,10 +164,10 @@ impl std::fmt::Display for Status {
             Self::Irreversible { time } => {
                 write!(
                     f,
-                    "a contact at t = {time:.4} s cannot be undone (friction, or no rebound): states before it are guesses"
+                    "a contact at t = {time:.4} s cannot be computed backwards (friction, or no rebound): states before it are unreliable"
                 )
             }
-            Self::StepLimit { time } => write!(f, "too many steps at t = {time:.4} s"),
+            Self::StepLimit { time } => write!(f, "the solver needed too many steps at t = {time:.4} s"),
             Self::LeftRegion { time } => write!(f, "the ball has left the region at t = {time:.4} s"),
             Self::NotFinite { time } => write!(f, "the motion is not finite at t = {time:.4} s"),
         }

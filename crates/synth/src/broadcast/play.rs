@@ -116,7 +116,10 @@ impl Kind {
                 return Ok((start, forecast, length));
             }
         }
-        Err(Error::Data { what: self.name().into(), reason: "no flight of this kind was found".into() })
+        Err(Error::Data {
+            what: self.name().into(),
+            reason: "no flight of this kind was found; choose another seed".into(),
+        })
     }
 
     /// How long a flight is played, s; none where it is not one that is.

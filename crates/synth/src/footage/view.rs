@@ -107,7 +107,7 @@ pub(super) fn found_way(
     }
     best.map(|(_, way)| way).ok_or_else(|| Error::Data {
         what: kind.name().into(),
-        reason: "no camera was found that sees the ball".into(),
+        reason: "no camera was found that sees the ball; choose another seed".into(),
     })
 }
 

@@ -223,7 +223,9 @@ impl RandomScenes {
         let (mut balls, mut taken) = (vec![], labelled.iter().map(Covered::by).collect::<Vec<_>>());
         for number in 0..most {
             if number == 0 || random.random_bool(ANOTHER) {
-                let Some(mut ball) = DrawnBall::random(&canvas, &taken, &self.cut_outs, night, random) else { continue };
+                let Some(mut ball) = DrawnBall::random(&canvas, &taken, &self.cut_outs, night, random) else {
+                    continue;
+                };
                 // What is before one of the drawn balls might hide a labelled one.
                 ball.occluder = ball.occluder.filter(|_| labelled.is_empty());
                 taken.push(Covered { centre: ball.centre, radius: ball.radius, streak: ball.streak });

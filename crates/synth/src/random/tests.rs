@@ -215,7 +215,8 @@ fn a_squeezed_picture_keeps_its_balls_where_they_are_seen() {
     for seed in 0..400 {
         let drawing = scenes.part(Size::square(64), &scenes.labelled[0], 0, &mut Stream::Scene.of(seed));
         assert_eq!([drawing.canvas.width, drawing.canvas.height], [64, 64]);
-        let Some(ball) = drawing.balls.first().filter(|it| !it.is_sized && it.visible > 0.999 && it.radius > 3.0) else {
+        let Some(ball) = drawing.balls.first().filter(|it| !it.is_sized && it.visible > 0.999 && it.radius > 3.0)
+        else {
             continue;
         };
         let at = |index: usize| drawing.canvas.planes[1][index];

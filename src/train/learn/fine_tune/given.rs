@@ -88,9 +88,9 @@ impl Given {
         if self.is_resumed {
             let reason = match self.missing().any(|awaited| awaited.id == key.id) {
                 true => {
-                    "is not what it was when the run began: its labels, pictures, camera or scene, or whether it is held out"
+                    "has changed since the run began: its labels, pictures, camera or scene, or whether it is held out"
                 }
-                false => "is not one of those that the resumed run still waits for",
+                false => "is not a clip that the resumed run needs",
             };
             return refuse(format!("`{}` {reason}", key.id));
         }
@@ -124,7 +124,7 @@ impl Given {
         let missing: Vec<&str> =
             self.missing().filter(|key| key.held_out == held_out).map(|key| key.id.as_str()).collect();
         if !missing.is_empty() {
-            return refuse(format!("the run was resumed, and these are to be given again: {}", missing.join(", ")));
+            return refuse(format!("the run was resumed; give these clips again: {}", missing.join(", ")));
         }
         let reasons: Vec<Option<&str>> = (self.clips.iter())
             .filter(|(key, _)| key.held_out == held_out)

@@ -66,7 +66,7 @@ impl FineTuner {
         let mut kept = None;
         let mut tuner = Self::of(origin, device, |recipe, blank| {
             if let Some(SavedScore { score, confidence_threshold }) = best {
-                let number = |text: &str| text.parse::<f64>().map_err(|_| damaged("its best score is no number"));
+                let number = |text: &str| text.parse::<f64>().map_err(|_| damaged("its best score is not a number"));
                 let weights = parts.remove(BEST).ok_or_else(|| damaged("holds no best weights"))?;
                 kept = Some(Best {
                     score: score.as_deref().map(number).transpose()?,

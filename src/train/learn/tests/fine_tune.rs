@@ -70,7 +70,7 @@ fn a_fine_tuning_refuses_what_it_cannot_learn_from() {
     let said = |result: Result<_, Error>| result.map(|_: ()| ()).unwrap_err().to_string();
     let (clip, pictures) = in_memory(1, "refused", 1, 30).remove(0);
     let fewer = tuner.add_clip(clip.clone(), pictures[1..].to_vec(), false);
-    assert!(said(fewer.map(|_| ())).contains("30 frames and 29 pictures"));
+    assert!(said(fewer.map(|_| ())).contains("30 frames but 29 pictures"));
     let mut nowhere = clip.clone();
     nowhere.scene = None;
     assert!(said(tuner.add_clip(nowhere, pictures.clone(), false).map(|_| ())).contains("scene"));
@@ -176,11 +176,11 @@ fn a_resumed_fine_tuning_takes_its_own_clips_and_says_which_are_missing() {
     let said = |result: Result<(), Error>| result.unwrap_err().to_string();
     let missing = said(pollster::block_on(resumed.step()).map(|_| ()));
     assert!(missing.contains(&clips[0].0.id), "{missing}");
-    assert!(said(give(&mut resumed, &clips[1], false)).contains("not one of those"));
+    assert!(said(give(&mut resumed, &clips[1], false)).contains("not a clip that the resumed run needs"));
     let mut changed = clips[0].clone();
     changed.0.frames[3].image = Some([100.0, 100.0]);
     let changed = said(give(&mut resumed, &changed, false));
-    assert!(changed.contains("not what it was"), "{changed}");
+    assert!(changed.contains("has changed since the run began"), "{changed}");
     give(&mut resumed, &clips[0], false).unwrap();
     assert!(resumed.awaited().is_empty());
     assert_eq!(pollster::block_on(resumed.step()).unwrap().unwrap().step, 2);
