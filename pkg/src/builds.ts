@@ -80,7 +80,7 @@ async function deployed(kind: DeviceKind, folder: string | undefined, threads: n
   }
   for (const build of builds) {
     const urls = urlsOf(build, folder);
-    // Asked for first, because the import of a missing module says neither status nor reason.
+    // Requested first, because the import of a missing module reports neither status nor reason.
     if (await isScript(urls.glue)) return urls;
   }
   throw missing(kind, urlsOf(kind, folder).glue);
@@ -95,19 +95,19 @@ export function sourceOf(options: Pick<CoreOptions, "wasm" | "threads" | "worker
 /** Those that were started on this thread. */
 const started = new Set<CoreModule>();
 
-/** What a build said when it trapped, once; empty if none did. */
+/** The panic message of a build that trapped, once; empty if none did. */
 function lastPanic(): string {
-  const words = [...started].map((module) => {
+  const messages = [...started].map((module) => {
     try {
       return module.lastPanic();
     } catch {
       return ""; // a core that trapped may not answer
     }
   });
-  return words.find((each) => each !== "") ?? "";
+  return messages.find((message) => message !== "") ?? "";
 }
 
-/** What was thrown while the core worked, as a {@link GravisightError}; a trap has the words of its panic. */
+/** What was thrown while the core worked, as a {@link GravisightError}; a trap has the message of its panic. */
 export function errorOfCore(thrown: unknown): GravisightError {
   return gravisightErrorFrom(thrown, isTrap(thrown) ? lastPanic() : "");
 }
@@ -183,7 +183,7 @@ async function isScript(url: URL): Promise<boolean> {
 
 function missing(kind: DeviceKind, url: URL): GravisightError {
   const hint = isFile(url.href) ? " Has a bundler moved it? Keep this package out of a server's bundle; in Next.js: serverExternalPackages." : "";
-  return new GravisightError(`${kind}-build-missing`, `The ${nameOf(kind)} build is not here: ${url.href} is not a script.${hint}`);
+  return new GravisightError(`${kind}-build-missing`, `The ${nameOf(kind)} build was not found: ${url.href} is not a script.${hint}`);
 }
 
 function nameOf(kind: DeviceKind): string {

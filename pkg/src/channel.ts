@@ -1,5 +1,5 @@
 /** An object's end of its Worker: request ids, one request in flight, the others wait their turn. */
-import { GravisightError, wordsOf } from "./error.js";
+import { GravisightError, messageOf } from "./error.js";
 import { nodeWorker } from "./node.js";
 import type { Answer, CallName, CallOptions, FromWorker, Request, ToWorker, Transport } from "./protocol.js";
 import type { Progress } from "./types.js";
@@ -28,7 +28,7 @@ export class Channel implements Transport {
   #waiting: Pending[] = [];
   #inFlight: Pending | undefined;
   #closedBecause: unknown;
-  /** Whether the Worker has said anything yet. */
+  /** Whether the Worker has sent anything yet. */
   #isHere = false;
 
   /** Through `worker`, which the user starts and ends and which may serve other objects; or through one of its own. */
@@ -44,7 +44,7 @@ export class Channel implements Transport {
         // A script that is not there comes without a message.
         if (this.#owned || !event.message) {
           event.preventDefault();
-          return this.#closeSince(event.message || "is its script, worker.js of this package, served?");
+          return this.#closeSince(event.message || "is this package's worker.js being served?");
         }
         // An error of the user's own code is none of ours, unless the Worker does not even answer.
         if (this.#isHere) return;
@@ -102,7 +102,7 @@ export class Channel implements Transport {
   }
 
   #closeSince(reason: string): void {
-    this.close(new GravisightError("worker", `The Worker could not start or stopped: ${reason}`));
+    this.close(new GravisightError("worker", `The Worker failed to start, or stopped: ${reason}`));
   }
 
   /** A Worker that waits for one of its threads cannot tell that this has trapped. */
@@ -128,7 +128,7 @@ export class Channel implements Transport {
       this.#post({ type: next.type, object: this.#object, id: next.id, request: next.request } as ToWorker, next.transfer);
       this.#inFlight = next;
     } catch (thrown) {
-      next.reject(new GravisightError("worker", `The request cannot be sent: ${wordsOf(thrown)}.`, { cause: thrown }));
+      next.reject(new GravisightError("worker", `The request cannot be sent: ${messageOf(thrown)}.`, { cause: thrown }));
       this.#sendNext();
     }
   }

@@ -1,5 +1,5 @@
 import { Channel } from "./channel.js";
-import { GravisightError, wordsOf } from "./error.js";
+import { GravisightError, messageOf } from "./error.js";
 import { Inline } from "./inline.js";
 import { runsHere } from "./threads.js";
 import type { Transport } from "./protocol.js";
@@ -51,7 +51,7 @@ export function jsonOf(thing: unknown, name: JsonName): string {
     json = JSON.stringify(thing, finite);
   } catch (thrown) {
     if (thrown instanceof GravisightError) throw thrown;
-    throw new GravisightError(`${name}-format`, `The ${name} cannot be written as JSON: ${wordsOf(thrown)}.`, { cause: thrown });
+    throw new GravisightError(`${name}-format`, `The ${name} cannot be written as JSON: ${messageOf(thrown)}.`, { cause: thrown });
   }
   if (json === undefined) throw new GravisightError(`${name}-format`, `The ${name} is ${typeof thing}, not a ${name}.json object.`);
   return json;

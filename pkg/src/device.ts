@@ -35,10 +35,10 @@ export async function adapterHere(): Promise<{ adapter: GpuAdapter } | { missing
 }
 
 /** A device that was chosen by name; `webgpu-no-adapter` where it is not there. */
-export async function asAskedFor(kind: DeviceKind): Promise<Pick<Device, "kind" | "reason">> {
+export async function requestedDevice(kind: DeviceKind): Promise<Pick<Device, "kind" | "reason">> {
   const found = kind === "webgpu" ? await adapterHere() : {};
   if ("missing" in found) throw new GravisightError("webgpu-no-adapter", `WebGPU cannot be used: ${found.missing}.`);
-  return { kind, reason: "as asked for" };
+  return { kind, reason: "as requested" };
 }
 
 /** The name under which times are kept. Browsers that keep an adapter's names to themselves tell adapters apart by their limits. */
@@ -83,9 +83,9 @@ export function faster({ cpu, webgpu }: Times): DeviceKind {
   return webgpu < cpu ? "webgpu" : "cpu";
 }
 
-/** Times in words. */
+/** The reason that these times give for a device. */
 export function reasonOf(times: Times, isKept: boolean): string {
   const [cpu, webgpu] = [times.cpu, times.webgpu].map((ms) => `${ms.toPrecision(3)} ms`);
-  const words = faster(times) === "webgpu" ? `WebGPU is faster, ${webgpu} a picture and the CPU ${cpu}` : `the CPU is faster, ${cpu} a picture and WebGPU ${webgpu}`;
-  return `auto: ${words}${isKept ? ` (measured on ${times.day})` : ""}`;
+  const comparison = faster(times) === "webgpu" ? `WebGPU is faster: ${webgpu} per picture, the CPU ${cpu}` : `the CPU is faster: ${cpu} per picture, WebGPU ${webgpu}`;
+  return `auto: ${comparison}${isKept ? ` (measured on ${times.day})` : ""}`;
 }

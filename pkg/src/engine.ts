@@ -198,7 +198,7 @@ export class Engine {
 }
 
 function present<T>(thing: T | undefined): T {
-  if (thing === undefined) throw new GravisightError("not-loaded", "This was not loaded, or was given back.");
+  if (thing === undefined) throw new GravisightError("not-loaded", "This is not loaded, or was already disposed of.");
   return thing;
 }
 

@@ -25,7 +25,7 @@ export type FacadeErrorCode =
 
 /** Everything that this package throws, except the reason of an `AbortSignal`. */
 export class GravisightError extends Error {
-  /** By which it is told from other errors across Workers and bundles. */
+  /** Distinguishes it from other errors across Workers and bundles. */
   override readonly name = "GravisightError";
   /** What went wrong, for a program; `message` says it in words. */
   readonly code: FacadeErrorCode | (string & {});
@@ -36,14 +36,14 @@ export class GravisightError extends Error {
   }
 }
 
-/** The words of anything that was thrown. */
-export function wordsOf(thrown: unknown): string {
+/** The message of anything that was thrown. */
+export function messageOf(thrown: unknown): string {
   return thrown instanceof Error ? thrown.message || thrown.name : String(thrown);
 }
 
 /**
  * Turns anything that was thrown into a {@link GravisightError}; what has no code of its own is `internal`, and says
- * `panic`, the words of a trap's panic, where there are any.
+ * `panic`, the message of a trap's panic, where there is one.
  */
 export function gravisightErrorFrom(thrown: unknown, panic = ""): GravisightError {
   if (thrown instanceof GravisightError) return thrown;
@@ -51,5 +51,5 @@ export function gravisightErrorFrom(thrown: unknown, panic = ""): GravisightErro
   if (thrown instanceof Error && thrown.name === "GravisightError" && "code" in thrown) {
     return new GravisightError(String(thrown.code), thrown.message);
   }
-  return new GravisightError("internal", `The core stopped unexpectedly: ${panic || wordsOf(thrown)}.`, { cause: thrown });
+  return new GravisightError("internal", `The core stopped unexpectedly: ${panic || messageOf(thrown)}.`, { cause: thrown });
 }

@@ -1,5 +1,5 @@
-/** Fetching with progress in bytes and failures in words. */
-import { GravisightError, wordsOf } from "./error.js";
+/** Fetching with progress in bytes and clear errors. */
+import { GravisightError, messageOf } from "./error.js";
 import { isFile, readFile } from "./node.js";
 
 export type OnBytes = (loaded: number, total: number | null) => void;
@@ -23,7 +23,7 @@ async function fileBytes(url: string, what: string): Promise<Uint8Array<ArrayBuf
   try {
     return await readFile(new URL(url));
   } catch (thrown) {
-    throw new GravisightError("fetch", `Could not read ${what} from ${url}: ${wordsOf(thrown)}.`, { cause: thrown });
+    throw new GravisightError("fetch", `Could not read ${what} from ${url}: ${messageOf(thrown)}.`, { cause: thrown });
   }
 }
 
@@ -33,7 +33,7 @@ async function fetchOk(url: string, what: string): Promise<Response> {
   try {
     response = await fetch(url);
   } catch (thrown) {
-    throw new GravisightError("fetch", `Could not fetch ${what} from ${url}: ${wordsOf(thrown)}.`, { cause: thrown });
+    throw new GravisightError("fetch", `Could not fetch ${what} from ${url}: ${messageOf(thrown)}.`, { cause: thrown });
   }
   if (!response.ok) {
     throw new GravisightError("fetch", `Could not fetch ${what} from ${url}: the server answered ${statusOf(response)}.`);
@@ -62,7 +62,7 @@ export async function fetchBytes(url: string, what: string, onBytes: OnBytes, mo
   }
   const response = await fetchOk(url, what);
   const total = lengthOf(response);
-  const tooLarge = new GravisightError("fetch", `Could not fetch ${what} from ${url}: more than ${most >> 20} MB, so it is something else.`);
+  const tooLarge = new GravisightError("fetch", `Could not fetch ${what} from ${url}: it has more than ${most >> 20} MB, so it is a different file.`);
   if (total !== null && total > most) {
     await response.body?.cancel();
     throw tooLarge;
@@ -73,7 +73,7 @@ export async function fetchBytes(url: string, what: string, onBytes: OnBytes, mo
     return new Uint8Array(await new Response(counted).arrayBuffer());
   } catch (thrown) {
     if (thrown instanceof GravisightError) throw thrown;
-    throw new GravisightError("fetch", `The connection broke while fetching ${what} from ${url}: ${wordsOf(thrown)}.`, { cause: thrown });
+    throw new GravisightError("fetch", `The connection broke while fetching ${what} from ${url}: ${messageOf(thrown)}.`, { cause: thrown });
   }
 }
 

@@ -1,7 +1,7 @@
 import { sourceOf } from "./builds.js";
 import type { FineTuneOptions as Settings } from "../wasm/cpu/gravisight.js";
 import { connect, disposed, jsonOf, makeDisposable, whole } from "./connect.js";
-import { cameraOf, checkedDevice, modelOf, wantedOf } from "./localiser.js";
+import { cameraOf, checkedDevice, coreOptionsOf, modelOf } from "./localiser.js";
 import { pictureToSend } from "./picture.js";
 import type { PictureMessage, Transport } from "./protocol.js";
 import type {
@@ -150,7 +150,7 @@ export class FineTuner {
     const camera = cameraOf(options.camera);
     const { picture, transfer } = await pictureToSend(image);
     const { signal } = options;
-    return this.#transport.call("tuned", { picture, camera, options: wantedOf(options) }, { transfer, signal });
+    return this.#transport.call("tuned", { picture, camera, options: coreOptionsOf(options) }, { transfer, signal });
   }
 
   /** The model, to be used at once or saved. The card names the file that the weights must be in. */

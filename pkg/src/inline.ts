@@ -18,15 +18,15 @@ export class Inline implements Transport {
     const { signal, onProgress } = options;
     this.throwIfClosed();
     signal?.throwIfAborted();
-    const turn = this.#last.then(() => {
+    const answer = this.#last.then(() => {
       this.throwIfClosed();
       signal?.throwIfAborted();
       return this.#engine.call(type, request, (progress) => {
         if (!signal?.aborted && this.#closedBecause === undefined) hear(() => onProgress?.(progress));
       });
     });
-    this.#last = turn.catch(() => {});
-    return signal ? await until(turn, signal) : await turn;
+    this.#last = answer.catch(() => {});
+    return signal ? await until(answer, signal) : await answer;
   }
 
   /** Whether there is such a call. */

@@ -2,7 +2,7 @@
 import type * as Core from "../wasm/cpu/gravisight.js";
 import { errorOfCore, loadBuild, type CoreModule } from "./builds.js";
 import { cached, cardText, keep } from "./cache.js";
-import { adapterHere, asAskedFor, countingTo, faster, keepTimes, keptTimes, measure, reasonOf, timesKey } from "./device.js";
+import { adapterHere, countingTo, faster, keepTimes, keptTimes, measure, reasonOf, requestedDevice, timesKey } from "./device.js";
 import { GravisightError } from "./error.js";
 import { fetchBytes, mayFetch } from "./fetch.js";
 import { ownModel } from "./own.js";
@@ -20,10 +20,10 @@ export interface Loaded {
 }
 
 /** Which model, where from and on what. */
-type Wanted = Pick<Request<"create">, "model" | "device" | "wasm" | "threads" | "cache">;
+type ModelRequest = Pick<Request<"create">, "model" | "device" | "wasm" | "threads" | "cache">;
 
 /** Takes the device that was chosen; `auto` the faster one, or the CPU where WebGPU is absent or fails, and says why. Works for the engine `of`. */
-export async function load(request: Wanted, onProgress: OnProgress, of: object): Promise<Loaded> {
+export async function load(request: ModelRequest, onProgress: OnProgress, of: object): Promise<Loaded> {
   const model = loadModel(request.model, request.cache, onProgress);
   // The build is awaited first; without this, a model that fails meanwhile counts as an unhandled rejection.
   model.catch(() => {});
@@ -35,7 +35,7 @@ export async function load(request: Wanted, onProgress: OnProgress, of: object):
     return { core, module, device: deviceOf(core, kind, reason), model: { card, weights } };
   };
   if (request.device !== "auto") {
-    const { kind, reason } = await asAskedFor(request.device);
+    const { kind, reason } = await requestedDevice(request.device);
     return start(kind, reason);
   }
   const found = await adapterHere();
@@ -44,8 +44,8 @@ export async function load(request: Wanted, onProgress: OnProgress, of: object):
 }
 
 /** The device that was chosen, or for `auto` the faster one. */
-export async function pickDevice(request: Wanted, onProgress: OnProgress, of: object): Promise<Pick<Device, "kind" | "reason">> {
-  if (request.device !== "auto") return asAskedFor(request.device);
+export async function pickDevice(request: ModelRequest, onProgress: OnProgress, of: object): Promise<Pick<Device, "kind" | "reason">> {
+  if (request.device !== "auto") return requestedDevice(request.device);
   const { core, device } = await load(request, onProgress, of);
   core.free();
   return device;
@@ -61,7 +61,7 @@ async function fasterOne(
 ): Promise<Loaded> {
   const kept = useCache ? await keptTimes(key) : null;
   const isMeasured = countingTo(onProgress);
-  /** A model on a device and how long a picture takes there, or why it does not work, in words. Of a failed one nothing is kept. */
+  /** A model on a device and how long a picture takes there, or the error if it does not work. Nothing of a failed one is kept. */
   const attempt = async (kind: DeviceKind): Promise<{ loaded: Loaded; ms: number } | { failed: GravisightError }> => {
     let loaded: Loaded | undefined;
     try {
@@ -93,7 +93,7 @@ async function fasterOne(
   return { ...taken, device: { ...taken.device, reason: reasonOf(times, false) } };
 }
 
-/** What there is to say of a model's device. */
+/** The description of a model's device. */
 export function deviceOf({ deviceName, adapter }: Pick<Core.Localiser, "deviceName" | "adapter">, kind: DeviceKind, reason: string): Device {
   return { kind, name: deviceName, reason, ...(adapter && { adapter }) };
 }
@@ -142,6 +142,6 @@ function weightsOf(cardUrl: string, card: string): { url: string; sha256: string
   const { weights, sha256 } = content ?? {};
   const file = typeof weights === "string" && weights !== "" ? weights : cardUrl.replace(/\.json(?=$|[?#])/, ".safetensors");
   const { href } = new URL(file, cardUrl);
-  if (!mayFetch(href, cardUrl)) throw new GravisightError("fetch", `The model's card ${cardUrl} names weights at ${href}, which is not on a network as the card is.`);
+  if (!mayFetch(href, cardUrl)) throw new GravisightError("fetch", `The model's card ${cardUrl} names weights at ${href}, but a card from a network may only name weights on a network.`);
   return { url: href, sha256: typeof sha256 === "string" ? sha256 : undefined };
 }

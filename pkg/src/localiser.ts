@@ -91,16 +91,16 @@ export class Localiser {
     signal?.throwIfAborted();
     this.#transport.throwIfClosed();
     const camera = cameraOf(options.camera, this.#camera);
-    const wanted = wantedOf(options, this.#ball);
+    const coreOptions = coreOptionsOf(options, this.#ball);
     const { picture, transfer } = await pictureToSend(image);
     // Its buffer is gone once it is sent.
     const again = saliency ? await pictureToSend(image) : undefined;
-    const found: Localisation = await this.#transport.call("localise", { picture, camera, options: wanted }, { transfer, signal });
+    const found: Localisation = await this.#transport.call("localise", { picture, camera, options: coreOptions }, { transfer, signal });
     this.#device = found.device;
     if (again) {
       found.saliency = await this.#transport.call("saliency", { picture: again.picture }, { transfer: again.transfer, signal });
-      // Of a model that reads sizes these are shares of the depth.
-      if (this.card.depth_from === "size") found.saliency.values = found.saliency.values.map((share) => share * found.depth);
+      // Of a model that reads sizes these are fractions of the depth.
+      if (this.card.depth_from === "size") found.saliency.values = found.saliency.values.map((fraction) => fraction * found.depth);
     }
     return found;
   }
@@ -152,25 +152,25 @@ export function modelOf(model: string | URL | Model | undefined): string | Model
   if (typeof model === "string" || model instanceof URL) return absoluteUrl(model);
   const { card, weights } = Object(model) as Partial<Record<keyof Model, unknown>>;
   if (typeof card !== "string") {
-    throw new GravisightError("model-format", `A model in memory has its card as text in \`card\`, as it is in its JSON file, not ${typeof card}.`);
+    throw new GravisightError("model-format", `A model in memory needs its card in \`card\`, as the text of its JSON file, not ${typeof card}.`);
   }
   if (!(weights instanceof Uint8Array) && !(weights instanceof ArrayBuffer)) {
     const found = weights === null ? "null" : typeof weights;
-    throw new GravisightError("model-format", `A model in memory has the bytes of its .safetensors file in \`weights\`, a Uint8Array, not ${found}.`);
+    throw new GravisightError("model-format", `A model in memory needs the bytes of its .safetensors file in \`weights\`, as a Uint8Array, not ${found}.`);
   }
   return { card, weights: new Uint8Array(weights) };
 }
 
 export function checkedDevice(device: DeviceChoice = "cpu"): DeviceChoice {
   if (DEVICES.includes(device)) return device;
-  throw new GravisightError("device", `"${device}" is no device; choose ${DEVICES.join(", ")}.`);
+  throw new GravisightError("device", `"${device}" is not a device; choose one of ${DEVICES.join(", ")}.`);
 }
 
 /** The camera of a call, as JSON. */
 export function cameraOf(given: Camera | undefined, own?: string): string {
   const camera = given === undefined ? own : jsonOf(given, "camera");
   if (camera !== undefined) return camera;
-  throw new GravisightError("camera-missing", "No camera: give one to `create`, `setCamera` or with the picture.");
+  throw new GravisightError("camera-missing", "No camera: give one to `create` or `setCamera`, or with the picture.");
 }
 
 /** A copy: what a framework wraps in a Proxy cannot be sent. */
@@ -178,8 +178,8 @@ export function ballOf({ radius }: Ball): Ball {
   return whole<Ball>({ radius });
 }
 
-/** What the core is asked for besides the position. */
-export function wantedOf(options: LocaliseOptions, own?: Ball): Wanted {
+/** The core's options for a picture. */
+export function coreOptionsOf(options: LocaliseOptions, own?: Ball): Wanted {
   const { heatmap = false, depthMap = false, truth, region, scene, candidates = 0, ball = own } = options;
   // Copies: what a framework wraps in a Proxy cannot be sent.
   return whole<Wanted>({

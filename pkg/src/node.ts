@@ -1,5 +1,5 @@
 /** Node.js has no fetch for `file:` URLs, where a package's own files are. Nothing here is touched in a browser. */
-import { GravisightError, wordsOf } from "./error.js";
+import { GravisightError, messageOf } from "./error.js";
 import type { FromWorker, ToWorker } from "./protocol.js";
 import type { ThreadStart } from "./thread.js";
 import type { Thread } from "./threads.js";
@@ -96,7 +96,7 @@ export function nodeWorker(): Worker {
     events.dispatchEvent(new MessageEvent("message", { data }));
   });
   worker.on("messageerror", () => events.dispatchEvent(new Event("messageerror")));
-  worker.on("error", (thrown) => events.dispatchEvent(Object.assign(new Event("error"), { message: wordsOf(thrown) })));
+  worker.on("error", (thrown) => events.dispatchEvent(Object.assign(new Event("error"), { message: messageOf(thrown) })));
   const postMessage = (message: ToWorker, transfer: Transferable[]) => {
     worker.postMessage(message, transfer);
     if ("id" in message) worker.ref();

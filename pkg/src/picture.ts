@@ -1,5 +1,5 @@
 /** From whatever the caller holds to a message for the Worker, and its end there. The core reads it. */
-import { GravisightError, wordsOf } from "./error.js";
+import { GravisightError, messageOf } from "./error.js";
 import type { PictureMessage } from "./protocol.js";
 import type { DrawablePicture, Picture, Pixels } from "./types.js";
 
@@ -49,6 +49,6 @@ async function bitmapOf(source: DrawablePicture): Promise<ImageBitmap> {
     // Without conversion to the screen's colours: the core decodes files without one, too.
     return await createImageBitmap(source, { colorSpaceConversion: "none" });
   } catch (thrown) {
-    throw new GravisightError("image-read", `The picture could not be drawn to pixels: ${wordsOf(thrown)}.`, { cause: thrown });
+    throw new GravisightError("image-read", `The picture could not be drawn to pixels: ${messageOf(thrown)}.`, { cause: thrown });
   }
 }

@@ -1,4 +1,4 @@
-/** What the engine can be asked for: the request and the answer of each call, wherever it runs. */
+/** The engine's calls: the request and the answer of each, wherever it runs. */
 import type * as Core from "../wasm/cpu/gravisight.js";
 import type { Device, DeviceChoice, Model, Progress } from "./types.js";
 
@@ -64,7 +64,7 @@ export type FromWorker = { object: string } & (
   | { type: "progress"; id: number; progress: Progress }
   | { type: "done"; id: number; answer: Answer<CallName> }
   | { type: "failed"; id: number; code: string; message: string }
-  /** First of all, and to `hello`: the Worker is there, and its threads' failures are told on this `BroadcastChannel`. */
+  /** First of all, and to `hello`: the Worker is there, and its threads' failures are reported on this `BroadcastChannel`. */
   | { type: "here"; threads: string }
 );
 

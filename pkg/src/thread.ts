@@ -2,7 +2,7 @@
 import type { CoreModule } from "./builds.js";
 import { ownPort } from "./node.js";
 
-/** What a thread is told at its start. */
+/** The first message to a thread. */
 export interface ThreadStart {
   /** The build's script, and its module and memory. */
   glue: string;

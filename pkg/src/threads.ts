@@ -4,7 +4,7 @@ import { isNode, nodeThread } from "./node.js";
 import type { ThreadedModule, ThreadStart } from "./thread.js";
 import type { CoreOptions } from "./types.js";
 
-/** Threads that `auto` takes at most: more share too little work. */
+/** Threads that `auto` takes at most: more have too little work each. */
 const MOST = 8;
 
 /** @throws {@link GravisightError} `threads`. */
@@ -15,13 +15,13 @@ export function checkedThreads(threads: CoreOptions["threads"]): number | "auto"
 }
 
 /** How many threads an engine can have in a Worker of this page, or in Node.js: one where memory cannot be shared. */
-export function threadsInWorker(wanted: number | "auto"): number {
+export function threadsInWorker(requested: number | "auto"): number {
   const isolated = (globalThis as { crossOriginIsolated?: boolean }).crossOriginIsolated !== false && typeof SharedArrayBuffer === "function";
   if (!isolated) return 1;
-  return wanted === "auto" ? Math.min(globalThis.navigator?.hardwareConcurrency ?? 1, MOST) : wanted;
+  return requested === "auto" ? Math.min(globalThis.navigator?.hardwareConcurrency ?? 1, MOST) : requested;
 }
 
-/** Whether an object's engine runs on the calling thread: where that is asked for, and in Node.js unless it needs threads. */
+/** Whether an object's engine runs on the calling thread: where that is requested, and in Node.js unless it needs threads. */
 export function runsHere({ worker, threads }: Pick<CoreOptions, "worker" | "threads">): boolean {
   if (worker !== undefined) return worker === false;
   if (typeof Worker !== "undefined") return false;
@@ -73,7 +73,7 @@ function browserThread(): Thread {
         worker.addEventListener("message", () => resolve(), { once: true });
         worker.addEventListener("error", (event) => {
           event.preventDefault();
-          reject(new GravisightError("worker", `A thread could not start: ${event.message || "is its script, thread.js of this package, served?"}`));
+          reject(new GravisightError("worker", `A thread could not start: ${event.message || "is this package's thread.js being served?"}`));
         });
         worker.postMessage(start);
       }),

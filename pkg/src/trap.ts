@@ -28,7 +28,7 @@ export function watchForTraps(scope: Scope, errorOf: (thrown: unknown) => Error)
   const end = (event: Event, thrown: unknown) => {
     if (stops.size === 0 || !isTrap(thrown)) return;
     event.preventDefault();
-    // Nobody knows whose it was, and all may be in the memory that it has left behind. One error for all: a panic tells its words once.
+    // Nobody knows whose it was, and all may be in the memory that it has left behind. One error for all: a panic reports its message once.
     const error = errorOf(thrown);
     for (const stop of [...stops.values()]) stop(error);
   };

@@ -20,7 +20,7 @@ export interface VideoTrackerOptions extends ModelOptions {
   ball?: Ball;
 }
 
-type Place = Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
+type SceneSetup = Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
 
 /** Where a person saw the ball. */
 export interface Seed {
@@ -31,7 +31,7 @@ export interface Seed {
 }
 
 /** Options of {@link VideoTracker.track}. */
-export interface TrackVideoOptions extends Place {
+export interface TrackVideoOptions extends SceneSetup {
   /** Places in which a person saw the ball. What flies through them is the ball. Of several in one frame the last counts. */
   seeds?: Seed[];
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
@@ -49,16 +49,16 @@ export interface TrackVideoOptions extends Place {
 /** Follows a ball through a video of a camera that stays where it is, and may turn and zoom: its flights, bounces and hits in metres. */
 export class VideoTracker {
   readonly #transport: Transport;
-  readonly #place: Place;
+  readonly #setup: SceneSetup;
   #last = -Infinity;
   /** Of the last frame's pixels, which the engine has read; of one frame at a time. */
   #memory: Uint8Array<ArrayBuffer> | undefined;
   /** Settles when the frames so far were added. */
   #added: Promise<unknown> = Promise.resolve();
 
-  private constructor(transport: Transport, place: Place) {
+  private constructor(transport: Transport, setup: SceneSetup) {
     this.#transport = transport;
-    this.#place = place;
+    this.#setup = setup;
   }
 
   /**
@@ -73,7 +73,7 @@ export class VideoTracker {
     const transport = connect(options);
     try {
       await transport.call("create", request, { signal, onProgress });
-      return new VideoTracker(transport, whole<Place>({ camera, scene, ball }));
+      return new VideoTracker(transport, whole<SceneSetup>({ camera, scene, ball }));
     } catch (thrown) {
       transport.close(disposed("VideoTracker"));
       throw thrown;
@@ -94,13 +94,13 @@ export class VideoTracker {
     const memory = this.#memory;
     this.#memory = undefined;
     const copied = pictureToSend(frame, memory);
-    // It is awaited only in its turn.
+    // It is awaited only after the frames before it.
     copied.catch(() => {});
-    const turn = this.#added.then(() => this.#add(copied, timestampMs));
+    const added = this.#added.then(() => this.#add(copied, timestampMs));
     // A bitmap of a frame that was never sent is this method's to free.
-    turn.catch(() => copied.then(release, () => {}));
-    this.#added = turn.catch(() => {});
-    return turn;
+    added.catch(() => copied.then(release, () => {}));
+    this.#added = added.catch(() => {});
+    return added;
   }
 
   async #add(copied: Promise<PictureToSend>, timestampMs: number): Promise<void> {
@@ -109,7 +109,7 @@ export class VideoTracker {
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
     }
     const { picture, transfer } = await copied;
-    const { camera } = this.#place;
+    const { camera } = this.#setup;
     const request = { picture, time: timestampMs / 1000, camera: camera && jsonOf(camera, "camera") };
     this.#memory = (await this.#transport.call("addFrame", request, { transfer })) ?? undefined;
     this.#last = timestampMs;
@@ -125,16 +125,16 @@ export class VideoTracker {
     this.#transport.throwIfClosed();
     await this.#added;
     const { signal, onProgress, hits, seeds = [], timesKnown = false, cameraSigma = [] } = options;
-    const { scene = this.#place.scene, ball = this.#place.ball } = options;
+    const { scene = this.#setup.scene, ball = this.#setup.ball } = options;
     // A camera that only the tracker was made with, without a scene, tells how balls look, and makes no metres.
-    const camera = options.camera ?? (scene ? this.#place.camera : undefined);
+    const camera = options.camera ?? (scene ? this.#setup.camera : undefined);
     if (!camera !== !scene) {
-      throw new GravisightError(camera ? "scene-missing" : "camera-missing", `Metres need camera and scene, and there is no ${camera ? "scene" : "camera"}.`);
+      throw new GravisightError(camera ? "scene-missing" : "camera-missing", `Positions in metres need a camera and a scene, but there is no ${camera ? "scene" : "camera"}.`);
     }
-    const place = typeof scene === "string" ? await this.#transport.call("scene", { name: scene }) : scene;
+    const resolved = typeof scene === "string" ? await this.#transport.call("scene", { name: scene }) : scene;
     const known = whole<Known>({
       camera,
-      scene: place && (ball ? { ...place, ball: { ...place.ball, radius: ball.radius } } : place),
+      scene: resolved && (ball ? { ...resolved, ball: { ...resolved.ball, radius: ball.radius } } : resolved),
       hits,
       cameraSigma,
       seeds: seeds.map(({ frame, image }) => [frame, image]),

@@ -23,7 +23,7 @@ scope.addEventListener("message", async ({ data }) => {
   if (typeof data?.object !== "string") return;
   const { object } = data;
   if (data.type === "close") {
-    // Its page's end has told everybody who waits.
+    // Its page's end has rejected all calls that wait.
     objects.get(object)?.close(new GravisightError("disposed", "This was disposed of."));
     objects.delete(object);
     return;

@@ -45,7 +45,7 @@ export function contextOf(canvas: HTMLCanvasElement): CanvasRenderingContext2D {
   return context;
 }
 
-/** The words of anything that was thrown. */
-export function wordsOf(thrown: unknown): string {
+/** The message of anything that was thrown. */
+export function messageOf(thrown: unknown): string {
   return thrown instanceof Error ? thrown.message : String(thrown);
 }

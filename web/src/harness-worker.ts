@@ -16,8 +16,8 @@ addEventListener("message", ({ data }: MessageEvent<unknown>) => {
 
 // Its own work, which may fail.
 addEventListener("message", ({ data }: MessageEvent<{ throw?: string } | null>) => {
-  const words = data?.throw;
-  if (words) setTimeout(() => {
-    throw new Error(words);
+  const message = data?.throw;
+  if (message) setTimeout(() => {
+    throw new Error(message);
   });
 });

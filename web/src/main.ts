@@ -22,7 +22,7 @@ setTimeout(() => startLive(element("live"), () => app.localiser));
 await app.start(settings);
 try {
   await keepForOffline();
-  element("offline-note").textContent = "This page is kept in your browser and opens without a network, too.";
+  element("offline-note").textContent = "This page is kept in your browser and also opens without a network.";
 } catch {
   // The browser forbids it, or the network broke: the page works as well without.
 }

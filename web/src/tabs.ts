@@ -1,5 +1,5 @@
 /** The steps as tabs: arrow keys move, the address remembers, and a step's code is fetched when it is first opened. */
-import { element, make, wordsOf } from "./dom";
+import { element, make, messageOf } from "./dom";
 
 /** What fills a step's panel. */
 type Start = (panel: HTMLElement) => void | Promise<void>;
@@ -37,8 +37,8 @@ function nameOf(tab: HTMLElement): string {
   return tab.id.replace(/^tab-/, "");
 }
 
-async function show(tabs: HTMLButtonElement[], wanted: string): Promise<void> {
-  const chosen = tabs.find((tab) => nameOf(tab) === wanted) ?? tabs[0];
+async function show(tabs: HTMLButtonElement[], requested: string): Promise<void> {
+  const chosen = tabs.find((tab) => nameOf(tab) === requested) ?? tabs[0];
   for (const tab of tabs) {
     const isChosen = tab === chosen;
     tab.setAttribute("aria-selected", String(isChosen));
@@ -59,7 +59,7 @@ async function show(tabs: HTMLButtonElement[], wanted: string): Promise<void> {
     await start(panel);
   } catch (thrown) {
     started.delete(name);
-    const alert = make("p", { class: "alert", text: `This step could not be loaded: ${wordsOf(thrown)}` });
+    const alert = make("p", { class: "alert", text: `This step could not be loaded: ${messageOf(thrown)}` });
     alert.setAttribute("role", "alert");
     panel.replaceChildren(alert);
   }

@@ -9,8 +9,8 @@ use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::table::{Column, Row, Table};
 
 /// What a track's file is, for who gave another.
-const EXPECTED: &str = "a 2D track is a CSV table whose first line is Frame,Visibility,X,Y (and Time in seconds, if you like); `gravisight \
-                        track VIDEO --out track.csv` writes one, as other trackers do";
+const EXPECTED: &str = "a 2D track is a CSV table whose first line is Frame,Visibility,X,Y (optionally also Time, in seconds); `gravisight \
+                        track VIDEO --out track.csv` writes one, and so do other trackers";
 /// The columns of a file, and those that it may have.
 const COLUMNS: [&str; 4] = ["Frame", "Visibility", "X", "Y"];
 const TIME: &str = "Time";
@@ -143,7 +143,8 @@ impl Track {
         }
         let timed = points.iter().filter(|point| point.time.is_some()).count();
         if ![0, points.len()].contains(&timed) {
-            let reason = format!("is known of {timed} of {} points: give it of all of them, or of none", points.len());
+            let reason =
+                format!("is given for {timed} of {} points: give it for all of them, or for none", points.len());
             return Err(Error::value("track", TIME, reason));
         }
         Ok(Self { points, nowhere: 0 })
@@ -191,11 +192,11 @@ impl Track {
     pub fn to_csv(&self) -> Result<String> {
         let optional = |point: &TrackPoint| [point.time, point.radius, point.radius_sigma, point.sigma];
         let names = [TIME].into_iter().chain(SIZES).enumerate();
-        let told: Vec<(usize, &str)> =
+        let present: Vec<(usize, &str)> =
             names.filter(|(index, _)| self.points.iter().any(|point| optional(point)[*index].is_some())).collect();
-        let header: Vec<&str> = COLUMNS.into_iter().chain(told.iter().map(|(_, name)| *name)).collect();
+        let header: Vec<&str> = COLUMNS.into_iter().chain(present.iter().map(|(_, name)| *name)).collect();
         let line = |point: &TrackPoint| {
-            let more: Vec<Option<f64>> = told.iter().map(|(index, _)| optional(point)[*index]).collect();
+            let more: Vec<Option<f64>> = present.iter().map(|(index, _)| optional(point)[*index]).collect();
             (point.frame, point.visibility, point.x, point.y, more)
         };
         text_of(Some(&header), self.points.iter().map(line))
@@ -220,14 +221,13 @@ impl Track {
             let now = time(point)?;
             if let (Some(&frame), Some(&Observation { time: before, .. })) = (frames.last(), observations.last()) {
                 if point.frame - frame > LONGEST_GAP {
-                    let reason =
-                        format!("leaves out more than {LONGEST_GAP} frames after {frame}; split the track there");
+                    let reason = format!("skips more than {LONGEST_GAP} frames after {frame}; split the track there");
                     return Err(Error::value("track", COLUMNS[0], reason));
                 }
                 for between in frame + 1..point.frame {
-                    let share = (between - frame) as f64 / (point.frame - frame) as f64;
+                    let fraction = (between - frame) as f64 / (point.frame - frame) as f64;
                     let time = match point.time {
-                        Some(_) => before + (now - before) * share,
+                        Some(_) => before + (now - before) * fraction,
                         None => between as f64 / fps.unwrap_or(1.0),
                     };
                     frames.push(between);
@@ -253,25 +253,25 @@ struct Columns<'a> {
 
 impl Columns<'_> {
     fn of(table: &Table) -> Result<Self> {
-        let wanted = |names: &[&'static str]| match table.column_of(names) {
+        let required = |names: &[&'static str]| match table.column_of(names) {
             Some(column) => Ok(column),
             None => table.column(names[0]).map_err(|error| error.expecting(EXPECTED)),
         };
         let (time, sizes) = (table.column_of(&TIMES), SIZES.map(|name| table.column_if_any(name)));
         let frame = match time {
             Some(_) => table.column_of(&FRAMES),
-            None => Some(wanted(&FRAMES)?),
+            None => Some(required(&FRAMES)?),
         };
         Ok(Self {
             frame,
             visibility: table.column_of(&VISIBLE),
-            place: [wanted(&ACROSS)?, wanted(&DOWN)?],
+            place: [required(&ACROSS)?, required(&DOWN)?],
             time,
             sizes,
         })
     }
 
-    /// The point of a row, which is the track's `index`th, and whether its ball is said to be seen, and nowhere.
+    /// The track's point of this `index`, from its row, and whether the row claims a visible ball at a placeholder position ([`NOWHERE`]).
     fn point(&self, row: &Row, index: u64) -> Result<(TrackPoint, bool)> {
         let level = match self.visibility {
             Some(column) if !row.flag(column)? => 0,
@@ -292,7 +292,7 @@ impl Columns<'_> {
         let visibility = if is_nowhere || x.is_none() || y.is_none() { 0 } else { level };
         let size = |column: Option<Column<'_>>| match column.map(|column| row.number_if_any(column)).transpose()? {
             Some(Some(size)) if size < 0.0 => {
-                let reason = format!("must not be negative, as {size} is");
+                let reason = format!("must not be negative, but is {size}");
                 Err(Error::value(&row.what, column.map_or("", |column| column.name()), reason))
             }
             size => Ok(size.flatten()),

@@ -33,12 +33,12 @@ pub fn trusted(observations: &[Observation]) -> Vec<Observation> {
         let [t, from, to] = [index, i, j].map(|index| observations[seen[index]].time);
         at(i) + (at(j) - at(i)) * ((t - from) / (to - from))
     };
-    // the median of what pairs of neighbours say
+    // From the median of the predictions by pairs of neighbours.
     let deviation = |index: usize| {
         let pairs = [(-1, 1), (-2, 2), (-2, -1), (1, 2), (-1, 2), (-2, 1)].into_iter();
         let neighbour = |by: isize| index.checked_add_signed(by).filter(|&other| other < seen.len());
-        let said: Vec<_> = pairs.filter_map(|(i, j)| Some(line(index, neighbour(i)?, neighbour(j)?))).collect();
-        let along = |axis: usize| median(said.iter().map(|point| point[axis])).unwrap_or(0.0);
+        let predictions: Vec<_> = pairs.filter_map(|(i, j)| Some(line(index, neighbour(i)?, neighbour(j)?))).collect();
+        let along = |axis: usize| median(predictions.iter().map(|point| point[axis])).unwrap_or(0.0);
         (at(index) - Vector2::new(along(0), along(1))).norm()
     };
     let deviations: Vec<f64> = (0..seen.len()).map(deviation).collect();

@@ -280,7 +280,7 @@ impl Fit {
             }
         }
         (self.impacts, self.hits) = (impacts, hits);
-        self.verdict = self.in_words();
+        self.verdict = self.verdict_text();
         self
     }
 
@@ -298,7 +298,7 @@ impl Fit {
             if flight.explained && probability < SURELY_BALL {
                 flight.explained = false;
                 flight.reason = Some(format!(
-                    "what was tracked is the ball with a probability of {:.0} % only",
+                    "the tracked object is the ball with a probability of only {:.0} %",
                     100.0 * probability
                 ));
             }
@@ -328,16 +328,15 @@ impl Fit {
         self.frames.iter().min_by(|a, b| (a.time - time).abs().total_cmp(&(b.time - time).abs()))
     }
 
-    /// What to think of it.
-    fn in_words(&self) -> String {
+    /// The verdict, in one sentence.
+    fn verdict_text(&self) -> String {
         let count = |number: usize, what: &str| format!("{number} {what}{}", if number == 1 { "" } else { "s" });
         let parts =
             [count(self.flights.len(), "flight"), count(self.hits.len(), "hit"), count(self.impacts.len(), "bounce")]
                 .join(", ");
-        let wrong =
-            self.flights.iter().enumerate().filter_map(|(index, flight)| {
-                Some(format!("flight {} is not: {}", index + 1, flight.reason.as_ref()?))
-            });
+        let wrong = self.flights.iter().enumerate().filter_map(|(index, flight)| {
+            Some(format!("flight {} is not explained: {}", index + 1, flight.reason.as_ref()?))
+        });
         let wrong: Vec<String> = wrong.collect();
         match wrong.is_empty() {
             true => format!("explained: {parts}"),
@@ -370,6 +369,6 @@ mod tests {
         let doubtful = fit.doubted(&[0.7, 0.8, 0.0, 0.95], &scene);
         assert_eq!(doubtful.frames.iter().map(|frame| frame.explained).collect::<Vec<_>>(), [false, false, true, true]);
         assert!(!doubtful.explained);
-        assert!(doubtful.verdict.contains("with a probability of 80 % only"), "{}", doubtful.verdict);
+        assert!(doubtful.verdict.contains("with a probability of only 80 %"), "{}", doubtful.verdict);
     }
 }

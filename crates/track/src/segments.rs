@@ -12,7 +12,7 @@ use crate::observation::{noise_of, trusted};
 const PAUSE: f64 = 0.6;
 /// Labels from which on a segment is cut at the sharpest bend that it has by then: the time that a fit takes grows with them.
 const LONG: usize = 400;
-/// Fewest labels of a segment: of less nothing can be said.
+/// Fewest labels of a segment that can be fitted.
 const FEWEST: usize = 5;
 /// Labels on either side of a bend that show it.
 const BESIDE: usize = 8;

@@ -25,7 +25,7 @@ const RADIUS_BIAS: f64 = 0.6;
 /// Segments that are fitted at a time, for each thread.
 const SEGMENTS_A_THREAD: usize = 4;
 
-/// Items of a list in words, at most.
+/// Items of a list that are named, at most.
 const MOST_LISTED: usize = 5;
 
 /// The ball in a video (`VideoTracker::track`): in each frame, and its flights.
@@ -130,7 +130,7 @@ impl TrackedVideo {
         let mut video = Self { frames, cuts, config, ..Self::default() };
         video.elsewhere = video.other_views();
         video.unused_seeds = hypotheses.unused_seeds().to_vec();
-        video.verdict = video.in_words();
+        video.verdict = video.verdict_text();
         video
     }
 
@@ -205,7 +205,7 @@ impl TrackedVideo {
             }
         }
         self.explained = Some(!self.segments.is_empty() && self.segments.iter().all(FittedSegment::explained));
-        self.verdict = self.in_words();
+        self.verdict = self.verdict_text();
         Ok(())
     }
 
@@ -233,21 +233,21 @@ impl TrackedVideo {
         self.notes.extend_from_slice(&fit.notes);
     }
 
-    /// What came out.
-    fn in_words(&self) -> String {
+    /// The verdict: what was found and whether it is explained, in one sentence.
+    fn verdict_text(&self) -> String {
         let repeated = self.frames.iter().filter(|frame| frame.repeated).count();
         let repeated = match repeated {
             0 => String::new(),
-            count => format!(" ({count} more show the one before again)"),
+            count => format!(" ({count} more repeat the previous ones)"),
         };
         let all = self.frames.iter().filter(|frame| !frame.repeated).count();
         let seen = match self.found() {
-            0 => format!("no ball: nothing flies in these {all} frames{repeated}"),
-            found => format!("the ball is seen in {found} of {all} frames{repeated}"),
+            0 => format!("no flying ball was found in these {all} frames{repeated}"),
+            found => format!("the ball was found in {found} of {all} frames{repeated}"),
         };
-        let said = match self.segments.as_slice() {
+        let message = match self.segments.as_slice() {
             _ if self.explained.is_none() || self.found() == 0 => seen,
-            [] => format!("not explained: the ball is nowhere seen long enough for a flight; {seen}"),
+            [] => format!("not explained: the ball was never found for long enough to fit a flight; {seen}"),
             [segment] => format!("{}; {seen}", segment.verdict()),
             segments => {
                 let wrong = segments.iter().enumerate().filter(|(_, segment)| !segment.explained());
@@ -259,7 +259,7 @@ impl TrackedVideo {
                 format!("{head}: {explained} of {all} segments; {seen}{wrong}")
             }
         };
-        said + &self.cuts_in_words() + &self.moved_in_words() + &self.clicks_in_words()
+        message + &self.cuts_message() + &self.camera_motion_message() + &self.unused_seeds_message()
     }
 
     /// Frames in which the camera looks elsewhere than at first.
@@ -287,40 +287,40 @@ impl TrackedVideo {
         views
     }
 
-    /// What a camera that does not stand still means.
-    fn moved_in_words(&self) -> String {
+    /// The part of the verdict about a camera that moves.
+    fn camera_motion_message(&self) -> String {
         let moved: Vec<String> = (self.elsewhere.iter())
             .filter_map(|view| Some(format!("{} to {} (by up to {:.0} px)", view.from, view.to, view.moved_px?)))
             .collect();
         let lost = self.elsewhere.iter().filter(|view| view.moved_px.is_none());
         let lost: Vec<String> = lost.map(|OtherView { from, to, .. }| format!("{from} to {to}")).collect();
-        let mut said = String::new();
+        let mut message = String::new();
         if !moved.is_empty() {
-            let hold = if self.explained.is_some() { ", which is counted in" } else { "" };
-            said += &format!("; the camera moves in frames {}{hold}", listed(&moved, ", "));
+            let hold = if self.explained.is_some() { ", which is accounted for" } else { "" };
+            message += &format!("; the camera moves in frames {}{hold}", listed(&moved, ", "));
         }
         if !lost.is_empty() {
-            let hold = if self.explained.is_some() { ", so there are no metres there" } else { "" };
-            said += &format!("; another view than the first is shown in frames {}{hold}", listed(&lost, ", "));
+            let hold = if self.explained.is_some() { ", so there are no positions in metres there" } else { "" };
+            message += &format!("; a different view from the first is shown in frames {}{hold}", listed(&lost, ", "));
         }
-        said
+        message
     }
 
-    /// Clicks that changed nothing.
-    fn clicks_in_words(&self) -> String {
+    /// The part of the verdict about clicks that no tracklet goes through.
+    fn unused_seeds_message(&self) -> String {
         if self.unused_seeds.is_empty() {
             return String::new();
         }
         let clicks = self.unused_seeds.iter().map(|(frame, [x, y])| format!("({x:.0}, {y:.0}) px in frame {frame}"));
         let clicks: Vec<String> = clicks.collect();
         format!(
-            "; nothing that moves goes through the ball marked at {}: the marks were not used, click in a frame in which it flies",
+            "; no moving object passes through the ball marked at {}: these marks were ignored; mark the ball in a frame in which it flies",
             clicks.join(", ")
         )
     }
 
-    /// What a change of the whole picture means.
-    fn cuts_in_words(&self) -> String {
+    /// The part of the verdict about cuts.
+    fn cuts_message(&self) -> String {
         if self.cuts.is_empty() {
             return String::new();
         }
@@ -329,9 +329,9 @@ impl TrackedVideo {
     }
 }
 
-/// A list in words: of a long one the first few, and how many there are besides.
-pub(crate) fn listed(words: &[String], separator: &str) -> String {
-    let (first, others) = words.split_at(words.len().min(MOST_LISTED));
+/// Joins items; of a long list the first few, and how many more there are.
+pub(crate) fn listed(items: &[String], separator: &str) -> String {
+    let (first, others) = items.split_at(items.len().min(MOST_LISTED));
     let others = if others.is_empty() { String::new() } else { format!(" and {} more", others.len()) };
     first.join(separator) + &others
 }
@@ -391,8 +391,8 @@ mod tests {
 
     #[test]
     fn of_a_long_list_the_first_items_are_named_and_the_others_counted() {
-        let words: Vec<String> = (1..=7).map(|number| number.to_string()).collect();
-        assert_eq!(listed(&words[..5], ", "), "1, 2, 3, 4, 5");
-        assert_eq!(listed(&words, ", "), "1, 2, 3, 4, 5 and 2 more");
+        let items: Vec<String> = (1..=7).map(|number| number.to_string()).collect();
+        assert_eq!(listed(&items[..5], ", "), "1, 2, 3, 4, 5");
+        assert_eq!(listed(&items, ", "), "1, 2, 3, 4, 5 and 2 more");
     }
 }

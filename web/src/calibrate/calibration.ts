@@ -64,6 +64,6 @@ async function drawnLines(toolbox: Toolbox, { given }: State, { camera, lines: s
 }
 
 function placesAlong({ from, to }: CourtLine): [number, number, number][] {
-  const at = (share: number, axis: 0 | 1 | 2) => from[axis] + share * (to[axis] - from[axis]);
+  const at = (fraction: number, axis: 0 | 1 | 2) => from[axis] + fraction * (to[axis] - from[axis]);
   return Array.from({ length: ALONG + 1 }, (_, step) => [at(step / ALONG, 0), at(step / ALONG, 1), at(step / ALONG, 2)]);
 }

@@ -1,5 +1,5 @@
 /** Step Calibrate: clicks on known points of a picture become a camera. */
-import { make, wordsOf } from "../dom";
+import { make, messageOf } from "../dom";
 import { decode } from "../shared/canvas";
 import { tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
@@ -37,7 +37,7 @@ class Step {
   readonly #clicks: Clicks;
   #calibration: Calibration | undefined;
   #timer = 0;
-  /** The step that asked for a camera. */
+  /** The step that requested a camera. */
   #back = "";
   /** Of the calibration that is wanted; the answers of others come too late. */
   #run = 0;
@@ -54,8 +54,8 @@ class Step {
       reveal: (index) => this.#list.reveal(index),
     }));
     this.#view = new PictureView(this.#part("cal-frame"), "cal-picture", "cal-keys", {
-      paint: (context, place) =>
-        paint(context, place, { points: this.#points, moved: clicks.moved, cross: clicks.cross, calibration: this.#calibration }),
+      paint: (context, toCanvas) =>
+        paint(context, toCanvas, { points: this.#points, moved: clicks.moved, cross: clicks.cross, calibration: this.#calibration }),
       press: (at, reach, event) => {
         if (!clicks.press(at, event.altKey ? 0 : reach)) this.#part("cal-next").replaceChildren("First choose a court, or add a point of your own.");
       },
@@ -111,7 +111,7 @@ class Step {
     on("cal-use", () => {
       if (!this.#calibration) return;
       workspace.setCamera(this.#calibration.found.camera, this.#calibration.found.oneSigma);
-      this.#say("This camera is now the one that the other steps use. It is kept in this browser.");
+      this.#say("The other steps now use this camera. It is kept in this browser.");
       if (this.#back) location.hash = this.#back;
       this.#showBack("");
     });
@@ -165,8 +165,8 @@ class Step {
         this.#part<HTMLInputElement>("cal-focal").value = String(focal);
       }
       this.#change(() => (this.#state.given = given));
-      if (leftOut) this.#say("Of the lens in that file, only the focal length was taken.");
-      if (!this.#clicks.size) this.#result.hint("The points are there. Now choose the picture that they were clicked in.");
+      if (leftOut) this.#say("Only the focal length of the lens in that file is used.");
+      if (!this.#clicks.size) this.#result.hint("The points are loaded. Now choose the picture in which they were clicked.");
     }
   }
 
@@ -236,7 +236,7 @@ class Step {
     select.value = court;
     this.#part("cal-own").hidden = own;
     this.#part("cal-add").hidden = !own;
-    this.#part("cal-about").textContent = own ? "Metres; z points up. Where zero is and where x points is yours to choose." : "";
+    this.#part("cal-about").textContent = own ? "In metres; z points up. You choose the origin and the direction of x." : "";
     if (!own) void tools().then(async (toolbox) => (this.#part("cal-about").textContent = (await toolbox.court(court)).about), () => undefined);
     this.#clicks.restart();
     this.#list.reveal(this.#clicks.current);
@@ -266,13 +266,13 @@ class Step {
     if (this.#state.undo()) this.#refill();
   }
 
-  #say(words: string): void {
-    this.#part("cal-said").textContent = words;
+  #say(text: string): void {
+    this.#part("cal-said").textContent = text;
   }
 
   /** Something has changed: keep it, show it, and calibrate when the user pauses. */
   #changed(): void {
-    // What the last camera said is about other clicks.
+    // The last camera's residuals are of other clicks.
     this.#calibration?.residuals.clear();
     this.#say("");
     this.#refresh();
@@ -294,17 +294,17 @@ class Step {
     this.#part("cal-count").textContent = points.length > 0 ? `Points: ${usable} of ${points.length} clicked` : "Points";
     this.#part<HTMLButtonElement>("cal-undo").disabled = !this.#state.canUndo;
     this.#part<HTMLButtonElement>("cal-save-points").disabled = !this.#clicks.size || usable === 0;
-    this.#part("cal-next").replaceChildren(...this.#nextWords());
+    this.#part("cal-next").replaceChildren(...this.#nextStep());
   }
 
-  #nextWords(): Node[] {
+  #nextStep(): Node[] {
     const next = this.#points[this.#clicks.current];
     if (!this.#clicks.size) return [];
     if (!next) return [make("span", { text: "Now choose a court, or add points of your own." })];
-    const words: Node[] = [make("span", { text: next.click ? "A click moves " : "Next click: " }), make("strong", { text: this.#nameOf(this.#clicks.current) })];
+    const nodes: Node[] = [make("span", { text: next.click ? "A click moves " : "Next click: " }), make("strong", { text: this.#nameOf(this.#clicks.current) })];
     const moved = this.#clicks.moved;
-    if (moved !== undefined && moved !== this.#clicks.current) words.push(make("span", { text: ` · arrow keys move ${this.#nameOf(moved)}` }));
-    return words;
+    if (moved !== undefined && moved !== this.#clicks.current) nodes.push(make("span", { text: ` · arrow keys move ${this.#nameOf(moved)}` }));
+    return nodes;
   }
 
   async #calibrate(): Promise<void> {
@@ -319,16 +319,16 @@ class Step {
       this.#result.show(calibration, (index) => this.#nameOf(index));
       this.#refresh();
     } catch (thrown) {
-      if (run === this.#run) this.#showNone(sentence(wordsOf(thrown)));
+      if (run === this.#run) this.#showNone(sentence(messageOf(thrown)));
     }
   }
 
   #hint(usable: number): string {
-    if (!this.#clicks.size) return "First a picture, then points, then clicks: the camera appears here by itself.";
+    if (!this.#clicks.size) return "Choose a picture, choose points, then click them: the camera appears here.";
     const unplaced = this.#points.filter((point) => point.click && !wholeOf(point)).length;
     const more = LEAST_POINTS - usable;
     const missing = unplaced > 0 ? ` ${unplaced === 1 ? "One clicked point has" : `${unplaced} clicked points have`} no coordinates yet.` : "";
-    return `${more} more ${more === 1 ? "point" : "points"} to click: four are enough where all lie in one plane, such as a floor; else six.${missing}`;
+    return `${more} more ${more === 1 ? "point" : "points"} to click: four are enough if all lie in one plane, such as a floor; otherwise six.${missing}`;
   }
 
   #showNone(why: string): void {
@@ -342,12 +342,12 @@ class Step {
   }
 }
 
-/** A court's name as it is said. */
+/** A court's name for people. */
 function spoken(name: string): string {
-  const words = name.replaceAll("-", " ").replace(/\b(fiba|nba)\b/, (short) => `(${short.toUpperCase()})`);
-  return words.charAt(0).toUpperCase() + words.slice(1);
+  const text = name.replaceAll("-", " ").replace(/\b(fiba|nba)\b/, (short) => `(${short.toUpperCase()})`);
+  return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
-function sentence(words: string): string {
-  return `${words.charAt(0).toUpperCase()}${words.slice(1)}${/[.!?]$/.test(words) ? "" : "."}`;
+function sentence(text: string): string {
+  return `${text.charAt(0).toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
 }

@@ -51,7 +51,7 @@ export class PointList {
       row.item.classList.toggle("outlier", outlier);
       row.choose.setAttribute("aria-pressed", String(index === current));
       row.unclick.hidden = point.click === null;
-      row.state.textContent = wordsFor(point, residual, outlier);
+      row.state.textContent = stateText(point, residual, outlier);
     }
   }
 
@@ -110,13 +110,13 @@ export class PointList {
   }
 }
 
-function wordsFor({ click }: Point, residual: [number, number] | undefined, outlier: boolean): string {
+function stateText({ click }: Point, residual: [number, number] | undefined, outlier: boolean): string {
   if (!click) return "not clicked";
   if (!residual) return `clicked at ${click.map((value) => value.toFixed(1)).join(", ")}`;
   return outlier ? `wrong click? left out: ${offBy(residual)}` : `off by ${offBy(residual)}`;
 }
 
-/** A residual in words: the camera's place less the click's. */
+/** A residual as text: the camera's place less the click's. */
 export function offBy([x, y]: [number, number]): string {
   return `${Math.abs(x).toFixed(1)} px ${x < 0 ? "left" : "right"}, ${Math.abs(y).toFixed(1)} px ${y < 0 ? "up" : "down"}`;
 }

@@ -1,5 +1,5 @@
 /** What is drawn over the picture: clicks, where the camera puts the points, and what lies between. */
-import type { Pixel, Place } from "../shared/canvas";
+import type { Pixel, PixelMap } from "../shared/canvas";
 import { addRing, addTicks, stroke, write } from "../shared/marks";
 import type { Calibration } from "./calibration";
 import type { Point } from "./state";
@@ -18,16 +18,16 @@ export interface Scene {
   calibration: Calibration | undefined;
 }
 
-export function paint(context: CanvasRenderingContext2D, place: Place, scene: Scene): void {
-  for (const { run, isFound } of scene.calibration?.lines ?? []) drawLine(context, run.map(place), isFound);
+export function paint(context: CanvasRenderingContext2D, toCanvas: PixelMap, scene: Scene): void {
+  for (const { run, isFound } of scene.calibration?.lines ?? []) drawLine(context, run.map(toCanvas), isFound);
   for (const [index, point] of scene.points.entries()) {
     const put = scene.calibration?.put[index];
-    if (put) drawPut(context, place(put), point.click ? place(point.click) : undefined);
+    if (put) drawPut(context, toCanvas(put), point.click ? toCanvas(point.click) : undefined);
   }
   for (const [index, { click }] of scene.points.entries()) {
-    if (click) drawClick(context, place(click), String(index + 1), index === scene.moved, scene.calibration?.outliers.has(index) ?? false);
+    if (click) drawClick(context, toCanvas(click), String(index + 1), index === scene.moved, scene.calibration?.outliers.has(index) ?? false);
   }
-  if (scene.cross) drawCross(context, place(scene.cross));
+  if (scene.cross) drawCross(context, toCanvas(scene.cross));
 }
 
 /** A court's line where the camera puts it; one that the picture was not seen to show is dashed. */
@@ -57,11 +57,11 @@ function drawClick(context: CanvasRenderingContext2D, at: Pixel, number: string,
   const colour = wrong ? WRONG : current ? CURRENT : CLICK;
   stroke(context, path, colour);
   context.font = "600 13px system-ui, sans-serif";
-  const words = wrong ? `${number} wrong click?` : number;
+  const text = wrong ? `${number} wrong click?` : number;
   const [x, y] = at;
-  const left = x + 10 + context.measureText(words).width > context.canvas.clientWidth;
+  const left = x + 10 + context.measureText(text).width > context.canvas.clientWidth;
   context.textAlign = left ? "right" : "left";
-  write(context, words, [x + (left ? -9 : 9), Math.max(16, y - 5)], colour);
+  write(context, text, [x + (left ? -9 : 9), Math.max(16, y - 5)], colour);
 }
 
 function drawCross(context: CanvasRenderingContext2D, at: Pixel): void {

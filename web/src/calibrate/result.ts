@@ -30,7 +30,7 @@ export class Result {
     this.#number("cal-centre-sigma", sigma.centre, centimetres);
     this.#number("cal-point-sigma", pointSigma.world, centimetres);
     this.#number("cal-focal-found", [focal], (value) => value.toFixed(1) + (sigma.focalPx > 0 ? ` ± ${sigma.focalPx.toFixed(1)}` : ""));
-    this.#part("cal-sigma-note").textContent = `Each along x, y and z; two times out of three the error is smaller. The ball: in the picture’s middle, ${pointSigma.depth.toFixed(1)} m from the camera, as far as the camera is to blame.`;
+    this.#part("cal-sigma-note").textContent = `Uncertainties along x, y and z: two times out of three the error is smaller. The ball’s is for the middle of the picture, ${pointSigma.depth.toFixed(1)} m from the camera, and includes only the camera’s errors.`;
     this.#part("cal-outliers").replaceChildren(
       ...[...outliers].map(([index, { residualPx }]) => {
         const item = make("li", { class: "callout" }, make("strong", { text: `Wrong click? ${nameOf(index)}` }));
@@ -38,7 +38,7 @@ export class Result {
         return item;
       }),
     );
-    this.#part("cal-lines").textContent = withoutLines ? `By the clicks alone: ${withoutLines}` : linesWords(lines);
+    this.#part("cal-lines").textContent = withoutLines ? `From the clicks only, without the lines: ${withoutLines}` : linesText(lines);
     this.#part("cal-doubts").replaceChildren(
       ...doubts.map((doubt) => {
         const item = make("li", { class: "callout" }, make("strong", { text: "Doubtful" }));
@@ -49,27 +49,27 @@ export class Result {
     this.#enable(true);
   }
 
-  hint(words: string): void {
-    this.#part("cal-hint").textContent = words;
+  hint(text: string): void {
+    this.#part("cal-hint").textContent = text;
   }
 
   #enable(isFound: boolean): void {
     for (const name of ["cal-use", "cal-save"]) this.#part<HTMLButtonElement>(name).disabled = !isFound;
   }
 
-  #number(name: string, values: number[], words: (value: number) => string): void {
+  #number(name: string, values: number[], format: (value: number) => string): void {
     const place = this.#part<HTMLDataElement>(name);
     place.value = values.join(" ");
-    place.textContent = values.map(words).join(" · ");
+    place.textContent = values.map(format).join(" · ");
   }
 }
 
-function linesWords(lines: LineSeen[]): string {
+function linesText(lines: LineSeen[]): string {
   const expected = lines.filter(({ isExpected }) => isExpected);
   const found = expected.filter(({ share }) => share > 0);
   if (found.length === 0) return "";
   const rms = Math.hypot(...found.map(({ rmsPx }) => rmsPx)) / Math.sqrt(found.length);
-  return `Made exact by ${found.length} of the ${expected.length} painted lines that the picture should show; they lie ${rms.toFixed(2)} pixels from where the camera puts them.`;
+  return `Refined with ${found.length} of the ${expected.length} painted lines that the picture should show; they lie ${rms.toFixed(2)} pixels from where the camera puts them.`;
 }
 
 function centimetres(metres: number): string {

@@ -110,9 +110,9 @@ export async function pointsFrom(
 ): Promise<{ given: Given; focal: number | null; leftOut: boolean }> {
   const file = (content ?? {}) as Partial<CalibrationPoints>;
   const { image, world, names, court } = file;
-  if (!Array.isArray(image) || !image.every(isPixel)) throw new Error(`${name} is no points.json: it needs \`image\`, a list of [x, y] in pixels.`);
+  if (!Array.isArray(image) || !image.every(isPixel)) throw new Error(`${name} is not a points.json: it needs \`image\`, a list of [x, y] in pixels.`);
   if (size && (file.width !== size.width || file.height !== size.height)) {
-    throw new Error(`${name} speaks of a picture of ${file.width} × ${file.height} pixels; this one has ${size.width} × ${size.height}.`);
+    throw new Error(`${name} is for a picture of ${file.width} × ${file.height} pixels, but this one has ${size.width} × ${size.height}.`);
   }
   const focal = file.intrinsic?.[0]?.[0] ?? null;
   const isCentred = (axis: 0 | 1, side = 0) => Math.abs((file.intrinsic?.[axis]?.[2] ?? 0) - (side - 1) / 2) < 1e-3;

@@ -1,5 +1,5 @@
 /** The open clip, frame by frame: its picture, its strip of frames, and what a person says of them. */
-import { make, wordsOf } from "../dom";
+import { make, messageOf } from "../dom";
 import { decode, type Pixel } from "../shared/canvas";
 import type { Alert, Parts } from "../shared/panel";
 import { arrow, inside, PictureView } from "../shared/picture-view";
@@ -23,7 +23,7 @@ export class Editor {
     this.#part = part;
     this.#alert = alert;
     this.#view = new PictureView(part("lab-frame"), "lab-picture", "lab-keys", {
-      paint: (context, place) => this.#labelling && paint(context, place, this.#labelling),
+      paint: (context, toCanvas) => this.#labelling && paint(context, toCanvas, this.#labelling),
       press: (at) => {
         this.#labelling?.begin();
         this.#put(at);
@@ -68,8 +68,8 @@ export class Editor {
     this.#go(labelling.frame);
   }
 
-  say(words: string): void {
-    this.#part("lab-said").textContent = words;
+  say(text: string): void {
+    this.#part("lab-said").textContent = text;
   }
 
   #key(event: KeyboardEvent): boolean {
@@ -124,7 +124,7 @@ export class Editor {
     const isAccepted = labelling.accept();
     const next = labelling.following(this.#doubtfulOnly);
     if (next === undefined) this.say(this.#doubtfulOnly ? "No doubtful frame is left." : "This was the last frame.");
-    else this.say(isAccepted ? "" : "Nothing is proposed in that frame: it stays without a label.");
+    else this.say(isAccepted ? "" : "That frame has no proposal and stays unlabelled.");
     if (next === undefined) this.refresh();
     else this.#go(next);
   }
@@ -150,7 +150,7 @@ export class Editor {
     const { camera } = workspace;
     if (!this.#labelling || !camera) return;
     this.#labelling.setCamera(camera);
-    this.say("The clip has the calibrated camera now.");
+    this.say("The clip now uses the calibrated camera.");
     this.refresh();
   }
 
@@ -167,7 +167,7 @@ export class Editor {
     if (this.#doubtfulOnly) while (frame >= 0 && frame < labelling.count && !labelling.isDoubtful(frame)) frame += by;
     this.say("");
     if (frame >= 0 && frame < labelling.count) this.#go(frame);
-    else if (this.#doubtfulOnly) this.say("No doubtful frame lies further that way.");
+    else if (this.#doubtfulOnly) this.say("There are no more doubtful frames in that direction.");
   }
 
   #go(frame: number): void {
@@ -186,7 +186,7 @@ export class Editor {
       if (shown !== this.#shown) return bitmap.close();
       this.#view.show(bitmap, `Frame ${labelling.frame + 1}: click the ball’s centre`);
     } catch (thrown) {
-      this.#alert.say(wordsOf(thrown));
+      this.#alert.say(messageOf(thrown));
     }
   }
 
@@ -199,9 +199,9 @@ export class Editor {
     this.#view.redraw();
     this.#showState(labelling);
     const states = clip.pictures.map((_, each) => labelling.state(each));
-    const many = (...wanted: FrameState[]) => states.filter((state) => wanted.includes(state)).length;
+    const many = (...chosen: FrameState[]) => states.filter((state) => chosen.includes(state)).length;
     const sure = many("sure");
-    this.#part("lab-count").textContent = `${many("accepted", "corrected", "hidden")} of ${count} frames labelled · ${sure} sure and ${many("doubtful")} doubtful proposals wait`;
+    this.#part("lab-count").textContent = `${many("accepted", "corrected", "hidden")} of ${count} frames labelled · ${sure} sure and ${many("doubtful")} doubtful proposals to review`;
     this.#part<HTMLButtonElement>("lab-accept-sure").disabled = sure === 0;
     this.#part<HTMLButtonElement>("lab-undo").disabled = !labelling.canUndo;
     const { camera } = workspace;
@@ -215,7 +215,7 @@ export class Editor {
     const at = labelling.at();
     const pixel = at ? ` · pixel ${at.map((value) => value.toFixed(1)).join(", ")}` : "";
     const sureness = state === "sure" || state === "doubtful" ? `, ${Math.round(100 * (labelling.proposal()?.confidence ?? 0))} % likely within a pixel` : "";
-    const tag = make("span", { class: "lab-tag", text: STATES[state].words, part: "lab-tag" });
+    const tag = make("span", { class: "lab-tag", text: STATES[state].label, part: "lab-tag" });
     tag.dataset.state = state;
     this.#part("lab-state").replaceChildren(
       make("strong", { text: `Frame ${frame + 1} of ${count}` }),

@@ -1,5 +1,5 @@
 /** Step Label: clips in, proposals checked by a person, labels out. */
-import { make, wordsOf } from "../dom";
+import { make, messageOf } from "../dom";
 import { cameraFrom, tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, isVideo, save } from "../shared/files";
@@ -73,7 +73,7 @@ class Step {
 
   /** One long thing at a time, with its progress and a way out. */
   async #working(work: (watch: Watch) => Promise<void>): Promise<void> {
-    if (this.#job.isRunning) return this.#alert.say("Something is still being worked on. Wait for it, or cancel it.");
+    if (this.#job.isRunning) return this.#alert.say("Another task is still running. Wait for it to finish, or cancel it.");
     const buttons = ["lab-propose", "lab-synth"].map((name) => this.#part<HTMLButtonElement>(name));
     this.#editor.say("");
     for (const button of buttons) button.disabled = true;
@@ -95,7 +95,7 @@ class Step {
       const rest = files.filter((file) => file !== json);
       if (rest.length === 0) return;
       const { camera } = workspace;
-      if (!camera) throw new Error("First a camera: a clip is kept together with the camera that took it. The step Calibrate gives one; or drop a camera.json here.");
+      if (!camera) throw new Error("A camera is needed first, because a clip is kept together with its camera. Find one in the step Calibrate, or drop a camera.json here.");
       const fps = this.#number("lab-fps", 30);
       const most = Math.round(this.#number("lab-most", 300));
       const video = rest.find(isVideo);
@@ -112,7 +112,7 @@ class Step {
       const id = syntheticId(environment, camera, number);
       if ((await workspace.clips()).includes(id)) {
         await this.#openKept(id);
-        return this.#editor.say("This clip was already kept: here it is, with its labels.");
+        return this.#editor.say("This clip is already kept in this browser: it was opened with its labels.");
       }
       await this.#adopt(await syntheticClip(environment, camera, number, watch), watch);
     });
@@ -147,7 +147,7 @@ class Step {
   }
 
   readonly #full = (thrown: unknown) => {
-    this.#alert.say(`This browser could not keep the clip (${wordsOf(thrown)}). Save the labels to files before you close the page.`);
+    this.#alert.say(`This browser could not keep the clip (${messageOf(thrown)}). Save the labels to files before you close the page.`);
   };
 
   #number(name: string, otherwise: number): number {
@@ -160,9 +160,9 @@ class Step {
     const { camera } = workspace;
     const place = this.#part("lab-camera");
     if (camera) return place.replaceChildren(`Camera: the calibrated one, for frames of ${camera.width}\u00a0×\u00a0${camera.height} pixels.`);
-    const link = make("a", { text: "Calibrate gives one" });
+    const link = make("a", { text: "Calibrate one" });
     link.href = "#calibrate";
-    place.replaceChildren("No camera yet. ", link, "; or drop a camera.json here.");
+    place.replaceChildren("No camera yet. ", link, ", or drop a camera.json here.");
   }
 
   // Proposals.
@@ -211,7 +211,7 @@ class Step {
     const pick = folderPicker();
     if (!pick) {
       save("clips.jsonl", lineOf(clip), "application/jsonl");
-      this.#part("lab-export-note").textContent = `This browser cannot write a folder: only clips.jsonl was saved. Put the pictures beside it yourself, into a folder ${nameOf(clip)}, as the file names in it say; or use Chrome or Edge on a computer.`;
+      this.#part("lab-export-note").textContent = `This browser cannot write folders, so only clips.jsonl was saved. Put the pictures beside it into a folder ${nameOf(clip)}, under the file names in clips.jsonl, or use Chrome or Edge on a computer.`;
       return;
     }
     await this.#working(async ({ signal, progress }) => {

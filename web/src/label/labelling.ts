@@ -1,4 +1,4 @@
-/** A clip being labelled: what is proposed, what a person said, and how to take it back. */
+/** A clip being labelled: the proposals, a person's labels, and undo. */
 import type { Camera } from "gravisight";
 import { del, get, set } from "idb-keyval";
 import type { Pixel } from "../shared/canvas";

@@ -1,5 +1,5 @@
 /** The label of a frame, or what is proposed, over its picture. */
-import type { Place } from "../shared/canvas";
+import type { PixelMap } from "../shared/canvas";
 import { addRing, addTicks, stroke, write } from "../shared/marks";
 import type { FrameState, Labelling } from "./labelling";
 
@@ -16,7 +16,7 @@ const LEAST_RING = 9;
 /** Radius where nobody has measured it, picture pixels. */
 const USUAL_RADIUS = 5;
 
-export function paint(context: CanvasRenderingContext2D, place: Place, labelling: Labelling): void {
+export function paint(context: CanvasRenderingContext2D, toCanvas: PixelMap, labelling: Labelling): void {
   const state = labelling.state();
   const at = labelling.at();
   if (state === "hidden") {
@@ -24,8 +24,8 @@ export function paint(context: CanvasRenderingContext2D, place: Place, labelling
     return write(context, "ball not visible", [14, context.canvas.clientHeight - 12], COLOURS.hidden);
   }
   if (!at) return;
-  const centre = place(at);
-  const [edge] = place([at[0] + (labelling.proposal()?.radiusPx ?? USUAL_RADIUS), at[1]]);
+  const centre = toCanvas(at);
+  const [edge] = toCanvas([at[0] + (labelling.proposal()?.radiusPx ?? USUAL_RADIUS), at[1]]);
   const radius = Math.max(LEAST_RING, edge - centre[0] + 2);
   const path = new Path2D();
   addRing(path, centre, radius);

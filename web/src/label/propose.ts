@@ -27,7 +27,7 @@ export async function proposalsFor({ camera, pictures, times }: StoredClip, { si
       const bitmap = await decode(picture, `Frame ${frame + 1}`);
       try {
         if (bitmap.width !== camera.width || bitmap.height !== camera.height) {
-          throw new Error(`Frame ${frame + 1} has ${bitmap.width} × ${bitmap.height} pixels, the clip’s camera ${camera.width} × ${camera.height}.`);
+          throw new Error(`Frame ${frame + 1} has ${bitmap.width} × ${bitmap.height} pixels, but the clip’s camera is for ${camera.width} × ${camera.height}.`);
         }
         await tracker.add(bitmap, 1000 * (times[frame] ?? 0));
       } finally {

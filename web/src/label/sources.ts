@@ -45,7 +45,7 @@ async function check(picture: Blob | undefined, camera: Camera, name: string): P
   bitmap.close();
   if (width === camera.width && height === camera.height) return;
   throw new Error(
-    `The frames of ${name} have ${width} × ${height} pixels; the camera was calibrated for ${camera.width} × ${camera.height}. Calibrate with a frame of this very video.`,
+    `The frames of ${name} have ${width} × ${height} pixels; the camera was calibrated for ${camera.width} × ${camera.height}. Calibrate with a frame of this video.`,
   );
 }
 
@@ -78,10 +78,10 @@ export async function syntheticClip(environment: 1 | 2 | 3, camera: number, numb
 }
 
 /** An id that no kept clip has. */
-async function freeId(wanted: string): Promise<string> {
+async function freeId(preferred: string): Promise<string> {
   const taken = new Set(await workspace.clips());
-  for (let number = 2, id = wanted; ; number++) {
+  for (let number = 2, id = preferred; ; number++) {
     if (!taken.has(id)) return id;
-    id = `${wanted} (${number})`;
+    id = `${preferred} (${number})`;
   }
 }

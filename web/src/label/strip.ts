@@ -2,14 +2,14 @@
 import { make, reveal } from "../dom";
 import type { FrameState } from "./labelling";
 
-/** A sign as well as a colour, and the words of both. */
-export const STATES: Record<FrameState, { sign: string; words: string }> = {
-  sure: { sign: "·", words: "proposed, sure" },
-  doubtful: { sign: "?", words: "proposed, doubtful" },
-  accepted: { sign: "✓", words: "accepted" },
-  corrected: { sign: "+", words: "corrected" },
-  hidden: { sign: "–", words: "ball not visible" },
-  open: { sign: "", words: "not labelled" },
+/** A sign as well as a colour, and the label of both. */
+export const STATES: Record<FrameState, { sign: string; label: string }> = {
+  sure: { sign: "·", label: "proposed, sure" },
+  doubtful: { sign: "?", label: "proposed, doubtful" },
+  accepted: { sign: "✓", label: "accepted" },
+  corrected: { sign: "+", label: "corrected" },
+  hidden: { sign: "–", label: "ball not visible" },
+  open: { sign: "", label: "not labelled" },
 };
 
 export class Strip {
@@ -20,11 +20,11 @@ export class Strip {
   constructor(place: HTMLElement, key: HTMLElement, choose: (frame: number) => void) {
     this.#place = place;
     this.#choose = choose;
-    for (const [state, { sign, words }] of Object.entries(STATES)) {
+    for (const [state, { sign, label }] of Object.entries(STATES)) {
       const swatch = make("span", { class: "lab-cell", text: sign });
       swatch.dataset.state = state;
       swatch.setAttribute("aria-hidden", "true");
-      key.append(make("span", {}, swatch, document.createTextNode(words)));
+      key.append(make("span", {}, swatch, document.createTextNode(label)));
     }
   }
 
@@ -46,8 +46,8 @@ export class Strip {
       if (cell.dataset.state !== state) {
         cell.dataset.state = state;
         cell.textContent = STATES[state].sign;
-        cell.setAttribute("aria-label", `Frame ${frame + 1}: ${STATES[state].words}`);
-        cell.title = `Frame ${frame + 1}: ${STATES[state].words}`;
+        cell.setAttribute("aria-label", `Frame ${frame + 1}: ${STATES[state].label}`);
+        cell.title = `Frame ${frame + 1}: ${STATES[state].label}`;
       }
       cell.tabIndex = isCurrent ? 0 : -1;
       if (isCurrent) cell.setAttribute("aria-current", "true");

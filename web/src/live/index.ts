@@ -191,7 +191,7 @@ class Live {
       this.#write("live-count", count, String);
       await new Promise((resolve) => requestAnimationFrame(resolve));
     }
-    this.#say(`Done: ${count} pictures, each seen alone, ${((100 * sum) / count).toFixed(1)} cm off on average.`);
+    this.#say(`Done: ${count} pictures, each localised on its own; mean error ${((100 * sum) / count).toFixed(1)} cm.`);
   }
 
   async #draw(centre: Vector): Promise<ImageData> {
@@ -204,9 +204,9 @@ class Live {
   }
 
   #mark(image: Pixel, truth: Pixel | undefined): void {
-    const { context, place } = this.#overlay();
-    drawFound(context, place(image));
-    if (truth) drawTruth(context, place(truth));
+    const { context, toCanvas } = this.#overlay();
+    drawFound(context, toCanvas(image));
+    if (truth) drawTruth(context, toCanvas(truth));
   }
 
   /** The overlay, with nothing on it. */
@@ -214,14 +214,14 @@ class Live {
     return overlayOf(this.#part<HTMLCanvasElement>("live-overlay"), this.#scene?.simulator.camera ?? { width: 1, height: 1 });
   }
 
-  #write(name: string, value: number, words: (value: number) => string): void {
+  #write(name: string, value: number, format: (value: number) => string): void {
     const data = this.#part<HTMLDataElement>(name);
     data.value = String(value);
-    data.textContent = words(value);
+    data.textContent = format(value);
   }
 
-  #say(words: string): void {
-    this.#part("live-state").textContent = words;
+  #say(text: string): void {
+    this.#part("live-state").textContent = text;
   }
 }
 

@@ -2,8 +2,8 @@
 import { contextOf, make } from "../dom";
 
 export type Pixel = [number, number];
-/** From pixels of the picture to where they are drawn. */
-export type Place = (pixel: Pixel) => Pixel;
+/** Maps pixels of the picture to where they are drawn. */
+export type PixelMap = (pixel: Pixel) => Pixel;
 
 interface Size {
   width: number;
@@ -11,7 +11,7 @@ interface Size {
 }
 
 /** Empties a canvas that covers a picture of `size`, at the screen's own sharpness: to be drawn on in CSS pixels. */
-export function overlayOf(canvas: HTMLCanvasElement, size: Size): Size & { context: CanvasRenderingContext2D; place: Place } {
+export function overlayOf(canvas: HTMLCanvasElement, size: Size): Size & { context: CanvasRenderingContext2D; toCanvas: PixelMap } {
   const { width, height } = canvas.getBoundingClientRect();
   const density = window.devicePixelRatio || 1;
   canvas.width = Math.max(1, Math.round(width * density));
@@ -19,7 +19,7 @@ export function overlayOf(canvas: HTMLCanvasElement, size: Size): Size & { conte
   const context = contextOf(canvas);
   context.scale(density, density);
   // An integer pixel is a pixel's centre, which lies half a pixel from the picture's edge.
-  return { context, width, height, place: ([u, v]) => [((u + 0.5) / size.width) * width, ((v + 0.5) / size.height) * height] };
+  return { context, width, height, toCanvas: ([u, v]) => [((u + 0.5) / size.width) * width, ((v + 0.5) / size.height) * height] };
 }
 
 /** A canvas of these pixels. */
@@ -47,11 +47,11 @@ export function blobOf(canvas: HTMLCanvasElement, type: "image/png" | "image/web
   });
 }
 
-/** Decodes a picture file; throws in words. */
+/** Decodes a picture file; throws an error with a message for people. */
 export async function decode(picture: Blob, name: string): Promise<ImageBitmap> {
   try {
     return await createImageBitmap(picture, { colorSpaceConversion: "none" });
   } catch {
-    throw new Error(`${name} is not a picture that this browser can read. PNG, JPEG and WebP are.`);
+    throw new Error(`${name} is not a picture that this browser can read. Use PNG, JPEG or WebP.`);
   }
 }

@@ -29,7 +29,7 @@ export interface Content {
   to: number;
 }
 
-/** More than these are not told apart. */
+/** More than these cannot be distinguished. */
 const MOST_DOTS = 1200;
 const FONT = "12px system-ui, sans-serif";
 /** Of a saved picture's charts, whatever the screen is; pixels. */

@@ -17,7 +17,7 @@ export function tools(): Promise<Toolbox> {
 export async function cameraFrom(file: File): Promise<Camera> {
   const camera = (await readJson(file)) as Partial<Camera> | null;
   if (!camera?.width || !camera.height || !camera.intrinsic || !camera.camera_from_world) {
-    throw new Error(`${file.name} is no camera.json: it needs width, height, intrinsic and camera_from_world.`);
+    throw new Error(`${file.name} is not a camera.json: it needs width, height, intrinsic and camera_from_world.`);
   }
   // Any point will do to have the core look at it.
   await (await tools()).project(camera as Camera, [[0, 0, 0]]);

@@ -1,5 +1,5 @@
 /** Files: the user's, the server's, and those that the page saves. */
-import { wordsOf } from "../dom";
+import { messageOf } from "../dom";
 
 export function isJson(file: File): boolean {
   return file.type === "application/json" || file.name.toLowerCase().endsWith(".json");
@@ -12,13 +12,13 @@ export function isVideo(file: File): boolean {
 /** What a JSON file holds; throws in words. */
 export async function readJson(file: File): Promise<unknown> {
   const text = await file.text().catch((thrown: unknown) => {
-    throw new Error(`${file.name} could not be read: ${wordsOf(thrown)}.`);
+    throw new Error(`${file.name} could not be read: ${messageOf(thrown)}.`);
   });
   try {
     return JSON.parse(text);
   } catch (thrown) {
     const hint = /\b(NaN|Infinity)\b/.test(text) ? " NaN and infinity are not numbers in JSON, and no camera has them." : "";
-    throw new Error(`${file.name} is not JSON: ${wordsOf(thrown)}.${hint}`);
+    throw new Error(`${file.name} is not JSON: ${messageOf(thrown)}.${hint}`);
   }
 }
 

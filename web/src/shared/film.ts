@@ -1,4 +1,4 @@
-/** Video files, by way of the browser's own player. */
+/** Video files, by the browser's own player. */
 import { contextOf, make } from "../dom";
 import { blobOf } from "./canvas";
 
@@ -8,16 +8,16 @@ const PATIENCE = 20_000;
 /** A video's single frames. */
 export class Film {
   readonly #video: HTMLVideoElement;
-  readonly #words: string;
+  readonly #message: string;
 
-  private constructor(video: HTMLVideoElement, words: string) {
+  private constructor(video: HTMLVideoElement, message: string) {
     this.#video = video;
-    this.#words = words;
+    this.#message = message;
   }
 
   static async open(file: File): Promise<Film> {
-    const words = `This browser cannot play ${file.name}. Try another format, such as MP4 (H.264) or WebM.`;
-    return new Film(await openVideo(file, words), words);
+    const message = `This browser cannot play ${file.name}. Try another format, such as MP4 (H.264) or WebM.`;
+    return new Film(await openVideo(file, message), message);
   }
 
   /** Seconds. */
@@ -28,7 +28,7 @@ export class Film {
   /** The picture that is shown at `seconds`, at the video's size, as a file. */
   async frame(seconds: number): Promise<Blob> {
     this.#video.currentTime = seconds;
-    await until(this.#video, "seeked", this.#words);
+    await until(this.#video, "seeked", this.#message);
     const canvas = make("canvas");
     canvas.width = this.#video.videoWidth;
     canvas.height = this.#video.videoHeight;
@@ -53,13 +53,13 @@ export function videoElement(): HTMLVideoElement {
   return video;
 }
 
-/** Opens a file in a player; one that cannot be played throws `words`. */
-export async function openVideo(file: File, words: string): Promise<HTMLVideoElement> {
+/** Opens a file in a player; one that cannot be played throws `message`. */
+export async function openVideo(file: File, message: string): Promise<HTMLVideoElement> {
   const video = videoElement();
   video.src = URL.createObjectURL(file);
   try {
-    await until(video, "loadeddata", words);
-    if (!Number.isFinite(video.duration)) await measure(video, words);
+    await until(video, "loadeddata", message);
+    if (!Number.isFinite(video.duration)) await measure(video, message);
     return video;
   } catch (thrown) {
     closeVideo(video);
@@ -74,8 +74,8 @@ export function closeVideo(video: HTMLVideoElement): void {
   video.load();
 }
 
-/** Waits for an event; an error, or nothing for long, throws `words`. */
-export function until(video: HTMLVideoElement, event: "loadeddata" | "seeked", words: string): Promise<void> {
+/** Waits for an event; an error, or nothing for long, throws `message`. */
+export function until(video: HTMLVideoElement, event: "loadeddata" | "seeked", message: string): Promise<void> {
   return new Promise((resolve, reject) => {
     const listening = new AbortController();
     const end = (act: () => void) => () => {
@@ -83,17 +83,17 @@ export function until(video: HTMLVideoElement, event: "loadeddata" | "seeked", w
       listening.abort();
       act();
     };
-    const timer = setTimeout(end(() => reject(new Error(words))), PATIENCE);
+    const timer = setTimeout(end(() => reject(new Error(message))), PATIENCE);
     video.addEventListener(event, end(resolve), { signal: listening.signal });
-    video.addEventListener("error", end(() => reject(new Error(words))), { signal: listening.signal });
+    video.addEventListener("error", end(() => reject(new Error(message))), { signal: listening.signal });
   });
 }
 
 /** A browser's own recording does not know how long it is until its end was looked at. */
-async function measure(video: HTMLVideoElement, words: string): Promise<void> {
+async function measure(video: HTMLVideoElement, message: string): Promise<void> {
   for (const seconds of [1e7, 0]) {
     video.currentTime = seconds;
-    await until(video, "seeked", words);
+    await until(video, "seeked", message);
   }
-  if (!Number.isFinite(video.duration)) throw new Error(words);
+  if (!Number.isFinite(video.duration)) throw new Error(message);
 }

@@ -12,12 +12,12 @@ const MORE_THAN_SHOWN = 3;
 export class Loupe {
   readonly place = make("div", { class: "loupe" });
   readonly #canvas = make("canvas");
-  readonly #words = make("span");
+  readonly #position = make("span");
 
   constructor() {
     this.place.setAttribute("aria-hidden", "true");
     this.place.hidden = true;
-    this.place.append(this.#canvas, this.#words);
+    this.place.append(this.#canvas, this.#position);
   }
 
   /** Shows `picture` around `at`; `shown` is how much the picture itself is enlarged. */
@@ -35,7 +35,7 @@ export class Loupe {
     const top = SIDE / 2 - (at[1] + 0.5) * zoom;
     context.drawImage(picture, left, top, picture.width * zoom, picture.height * zoom);
     crossHair(context);
-    this.#words.textContent = `${at[0].toFixed(1)}, ${at[1].toFixed(1)}`;
+    this.#position.textContent = `${at[0].toFixed(1)}, ${at[1].toFixed(1)}`;
     // Never over what is looked at.
     this.place.classList.toggle("loupe-right", at[0] < picture.width / 2);
     this.place.hidden = false;

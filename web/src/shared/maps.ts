@@ -18,19 +18,19 @@ export interface ColouredMap {
 export function mapOf({ heatmap, depthMap, saliency }: Pick<Partial<Localisation>, "heatmap" | "depthMap" | "saliency">, layer: Layer): ColouredMap | undefined {
   if (layer === "heatmap" && heatmap) {
     const range = { from: 0, to: rangeOf(heatmap.values).to };
-    const words = (value: number) => (value === 0 ? "0" : `${(100 * value).toPrecision(2)} %`);
-    return { pixels: coloured(heatmap, range, (level) => Math.min(1, level / HEATMAP_OPAQUE_AT)), scale: { name: "Probability", ...range, words } };
+    const format = (value: number) => (value === 0 ? "0" : `${(100 * value).toPrecision(2)} %`);
+    return { pixels: coloured(heatmap, range, (level) => Math.min(1, level / HEATMAP_OPAQUE_AT)), scale: { name: "Probability", ...range, format } };
   }
   if (layer === "depth" && depthMap) {
     const range = rangeOf(depthMap.values);
-    return { pixels: coloured(depthMap, range, () => 1), scale: { name: "Depth", ...range, words: (value) => `${value.toFixed(2)} m` } };
+    return { pixels: coloured(depthMap, range, () => 1), scale: { name: "Depth", ...range, format: (value) => `${value.toFixed(2)} m` } };
   }
   if (layer === "saliency" && saliency) {
     // How much, whichever way.
     const strength = { ...saliency, values: saliency.values.map(Math.abs) };
     const range = { from: 0, to: rangeOf(strength.values).to };
-    const words = (value: number) => (value === 0 ? "0" : `${value.toPrecision(2)} m`);
-    return { pixels: coloured(strength, range, (level) => Math.min(1, 0.15 + 2 * level)), scale: { name: "Depth changes by", ...range, words } };
+    const format = (value: number) => (value === 0 ? "0" : `${value.toPrecision(2)} m`);
+    return { pixels: coloured(strength, range, (level) => Math.min(1, 0.15 + 2 * level)), scale: { name: "Depth changes by", ...range, format } };
   }
   return undefined;
 }

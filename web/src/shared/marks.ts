@@ -45,13 +45,13 @@ export function stroke(context: CanvasRenderingContext2D, path: Path2D, colour: 
   }
 }
 
-/** Words whose lower edge is at `at`. */
-export function write(context: CanvasRenderingContext2D, words: string, at: Pixel, colour: string): void {
+/** Text whose lower edge is at `at`. */
+export function write(context: CanvasRenderingContext2D, text: string, at: Pixel, colour: string): void {
   context.textBaseline = "bottom";
   context.lineJoin = "round";
   context.strokeStyle = EDGE;
   context.lineWidth = 4;
-  context.strokeText(words, ...at);
+  context.strokeText(text, ...at);
   context.fillStyle = colour;
-  context.fillText(words, ...at);
+  context.fillText(text, ...at);
 }

@@ -61,10 +61,10 @@ export class Overlay {
   }
 
   /** Shows a picture about which nothing is known. */
-  showPlain(image: CanvasImageSource, words: string): void {
+  showPlain(image: CanvasImageSource, label: string): void {
     this.hold(image);
     this.#flip();
-    this.clear(words);
+    this.clear(label);
   }
 
   /** Shows the picture that is held, and what was found in it. */
@@ -78,9 +78,9 @@ export class Overlay {
     this.#draw();
   }
 
-  clear(words: string): void {
+  clear(label: string): void {
     this.#ring = this.#map = undefined;
-    this.#overlay.setAttribute("aria-label", words);
+    this.#overlay.setAttribute("aria-label", label);
     this.#draw();
   }
 
@@ -89,13 +89,13 @@ export class Overlay {
   }
 
   #draw(): void {
-    const { context, width, height, place } = overlayOf(this.#overlay, this.#size);
+    const { context, width, height, toCanvas } = overlayOf(this.#overlay, this.#size);
     this.#scale.show(this.#map?.scale ?? null);
     if (this.#map) drawMap(context, this.#map, width, height, this.#opacity);
     if (!this.#ring) return;
     const { at, sure, truth } = this.#ring;
     context.globalAlpha = sure ? 1 : DIM;
-    drawFound(context, place(at));
-    if (truth) drawTruth(context, place(truth));
+    drawFound(context, toCanvas(at));
+    if (truth) drawTruth(context, toCanvas(truth));
   }
 }

@@ -1,5 +1,5 @@
 /** What the steps' panels are made of. */
-import { make, wordsOf } from "../dom";
+import { make, messageOf } from "../dom";
 import { markupOf } from "./trusted";
 
 /** Finds a part of a step by its `data-part`. */
@@ -17,7 +17,7 @@ export function fill(panel: HTMLElement, markup: string): Parts {
   };
 }
 
-/** A place for errors: words, read out, until the next thing that goes well. */
+/** A place for errors: shown and read out until the next success. */
 export class Alert {
   readonly #place: HTMLElement;
 
@@ -27,21 +27,21 @@ export class Alert {
     place.setAttribute("role", "alert");
   }
 
-  say(words: string): void {
-    this.#place.replaceChildren(make("span", { text: words }));
+  say(text: string): void {
+    this.#place.replaceChildren(make("span", { text }));
   }
 
   clear(): void {
     this.#place.replaceChildren();
   }
 
-  /** Runs `work`; what it throws is said, an abort is not. */
+  /** Runs `work`; what it throws is shown, an abort is not. */
   async during(work: () => Promise<void>): Promise<void> {
     this.clear();
     try {
       await work();
     } catch (thrown) {
-      if (!(thrown instanceof DOMException && thrown.name === "AbortError")) this.say(wordsOf(thrown));
+      if (!(thrown instanceof DOMException && thrown.name === "AbortError")) this.say(messageOf(thrown));
     }
   }
 }

@@ -1,12 +1,12 @@
 /** A picture to click in: pointer and keyboard as picture pixels, marks over it, a loupe in its corner. */
 import { contextOf, make } from "../dom";
-import { overlayOf, type Pixel, type Place } from "./canvas";
+import { overlayOf, type Pixel, type PixelMap } from "./canvas";
 import { Loupe } from "./loupe";
 import "./picture-view.css";
 
 export interface Listener {
   /** Draws the marks. */
-  paint(context: CanvasRenderingContext2D, place: Place): void;
+  paint(context: CanvasRenderingContext2D, toCanvas: PixelMap): void;
   /** The pointer went down at `at`; `reach` is how many picture pixels a finger's breadth is. */
   press(at: Pixel, reach: number, event: PointerEvent): void;
   /** The pointer moved while down. */
@@ -74,8 +74,8 @@ export class PictureView {
 
   redraw(): void {
     if (!this.#bitmap || this.#frame.clientWidth === 0) return;
-    const { context, place } = overlayOf(this.overlay, this.size);
-    this.#listener.paint(context, place);
+    const { context, toCanvas } = overlayOf(this.overlay, this.size);
+    this.#listener.paint(context, toCanvas);
     this.#magnifyAim();
   }
 

@@ -7,7 +7,7 @@ export interface Scale {
   from: number;
   to: number;
   /** A value with its unit. */
-  words: (value: number) => string;
+  format: (value: number) => string;
 }
 
 export class ScaleBar {
@@ -25,14 +25,14 @@ export class ScaleBar {
     this.#box.classList.toggle("unseen-kept", scale === null);
     if (!scale) return;
     this.#part(".scale-name").textContent = scale.name;
-    this.#end(".scale-min", scale.from, scale.words);
-    this.#end(".scale-max", scale.to, scale.words);
+    this.#end(".scale-min", scale.from, scale.format);
+    this.#end(".scale-max", scale.to, scale.format);
   }
 
-  #end(selector: string, value: number, words: (value: number) => string): void {
+  #end(selector: string, value: number, format: (value: number) => string): void {
     const end = this.#part<HTMLDataElement>(selector);
     end.value = String(value);
-    end.textContent = words(value);
+    end.textContent = format(value);
   }
 
   #part<T extends HTMLElement>(selector: string): T {

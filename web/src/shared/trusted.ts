@@ -10,7 +10,7 @@ const policy = factory?.createPolicy("gravisight-page", { createHTML: (markup) =
 // Workers, the service worker among them, are started from addresses.
 factory?.createPolicy("default", {
   createScriptURL: (url) => {
-    if (new URL(url, location.href).origin !== location.origin) throw new TypeError(`${url} is no script of this page`);
+    if (new URL(url, location.href).origin !== location.origin) throw new TypeError(`${url} is not a script of this page`);
     return url;
   },
 });

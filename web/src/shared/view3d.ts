@@ -24,8 +24,8 @@ const COLOURS: Record<PathName, string> = { truth: "--good", found: "--found", f
 const TUBE = { truth: 0.14, fit: 0.24 };
 /** Of a position that was found, in CSS pixels. */
 const DOT = 3;
-/** Radians that an arrow key turns the view by. */
-const TURN = MathUtils.degToRad(6);
+/** Radians that an arrow key rotates the view by. */
+const ROTATION_STEP = MathUtils.degToRad(6);
 const ZOOM = 1.15;
 /** Radians from straight above and from the horizon below which the view does not go. */
 const POLE = MathUtils.degToRad(3);
@@ -33,7 +33,7 @@ const POLE = MathUtils.degToRad(3);
 const FILLED = 0.88;
 /** Milliseconds between two drawings, and drawn for displayed pixels, where there is no GPU: so that the page still answers. */
 const WITHOUT_GPU = { pause: 150, ratio: 0.6 };
-const NO_WEBGL = "This browser shows no 3D graphics (WebGL), so the view in space is left out; the numbers and plots are complete without it.";
+const NO_WEBGL = "This browser does not support 3D graphics (WebGL), so the view in space is left out; the numbers and plots are complete without it.";
 
 export class View3d {
   readonly #canvas: HTMLCanvasElement;
@@ -50,8 +50,8 @@ export class View3d {
   #paths: Partial<Record<PathName, Vector[]>> = {};
   /** What the view was last placed for, and some room. */
   #placed = new Box3();
-  /** Whether a person has turned the view: then it stays. */
-  #turned = false;
+  /** Whether a person has rotated the view: then it stays. */
+  #rotated = false;
   #requested = false;
   /** Whether something was added since the last drawing. */
   #hasNew = false;
@@ -80,7 +80,7 @@ export class View3d {
     this.#stage.add(sky, light);
     this.#listen();
     this.#controls = new OrbitControls(this.#eye, canvas);
-    this.#controls.addEventListener("start", () => (this.#turned = true));
+    this.#controls.addEventListener("start", () => (this.#rotated = true));
     this.#controls.addEventListener("change", () => this.#request());
     new ResizeObserver(() => this.#resize()).observe(canvas);
     this.#describe();
@@ -91,7 +91,7 @@ export class View3d {
     this.#scene = scene;
     this.#camera = camera;
     this.#paths = {};
-    this.#turned = false;
+    this.#rotated = false;
     for (const name of [...this.#drawn.keys()]) this.#put(name, () => null);
     this.#place();
   }
@@ -103,7 +103,7 @@ export class View3d {
       const colour = this.#colour(COLOURS[name]);
       return name === "found" ? dotsOf(points, colour, DOT * (this.#renderer?.getPixelRatio() ?? 1)) : tubeOf(points, colour, this.#radius() * TUBE[name]);
     });
-    if (!this.#turned && !this.#placed.containsBox(this.#content())) this.#place();
+    if (!this.#rotated && !this.#placed.containsBox(this.#content())) this.#place();
     this.#describe();
   }
 
@@ -132,10 +132,10 @@ export class View3d {
   #onKey(event: KeyboardEvent): void {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const steps: Record<string, () => void> = {
-      ArrowLeft: () => this.#turn(-TURN, 0),
-      ArrowRight: () => this.#turn(TURN, 0),
-      ArrowUp: () => this.#turn(0, -TURN),
-      ArrowDown: () => this.#turn(0, TURN),
+      ArrowLeft: () => this.#rotate(-ROTATION_STEP, 0),
+      ArrowRight: () => this.#rotate(ROTATION_STEP, 0),
+      ArrowUp: () => this.#rotate(0, -ROTATION_STEP),
+      ArrowDown: () => this.#rotate(0, ROTATION_STEP),
       "+": () => this.#zoom(1 / ZOOM),
       "=": () => this.#zoom(1 / ZOOM),
       "-": () => this.#zoom(ZOOM),
@@ -144,18 +144,18 @@ export class View3d {
     const step = steps[event.key];
     if (!step) return;
     event.preventDefault();
-    this.#turned = event.key !== "Home";
+    this.#rotated = event.key !== "Home";
     step();
   }
 
-  #turn(around: number, down: number): void {
+  #rotate(around: number, down: number): void {
     const controls = this.#controls;
     if (!controls) return;
     const offset = this.#eye.position.clone().sub(controls.target);
     offset.applyAxisAngle(UP, around);
     const polar = offset.angleTo(UP);
-    const wanted = MathUtils.clamp(polar + down, POLE, MathUtils.degToRad(180) - POLE);
-    offset.applyAxisAngle(UP.clone().cross(offset).normalize(), wanted - polar);
+    const targetPolar = MathUtils.clamp(polar + down, POLE, MathUtils.degToRad(180) - POLE);
+    offset.applyAxisAngle(UP.clone().cross(offset).normalize(), targetPolar - polar);
     this.#eye.position.copy(controls.target).add(offset);
     controls.update();
     this.#request();
@@ -180,7 +180,7 @@ export class View3d {
     this.#put("place", () => (this.#scene ? placeOf(this.#scene, centre, span, (name) => this.#colour(name)) : null));
     this.#put("camera", () => (this.#camera ? frustumOf(this.#camera, span / 9, this.#colour("--ink")) : null));
     this.#describe();
-    if (this.#turned) return;
+    if (this.#rotated) return;
     const size = content.getSize(new Vector3()).length() || 4;
     // From the camera's own side, a little off and above, so that left and right are as in the picture.
     const from = this.#camera ? poseOf(this.#camera).position.sub(centre).setZ(0) : new Vector3(1, -1, 0);
@@ -245,8 +245,8 @@ export class View3d {
 
   #describe(): void {
     if (!this.#renderer) return;
-    const said: Record<PathName, string> = { truth: "true path", found: "positions frame by frame", fit: "fitted path" };
-    const shown = (Object.keys(said) as PathName[]).filter((name) => (this.#paths[name]?.length ?? 0) > 1).map((name) => said[name]);
+    const labels: Record<PathName, string> = { truth: "true path", found: "positions frame by frame", fit: "fitted path" };
+    const shown = (Object.keys(labels) as PathName[]).filter((name) => (this.#paths[name]?.length ?? 0) > 1).map((name) => labels[name]);
     const content = shown.length ? `the ball’s ${shown.join(", ")}` : "no path yet";
     this.#canvas.setAttribute("aria-label", `View in space: ${content}. Arrow keys turn it, plus and minus zoom, Home resets.`);
   }
@@ -261,7 +261,7 @@ export class View3d {
     // What fits into a wide view fits into a narrow one, too.
     this.#eye.fov = width < height * 1.2 ? 58 : 45;
     this.#eye.updateProjectionMatrix();
-    if (this.#scene && !this.#turned) this.#place();
+    if (this.#scene && !this.#rotated) this.#place();
     this.#request();
   }
 

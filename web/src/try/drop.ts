@@ -1,6 +1,6 @@
 /** The user's own files: a picture and its camera.json, together or one after the other, in either order. */
 import type { Camera } from "gravisight";
-import { element, wordsOf } from "../dom";
+import { element, messageOf } from "../dom";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, readJson } from "../shared/files";
 import type { Subject } from "./subject";
@@ -47,7 +47,7 @@ export class Drop {
         this.#camera = { name: cameras[0].name, content: (await readJson(cameras[0])) as Camera };
       } catch (thrown) {
         this.#showState();
-        return this.#listener.onRefused(wordsOf(thrown));
+        return this.#listener.onRefused(messageOf(thrown));
       }
     }
     this.#showState();

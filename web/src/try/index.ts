@@ -1,6 +1,6 @@
 /** Joins the parts: what is looked at, on which device, and what came of it. */
 import { GravisightError, type DeviceChoice, type Localiser } from "gravisight";
-import { element, wordsOf } from "../dom";
+import { element, messageOf } from "../dom";
 import type { Layer } from "../shared/maps";
 import { chosenModel, MODELS, OWN_MODEL, type ModelName } from "../shared/core";
 import { Drop } from "./drop";
@@ -69,7 +69,7 @@ export class App {
       // A model that the address names need not know the real one's scene.
       if (!this.#subject) this.#samples.press(OWN_MODEL === null ? "real" : "rendered");
     } catch (thrown) {
-      this.#refuse(`The samples could not be loaded: ${wordsOf(thrown)}`);
+      this.#refuse(`The samples could not be loaded: ${messageOf(thrown)}`);
     }
   }
 
@@ -87,7 +87,7 @@ export class App {
       this.#showState();
       await this.#localise();
     } catch (thrown) {
-      this.#notLoaded = wordsOf(thrown);
+      this.#notLoaded = messageOf(thrown);
       this.#stayOnLastDevice(this.#notLoaded);
     }
   }
@@ -95,7 +95,7 @@ export class App {
   #stayOnLastDevice(why: string): void {
     const last = this.#session.choice;
     if (last) check("device", last);
-    this.#say(last ? `${why} The page stays on the device that it had.` : why);
+    this.#say(last ? `${why} The page keeps the previous device.` : why);
     this.#showState();
   }
 
@@ -105,7 +105,7 @@ export class App {
       const subject = await sample;
       if (!run.signal.aborted) await this.#lookAt(subject);
     } catch (thrown) {
-      if (!run.signal.aborted) this.#refuse(wordsOf(thrown));
+      if (!run.signal.aborted) this.#refuse(messageOf(thrown));
     }
   }
 
@@ -153,7 +153,7 @@ export class App {
       if (subject.truth && OWN_MODEL === null) void this.#compare(subject, signal);
     } catch (thrown) {
       if (signal.aborted) return;
-      this.#refuse(`${subject.name}: ${wordsOf(thrown)}`);
+      this.#refuse(`${subject.name}: ${messageOf(thrown)}`);
       this.#afterFailure(thrown, subject);
     }
     if (!signal.aborted) this.#showState();
@@ -168,7 +168,7 @@ export class App {
       const result = await this.#other.localiser?.localise(subject.picture, { ...options(subject, signal), heatmap: false, depthMap: false });
       if (result && !signal.aborted) this.#result.showOther(name, result);
     } catch {
-      // The comparison is beside the point of what was asked for.
+      // The comparison is optional: its failure is ignored.
     }
   }
 

@@ -1,4 +1,4 @@
-/** The state in a word, and the progress bar with bytes. */
+/** The state by name, and the progress bar with bytes. */
 import type { Progress } from "gravisight";
 import { element } from "../dom";
 
@@ -12,7 +12,7 @@ export class LoadingLine {
   readonly #line = element("status-line");
   readonly #box = element("loading");
   readonly #bar = element<HTMLProgressElement>("progress");
-  readonly #words = element("progress-words");
+  readonly #message = element("progress-words");
   #stages = new Map<"wasm" | "weights", { loaded: number; total: number | null }>();
 
   set(state: State): void {
@@ -20,7 +20,7 @@ export class LoadingLine {
     this.#line.dataset.state = state;
     this.#box.hidden = state !== "loading" && state !== "warming up";
     if (state !== "loading") this.#stages.clear();
-    if (state === "loading" && this.#stages.size === 0) this.#show(null, "looking at the device");
+    if (state === "loading" && this.#stages.size === 0) this.#show(null, "checking the device");
     if (state === "warming up") this.#show(null, "first pass through the network");
   }
 
@@ -36,10 +36,10 @@ export class LoadingLine {
     this.set("loading");
   }
 
-  #show(fraction: number | null, words: string): void {
+  #show(fraction: number | null, message: string): void {
     if (fraction === null) this.#bar.removeAttribute("value");
     else this.#bar.value = fraction;
-    this.#words.textContent = words;
+    this.#message.textContent = message;
   }
 }
 

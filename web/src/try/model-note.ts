@@ -12,7 +12,7 @@ function noteOf({ name, description, metrics }: Card): string {
   const centimetres = (metres: number) => (metres * 100).toFixed(1);
   const error =
     typeof dtg?.mean === "number" && typeof dtg.std === "number"
-      ? `On ${dtg.n} test pictures it is off by ${centimetres(dtg.mean)} ± ${centimetres(dtg.std)} cm.`
+      ? `Its error on ${dtg.n} test pictures is ${centimetres(dtg.mean)} ± ${centimetres(dtg.std)} cm.`
       : "";
   return `Model ${name}: ${description} ${error}`.trim();
 }

@@ -25,7 +25,7 @@ export class Stage {
   /** Shows what was found, over the picture. */
   showResult(result: Localisation, truth: Pixel | undefined): void {
     this.#shown = { result, truth };
-    const entries = [make("span", { class: "key-found", text: result.ballFound ? "Found" : "Likeliest place" })];
+    const entries = [make("span", { class: "key-found", text: result.ballFound ? "Found" : "Likeliest position" })];
     if (truth) entries.push(make("span", { class: "key-truth", text: "True position" }));
     this.#key.replaceChildren(...entries);
     this.setLayer(this.#layer);

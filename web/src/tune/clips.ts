@@ -16,7 +16,7 @@ export interface Choice {
   clip: StoredClip;
   use: HTMLInputElement;
   heldOut: HTMLInputElement;
-  words: HTMLElement;
+  detail: HTMLElement;
   row: HTMLLIElement;
 }
 
@@ -44,7 +44,7 @@ export class ClipChoices {
       const choice = this.all.find((each) => each.clip.id === clip.id) ?? choiceOf(clip);
       choice.clip = clip;
       choice.heldOut.checked = clip.heldOut;
-      choice.words.textContent = `, ${labelled(clip)} of ${clip.pictures.length} frames labelled`;
+      choice.detail.textContent = `, ${labelled(clip)} of ${clip.pictures.length} frames labelled`;
       return [choice];
     });
     // Rows that stay keep the focus.
@@ -66,10 +66,10 @@ function choiceOf(clip: StoredClip): Choice {
   const forget = textButton("Delete…", "tune-delete", `Delete ${clip.id}`, () => {
     if (confirm(`Delete the clip "${clip.id}" from this browser?`)) void workspace.forget(clip.id);
   });
-  const words = make("span");
-  const name = make("span", { class: "name" }, make("strong", { text: clip.id }), words);
+  const detail = make("span");
+  const name = make("span", { class: "name" }, make("strong", { text: clip.id }), detail);
   const row = make("li", {}, use.label, name, heldOut.label, forget);
-  const choice = { clip, use: use.input, heldOut: heldOut.input, words, row };
+  const choice = { clip, use: use.input, heldOut: heldOut.input, detail, row };
   choice.heldOut.addEventListener("change", () => void workspace.keep({ ...choice.clip, heldOut: choice.heldOut.checked }));
   return choice;
 }
@@ -88,7 +88,7 @@ export function trainingClip({ id, fps, camera, scene, pictures, times, labels, 
 }
 
 /** Draws clips of scene 1 before a camera and keeps them. */
-export async function makeExamples(camera: number, progress: (share: number) => void, signal: AbortSignal): Promise<void> {
+export async function makeExamples(camera: number, progress: (fraction: number) => void, signal: AbortSignal): Promise<void> {
   const toolbox = await tools();
   const simulator = await toolbox.simulator({ environment: 1, camera });
   try {

@@ -54,7 +54,7 @@ async function drawn(picture: Blob, label: [number, number] | undefined, found: 
   const scale = 448 / bitmap.width;
   [canvas.width, canvas.height] = [448, Math.round(bitmap.height * scale)];
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", "A frame of the clip held out with the ball found and its label");
+  canvas.setAttribute("aria-label", "A frame of the held-out clip with the detected ball and its label");
   const context = contextOf(canvas);
   context.drawImage(bitmap, 0, 0, canvas.width, canvas.height);
   bitmap.close();

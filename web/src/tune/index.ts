@@ -1,6 +1,6 @@
 /** Step 5: a model learns clips in this page, and what it gained is shown on a clip held out. */
 import { FineTuner, type DeviceChoice, type FineTuneSupervision, type TuneScore } from "gravisight";
-import { make, wordsOf } from "../dom";
+import { make, messageOf } from "../dom";
 import { Chart } from "../shared/chart";
 import { save } from "../shared/files";
 import { Alert, fill, type Parts } from "../shared/panel";
@@ -89,7 +89,7 @@ class Tune {
   async #makeExamples(signal: AbortSignal): Promise<void> {
     this.#say("Drawing clips…");
     const camera = Number(this.#part<HTMLSelectElement>("tune-camera").value);
-    await makeExamples(camera, (share) => this.#progress(share), signal);
+    await makeExamples(camera, (fraction) => this.#progress(fraction), signal);
     this.#say("Five clips are ready.");
   }
 
@@ -97,7 +97,7 @@ class Tune {
     const chosen = this.#clips.all.filter(({ use }) => use.checked).map(({ clip, heldOut }) => ({ clip, heldOut: heldOut.checked }));
     const shown = chosen.find(({ heldOut }) => heldOut)?.clip;
     if (chosen.every(({ heldOut }) => heldOut)) throw new Error("Choose at least one clip to learn from (not held out).");
-    if (!shown) throw new Error("Hold one clip out: without it nobody knows whether learning helped.");
+    if (!shown) throw new Error("Hold one clip out: without it, the page cannot measure whether learning helped.");
     const steps = Math.round(Number(this.#part<HTMLInputElement>("tune-steps").value));
     if (!(steps >= 1 && steps <= 5000)) throw new Error("Steps must be a number from 1 to 5000.");
     const choice = (name: string) => this.#part<HTMLSelectElement>(name).value;
@@ -128,17 +128,17 @@ class Tune {
       const chosen = await Promise.all(
         run.clips.map(async ({ id, heldOut }) => {
           const clip = await workspace.clip(id);
-          if (!clip) throw new Error(`The last run cannot go on: its clip "${id}" was deleted.`);
+          if (!clip) throw new Error(`The last run cannot be continued: its clip "${id}" was deleted.`);
           return { clip, heldOut };
         }),
       );
       const shown = chosen.find(({ heldOut }) => heldOut)?.clip;
-      if (!shown) throw new Error("The last run cannot go on: none of its clips is held out.");
+      if (!shown) throw new Error("The last run cannot be continued: none of its clips is held out.");
       this.#dispose();
       for (const [name, value] of Object.entries({ model: run.model, supervision: run.supervision, device: run.device, steps: String(run.steps) })) {
         this.#part<HTMLSelectElement>(`tune-${name}`).value = value;
       }
-      this.#say("Going on with the last run…");
+      this.#say("Continuing the last run…");
       const tuner = await FineTuner.resume(run.checkpoint, { device: run.device, signal });
       this.#tuner = tuner;
       await this.#give(tuner, chosen, signal);
@@ -152,14 +152,14 @@ class Tune {
     }
   }
 
-  /** Gives the clips; what those that teach nothing say. */
+  /** Gives the clips; returns why some are left out. */
   async #give(tuner: FineTuner, chosen: { clip: StoredClip; heldOut: boolean }[], signal: AbortSignal): Promise<string[]> {
     const leftOut: string[] = [];
     for (const [index, { clip, heldOut }] of chosen.entries()) {
-      this.#say(`Clip ${index + 1} of ${chosen.length} is prepared…`);
+      this.#say(`Preparing clip ${index + 1} of ${chosen.length}…`);
       this.#progress(index / chosen.length);
       const added = await tuner.addClip(trainingClip(clip), { heldOut, signal });
-      if (added.leftOut) leftOut.push(`"${clip.id}" teaches nothing: ${added.leftOut}.`);
+      if (added.leftOut) leftOut.push(`"${clip.id}" is left out: ${added.leftOut}.`);
     }
     return leftOut;
   }
@@ -175,7 +175,7 @@ class Tune {
     const keepNow = async () => {
       run.checkpoint = await tuner.checkpoint();
       // Without room it goes on all the same.
-      await keep(run).catch((thrown: unknown) => this.#alert.say(`This browser cannot keep the run for a reload: ${wordsOf(thrown)}`));
+      await keep(run).catch((thrown: unknown) => this.#alert.say(`This browser cannot keep the run, which will be lost on a reload: ${messageOf(thrown)}`));
       kept = performance.now();
     };
     this.#showLosses(run);
@@ -189,7 +189,7 @@ class Tune {
         run.losses.push([made, step.loss]);
         const spent = performance.now() - began;
         run.spent = before + spent;
-        this.#say(`Step ${made} of ${steps}, about ${words((spent / (made - from)) * (steps - made))} left`);
+        this.#say(`Step ${made} of ${steps}, about ${durationText((spent / (made - from)) * (steps - made))} left`);
         this.#progress(made / steps);
         this.#showLosses(run);
         const isScored = made % every === 0 || made === steps;
@@ -205,12 +205,12 @@ class Tune {
       run.state = "stopped";
       throw thrown;
     } finally {
-      // A step that was under way when it was stopped has been made. What failed is said already.
+      // A step that was under way when it was stopped has been made. A failure is already shown.
       await keepNow().catch(() => {});
     }
     this.#part("tune-frames").replaceChildren(...(await figuresOf(shown, run.before, tuner, signal)));
     this.#part<HTMLButtonElement>("tune-save").disabled = false;
-    this.#say(`Done: ${steps} steps in ${words(run.spent)} on ${tuner.device.name}.`);
+    this.#say(`Done: ${steps} steps in ${durationText(run.spent)} on ${tuner.device.name}.`);
   }
 
   #showLosses({ losses, steps }: Run): void {
@@ -253,16 +253,16 @@ class Tune {
     this.#tuner = undefined;
   }
 
-  #progress(share: number): void {
-    this.#part<HTMLProgressElement>("tune-progress").value = share;
+  #progress(fraction: number): void {
+    this.#part<HTMLProgressElement>("tune-progress").value = fraction;
   }
 
-  #say(words: string): void {
-    this.#part("tune-status").textContent = words;
+  #say(text: string): void {
+    this.#part("tune-status").textContent = text;
   }
 }
 
-function words(milliseconds: number): string {
+function durationText(milliseconds: number): string {
   const seconds = Math.round(milliseconds / 1000);
   return seconds < 90 ? `${seconds} s` : `${Math.round(seconds / 60)} minutes`;
 }

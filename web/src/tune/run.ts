@@ -55,6 +55,6 @@ export async function alone(wait: boolean, work: () => Promise<void>): Promise<v
     });
   } catch (thrown) {
     if (isOurs) throw thrown;
-    throw new Error("A run goes on in another tab of this page. Stop it there first.", { cause: thrown });
+    throw new Error("A run is active in another tab of this page. Stop it there first.", { cause: thrown });
   }
 }

@@ -1,13 +1,13 @@
 /** Every frame of a video file, decoded one after the other: none is left out, however busy the computer is. */
 import { BlobSource, CanvasSink, EncodedPacketSink, Input, MATROSKA, MP4, QTFF, WEBM, type InputVideoTrack, type WrappedCanvas } from "mediabunny";
-import { wordsOf } from "../dom";
+import { messageOf } from "../dom";
 import type { Frame } from "./sources";
 
 /** Frames decoded ahead of the one that is looked at. */
 const AHEAD = 4;
 
 export class DecodedVideo {
-  /** Why not all frames came, in words; empty where they did. */
+  /** Why not all frames came; empty where they did. */
   broken = "";
   readonly #input: Input;
   readonly #track: InputVideoTrack;
@@ -36,7 +36,7 @@ export class DecodedVideo {
     return undefined;
   }
 
-  /** In order of time, as they are to be shown: turned, with square pixels. A frame is good until the next one is asked for. */
+  /** In order of time, as they are to be shown: turned, with square pixels. A frame is valid until the next one is requested. */
   async *frames(): AsyncGenerator<Frame> {
     let last: number | undefined;
     const shown = ({ canvas, timestamp }: WrappedCanvas): Frame => {
@@ -55,8 +55,8 @@ export class DecodedVideo {
       } catch {
         // The broken frame.
       }
-      if (last === undefined) throw new Error(`The video cannot be decoded: ${wordsOf(thrown)}`);
-      this.broken = `The video is broken after ${last.toFixed(2)} s: ${wordsOf(thrown)} What comes before is tracked.`;
+      if (last === undefined) throw new Error(`The video cannot be decoded: ${messageOf(thrown)}`);
+      this.broken = `The video is broken after ${last.toFixed(2)} s: ${messageOf(thrown)} What comes before is tracked.`;
     }
   }
 

@@ -15,8 +15,8 @@ export interface Example {
   source: Source;
   camera: Camera;
   scene: Scene;
-  /** Whose camera and scene they are, in words. */
-  words: string;
+  /** Whose camera and scene they are. */
+  summary: string;
 }
 
 export async function makeExample({ signal, progress }: Watch): Promise<Example> {
@@ -33,7 +33,7 @@ export async function makeExample({ signal, progress }: Watch): Promise<Example>
       frames.push({ picture, image: await createImageBitmap(picture), timeMs: t * 1000, truth: world });
       progress(frames.length, clip.frames.length);
     }
-    return { source: new PictureSource("Example clip", camera.width, camera.height, frames), camera, scene, words: "Camera and scene: the example’s own." };
+    return { source: new PictureSource("Example clip", camera.width, camera.height, frames), camera, scene, summary: "Camera and scene: the example’s own." };
   } finally {
     simulator.dispose();
   }
@@ -44,7 +44,7 @@ interface Rally {
   clip: string;
   sport: string;
   camera: Camera;
-  /** What it is, in words. */
+  /** What it is. */
   note: string;
 }
 
@@ -55,7 +55,7 @@ export async function rallyExample({ signal }: Watch): Promise<Example> {
   const [scene, response] = await Promise.all([tools().then((toolbox) => toolbox.scene(sport)), fetchOk(folder + clip)]);
   const file = new File([await response.blob()], clip, { type: "video/mp4" });
   signal.throwIfAborted();
-  return { source: await VideoSource.file(file), camera, scene, words: note };
+  return { source: await VideoSource.file(file), camera, scene, summary: note };
 }
 
 export async function realExample({ signal }: Watch): Promise<Example> {
@@ -64,5 +64,5 @@ export async function realExample({ signal }: Watch): Promise<Example> {
   const response = await fetchOk(realUrl(clip));
   const file = new File([await response.blob()], clip, { type: "video/mp4" });
   signal.throwIfAborted();
-  return { source: await VideoSource.file(file), camera, scene: { ...free, ball: { ...free.ball, ...ball } }, words: `${note} The spin that comes out takes up what is wrong with these assumptions.` };
+  return { source: await VideoSource.file(file), camera, scene: { ...free, ball: { ...free.ball, ...ball } }, summary: `${note} Errors in these assumptions appear in the estimated spin.` };
 }

@@ -1,12 +1,12 @@
-/** What came out, as a person would say it: the verdict, why something is not explained, flights and bounces, the place from above. */
+/** The result for people: the verdict, why something is not explained, flights and bounces, the place from above. */
 import type { Findings, Measured } from "gravisight";
 import { make } from "../dom";
 import { planOf } from "./plan";
-import type { Curve } from "./sightings";
+import type { Curve } from "./detections";
 
 /** Which numbers are bold; the core decides, see `Findings` of the package. */
-const RULE = "Bold: known to 0.3 m and to a tenth of the distance from the camera; a speed, to a tenth. Grey: known less well. ± is 1 σ.";
-const NOT_EXPLAINED = "Often the scene is not the real one, the camera has moved, or something else was followed: look at the ring in the video, and click on the ball where it is elsewhere.";
+const RULE = "Bold: positions known to within 0.3 m and a tenth of their distance from the camera; speeds and spins known to within a tenth. Grey: known less well. ± is 1 σ.";
+const NOT_EXPLAINED = "Often the scene does not match the real one, the camera has moved, or something else was tracked: check the ring in the video, and click the ball in frames where the ring is not on it.";
 const METRES = "This is the ball in pixels. For metres, speeds and bounces: calibrate the camera on a frame (four clicks on a court) or drop its camera.json, choose the place and ball, and track again.";
 
 export class FitResult {
@@ -25,7 +25,7 @@ export class FitResult {
     this.#verdict.replaceChildren(make("p", { text: findings.headline, part: "video-fit-words" }));
     const left = make("div", { class: "video-told" }, ...this.#remarks(findings, flat, frames.filter(({ outlier }) => outlier).length), ...tables(findings));
     const plan = findings.plan?.bounces.length ? [figure(findings.plan)] : [];
-    const stale = make("p", { text: "Frames came after this fit: fit again to take them in.", part: "video-fit-stale" });
+    const stale = make("p", { text: "New frames were added after this fit: fit again to include them.", part: "video-fit-stale" });
     stale.hidden = true;
     this.#place.hidden = left.childElementCount + plan.length === 0;
     this.#place.replaceChildren(make("div", { class: "video-findings" }, left, ...plan), stale);
@@ -38,18 +38,18 @@ export class FitResult {
     if (reasons.length) {
       const list = make("dl", { class: "video-reasons" }, ...reasons.flatMap(({ what, why }) => [make("dt", { text: what }), make("dd", { text: why })]));
       const unknown = contacts.filter(({ place }) => !place).map(({ what, time }) => `${what} at ${inSeconds(time)}`);
-      const also = unknown.length ? [make("p", { text: `Doubtful, and where it was is not known: ${unknown.join(", ")}.` })] : [];
+      const also = unknown.length ? [make("p", { text: `Doubtful, position unknown: ${unknown.join(", ")}.` })] : [];
       parts.push(make("details", { part: "video-reasons" }, make("summary", { text: "What is not explained, and why" }), list, ...also, make("p", { text: NOT_EXPLAINED })));
     }
-    const said = outliers ? [`${outliers} ${outliers === 1 ? "sighting does" : "sightings do"} not belong to it and had no part.`] : [];
-    for (const text of [...notes, ...said]) parts.push(make("p", { text, part: "video-fit-note" }));
+    const outlierNote = outliers ? [`${outliers} ${outliers === 1 ? "detection does" : "detections do"} not fit the trajectory and had no influence.`] : [];
+    for (const text of [...notes, ...outlierNote]) parts.push(make("p", { text, part: "video-fit-note" }));
     return parts;
   }
 
-  /** Says whether frames came after the fit. */
+  /** Shows whether frames came after the fit. */
   setStale(isStale: boolean): void {
-    const words = this.#place.querySelector<HTMLElement>('[data-part="video-fit-stale"]');
-    if (words) words.hidden = !isStale;
+    const note = this.#place.querySelector<HTMLElement>('[data-part="video-fit-stale"]');
+    if (note) note.hidden = !isStale;
   }
 
   clear(): void {
@@ -79,15 +79,15 @@ function tables({ flights, contacts }: Findings): HTMLElement[] {
     ],
   }));
   const made: HTMLElement[] = [];
-  if (known.length) made.push(tableOf("video-flights", "Flights", ["", "When", "Speed at its start", ...(spinning ? ["Spin"] : [])], known));
-  if (rows.length) made.push(tableOf("video-contacts", "Bounces and hits", ["What", "Time", "Where", "Arrives at", ...(lined ? ["Within the lines"] : [])], rows));
+  if (known.length) made.push(tableOf("video-flights", "Flights", ["", "When", "Initial speed", ...(spinning ? ["Spin"] : [])], known));
+  if (rows.length) made.push(tableOf("video-contacts", "Bounces and hits", ["What", "Time", "Where", "Impact speed", ...(lined ? ["Within the lines"] : [])], rows));
   if (made.length) made.push(make("p", { class: "quiet", text: RULE, part: "video-rule" }));
   return made;
 }
 
 function figure(plan: NonNullable<Findings["plan"]>): HTMLElement {
-  const words = "From above, bounces by number (x to the right, y up). An ellipse holds the place with a probability of 86 % (2 σ).";
-  return make("figure", { class: "video-plan", part: "video-plan" }, planOf(plan), make("figcaption", { class: "quiet", text: words }));
+  const caption = "Top view, bounces by number (x to the right, y up). The ellipse contains the bounce with a probability of 86 % (2 σ).";
+  return make("figure", { class: "video-plan", part: "video-plan" }, planOf(plan), make("figcaption", { class: "quiet", text: caption }));
 }
 
 type Cell = string | HTMLElement;
@@ -116,5 +116,5 @@ function measured(number: Measured | null): HTMLElement {
 }
 
 /** A number stays in a line with its unit, a coordinate with its axis. */
-const unbroken = (value: string) => value.replace(/([xyz]) /g, "$1\u00a0").replace(/ (m|m\/s|turns\/s)\b/g, "\u00a0$1");
+const unbroken = (value: string) => value.replace(/([xyz]) /g, "$1\u00a0").replace(/ (m|m\/s|rev\/s)\b/g, "\u00a0$1");
 const inSeconds = (time: number) => `${time.toFixed(2)}\u00a0s`;

@@ -1,21 +1,21 @@
-/** The trajectory that physics makes of the sightings. */
+/** The trajectory that physics makes of the detections. */
 import { GravisightError, Track, type Camera, type Scene } from "gravisight";
-import { wordsOf } from "../dom";
+import { messageOf } from "../dom";
 import { tools } from "../shared/core";
-import type { Curve, Seen } from "./sightings";
+import type { Curve, FrameDetection } from "./detections";
 
 export interface FitOptions {
   camera: Camera;
   cameraSigma: Camera[];
   scene: Scene;
-  /** Least confidence of a sighting. */
+  /** Least confidence of a detection. */
   threshold: number;
   /** Of the video, pixels. */
   size: { width: number; height: number };
   signal: AbortSignal;
 }
 
-export async function fitted(all: Seen[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Curve> {
+export async function fitted(all: FrameDetection[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Curve> {
   const track = await Track.create({ camera, cameraSigma, scene, toolbox: await tools(), leastConfidence: threshold });
   for (const { timeMs, image: [u, v], confidence } of all) {
     // In the pixels that the camera speaks of, which need not be the video's; an integer is a pixel's centre.
@@ -24,7 +24,7 @@ export async function fitted(all: Seen[], { camera, cameraSigma, scene, threshol
   }
   const fit = await track.fit({ signal }).catch((thrown: unknown) => {
     if (!(thrown instanceof GravisightError) || thrown.code !== "fit") throw thrown;
-    throw new Error(`The trajectory could not be fitted: ${wordsOf(thrown).replace(/^fit: /, "")}.`);
+    throw new Error(`The trajectory could not be fitted: ${messageOf(thrown).replace(/^fit: /, "")}.`);
   });
   return { ...fit, flat: false };
 }

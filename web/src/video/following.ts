@@ -3,39 +3,39 @@ import { MODELS } from "../shared/core";
 import type { Job, Watch } from "../shared/job";
 import type { Overlay } from "../shared/overlay";
 import type { Parts } from "../shared/panel";
-import type { Looker } from "./looker";
+import type { Curve } from "./detections";
+import type { FrameSearch } from "./frame-search";
 import { chosenDevice } from "./model";
-import type { Place } from "./place";
-import type { Curve } from "./sightings";
-import { curveOf, seenOf, Tracking } from "./tracking";
+import type { SceneChoice } from "./scene-choice";
+import { curveOf, detectionsOf, Tracking } from "./tracking";
 import type { Transport } from "./transport";
 
 interface With {
   part: Parts;
-  place: Place;
+  sceneChoice: SceneChoice;
   overlay: Overlay;
   transport: Transport;
-  looker: Looker;
+  frameSearch: FrameSearch;
   job: Job;
 }
 
-interface Heard {
+interface FollowingListener {
   /** What was found before is to be forgotten. */
   begin: () => void;
   found: (curve: Curve) => void;
   /** What a person should know of the video. */
-  told: (words: string) => void;
+  warn: (message: string) => void;
 }
 
 export class Following {
   readonly #with: With;
-  readonly #heard: Heard;
+  readonly #listener: FollowingListener;
   /** Of the source that is open, once it was tracked. */
   #tracking: Tracking | undefined;
 
-  constructor(uses: With, heard: Heard) {
+  constructor(uses: With, listener: FollowingListener) {
     this.#with = uses;
-    this.#heard = heard;
+    this.#listener = listener;
   }
 
   /** Frames watched and missed; undefined where nothing was tracked. */
@@ -45,47 +45,47 @@ export class Following {
 
   /** Gives the whole source to a tracker. */
   async start(): Promise<void> {
-    const { looker, place, job, overlay, transport } = this.#with;
-    const { camera, cameraSigma, scene } = place;
-    const { source } = looker;
-    if (!source) throw new Error("To track takes a video.");
+    const { frameSearch, sceneChoice, job, overlay, transport } = this.#with;
+    const { camera, cameraSigma, scene } = sceneChoice;
+    const { source } = frameSearch;
+    if (!source) throw new Error("Tracking needs a video.");
     source.pause();
-    this.#heard.begin();
-    looker.tracked = true;
+    this.#listener.begin();
+    frameSearch.tracked = true;
     try {
       await job.run("Loading the model…", async (watch) => {
         // The one that reads sizes, whatever the step Try shows.
         const which = { model: MODELS.any, device: chosenDevice() };
         this.#tracking = await Tracking.through(source, { camera, cameraSigma, scene }, which, watch, ({ image, timeMs }) => {
-          overlay.showPlain(image, "A frame that is being looked at");
+          overlay.showPlain(image, "The frame being processed");
           transport.showTime(timeMs);
         });
         await this.#show(watch);
-        if (this.#tracking.broken) this.#heard.told(this.#tracking.broken);
+        if (this.#tracking.broken) this.#listener.warn(this.#tracking.broken);
       });
     } catch (thrown) {
-      this.#heard.begin();
+      this.#listener.begin();
       throw thrown;
     }
   }
 
   async #show(watch: Watch): Promise<void> {
-    const { looker, place } = this.#with;
+    const { frameSearch, sceneChoice } = this.#with;
     if (!this.#tracking) return;
     const found = await this.#tracking.track(watch);
-    looker.sightings.replace(seenOf(found, place.camera));
-    this.#heard.found(curveOf(found));
-    looker.source?.seek(looker.sightings.all[0]?.timeMs ?? 0);
+    frameSearch.detections.replace(detectionsOf(found, sceneChoice.camera));
+    this.#listener.found(curveOf(found));
+    frameSearch.source?.seek(frameSearch.detections.all[0]?.timeMs ?? 0);
   }
 
   /** A person says where the ball is, after the track was made: it is made anew. */
   async correct(event: MouseEvent): Promise<void> {
-    const { looker, job, part } = this.#with;
-    const { source } = looker;
+    const { frameSearch, job, part } = this.#with;
+    const { source } = frameSearch;
     const current = source?.current;
     if (!this.#tracking || !source || !current || job.isRunning) return;
     const { left, top, width, height } = ((event.currentTarget as HTMLElement | null) ?? part("video-overlay")).getBoundingClientRect();
-    const at = (share: number, all: number) => share * all - 0.5;
+    const at = (fraction: number, all: number) => fraction * all - 0.5;
     const { timeMs } = current;
     this.#tracking.mark(timeMs, [at((event.clientX - left) / width, source.width), at((event.clientY - top) / height, source.height)]);
     await job.run("Finding the flights…", (watch) => this.#show(watch));
@@ -95,20 +95,20 @@ export class Following {
   end(): void {
     this.#tracking?.dispose();
     this.#tracking = undefined;
-    this.#with.looker.tracked = false;
+    this.#with.frameSearch.tracked = false;
   }
 
   /** Whether the source can be tracked, and why not. */
   showWhether(): void {
-    const { part, place, looker } = this.#with;
-    const { camera, scene } = place;
-    const { source } = looker;
+    const { part, sceneChoice, frameSearch } = this.#with;
+    const { camera, scene } = sceneChoice;
+    const { source } = frameSearch;
     const reason = !source
-      ? "Closed: choose a video again to track it."
+      ? "No video is open: choose one to track it."
       : source.kind === "webcam"
-        ? "The webcam has no end: record a video to track it."
+        ? "A webcam cannot be tracked: record a video first."
         : source.durationMs <= 0
-          ? "One picture is no flight: choose a video to track it."
+          ? "A single picture cannot be tracked: choose a video."
           : "";
     const missing = !camera ? "its camera" : !scene ? "the place and the ball" : "";
     part<HTMLButtonElement>("video-track").disabled = reason !== "";
@@ -116,9 +116,9 @@ export class Following {
     part("video-track-why").textContent =
       reason ||
       (this.#tracking
-        ? "Is the ball elsewhere in a frame? Click it there: the track is made anew."
+        ? "Is the ring not on the ball in some frame? Click the ball there: the track is recomputed."
         : missing
-          ? `In pixels, for ${missing} ${missing.includes(" and ") ? "are" : "is"} not known; with ${missing.includes(" and ") ? "them" : "it"}, in metres. A video takes a few times as long as it lasts.`
-          : "Every frame, then the flights: a video takes a few times as long as it lasts.");
+          ? `In pixels, because ${missing} ${missing.includes(" and ") ? "are" : "is"} not known; with ${missing.includes(" and ") ? "them" : "it"}, in metres. Tracking takes several times the length of the video.`
+          : "Processes every frame, then fits the flights: this takes several times the length of the video.");
   }
 }

@@ -1,6 +1,6 @@
 /** Step 2: the ball in your own picture, video or webcam; its path through space, as plots and as files. */
 import type { Vector } from "gravisight";
-import { wordsOf } from "../dom";
+import { messageOf } from "../dom";
 import { pictureFile } from "../shared/canvas";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, save } from "../shared/files";
@@ -10,18 +10,18 @@ import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { View3d } from "../shared/view3d";
 import { workspace } from "../shared/workspace";
+import type { Curve, FrameDetection } from "./detections";
 import { makeExample, rallyExample, realExample, type Example } from "./example";
 import { fitted } from "./fit";
 import { FitResult } from "./fit-result";
-import { Looker } from "./looker";
-import { Model } from "./model";
 import { Following } from "./following";
+import { FrameSearch } from "./frame-search";
+import { Model } from "./model";
 import { Numbers } from "./numbers";
 import markup from "./panel.html?raw";
-import { Place } from "./place";
 import { Plots } from "./plots";
 import { csvOf, fittedAt, jsonOf } from "./report";
-import type { Curve, Seen } from "./sightings";
+import { SceneChoice } from "./scene-choice";
 import { PictureSource, type Source } from "./sources";
 import "./style.css";
 import { Transport } from "./transport";
@@ -47,8 +47,8 @@ class Step {
   readonly #transport: Transport;
   readonly #numbers: Numbers;
   readonly #job: Job;
-  readonly #looker: Looker;
-  readonly #place = new Place();
+  readonly #frameSearch: FrameSearch;
+  readonly #sceneChoice = new SceneChoice();
   readonly #model = new Model();
   /** What the positions are of; stays when the source is closed. */
   #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
@@ -57,10 +57,10 @@ class Step {
   #opening = 0;
   #fit: Curve | undefined;
   readonly #following: Following;
-  /** The sightings that the fit is of. */
+  /** The version of the detections that the fit is of. */
   #fitVersion = -1;
   /** Of what is shown now. */
-  #shown: Seen | undefined;
+  #shown: FrameDetection | undefined;
   #refreshing = 0;
 
   constructor(panel: HTMLElement) {
@@ -74,30 +74,30 @@ class Step {
     this.#transport = new Transport(part);
     this.#numbers = new Numbers(part);
     this.#job = new Job(part("video-job"), "video-cancel");
-    this.#looker = new Looker(
-      { model: this.#model, place: this.#place, overlay: this.#overlay, job: this.#job },
+    this.#frameSearch = new FrameSearch(
+      { model: this.#model, sceneChoice: this.#sceneChoice, overlay: this.#overlay, job: this.#job },
       {
-        shown: (seen, isFresh) => {
-          this.#show(seen);
+        shown: (detection, isFresh) => {
+          this.#show(detection);
           if (isFresh) this.#refreshSoon();
         },
         counted: () => this.#showCounts(),
         failed: (thrown) => {
           if (thrown instanceof DOMException && thrown.name === "AbortError") this.#checkLayer("none");
-          else this.#alert.say(wordsOf(thrown));
+          else this.#alert.say(messageOf(thrown));
         },
       },
     );
     this.#following = new Following(
-      { part, place: this.#place, overlay: this.#overlay, transport: this.#transport, looker: this.#looker, job: this.#job },
-      { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve), told: (words) => this.#alert.say(words) },
+      { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job },
+      { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
     );
     this.#listen();
-    this.#showPlace();
+    this.#showSceneChoice();
   }
 
   get #source(): Source | undefined {
-    return this.#looker.source;
+    return this.#frameSearch.source;
   }
 
   #listen(): void {
@@ -123,22 +123,22 @@ class Step {
     onClick("video-calibrate", () => this.#calibrate());
     onClick("video-fit", () => this.#fitNow());
     onClick("video-clear", () => this.#forget());
-    onClick("video-csv", () => save(`${this.#fileName}.csv`, csvOf(this.#looker.sightings.all, this.#fit), "text/csv"));
+    onClick("video-csv", () => save(`${this.#fileName}.csv`, csvOf(this.#frameSearch.detections.all, this.#fit), "text/csv"));
     onClick("video-json", () => this.#saveJson());
     onClick("video-png", async () => save(`${this.#fileName}.png`, await this.#plots.picture()));
     for (const input of this.#layers()) input.addEventListener("change", () => this.#chooseLayer(input.value as Layer));
     part<HTMLSelectElement>("video-sport").addEventListener("change", (event) => {
       const { value } = event.currentTarget as HTMLSelectElement;
       void this.#alert.during(async () => {
-        await this.#place.choose(value);
-        this.#placeChanged();
+        await this.#sceneChoice.choose(value);
+        this.#sceneChoiceChanged();
       });
     });
     part<HTMLInputElement>("video-ball").addEventListener("change", (event) => {
       const { valueAsNumber } = event.currentTarget as HTMLInputElement;
       void this.#alert.during(async () => {
-        this.#place.setRadius(valueAsNumber / 200);
-        this.#placeChanged();
+        this.#sceneChoice.setRadius(valueAsNumber / 200);
+        this.#sceneChoiceChanged();
       });
     });
     part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#following.correct(event)));
@@ -146,10 +146,10 @@ class Step {
     listenForChosen(part<HTMLInputElement>("video-input"), take);
     listenForDropped(this.#panel, part("video-drop"), take);
     workspace.addEventListener("camera", () => {
-      this.#place.cameraChanged();
-      this.#placeChanged();
+      this.#sceneChoice.cameraChanged();
+      this.#sceneChoiceChanged();
     });
-    workspace.addEventListener("scene", () => this.#placeChanged());
+    workspace.addEventListener("scene", () => this.#sceneChoiceChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
   }
 
@@ -158,9 +158,9 @@ class Step {
   async #take(files: File[]): Promise<void> {
     const media = files.filter((file) => !isJson(file));
     if (media.length > 1) throw new Error("One video or picture at a time, please.");
-    for (const file of files.filter(isJson)) await this.#place.take(file);
+    for (const file of files.filter(isJson)) await this.#sceneChoice.take(file);
     if (media[0]) await this.#openFile(media[0]);
-    else if (files.length) this.#placeChanged();
+    else if (files.length) this.#sceneChoiceChanged();
   }
 
   async #openFile(file: File): Promise<void> {
@@ -168,29 +168,29 @@ class Step {
     const { source } = await this.#open(`Opening ${file.name}…`, async () => ({
       source: await (file.type.startsWith("image/") ? PictureSource.file(file) : VideoSource.file(file)),
     }));
-    this.#place.example = undefined;
+    this.#sceneChoice.example = undefined;
     await this.#use(source);
   }
 
   async #openWebcam(): Promise<void> {
     const { source } = await this.#open("Asking for the webcam…", async () => ({ source: await VideoSource.webcam() }));
-    this.#place.example = undefined;
+    this.#sceneChoice.example = undefined;
     await this.#use(source);
     await this.#play();
   }
 
-  async #openExample(words: string, make: (watch: Watch) => Promise<Example>): Promise<void> {
-    const { source, ...place } = await this.#open(words, make);
-    this.#place.example = place;
+  async #openExample(message: string, make: (watch: Watch) => Promise<Example>): Promise<void> {
+    const { source, ...example } = await this.#open(message, make);
+    this.#sceneChoice.example = example;
     await this.#use(source);
   }
 
   /** Opens a source; meanwhile nothing can be begun with the last one. */
-  async #open<T extends { source: Source }>(words: string, make: (watch: Watch) => Promise<T>): Promise<T> {
+  async #open<T extends { source: Source }>(message: string, make: (watch: Watch) => Promise<T>): Promise<T> {
     this.#opening++;
     this.#part("video-work").inert = true;
     try {
-      return await this.#job.run(words, async (watch) => {
+      return await this.#job.run(message, async (watch) => {
         const opened = await make(watch);
         if (watch.signal.aborted) opened.source.dispose();
         watch.signal.throwIfAborted();
@@ -202,12 +202,12 @@ class Step {
     }
   }
 
-  /** Takes a source in place of the last one, and looks at its first frame. */
+  /** Takes a source in place of the last one, and searches its first frame. */
   async #use(source: Source): Promise<void> {
     this.#close();
     const { name, kind, width, height, durationMs } = source;
     this.#about = { name, kind, width, height, durationMs };
-    this.#looker.open(source);
+    this.#frameSearch.open(source);
     this.#part("video-empty").hidden = true;
     this.#part("video-work").hidden = false;
     this.#part("video-frame").querySelector("video")?.remove();
@@ -215,10 +215,10 @@ class Step {
     if (source.element) this.#part("video-frame").prepend(source.element);
     this.#overlay.setSize(width, height);
     this.#showSource();
-    this.#placeChanged();
+    this.#sceneChoiceChanged();
     source.onFrame = (frame, missed) => {
       this.#transport.showTime(frame.timeMs);
-      this.#looker.take(frame, missed);
+      this.#frameSearch.take(frame, missed);
     };
     source.onState = () => this.#onState();
     this.#onState();
@@ -228,12 +228,12 @@ class Step {
 
   /** Loads the model where camera and ball are there; without, positions have to wait. */
   #load(): Promise<void> {
-    if (!this.#place.camera || !this.#place.scene || !this.#source || this.#model.localiser) return Promise.resolve();
+    if (!this.#sceneChoice.camera || !this.#sceneChoice.scene || !this.#source || this.#model.localiser) return Promise.resolve();
     const load = async () => {
       try {
         await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(watch));
         this.#onState();
-        this.#looker.look();
+        this.#frameSearch.search();
       } finally {
         if (this.#loading === loading) this.#loading = undefined;
       }
@@ -253,7 +253,7 @@ class Step {
     this.#job.abort();
     this.#source?.dispose();
     this.#following.end();
-    this.#looker.open(undefined);
+    this.#frameSearch.open(undefined);
     this.#model.dispose();
     this.#loading = undefined;
     this.#showSource();
@@ -262,34 +262,34 @@ class Step {
   /** Hands the frame that is shown to the step Calibrate, which hands a camera back. */
   async #calibrate(): Promise<void> {
     const { current, width, height } = this.#source ?? {};
-    if (!current || !width || !height) throw new Error("First a frame has to be there.");
+    if (!current || !width || !height) throw new Error("Open a video or a picture first.");
     this.#source?.pause();
     const picture = await pictureFile(current.image, { width, height });
-    workspace.calibrate({ picture, name: `a frame of ${this.#about.name}`, sport: this.#place.sport, back: "video" });
+    workspace.calibrate({ picture, name: `a frame of ${this.#about.name}`, sport: this.#sceneChoice.sport, back: "video" });
   }
 
   // What is shown.
 
-  #show(seen: Seen | undefined): void {
-    this.#shown = seen;
-    if (!seen) {
+  #show(detection: FrameDetection | undefined): void {
+    this.#shown = detection;
+    if (!detection) {
       this.#numbers.clear();
-      this.#numbers.showReason("The ball is not seen in this frame.");
+      this.#numbers.showReason("The ball was not found in this frame.");
       return;
     }
-    const { flat } = this.#fit ?? { flat: !this.#place.camera || !this.#place.scene };
-    const without = flat ? "Metres take a calibrated camera, and the place and the ball." : "The ball is seen, but not in a flight that physics could place: no metres here.";
-    const known = seen.world !== null && seen.explained !== false;
-    this.#numbers.showReason(known ? "" : seen.world ? "The flight here is not explained: where the ball is, is not known." : without);
-    const isSure = seen.confidence >= this.#model.threshold;
-    this.#numbers.show(seen, isSure);
-    this.#view.setBall("found", isSure && known ? seen.world : null);
-    this.#view.setBall("fit", known ? (fittedAt(this.#fit, seen.timeMs)?.world ?? null) : null);
+    const { flat } = this.#fit ?? { flat: !this.#sceneChoice.camera || !this.#sceneChoice.scene };
+    const without = flat ? "Positions in metres need a calibrated camera, the place and the ball." : "The ball was found, but no flight could be fitted here: no position in metres.";
+    const known = detection.world !== null && detection.explained !== false;
+    this.#numbers.showReason(known ? "" : detection.world ? "The flight here is not explained: the ball’s position is unknown." : without);
+    const isSure = detection.confidence >= this.#model.threshold;
+    this.#numbers.show(detection, isSure);
+    this.#view.setBall("found", isSure && known ? detection.world : null);
+    this.#view.setBall("fit", known ? (fittedAt(this.#fit, detection.timeMs)?.world ?? null) : null);
   }
 
   #showCounts(): void {
-    const { sightings, skipped, milliseconds } = this.#looker;
-    const { watched = sightings.all.length, missed = skipped } = this.#following.counts ?? {};
+    const { detections, skipped, milliseconds } = this.#frameSearch;
+    const { watched = detections.all.length, missed = skipped } = this.#following.counts ?? {};
     this.#numbers.showCounts(watched, missed, milliseconds, this.#about.kind === "webcam");
   }
 
@@ -302,7 +302,7 @@ class Step {
 
   /** Plots, view in space, counts and buttons. */
   #refresh(): void {
-    const { all, version } = this.#looker.sightings;
+    const { all, version } = this.#frameSearch.detections;
     const { threshold } = this.#model;
     const sure = all.filter(({ confidence }) => confidence >= threshold);
     this.#showCounts();
@@ -311,8 +311,8 @@ class Step {
     this.#view.setPath("found", known.slice(-MOST_IN_SPACE));
     this.#plots.show(all, this.#fit, { threshold, durationMs: this.#about.durationMs });
     for (const name of ["video-csv", "video-json", "video-png", "video-clear"]) this.#part<HTMLButtonElement>(name).disabled = all.length === 0;
-    this.#part<HTMLButtonElement>("video-fit").disabled = known.length < 3 || this.#looker.tracked;
-    this.#fitResult.setStale(!this.#looker.tracked && this.#fit !== undefined && this.#fitVersion !== version);
+    this.#part<HTMLButtonElement>("video-fit").disabled = known.length < 3 || this.#frameSearch.tracked;
+    this.#fitResult.setStale(!this.#frameSearch.tracked && this.#fit !== undefined && this.#fitVersion !== version);
   }
 
   #showSource(): void {
@@ -324,9 +324,9 @@ class Step {
   #onState(): void {
     this.#transport.showState();
     const playing = this.#source?.playing ?? false;
-    if (playing && this.#looker.layer === "saliency") this.#checkLayer("none");
+    if (playing && this.#frameSearch.layer === "saliency") this.#checkLayer("none");
     this.#part<HTMLInputElement>("video-layer-saliency").disabled = playing;
-    if (!playing) this.#looker.catchUp();
+    if (!playing) this.#frameSearch.catchUp();
   }
 
   #layers(): HTMLInputElement[] {
@@ -334,28 +334,28 @@ class Step {
   }
 
   #checkLayer(layer: Layer): void {
-    this.#looker.layer = layer;
+    this.#frameSearch.layer = layer;
     for (const input of this.#layers()) input.checked = input.value === layer;
   }
 
   #chooseLayer(layer: Layer): void {
-    this.#looker.layer = layer;
-    if (!this.#source?.playing) this.#looker.look();
+    this.#frameSearch.layer = layer;
+    if (!this.#source?.playing) this.#frameSearch.search();
   }
 
   // What is made of it.
 
   async #fitNow(): Promise<void> {
-    const { camera, cameraSigma, scene } = this.#place;
-    if (!camera || !scene) throw new Error("A fit needs the camera, and the place and ball.");
+    const { camera, cameraSigma, scene } = this.#sceneChoice;
+    if (!camera || !scene) throw new Error("A fit needs the camera, the place and the ball.");
     this.#source?.pause();
-    const { all, version } = this.#looker.sightings;
+    const { all, version } = this.#frameSearch.detections;
     const { threshold } = this.#model;
     const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, scene, threshold, size: this.#about, signal }));
     this.#showCurve(fit, version);
   }
 
-  #showCurve(fit: Curve, version = this.#looker.sightings.version): void {
+  #showCurve(fit: Curve, version = this.#frameSearch.detections.version): void {
     this.#fit = fit;
     this.#fitVersion = version;
     this.#fitResult.show(fit);
@@ -372,12 +372,12 @@ class Step {
   #forget(): void {
     this.#following.end();
     this.#following.showWhether();
-    this.#looker.forget();
+    this.#frameSearch.forget();
     this.#fit = this.#shown = undefined;
     this.#fitResult.clear();
     this.#part("video-work").dataset.flat = "false";
     this.#numbers.clear();
-    const { camera, scene } = this.#place;
+    const { camera, scene } = this.#sceneChoice;
     this.#view.setScene(scene ?? workspace.scene, camera);
     for (const name of ["found", "fit"] as const) this.#view.setBall(name, null);
     const truth = this.#source instanceof PictureSource ? this.#source.frames.flatMap((frame): Vector[] => (frame.truth ? [frame.truth] : [])) : [];
@@ -387,31 +387,31 @@ class Step {
   }
 
   /** Another camera or scene: what was found with the last one is wrong. */
-  #placeChanged(): void {
-    this.#showPlace();
-    if (this.#part("video-work").hidden || (!this.#source && this.#place.example)) return;
+  #sceneChoiceChanged(): void {
+    this.#showSceneChoice();
+    if (this.#part("video-work").hidden || (!this.#source && this.#sceneChoice.example)) return;
     this.#forget();
     if (!this.#source) return;
-    if (this.#model.localiser) this.#looker.look();
+    if (this.#model.localiser) this.#frameSearch.search();
     else void this.#alert.during(() => this.#load());
   }
 
-  #showPlace(): void {
-    const { camera, scene, sport, words } = this.#place;
-    this.#part("video-place").textContent = words;
+  #showSceneChoice(): void {
+    const { camera, scene, sport, summary } = this.#sceneChoice;
+    this.#part("video-place").textContent = summary;
     for (const name of ["video-needs-camera", "video-empty-camera"]) this.#part(name).hidden = camera !== undefined;
     this.#part("video-needs-ball").hidden = camera === undefined || scene !== undefined;
     this.#part<HTMLSelectElement>("video-sport").value = sport;
     const ball = this.#part<HTMLInputElement>("video-ball");
-    ball.disabled = !scene || this.#place.example !== undefined;
+    ball.disabled = !scene || this.#sceneChoice.example !== undefined;
     ball.value = scene ? String(Number((200 * scene.ball.radius).toFixed(2))) : "";
     this.#following.showWhether();
   }
 
   #saveJson(): void {
-    const { camera, scene } = this.#place;
+    const { camera, scene } = this.#sceneChoice;
     const about = { source: this.#about.name, camera, scene, threshold: this.#model.threshold };
-    save(`${this.#fileName}.json`, jsonOf(this.#looker.sightings.all, this.#fit, about));
+    save(`${this.#fileName}.json`, jsonOf(this.#frameSearch.detections.all, this.#fit, about));
   }
 
   get #fileName(): string {

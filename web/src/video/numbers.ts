@@ -1,6 +1,6 @@
 /** The position in the frame that is shown, and what is known of all frames together. */
 import type { Parts } from "../shared/panel";
-import { average, type Seen } from "./sightings";
+import { average, type FrameDetection } from "./detections";
 
 export class Numbers {
   readonly #part: Parts;
@@ -9,22 +9,22 @@ export class Numbers {
     this.#part = part;
   }
 
-  show(seen: Seen, isSure: boolean): void {
-    const isKnown = seen.explained !== false;
+  show(detection: FrameDetection, isSure: boolean): void {
+    const isKnown = detection.explained !== false;
     for (const [axis, name] of ["video-x", "video-y", "video-z"].entries()) {
-      const metres = isKnown ? seen.world?.[axis] : undefined;
+      const metres = isKnown ? detection.world?.[axis] : undefined;
       this.#set(name, metres ?? "", metres === undefined ? "–" : metres.toFixed(2).replace("-", "−"));
     }
-    this.#part("video-position").classList.toggle("vague", seen.precise === false);
-    this.#set("video-pixel", seen.image.join(" "), `${seen.image.map((px) => px.toFixed(1)).join(", ")} px`);
-    this.#part("video-sigma-row").hidden = seen.sigma === null || !isKnown;
-    this.#set("video-sigma", seen.sigma ?? "", seen.sigma === null ? "–" : `± ${length(seen.sigma)}`);
-    this.#set("video-confidence", seen.confidence, `${(100 * seen.confidence).toFixed(0)} %${isSure ? "" : " – not sure"}`);
-    this.#setError("video-error", seen.dtg);
+    this.#part("video-position").classList.toggle("vague", detection.precise === false);
+    this.#set("video-pixel", detection.image.join(" "), `${detection.image.map((px) => px.toFixed(1)).join(", ")} px`);
+    this.#part("video-sigma-row").hidden = detection.sigma === null || !isKnown;
+    this.#set("video-sigma", detection.sigma ?? "", detection.sigma === null ? "–" : `± ${length(detection.sigma)}`);
+    this.#set("video-confidence", detection.confidence, `${(100 * detection.confidence).toFixed(0)} %${isSure ? "" : " – not sure"}`);
+    this.#setError("video-error", detection.dtg);
   }
 
   /** Of the frames whose position is sure, where the truth is known. */
-  showMean(sure: Seen[]): void {
+  showMean(sure: FrameDetection[]): void {
     this.#setError("video-mean-error", average(sure.flatMap(({ dtg }) => dtg ?? [])));
   }
 
@@ -41,11 +41,11 @@ export class Numbers {
     for (const name of ["video-error", "video-mean-error"]) this.#setError(name, undefined);
   }
 
-  /** Why there is no position, in words; of no words there is one. */
-  showReason(words: string): void {
+  /** Why there is no position; empty if there is one. */
+  showReason(reason: string): void {
     const place = this.#part("video-no-position");
-    place.textContent = words;
-    place.hidden = words === "";
+    place.textContent = reason;
+    place.hidden = reason === "";
   }
 
   #setError(name: string, metres: number | undefined): void {
@@ -53,14 +53,14 @@ export class Numbers {
     this.#set(name, metres ?? "", metres === undefined ? "–" : `${(100 * metres).toFixed(1)} cm`);
   }
 
-  #set(name: string, value: number | string, words: string): void {
+  #set(name: string, value: number | string, text: string): void {
     const data = this.#part<HTMLDataElement>(name);
     data.value = String(value);
-    data.textContent = words;
+    data.textContent = text;
   }
 }
 
-/** In the unit that people would say it in. */
+/** In the usual unit of such a length. */
 function length(metres: number): string {
   return metres < 1 ? `${(100 * metres).toFixed(metres < 0.1 ? 1 : 0)} cm` : `${metres.toFixed(1)} m`;
 }

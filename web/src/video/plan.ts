@@ -13,7 +13,7 @@ export function planOf(plan: Plan): SVGSVGElement {
   const [width, height] = [right - left, top - bottom];
   const longer = Math.max(width, height);
   // Rows count downwards there, y upwards here.
-  const drawing = element("svg", { class: "plan", viewBox: [left, -top, width, height].join(" "), role: "img", "aria-label": wordsOf(plan) });
+  const drawing = element("svg", { class: "plan", viewBox: [left, -top, width, height].join(" "), role: "img", "aria-label": descriptionOf(plan) });
   for (const line of plan.lines) drawing.append(element("polyline", { points: line.map(([x, y]) => `${x},${-y}`).join(" ") }));
   for (const { bounce, at: [x, y], sigma: [a, b], angle } of plan.bounces) {
     const degrees = (-180 * angle) / Math.PI;
@@ -28,7 +28,7 @@ export function planOf(plan: Plan): SVGSVGElement {
   return drawing;
 }
 
-function wordsOf({ bounces }: Plan): string {
+function descriptionOf({ bounces }: Plan): string {
   const each = bounces.map(({ bounce, at: [x, y] }) => `bounce ${bounce} at x ${x.toFixed(1)}, y ${y.toFixed(1)} metres`);
   return `The place from above: ${each.join("; ")}`;
 }

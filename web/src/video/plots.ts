@@ -1,6 +1,6 @@
 /** The two plots: where the ball is, and how fast. */
 import { Chart, pictureOf, type Series } from "../shared/chart";
-import type { Curve, Seen } from "./sightings";
+import type { Curve, FrameDetection } from "./detections";
 
 /** Of a source without an end, in seconds: the last ones. */
 const LIVE_WINDOW = 20;
@@ -29,24 +29,24 @@ export class Plots {
     this.#speedPlace = speed;
   }
 
-  show(all: Seen[], fit: Curve | undefined, { threshold, durationMs }: { threshold: number; durationMs: number }): void {
+  show(all: FrameDetection[], fit: Curve | undefined, { threshold, durationMs }: { threshold: number; durationMs: number }): void {
     const last = (all.at(-1)?.timeMs ?? 0) / 1000;
     const live = !Number.isFinite(durationMs);
     const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
     const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 || 1 : Math.max(last, from + 1);
-    const seen = all.filter(({ timeMs }) => timeMs / 1000 >= from);
+    const shown = all.filter(({ timeMs }) => timeMs / 1000 >= from);
     // What is not explained is no trajectory.
     const frames = (fit?.frames ?? []).filter(({ time, explained }) => time >= from && explained);
     const marks = [...(fit?.impacts ?? []), ...(fit?.hits ?? [])].map(({ time }) => time).filter((time) => time >= from);
     // Of a track without a camera there are pixels alone.
     const flat = fit?.flat ?? false;
     const pixels = PIXELS.map((name, axis): Series => {
-      const dots = (isSure: boolean) => seen.flatMap(({ timeMs, image, confidence }): [number, number][] => (confidence >= threshold === isSure ? [[timeMs / 1000, image[axis] ?? 0]] : []));
+      const dots = (isSure: boolean) => shown.flatMap(({ timeMs, image, confidence }): [number, number][] => (confidence >= threshold === isSure ? [[timeMs / 1000, image[axis] ?? 0]] : []));
       return { name, colour: `--axis-${AXES[axis] ?? "x"}`, dots: dots(true), faint: dots(false) };
     });
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
-        seen.flatMap(({ timeMs, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
+        shown.flatMap(({ timeMs, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
       const line = frames.map(({ time, world }): [number, number] => [time, world[axis] ?? 0]);
       return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
     });

@@ -1,14 +1,14 @@
 /** What was found as files: a table (CSV) and everything (JSON). */
 import type { Camera, Scene } from "gravisight";
-import { SAME, type Curve, type Seen } from "./sightings";
+import { SAME, type Curve, type FrameDetection } from "./detections";
 
 const COLUMNS = [
   "time_s", "u_px", "v_px", "depth_m", "x_m", "y_m", "z_m", "confidence",
   "fit_x_m", "fit_y_m", "fit_z_m", "fit_sigma_m", "speed_m_s", "outlier", "explained",
 ];
 
-export function csvOf(seen: Seen[], fit: Curve | undefined): string {
-  const rows = seen.map(({ timeMs, image, depth, world, confidence }) => {
+export function csvOf(detections: FrameDetection[], fit: Curve | undefined): string {
+  const rows = detections.map(({ timeMs, image, depth, world, confidence }) => {
     const point = fittedAt(fit, timeMs);
     const of = point ? [...point.world, point.sigma, point.speed].map(number) : ["", "", "", "", ""];
     const place = world && depth !== null ? [depth, ...world].map(number) : ["", "", "", ""];
@@ -18,8 +18,8 @@ export function csvOf(seen: Seen[], fit: Curve | undefined): string {
   return `${[COLUMNS.join(","), ...rows].join("\r\n")}\r\n`;
 }
 
-export function jsonOf(seen: Seen[], fit: Curve | undefined, about: { source: string; camera: Camera | undefined; scene: Scene | undefined; threshold: number }): string {
-  const frames = seen.map(({ timeMs, ...rest }) => ({ time: timeMs / 1000, ...rest }));
+export function jsonOf(detections: FrameDetection[], fit: Curve | undefined, about: { source: string; camera: Camera | undefined; scene: Scene | undefined; threshold: number }): string {
+  const frames = detections.map(({ timeMs, ...rest }) => ({ time: timeMs / 1000, ...rest }));
   return JSON.stringify({ ...about, units: "seconds, metres, pixels; world z up", frames, fit: fit ?? null }, null, 1);
 }
 

@@ -24,7 +24,7 @@ export interface Source {
   readonly playing: boolean;
   /** The frame that is shown now; undefined where none is yet. */
   readonly current: Frame | undefined;
-  /** A frame is shown; `missed` were before it since the last one, and nobody was told. */
+  /** A frame is shown; `missed` came between the last one and it without being shown. */
   onFrame: (frame: Frame, missed: number) => void;
   /** It plays, or no longer does. */
   onState: () => void;
@@ -56,7 +56,7 @@ export class PictureSource implements Source {
 
   static async file(file: File): Promise<PictureSource> {
     const image = await createImageBitmap(file).catch(() => {
-      throw new Error(`${file.name} is no picture that this browser can read.`);
+      throw new Error(`${file.name} is not a picture that this browser can read.`);
     });
     return new PictureSource(file.name, image.width, image.height, [{ picture: file, image, timeMs: 0 }]);
   }

@@ -1,7 +1,7 @@
 /** The ball through a whole source: every frame is given to a tracker, which is kept for what a person corrects. */
 import { VideoTracker, type Camera, type DeviceChoice, type Picture, type Scene, type TrackedVideo } from "gravisight";
 import type { Watch } from "../shared/job";
-import type { Curve, Seen } from "./sightings";
+import type { Curve, FrameDetection } from "./detections";
 import { PictureSource, type Frame, type Source } from "./sources";
 import { VideoSource } from "./video-source";
 
@@ -11,7 +11,7 @@ const FEW_WAITING = 1;
 /** Speeds at which a video is played to be tracked: the first one, and the slowest that browsers know. */
 const FIRST_RATE = 0.25;
 const SLOWEST = 0.0625;
-/** Share of the time between two frames that the tracker may take; and what is left of the speed after a frame was missed. */
+/** Fraction of the time between two frames that the tracker may take; and what is left of the speed after a frame was missed. */
 const BUSY = 0.7;
 /** A video that plays and whose clock stands for so long has ended, though the browser does not say so (one that was cut off), milliseconds. */
 const LONGEST_STANDSTILL = 5000;
@@ -32,7 +32,7 @@ export class Tracking {
   readonly #times: number[] = [];
   /** Frames that the browser did not show. */
   missed = 0;
-  /** Why frames at the end are missing, in words; empty where none are. */
+  /** Why frames at the end are missing; empty where none are. */
   broken = "";
   /** Where a person saw the ball, by frame. */
   readonly #seeds = new Map<number, [number, number]>();
@@ -80,7 +80,7 @@ export class Tracking {
     return this.#times.length;
   }
 
-  /** Takes a person's word for where the ball is in the frame next to a time. */
+  /** Takes a person's position of the ball in the frame next to a time. */
   mark(timeMs: number, image: [number, number]): void {
     const near = this.#times.reduce((best, time, frame) => (Math.abs(time - timeMs) < Math.abs((this.#times[best] ?? Infinity) - timeMs) ? frame : best), 0);
     this.#seeds.set(near, image);
@@ -108,7 +108,7 @@ export class Tracking {
 async function played(source: Source, add: (picture: Picture, timeMs: number) => Promise<void>, signal: AbortSignal, shown: (frame: Frame) => void): Promise<number> {
   const { onFrame, onState } = source;
   const video = source.element;
-  if (!video) throw new Error("The source is no video.");
+  if (!video) throw new Error("The source is not a video.");
   const before = video.playbackRate;
   let rate = FIRST_RATE;
   let last = -Infinity;
@@ -179,16 +179,16 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
 }
 
 /** The frames that show the ball. */
-export function seenOf({ frames, findings }: TrackedVideo, camera: Camera | undefined): Seen[] {
+export function detectionsOf({ frames, findings }: TrackedVideo, camera: Camera | undefined): FrameDetection[] {
   const axis = camera?.camera_from_world[2] ?? [];
-  return frames.flatMap(({ time, image, confidence, world, sigma, explained }, index): Seen[] => {
+  return frames.flatMap(({ time, image, confidence, world, sigma, explained }, index): FrameDetection[] => {
     const precise = findings.precise[index] ?? false;
     const depth = world && world.reduce((sum, value, index) => sum + value * (axis[index] ?? 0), axis[3] ?? 0);
     return image ? [{ timeMs: 1000 * time, image, confidence, world, depth, sigma, precise, ...(explained !== null && { explained }) }] : [];
   });
 }
 
-/** The flights as a fit of sightings says them. */
+/** The flights in the form of a fit to detections. */
 export function curveOf({ frames, explained, ...all }: TrackedVideo): Curve {
   const fitted = frames.flatMap(({ time, world, speed, sigma, outlier, explained }) =>
     world && speed !== null && sigma !== null ? [{ time, world, speed, sigma, outlier, explained: explained ?? false }] : [],

@@ -41,9 +41,9 @@ export class Transport {
   }
 
   showTime(timeMs: number): void {
-    const words = `${(timeMs / 1000).toFixed(2)} s`;
+    const text = `${(timeMs / 1000).toFixed(2)} s`;
     this.#time.value = String(timeMs);
-    this.#time.setAttribute("aria-valuetext", words);
-    this.#part("video-clock").textContent = words;
+    this.#time.setAttribute("aria-valuetext", text);
+    this.#part("video-clock").textContent = text;
   }
 }

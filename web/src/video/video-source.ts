@@ -2,7 +2,7 @@
 import { closeVideo, openVideo, until, videoElement } from "../shared/film";
 import type { Frame, Source } from "./sources";
 
-/** Between two frames where a video has not told yet, in seconds. */
+/** Between two frames where that is not known yet, in seconds. */
 const USUAL_FRAME = 1 / 30;
 /** A video that shows no frame within so many milliseconds of being opened, or of a seek, has shown it without telling. */
 const PATIENCE = 150;
@@ -45,7 +45,7 @@ export class VideoSource implements Source {
   }
 
   static async file(file: File): Promise<VideoSource> {
-    const element = await openVideo(file, `${file.name} is no video or picture that this browser can read. MP4 (H.264) and WebM play nearly everywhere.`);
+    const element = await openVideo(file, `${file.name} is not a video or picture that this browser can read. MP4 (H.264) and WebM play nearly everywhere.`);
     if (element.videoWidth) return new VideoSource("video", file.name, element, file);
     closeVideo(element);
     throw new Error(`${file.name} has sound, but no pictures.`);
@@ -53,7 +53,7 @@ export class VideoSource implements Source {
 
   static async webcam(): Promise<VideoSource> {
     // Absent where the page is not served over HTTPS.
-    if (!navigator.mediaDevices?.getUserMedia) throw new Error("This browser gives this page no webcam: it must be served over HTTPS.");
+    if (!navigator.mediaDevices?.getUserMedia) throw new Error("This browser does not let this page use a webcam: the page must be served over HTTPS.");
     const stream = await navigator.mediaDevices.getUserMedia({ video: { facingMode: "environment", frameRate: { ideal: 60 } } }).catch((thrown: unknown) => {
       throw new Error(refusal(thrown));
     });

@@ -12,9 +12,9 @@ const FEWEST: usize = 5;
 const SHIFTS: [f64; 2] = [-1.5, 4.5];
 const STEP: f64 = 0.5;
 const FINE: f64 = 0.1;
-/// What the labels around a gap must say for its time to be changed: by how much, in squared standard deviations, the change
-/// explains them better, and how well each is explained then.
-const GAIN: f64 = 15.0;
+/// A gap's time is changed if that lowers the cost of the labels around it by more than this, in squared standard deviations, and if their
+/// mean cost is then below this level.
+const LEAST_COST_REDUCTION: f64 = 15.0;
 const LEVEL: f64 = 3.0;
 
 /// Lost frames, or repeated ones.
@@ -34,7 +34,7 @@ pub fn drops(labels: &[(f64, Point2<f64>)], interval: f64, sigma: f64) -> Vec<Dr
     while found.len() < labels.len() / FEWEST {
         let places =
             (FEWEST..labels.len().saturating_sub(FEWEST - 1)).flat_map(|label| REACHES.map(|reach| (label, reach)));
-        let gains = places.filter_map(|(label, reach)| {
+        let candidates = places.filter_map(|(label, reach)| {
             let around = label.saturating_sub(reach)..(label + reach).min(labels.len());
             let cost = |shift: f64| {
                 let mut moved = labels[around.clone()].to_vec();
@@ -49,16 +49,16 @@ pub fn drops(labels: &[(f64, Point2<f64>)], interval: f64, sigma: f64) -> Vec<Dr
                 costs.min_by(|a, b| a.1.total_cmp(&b.1))
             };
             let (coarse, least) = cheapest(SHIFTS[0], SHIFTS[1], STEP)?;
-            let (frames, least) = if as_it_is - least > GAIN / 2.0 {
+            let (frames, least) = if as_it_is - least > LEAST_COST_REDUCTION / 2.0 {
                 cheapest(coarse - STEP, coarse + STEP, FINE)?
             } else {
                 (coarse, least)
             };
-            let good = as_it_is - least > GAIN && least < LEVEL * around.len() as f64;
+            let good = as_it_is - least > LEAST_COST_REDUCTION && least < LEVEL * around.len() as f64;
             let frames = frames.round() as i32;
             (good && frames != 0).then_some((as_it_is - least, Drop { label, frames }))
         });
-        let Some((_, drop)) = gains.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
+        let Some((_, drop)) = candidates.max_by(|a, b| a.0.total_cmp(&b.0)) else { break };
         labels[drop.label..].iter_mut().for_each(|(time, _)| *time += f64::from(drop.frames) * interval);
         found.push(drop);
     }

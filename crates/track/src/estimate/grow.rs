@@ -20,7 +20,7 @@ const SAME: f64 = 0.05;
 /// How surely a flight that is another's start must be worse than two (−2 ln) to be given up.
 const HOPELESS: f64 = 30.0;
 
-/// The best way to a change point from hit to hit.
+/// The best path to a change point, from hit to hit.
 #[derive(Clone)]
 struct PartialPath {
     cost: f64,
@@ -49,20 +49,20 @@ impl Search<'_> {
             let mut model = self.model.with_observations(self.model.observations);
             let before = match (from, &paths[from]) {
                 (0, _) => 0.0,
-                (_, Some(way)) => {
+                (_, Some(path)) => {
                     // It begins about where the one before ends.
-                    let end = part(&self.at(&way.flight, points[from - 1].time), 0);
+                    let end = part(&self.at(&path.flight, points[from - 1].time), 0);
                     if tied {
                         model.place = (end, Vector3::repeat(LOOSE));
                     }
-                    way.cost + self.start_cost(tied)
+                    path.cost + self.start_cost(tied)
                 }
                 _ => continue,
             };
             self.with_model(&model).grow((from, points), (false, NARROW), |to, beam| {
                 let Some(found) = beam.first() else { return true };
                 let cost = before + found.cost;
-                let known = paths[to].as_ref().map_or(f64::INFINITY, |way| way.cost);
+                let known = paths[to].as_ref().map_or(f64::INFINITY, |path| path.cost);
                 if cost < known {
                     paths[to] = Some(PartialPath { cost, from, flight: found.trajectory.clone() });
                 }
@@ -72,9 +72,9 @@ impl Search<'_> {
         let mut flights = vec![];
         let mut at = points.len() + 1;
         while at > 0 {
-            let way = paths[at].as_ref()?;
-            flights.push((way.from, &way.flight));
-            at = way.from;
+            let path = paths[at].as_ref()?;
+            flights.push((path.from, &path.flight));
+            at = path.from;
         }
         flights.reverse();
         let mut whole = flights[0].1.clone();

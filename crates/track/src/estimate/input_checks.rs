@@ -6,7 +6,7 @@ use super::part::{Outcome, Part};
 use crate::observation::Observation as Label;
 use gravisight_geometry::camera::Camera;
 
-/// −2 ln of how probable it is that an input is wrong in one of these ways: one in a hundred.
+/// −2 ln of the prior probability of each kind of input error: one in a hundred.
 const PRIOR: f64 = 9.2;
 /// How far outside the picture a label may be, a fraction of its side.
 const OUTSIDE: f64 = 0.05;
@@ -73,15 +73,15 @@ impl Check {
         }
     }
 
-    /// −2 ln of how probable it is before anything is seen: ratios share what one way to be wrong has.
+    /// −2 ln of its prior probability. The ratios of one kind of error divide the prior of that kind.
     fn prior_cost(self) -> f64 {
-        let ways = match self {
+        let variants = match self {
             Self::Resolution(_) => RESOLUTIONS.len(),
             Self::Rate(_) => RATES.len(),
             Self::Size(_) => 2,
             _ => 1,
         };
-        PRIOR + 2.0 * (ways as f64).ln()
+        PRIOR + 2.0 * (variants as f64).ln()
     }
 
     /// Whether it changes anything.
@@ -89,33 +89,28 @@ impl Check {
         !matches!(self, Self::Size(_)) || labels.iter().any(|label| label.radius.is_some())
     }
 
-    fn words(self, labels: &[Label]) -> String {
+    fn message(self, labels: &[Label]) -> String {
         match self {
             Self::Mirrored => {
-                "a mirrored track would be explained far better: is the video mirrored, or the camera's x axis?".into()
+                "the track fits far better when mirrored: is the video mirrored, or the camera's x axis?".into()
             }
-            Self::UpsideDown => "a track turned upside down would be explained far better: is the video or the camera \
-                                 upside down?"
+            Self::UpsideDown => "the track fits far better upside down: is the video or the camera upside down?".into(),
+            Self::GravityUp => "with this camera the ball falls upwards: does the z axis of its world, or the scene's \
+                                gravity, point the wrong way?"
                 .into(),
-            Self::GravityUp => {
-                "the ball falls upwards by this camera: does its world's z axis, or the scene's gravity, \
-                                point the wrong way?"
-                    .into()
-            }
             Self::Resolution(factor) => format!(
-                "a track {factor:.2} times as large would be explained far better: is it of a video in another \
-                 resolution than the camera's?"
+                "the track fits far better when {factor:.2} times as large: was it made from a video of \
+                 another resolution?"
             ),
             Self::Size(factor) => format!(
-                "the track would be explained far better if its sizes were {factor} times the ball's radius: are they \
-                 {}?",
-                if factor > 1.0 { "diameters" } else { "half of it" }
+                "the track fits far better if its radii are {factor} times the ball's radius: are they {}?",
+                if factor > 1.0 { "diameters" } else { "half the radius" }
             ),
             Self::Rate(factor) => {
                 let rate = (labels.len() - 1) as f64 / (labels[labels.len() - 1].time - labels[0].time);
                 format!(
-                    "the track would be explained far better at {:.0} frames a second than at {rate:.0}: check the frame \
-                     rate (--fps), or is it slow motion?",
+                    "the track fits far better at {:.0} frames per second than at {rate:.0}: check the frame rate \
+                     (--fps); is it slow motion?",
                     rate * factor
                 )
             }
@@ -129,7 +124,8 @@ fn is_inside(label: &Label, camera: &Camera) -> bool {
     label.image.is_none_or(|at| within(at.x, width) && within(at.y, height))
 }
 
-/// What is wrong with a part of a track where that is more probable than that nothing is, in words. `given`: what the part is as it is.
+/// A message about the most probable input error of a part of a track, if it is more probable than none. `given`: the outcome without
+/// correction.
 pub fn suspected(part: &Part, given: Option<&Outcome>) -> Option<String> {
     let doubtful = given.is_none_or(Outcome::is_odd);
     let single = given.is_none_or(Outcome::is_alone);
@@ -160,5 +156,5 @@ pub fn suspected(part: &Part, given: Option<&Outcome>) -> Option<String> {
         (found.fit.explained && found.cost < limit).then_some((cost, check))
     };
     let found = Check::all(doubtful, single).into_iter().filter_map(tried).min_by(|a, b| a.0.total_cmp(&b.0));
-    found.map(|(_, check)| check.words(part.labels))
+    found.map(|(_, check)| check.message(part.labels))
 }

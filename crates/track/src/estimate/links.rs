@@ -77,8 +77,8 @@ impl Model<'_> {
             let along = noise.normal.dot(&off);
             let across = (off - noise.normal * along).norm() / noise.across;
             let gap = (near.distance - self.rigid.radius) / self.config.surface;
-            let turn = (part(&segment.state, 2) - w).norm() / noise.spin;
-            all.push(((along / noise.along).powi(2) + across * across + gap * gap + turn * turn, 7));
+            let spin_residual = (part(&segment.state, 2) - w).norm() / noise.spin;
+            all.push(((along / noise.along).powi(2) + across * across + gap * gap + spin_residual * spin_residual, 7));
         }
         all
     }

@@ -86,8 +86,8 @@ fn check_gaps(labels: &[Label]) -> Result<()> {
     let seen: Vec<f64> = labels.iter().filter(|label| label.image.is_some()).map(|label| label.time).collect();
     let Some(gap) = seen.windows(2).find(|pair| pair[1] - pair[0] > LONGEST_FLIGHT) else { return Ok(()) };
     let reason = format!(
-        "no ball is in the air from its label at {:.3} s to the next one, over {LONGEST_FLIGHT:.0} s later: are the times \
-         in seconds? Else leave out what is on one side, which is fewer than {SHORTEST} labels",
+        "the label after {:.3} s is over {LONGEST_FLIGHT:.0} s later, longer than any flight: are the times in seconds? \
+         If so, remove the labels on the side of the gap that has fewer than {SHORTEST}",
         gap[0]
     );
     Err(Error::Fit { reason })

@@ -362,7 +362,7 @@ impl<'a> Model<'a> {
             sums.add(place.norm_squared(), 1.0, &place, &[(0, own)], &none);
             let velocity = first.velocity() / self.config.speed;
             sums.add(velocity.norm_squared(), 1.0, &velocity, &[(0, block(4, self.config.speed))], &none);
-            // The first segment begins when it begins; where is told by what is seen.
+            // The first segment begins at its own time; the labels determine where.
             let mut own = SMatrix::<f64, 1, OF_SEGMENT>::zeros();
             own[0] = START_HELD;
             sums.add(0.0, 1.0, &Vector1::zeros(), &[(0, own)], &SMatrix::zeros());
@@ -442,10 +442,10 @@ impl<'a> Model<'a> {
 fn place_of(scene: &Scene, observations: &[RayObservation]) -> (Vector3<f64>, Vector3<f64>) {
     let mut corners: Vec<Vector3<f64>> = scene.landmarks().iter().map(|point| point.coords).collect();
     for cuboid in &scene.boxes {
-        let (turn, half) = (cuboid.world_from_box(), Vector3::from(cuboid.half_size));
+        let (world_from_box, half) = (cuboid.world_from_box(), Vector3::from(cuboid.half_size));
         let centre = Vector3::from(cuboid.position);
         for axis in 0..3 {
-            let arm = turn.column(axis) * half[axis];
+            let arm = world_from_box.column(axis) * half[axis];
             corners.extend([centre + arm, centre - arm]);
         }
     }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use gravisight_physics::Scene;
 
-/// A stretch of a net between two points of its upper edge.
+/// A section of a net between two points of its upper edge.
 #[derive(Debug, Clone, Copy)]
 pub struct Net {
     from: Vector3<f64>,
@@ -25,12 +25,12 @@ pub struct Through {
 impl Net {
     /// Of a scene.
     pub fn of(scene: &Scene) -> Vec<Self> {
-        let stretch = |pair: &[[f64; 3]]| {
+        let section = |pair: &[[f64; 3]]| {
             let [from, to] = [Vector3::from(pair[0]), Vector3::from(pair[1])];
             let normal = Vector3::z().cross(&(to - from)).try_normalize(1e-6)?;
             Some(Self { from, to, normal })
         };
-        scene.net.windows(2).filter_map(stretch).collect()
+        scene.net.windows(2).filter_map(section).collect()
     }
 
     /// Where a ball's centre that flies straight from one place to another goes through it; none where it does not, or above its edge.
@@ -40,12 +40,12 @@ impl Net {
             return None;
         }
         let along = start / (start - end);
-        let (at, edge, way) = (before.lerp(after, along), self.to - self.from, after - before);
+        let (at, edge, displacement) = (before.lerp(after, along), self.to - self.from, after - before);
         let level = Vector3::new(edge.x, edge.y, 0.0);
         let across = level.dot(&(at - self.from)) / level.norm_squared();
         let below = self.from.z + across * edge.z - at.z;
         // A ball that is a little higher crosses as much higher; one that is nearer crosses earlier, as it flies.
-        let slope = self.normal * (way.z / self.normal.dot(&way)) - Vector3::z();
+        let slope = self.normal * (displacement.z / self.normal.dot(&displacement)) - Vector3::z();
         ((0.0..=1.0).contains(&across) && below > 0.0).then_some(Through { below, slope })
     }
 }

@@ -13,7 +13,7 @@ type Corner = SMatrix<f64, SHARED, SHARED>;
 #[derive(Debug, Clone)]
 pub struct BlockNormal {
     pub cost: f64,
-    /// Whether the cost alone is asked for.
+    /// Whether only the cost is needed.
     cost_only: bool,
     /// Whether the shared numbers stay as they are.
     shared_held: bool,
@@ -68,7 +68,7 @@ impl BlockNormal {
         self.shared_held = true;
     }
 
-    /// Whether the cost alone is asked for.
+    /// Whether only the cost is needed.
     pub fn cost_only(&self) -> bool {
         self.cost_only
     }
@@ -192,9 +192,9 @@ impl BlockNormal {
         let mut segments: Vec<Block> = pivots.iter().map(Cholesky::inverse).collect();
         let mut next = vec![Block::zeros(); self.upper.len()];
         for index in (0..next.len()).rev() {
-            let gain = pivots[index].solve(&self.upper[index]);
-            next[index] = gain * segments[index + 1] * -1.0;
-            segments[index] = segments[index] + gain * segments[index + 1] * gain.transpose();
+            let smoother_gain = pivots[index].solve(&self.upper[index]);
+            next[index] = smoother_gain * segments[index + 1] * -1.0;
+            segments[index] = segments[index] + smoother_gain * segments[index + 1] * smoother_gain.transpose();
         }
         for (segment, solved) in segments.iter_mut().zip(solved) {
             *segment += solved * shared * solved.transpose();

@@ -80,13 +80,13 @@ impl Parameter {
 
 /// What several parts of a track say of the numbers of one scene.
 pub fn combined(forecaster: &Forecaster, parts: &[BTreeMap<Parameter, Estimate>]) -> BTreeMap<Parameter, Estimate> {
-    let mut said: BTreeMap<Parameter, Information> = BTreeMap::new();
+    let mut totals: BTreeMap<Parameter, Information> = BTreeMap::new();
     for (&parameter, &estimate) in parts.iter().flatten() {
         let Some(prior) = parameter.prior(forecaster) else { continue };
         let own = parameter.information(estimate).without(prior);
-        said.entry(parameter).and_modify(|all| *all = all.plus(own)).or_insert(prior.plus(own));
+        totals.entry(parameter).and_modify(|all| *all = all.plus(own)).or_insert(prior.plus(own));
     }
-    said.into_iter().map(|(parameter, information)| (parameter, parameter.estimate(information))).collect()
+    totals.into_iter().map(|(parameter, information)| (parameter, parameter.estimate(information))).collect()
 }
 
 impl Model<'_> {
@@ -108,8 +108,8 @@ impl Model<'_> {
         }
         let bounces = (1..trajectory.segments.len()).filter_map(|at| self.bounce(trajectory, marginals, at, inflation));
         let bounces = bounces.reduce(Information::plus);
-        if let (Some(said), Some(prior)) = (bounces, Parameter::Restitution.prior(self.forecaster)) {
-            found.insert(Parameter::Restitution, Parameter::Restitution.estimate(prior.plus(said)));
+        if let (Some(measured), Some(prior)) = (bounces, Parameter::Restitution.prior(self.forecaster)) {
+            found.insert(Parameter::Restitution, Parameter::Restitution.estimate(prior.plus(measured)));
         }
         found
     }

@@ -28,15 +28,15 @@ const LEAST_NOISE: f64 = 0.03;
 /// By how much the evidence must speak for lost frames (−2 ln) that nothing else is looked for, and steps to find that out.
 const CERTAIN: f64 = 60.0;
 const SAME_STEPS: usize = 15;
-/// By how much more than a limit (−2 ln) a quick search may cost that is worth a thorough one.
-const WORTH: f64 = 25.0;
+/// Excess over the limit (−2 ln) up to which a quick search is followed by a thorough one.
+const MOST_EXCESS: f64 = 25.0;
 /// Most labels of a ball that is held before it flies, fewest of the flight, and −2 ln of how probable that is: one track in twenty.
 const LONGEST_HELD: usize = 8;
 const FEWEST_FLYING: usize = 5;
 const HELD: f64 = 6.0;
 /// Clear change points up to which a track is tried with what may be wrong about it.
 const BEGINNING: usize = 3;
-/// Least size that is told of what the apparent size says otherwise, and fewest sizes for it.
+/// Relative deviation of the apparent size from which there is a note, and fewest sizes for one.
 const SIZE_OFF: f64 = 0.02;
 const FEWEST_SIZES: usize = 8;
 
@@ -146,8 +146,8 @@ impl Part<'_> {
         fit.notes.extend(drops.iter().map(|&(frame, frames)| {
             let (count, at) = (frames.abs(), times[frame]);
             let are = if count == 1 { "frame is" } else { "frames are" };
-            let what = if frames > 0 { "missing" } else { "there twice" };
-            format!("{count} {are} {what} before {at:.3} s: later times are moved by as much")
+            let what = if frames > 0 { "missing" } else { "duplicated" };
+            format!("{count} {are} {what} before {at:.3} s: later times are shifted accordingly")
         }));
         fit.notes.extend(sizes(&model, &fit));
         if let Some(reason) = reason {
@@ -249,7 +249,7 @@ impl Part<'_> {
         let model = self.model(&observations, self.options.noise_px);
         let times: Vec<f64> = self.labels.iter().map(|label| label.time).collect();
         let quick = Search::new(&model, Arc::new(times), self.noise(), self.options.hits)?.quick();
-        if quick.first()?.cost > limit + WORTH {
+        if quick.first()?.cost > limit + MOST_EXCESS {
             return None;
         }
         let (hypotheses, _) = self.found(&model)?;
@@ -312,7 +312,7 @@ fn dropped(times: &[f64], drops: &[(usize, i32)]) -> Vec<f64> {
     out
 }
 
-/// That the ball's apparent size says another distance than all else, in words.
+/// A note if the ball's apparent size contradicts its distance by all else.
 fn sizes(model: &Model, fit: &Fit) -> Option<String> {
     let off = |(observation, frame): (&RayObservation, &FittedFrame)| {
         let own = (frame.world.coords - observation.ray.as_ref()?.origin).norm();
@@ -322,8 +322,8 @@ fn sizes(model: &Model, fit: &Fit) -> Option<String> {
     let median = median(all.iter().copied())?;
     (median.abs() > SIZE_OFF && all.len() >= FEWEST_SIZES).then(|| {
         format!(
-            "by its apparent size the ball is {:.0} % {} than its flight and contacts say: check the heights of the scene, \
-             the ball's radius, the camera and the frame rate",
+            "judging by its apparent size, the ball is {:.0} % {} than its flight and contacts indicate: check the heights \
+             of the scene, the ball's radius, the camera and the frame rate",
             100.0 * median.abs(),
             if median > 0.0 { "farther" } else { "nearer" }
         )

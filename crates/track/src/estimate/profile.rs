@@ -12,9 +12,9 @@ use gravisight_physics::{FORCES, part};
 const PROFILE: i32 = 6;
 const PINNED: f64 = 0.05;
 pub const PROFILE_STEPS: usize = 12;
-/// Weight of a step below which no more are tried, and of a hypothesis from which its profile is worth it.
+/// Weight of a step below which no more are tried, and of a hypothesis from which it is profiled.
 const NEGLIGIBLE_STEP: f64 = 0.03;
-const WORTH: f64 = 0.05;
+const LEAST_PROFILED: f64 = 0.05;
 /// Weight below which a hypothesis does not count.
 pub const NEGLIGIBLE: f64 = 1e-3;
 
@@ -43,7 +43,7 @@ impl Model<'_> {
             }
             let own = self.weigh(&hypothesis.trajectory, weight);
             let Some(own) = own else { continue };
-            if weight < WORTH {
+            if weight < LEAST_PROFILED {
                 all.push(own);
                 continue;
             }

@@ -11,8 +11,8 @@ const NEAREST: f64 = 0.1;
 const FARTHEST: f64 = 500.0;
 /// Fastest ball, m/s.
 const FASTEST: f64 = 120.0;
-/// Rounds of either kind; residual from which on a label counts less, in standard deviations; a gain that ends them; parts of a step
-/// that are tried; fewest labels, a known place counting for two.
+/// Rounds of either kind; residual from which on a label counts less, in standard deviations; a decrease of the cost that ends them; parts
+/// of a step that are tried; fewest labels, a known place counting for two.
 const LINEAR: usize = 2;
 const ROUNDS: usize = 3;
 const LOOSE: f64 = 8.0;
@@ -70,7 +70,7 @@ impl Plane {
 /// A flight that is looked for, beside by its labels.
 pub struct BallisticQuery<'a> {
     pub frames: std::ops::RangeInclusive<usize>,
-    /// When its position and velocity are asked for, s.
+    /// The time of its position and velocity, s.
     pub time: f64,
     /// Where it is known to be: s, m, and that one's standard deviation, m.
     pub places: &'a [(f64, Vector3<f64>, f64)],
@@ -121,9 +121,9 @@ impl Model<'_> {
         flight.cost = sought.cost(&flight, (&mean, free))?;
         for _ in 0..ROUNDS {
             let Some(next) = sought.stepped(&flight, (&mean, free)) else { break };
-            let gain = flight.cost - next.cost;
+            let decrease = flight.cost - next.cost;
             flight = next;
-            if gain < LITTLE {
+            if decrease < LITTLE {
                 break;
             }
         }
@@ -135,7 +135,7 @@ impl Model<'_> {
 /// A flight that is looked for, with what is known of it.
 struct BallisticProblem<'a> {
     sought: &'a BallisticQuery<'a>,
-    /// Rays, and when they were seen, s from the time that is asked for.
+    /// Rays, and when they were seen, s from [`BallisticQuery::time`].
     seen: &'a [(f64, &'a Ray)],
     /// px.
     noise: f64,
@@ -258,7 +258,7 @@ impl<const N: usize> NormalEquations<N> {
 }
 
 impl BallisticFlight {
-    /// Where it is at a time from the one that it was asked for, m.
+    /// Where it is at a time from [`BallisticQuery::time`], m.
     pub fn at(&self, t: f64) -> Vector3<f64> {
         self.position + self.velocity * t + self.acceleration * (t * t / 2.0)
     }

@@ -1,4 +1,4 @@
-//! From hypotheses to what a user is told: positions, how sure they are, flights, hits, and whether the laws explain them.
+//! From hypotheses to the result: positions, how sure they are, flights, hits, and whether the laws explain them.
 
 use nalgebra::{Matrix3, Point3, Vector2, Vector3};
 
@@ -219,7 +219,7 @@ impl Model<'_> {
         states
     }
 
-    /// Why the flight of these segments is not explained, in words.
+    /// Why the flight of these segments is not explained.
     fn doubt(
         &self,
         whole: &Trajectory,
@@ -229,53 +229,56 @@ impl Model<'_> {
     ) -> Option<String> {
         let seen: Vec<&&FittedFrame> = frames.iter().filter(|frame| frame.residual_px.is_some()).collect();
         if seen.is_empty() {
-            return Some("the ball is not seen".into());
+            return Some("it has no labels".into());
         }
         let outliers = seen.iter().filter(|frame| frame.outlier).count();
         if outliers as f64 > MOST_OUTLIERS * seen.len() as f64 {
-            return Some(format!("{outliers} of its {} labels lie far off", seen.len()));
+            return Some(format!("{outliers} of its {} labels lie far from the trajectory", seen.len()));
         }
         let largest = 0.01 * self.area.sqrt();
         if whole.noise > largest {
-            return Some(format!(
-                "its labels are off by {:.0} px from one to the next, which no ball's are",
-                whole.noise
-            ));
+            return Some(format!("its labels jump by {:.0} px from one to the next, too much for a ball", whole.noise));
         }
         let speed = whole.segments[segments.clone()].iter().map(|it| it.velocity().norm()).fold(0.0, f64::max);
         if speed > self.speed_max {
             let most = self.speed_max;
-            return Some(format!(
-                "it would fly at {speed:.0} m/s, faster than a ball of its sport ever has ({most:.0} m/s)"
-            ));
+            return Some(format!("it would fly at {speed:.0} m/s, faster than any ball of its sport ({most:.0} m/s)"));
         }
         let rms = rms(frames.iter().copied());
         let smooth = self.smooth.hypot(self.drift);
         let spread = (2.0 / (2 * seen.len()) as f64 + 2.0 / (SMOOTH_FREEDOM * seen.len() as f64)).sqrt();
         if rms * rms > smooth * smooth * (VERY_ODD * spread).exp() {
-            return Some(format!("its labels are off by {rms:.2} px, though they are known to {smooth:.2} px"));
+            return Some(format!(
+                "its labels are {rms:.2} px from the trajectory, but their noise is only {smooth:.2} px"
+            ));
         }
         let odd = |&&[_, off]: &&[f64; 2]| off.abs() > VERY_ODD;
         if let Some([restitution, _]) = self.restitutions(whole)[segments.clone()].iter().flatten().find(odd) {
             return Some(format!(
-                "a bounce of it would have a restitution of {restitution:.2}, far from the scene's {:.2}: check the camera, \
-                 the scene's heights and the frame rate",
+                "one of its bounces would have a restitution of {restitution:.2}, far from the scene's {:.2}: check the \
+                 camera, the scene's heights and the frame rate",
                 self.rigid.restitution
             ));
         }
         // The forces, what begins the first flight, and each contact by itself; then all together.
         let own = prior_chi2[..1].iter().chain(&prior_chi2[1 + segments.start..1 + segments.end]);
         if let Some((chi2, numbers)) = own.clone().find(|(chi2, numbers)| *chi2 > quantile(*numbers, VERY_ODD)) {
-            return Some(format!("it takes spins and bounces that this ball has not (χ² {chi2:.0} of {numbers})"));
+            return Some(format!(
+                "it needs a spin or rebound that this ball is very unlikely to have (χ² {chi2:.0} for \
+                                 {numbers} parameters)"
+            ));
         }
         let (chi2, numbers) = own.fold((0.0, 0), |sum, it| (sum.0 + it.0, sum.1 + it.1));
         if chi2 > quantile(numbers, ODD) {
-            return Some(format!("it takes spins and bounces that this ball has not (χ² {chi2:.0} of {numbers})"));
+            return Some(format!(
+                "it needs a spin or rebound that this ball is very unlikely to have (χ² {chi2:.0} for \
+                                 {numbers} parameters)"
+            ));
         }
         None
     }
 
-    /// That a flight's distance is not known, in words.
+    /// The reason if a flight's distance is not known.
     fn unknown(&self, frames: &[&FittedFrame], is_by_camera: bool) -> Option<String> {
         let origin = self.observations.iter().find_map(|it| it.ray.as_ref())?.origin;
         let seen = frames.iter().filter(|frame| frame.residual_px.is_some());
@@ -286,9 +289,9 @@ impl Model<'_> {
         (fraction > UNKNOWN).then(|| {
             let why = match is_by_camera {
                 true => "the camera is not known well enough; calibrate it with more points, farther apart",
-                false => "its spin is, and it touches nothing of the scene",
+                false => "its spin is unknown, and it touches nothing in the scene",
             };
-            format!("how far away the ball is stays unknown (±{sigma:.1} m): {why}")
+            format!("the ball's distance is unknown (±{sigma:.1} m): {why}")
         })
     }
 

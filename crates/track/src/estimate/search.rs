@@ -23,12 +23,12 @@ const OPEN: usize = 3;
 const GROW: usize = 8;
 const TRY: usize = 5;
 const FINISH: usize = 30;
-/// Of the hypotheses tried in a round, those that are refined to the end; rounds, and by how much one must better the best.
+/// Of the hypotheses tried in a round, those that are refined to the end; rounds, and by how much a change must lower the cost (−2 ln).
 const FINISHED: usize = 8;
 const ROUNDS: usize = 8;
-const GAIN: f64 = 0.5;
-/// What may be less probable (−2 ln) and is refined all the same; segments to either side of a change that go with it.
-const WORTH: f64 = 15.0;
+const LEAST_COST_REDUCTION: f64 = 0.5;
+/// Increase of the cost (−2 ln) up to which a change is still refined; segments to either side of a change that are refined with it.
+const MOST_COST_INCREASE: f64 = 15.0;
 const BESIDE: usize = 1;
 /// By how much a ray may miss what the ball met, m: labels are noisy, and edges are edges.
 const MISSED: f64 = 0.06;
@@ -82,14 +82,14 @@ impl<'a> Search<'a> {
         }
         let [clear, all] = &self.change_points;
         let differ = !clear.iter().map(|point| point.time).eq(all.iter().map(|point| point.time));
-        let mut ways = vec![all];
-        ways.extend(differ.then_some(clear));
+        let mut point_sets = vec![all];
+        point_sets.extend(differ.then_some(clear));
         let unseen = self.with_unseen(all);
         let (mut found, mut chained): (Vec<Hypothesis>, Vec<Hypothesis>) = rayon::join(
-            || ways.par_iter().flat_map_iter(|way| self.grown(way, BEAM)).collect(),
+            || point_sets.par_iter().flat_map_iter(|points| self.grown(points, BEAM)).collect(),
             || [true, false].par_iter().filter_map(|&tied| self.chained(&unseen, tied)).collect(),
         );
-        // Where both ways lead to the same, one is improved; else each, for neither is always better.
+        // If both searches lead to the same hypothesis, one is improved; else each, since neither is always better.
         let leads = [&found, &chained].map(|all| best(all.clone(), 1).pop());
         if let [Some(first), Some(second)] = &leads
             && !first.is_like(second)
@@ -273,11 +273,15 @@ impl<'a> Search<'a> {
             let refine = |change: Change| {
                 let before = spans.iter().zip(&as_it_is).find(|(span, _)| **span == change.old)?.1.as_ref()?;
                 let refined = refined(&change.trajectory, &change.new)?;
-                let gain = before - refined.cost;
-                (gain > -WORTH).then_some(Change { gain, trajectory: refined.trajectory, ..change })
+                let cost_reduction = before - refined.cost;
+                (cost_reduction > -MOST_COST_INCREASE).then_some(Change {
+                    cost_reduction,
+                    trajectory: refined.trajectory,
+                    ..change
+                })
             };
             let mut found: Vec<Change> = changes.into_par_iter().filter_map(refine).collect();
-            found.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            found.sort_by(|a, b| b.cost_reduction.total_cmp(&a.cost_reduction));
             let mut better: Vec<Hypothesis> = vec![];
             if let Some(together) = together(&best.trajectory, &found) {
                 better.extend(self.finished(&together));
@@ -290,7 +294,7 @@ impl<'a> Search<'a> {
                 }));
             }
             better.retain(|it| self.is_allowed(&it.trajectory));
-            let improved = better.iter().any(|found| found.cost < best.cost - GAIN);
+            let improved = better.iter().any(|found| found.cost < best.cost - LEAST_COST_REDUCTION);
             all.extend(better);
             if !improved {
                 return;
@@ -306,8 +310,8 @@ struct Change {
     /// Segments about that place, of the other and of this one.
     old: Span,
     new: Span,
-    /// By how much it is more probable, −2 ln.
-    gain: f64,
+    /// By how much it lowers the cost, −2 ln.
+    cost_reduction: f64,
 }
 
 impl Change {
@@ -316,7 +320,7 @@ impl Change {
         let count = trajectory.segments.len();
         let new = place.start.saturating_sub(BESIDE)..(place.end + BESIDE).min(count);
         let old = new.start..new.end + other.segments.len() - count;
-        Self { trajectory, old, new, gain: 0.0 }
+        Self { trajectory, old, new, cost_reduction: 0.0 }
     }
 
     /// Whether `before` was as `now` is, where this change is.
@@ -333,11 +337,11 @@ impl Change {
     }
 }
 
-/// The trajectory with all changes that gain something, the best ones first, and are not about the same segments; none where that
-/// is at most one.
+/// The trajectory with all changes that lower the cost and concern different segments, the best ones first; none if there is at most one
+/// such change.
 fn together(trajectory: &Trajectory, changes: &[Change]) -> Option<Trajectory> {
     let mut chosen: Vec<&Change> = vec![];
-    for change in changes.iter().filter(|change| change.gain > GAIN) {
+    for change in changes.iter().filter(|change| change.cost_reduction > LEAST_COST_REDUCTION) {
         if chosen.iter().all(|it| it.old.end <= change.old.start || change.old.end <= it.old.start) {
             chosen.push(change);
         }

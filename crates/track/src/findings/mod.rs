@@ -1,4 +1,4 @@
-//! What a person is told of a tracked video or of a fit: one sentence; numbers with their uncertainty, which say whether they
+//! A report for people on a tracked video or a fit: one sentence; numbers with their uncertainty, which say whether they
 //! are precise; the reasons of what is not explained; the bounces seen from above. The command's report and the page show the same.
 
 mod plan;
@@ -23,7 +23,7 @@ const PRECISE_FRACTION: f64 = 0.1;
 /// m/s to km/h.
 const KMH: f64 = 3.6;
 
-/// What a person is told of a tracked video or of a fit.
+/// A report for people on a tracked video or a fit.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -56,7 +56,7 @@ pub struct Reason {
     pub why: String,
 }
 
-/// A number with its uncertainty, in words.
+/// A number with its uncertainty, as text.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -70,7 +70,7 @@ pub struct Measured {
     pub precise: bool,
 }
 
-/// What is told of a flight.
+/// The report on a flight.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -85,7 +85,7 @@ pub struct FlightFinding {
     pub explained: bool,
 }
 
-/// What is told of a bounce or a hit.
+/// The report on a bounce or a hit.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -104,7 +104,7 @@ pub struct ContactFinding {
     pub within_lines: Option<f64>,
 }
 
-/// A result, and what a person is told of it.
+/// A result and its report for people.
 #[derive(Debug, Clone, Serialize)]
 pub struct WithFindings<T> {
     /// Its fields beside [`Self::findings`].
@@ -135,9 +135,9 @@ impl Findings {
         let all = findings.flights.len() + video.segments.iter().filter(|segment| segment.fit.is_err()).count();
         let seen = seen(video);
         findings.headline = match () {
-            () if video.found() == 0 => format!("No ball was found: nothing flies in these {} frames.", watched(video)),
+            () if video.found() == 0 => format!("No flying ball was found in these {} frames.", watched(video)),
             () if video.explained.is_none() => format!("{seen}."),
-            () if all == 0 => format!("{seen}, nowhere long enough for a flight: there are no metres."),
+            () if all == 0 => format!("{seen}, but never for long enough to fit a flight: no positions in metres."),
             () => format!("{}; {}.", findings.outcome(explained, all), inside_sentence(&seen)),
         };
         findings.notes = view_notes(video).into_iter().chain(video.notes.iter().map(|note| sentence(note))).collect();
@@ -152,7 +152,7 @@ impl Findings {
     /// # pub use gravisight_physics::*;
     /// # pub use gravisight_track::{self as track, findings::*, *};
     /// # }
-    /// # fn told(fit: gravisight::Fit, camera: gravisight::Camera, scene: gravisight::Scene) {
+    /// # fn print(fit: gravisight::Fit, camera: gravisight::Camera, scene: gravisight::Scene) {
     /// use gravisight::Findings;
     ///
     /// let findings = Findings::of_fit(&fit, &camera, &scene);
@@ -180,7 +180,7 @@ impl Findings {
         for flight in &fit.flights {
             self.flights.push(FlightFinding::new(flight));
             if !flight.explained {
-                let why = flight.reason.as_deref().unwrap_or("its labels are not those of a flight");
+                let why = flight.reason.as_deref().unwrap_or("no flight fits its labels");
                 let what = format!("Flight {}, {}", self.flights.len(), when(flight));
                 self.reasons.push(Reason { what, why: sentence(why) });
             }
@@ -213,8 +213,8 @@ impl Findings {
             parts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| counted(count, what)).collect();
         let parts = if parts.is_empty() { String::new() } else { format!(", with {}", parts.join(" and ")) };
         match explained {
-            0 if all == 1 => "The flight is not explained: there are no metres".into(),
-            0 => format!("None of the {all} flights is explained: there are no metres"),
+            0 if all == 1 => "The flight is not explained: no positions in metres".into(),
+            0 => format!("None of the {all} flights is explained: no positions in metres"),
             1 if all == 1 => format!("The flight is explained{parts}"),
             _ if explained == all => format!("All {all} flights are explained{parts}"),
             _ => format!("{explained} of {all} flights are explained{parts}"),
@@ -233,12 +233,12 @@ impl FlightFinding {
                 precise: sigma <= PRECISE_FRACTION * speed,
             }
         });
-        let turns = |spin: [f64; 3]| spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
-        let [spin, sigma] = [turns(flight.spin), turns(flight.spin_sigma)];
+        let revolutions = |spin: [f64; 3]| spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
+        let [spin, sigma] = [revolutions(flight.spin), revolutions(flight.spin_sigma)];
         // More is known than that there may be one.
         let spin = (flight.explained && sigma > 0.0 && spin > sigma).then(|| Measured {
-            value: format!("{spin:.0} turns/s"),
-            sigma: format!("{sigma:.0} turns/s"),
+            value: format!("{spin:.0} rev/s"),
+            sigma: format!("{sigma:.0} rev/s"),
             precise: sigma <= PRECISE_FRACTION * spin,
         });
         Self {
@@ -300,8 +300,8 @@ fn view_notes(video: &TrackedVideo) -> Vec<String> {
     let repeated = video.frames.len() - watched(video);
     let repeated = match repeated {
         0 => None,
-        1 => Some("1 frame shows the picture before again and is left out.".into()),
-        count => Some(format!("{count} frames show the picture before again and are left out.")),
+        1 => Some("1 frame repeats the previous one and is left out.".into()),
+        count => Some(format!("{count} frames repeat the previous ones and are left out.")),
     };
     let note = |spans: Vec<String>, before: &str, after: &str| {
         (!spans.is_empty()).then(|| format!("{before} {}{after}.", listed(&spans, ", ")))
@@ -311,11 +311,11 @@ fn view_notes(video: &TrackedVideo) -> Vec<String> {
     let moved = moved.filter_map(|it| Some(format!("{} to {} (by up to {:.0} px)", it.from, it.to, it.moved_px?)));
     let lost = video.elsewhere.iter().filter(|view| view.moved_px.is_none());
     let lost = lost.map(|view| format!("{} to {}", view.from, view.to));
-    let metres = if video.explained.is_some() { ": no metres there" } else { "" };
+    let metres = if video.explained.is_some() { ": no positions in metres there" } else { "" };
     let notes = [
         note(cuts, "Most of the picture changes at frame", ": a cut, or the camera moved"),
         note(moved.collect(), "The camera moves in frames", ""),
-        note(lost.collect(), "Another view than the first is shown in frames", metres),
+        note(lost.collect(), "A different view from the first is shown in frames", metres),
     ];
     repeated.into_iter().chain(notes.into_iter().flatten()).collect()
 }

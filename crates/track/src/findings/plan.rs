@@ -104,10 +104,10 @@ impl Spot {
 
 /// The upper side of a box from above, closed.
 fn outline(cuboid: &Cuboid) -> Vec<[f64; 2]> {
-    let turn = cuboid.world_from_box();
+    let world_from_box = cuboid.world_from_box();
     let corner = |[x, y]: [f64; 2]| {
         let [half_x, half_y, half_z] = cuboid.half_size;
-        let at = Point3::from(cuboid.position) + turn * Vector3::new(x * half_x, y * half_y, half_z);
+        let at = Point3::from(cuboid.position) + world_from_box * Vector3::new(x * half_x, y * half_y, half_z);
         [at.x, at.y]
     };
     [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]].map(corner).to_vec()

@@ -1,4 +1,4 @@
-//! What is told of a video agrees with its numbers.
+//! The report on a video agrees with its numbers.
 
 use super::*;
 use crate::{FitOptions, TrackPoint, TrackedFrame};
@@ -14,7 +14,9 @@ fn a_video_without_a_flight_is_not_explained_in_any_of_its_words() {
     let camera =
         looking(Vector3::new(0.0, -4.0, 1.5), view, 600.0, Size::new(640, 480), Distortion::default()).unwrap();
     let scene = Scene::new([0.0, 0.0, -9.81], 0.02).with_floor(0.0);
-    for (seen, verdict, headline) in [(0, "no ball", "No ball"), (3, "not explained", "there are no metres")] {
+    for (seen, verdict, headline) in
+        [(0, "no flying ball", "No flying ball"), (3, "not explained", "no positions in metres")]
+    {
         let mut video = TrackedVideo { frames: vec![TrackedFrame::default(); 20], ..TrackedVideo::default() };
         for (number, frame) in video.frames.iter_mut().enumerate() {
             let at = (number < seen).then_some(100.0 + 5.0 * number as f64);

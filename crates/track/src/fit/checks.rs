@@ -1,4 +1,4 @@
-//! What is asked of a fit: which tracks, and which options with which scene.
+//! Checks of a track before it is fitted.
 
 use std::fmt;
 
@@ -9,7 +9,7 @@ use crate::observation::Observation;
 use gravisight_geometry::camera::Camera;
 use gravisight_geometry::error::{Error, Result};
 
-/// How far outside the picture a label may be that a tracker has made up there, a share of the side.
+/// How far outside the picture a tracker may place a label, as a fraction of the side.
 const OUTSIDE: f64 = 0.05;
 
 /// Refuses times that do not ascend, and what is no number.
@@ -39,8 +39,8 @@ pub(super) fn check_inside(camera: &Camera, observations: &[Observation]) -> Res
         return Ok(());
     }
     let reason = format!(
-        "{outside} of {} labels lie outside the camera's picture of {width}×{height} px: is the track of a video in \
-         another resolution?",
+        "{outside} of {} labels lie outside the camera's picture of {width}×{height} px: was the track made from a \
+         video of another resolution?",
         labels.len()
     );
     Err(Error::Fit { reason })
@@ -49,7 +49,7 @@ pub(super) fn check_inside(camera: &Camera, observations: &[Observation]) -> Res
 /// Why a label is left out.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Refusal {
-    /// The camera's lens model does not reach it, in its words.
+    /// Outside the range of the camera's lens model; holds the camera's error message.
     OutsideLens(String),
     Repeated,
     OtherPath,
@@ -59,8 +59,10 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::OutsideLens(reason) => f.write_str(reason),
-            Self::Repeated => f.write_str("shows the frame before it again"),
-            Self::OtherPath => f.write_str("lies on another path than most labels: is it another ball's?"),
+            Self::Repeated => f.write_str("repeats the previous frame"),
+            Self::OtherPath => {
+                f.write_str("lies on a different path from most labels: does it belong to another ball?")
+            }
         }
     }
 }
@@ -96,7 +98,7 @@ pub(super) fn check_seen(usable: &[Observation], refused: &[Option<Refusal>]) ->
         [] => String::new(),
         left_out => format!(" (labels left out: {})", left_out.join(", ")),
     };
-    let reason = format!("the ball is seen in {seen} frames{left_out}; at least {FEWEST} are needed");
+    let reason = format!("the ball is labelled in {seen} frames{left_out}; at least {FEWEST} are needed");
     Err(Error::Fit { reason })
 }
 
@@ -110,10 +112,10 @@ mod tests {
         let outside = Refusal::OutsideLens("the point lies outside".into());
         let reasons = [outside, Refusal::Repeated, Refusal::Repeated, Refusal::OtherPath];
         let refused: Vec<Option<Refusal>> = reasons.into_iter().map(Some).chain([None]).collect();
-        let said = check_seen(&unseen, &refused).unwrap_err().to_string();
+        let message = check_seen(&unseen, &refused).unwrap_err().to_string();
         let counted = "(labels left out: 1 outside the camera's lens model, 2 in repeated frames, 1 on another path)";
-        assert!(said.contains(counted), "{said}");
-        let said = check_seen(&unseen, &[None]).unwrap_err().to_string();
-        assert!(!said.contains("left out"), "{said}");
+        assert!(message.contains(counted), "{message}");
+        let message = check_seen(&unseen, &[None]).unwrap_err().to_string();
+        assert!(!message.contains("left out"), "{message}");
     }
 }

@@ -5,20 +5,21 @@ use nalgebra::Point2;
 use crate::observation::{Observation, noise_of, trusted};
 use gravisight_geometry::statistics::median;
 
-/// Steps between labels of a repeated frame and of those beside it, as shares of the usual step, and fewest repeated frames.
+/// Steps between labels of a repeated frame and of those beside it, as fractions of the usual step, and fewest repeated frames.
 const STILL: f64 = 0.03;
 const MOVES: f64 = 0.4;
 const FEWEST_REPEATS: usize = 3;
-/// Noise, as a share of the picture's width, from which on labels may be of two balls, and the least, px: above that of usual labels.
+/// Label noise from which on labels may belong to two balls: a fraction of the picture's width, and at least this many px. Both are above the
+/// noise of usual labels.
 const ROUGH: f64 = 2e-3;
 const LEAST_ROUGH: f64 = 3.0;
 /// Labels between two of the same ball, at most.
 const REACH: usize = 8;
-/// How far a label may be from where the two before it point: a share of the width, and of the way from the last.
+/// How far a label may be from the extrapolation of the two before it: a fraction of the width, and a fraction of the step from the last one.
 const START_FREE: f64 = 2e-3;
 const BEND: f64 = 0.3;
-/// What a turn costs, in labels.
-const TURN: f64 = 3.0;
+/// Cost of a change of direction, in labels.
+const DIRECTION_CHANGE: f64 = 3.0;
 
 /// Frames that show the one before again: a video whose rate was raised.
 pub(super) struct Repeats {
@@ -62,8 +63,8 @@ pub(super) fn repeats(observations: &[Observation]) -> Option<Repeats> {
     Some(Repeats { frames, times })
 }
 
-/// Indices of labels that follow another way than most: another ball's, say. None where all are near one smooth way, or where
-/// most follow none. `width` of the picture, px.
+/// Indices of labels that lie on a different path from most, such as another ball's. Empty if all labels are near one smooth path, or if
+/// most of them are on none. `width` of the picture, px.
 pub(super) fn strays(observations: &[Observation], width: f64) -> Vec<usize> {
     let noise = noise_of(&trusted(observations));
     if noise < (ROUGH * width).max(LEAST_ROUGH) {
@@ -71,7 +72,7 @@ pub(super) fn strays(observations: &[Observation], width: f64) -> Vec<usize> {
     }
     let seen: Vec<(usize, f64, Point2<f64>)> =
         observations.iter().enumerate().filter_map(|(index, it)| Some((index, it.time, it.image?))).collect();
-    let kept = longest_way(&seen, width);
+    let kept = longest_path(&seen, width);
     let mut without = observations.to_vec();
     let strays: Vec<usize> = seen.iter().map(|it| it.0).filter(|index| !kept.contains(index)).collect();
     strays.iter().for_each(|&index| without[index].image = None);
@@ -79,9 +80,9 @@ pub(super) fn strays(observations: &[Observation], width: f64) -> Vec<usize> {
     if clear { strays } else { vec![] }
 }
 
-/// Indices of the most labels that one ball can have: each goes on from the two before it nearly as they did, or, at a price,
-/// turns. Dynamic programming over the pairs of labels that follow one another.
-fn longest_way(seen: &[(usize, f64, Point2<f64>)], width: f64) -> Vec<usize> {
+/// Indices of the largest set of labels that can belong to one ball. Each label continues the two before it, or changes direction at a
+/// price. Dynamic programming over pairs of consecutive labels.
+fn longest_path(seen: &[(usize, f64, Point2<f64>)], width: f64) -> Vec<usize> {
     // Of each label and each of those before it: labels so far, less prices, and how far back the one before that is.
     let mut best: Vec<[(f64, usize); REACH]> = vec![[(f64::NEG_INFINITY, 0); REACH]; seen.len()];
     for end in 0..seen.len() {
@@ -98,7 +99,9 @@ fn longest_way(seen: &[(usize, f64, Point2<f64>)], width: f64) -> Vec<usize> {
                 let price = match off < free {
                     true => 0.0,
                     // A bounce or a hit changes the direction, and the speed by no more than this.
-                    false if (at - from).norm() < 2.0 * velocity.norm() * lasting + START_FREE * width => TURN,
+                    false if (at - from).norm() < 2.0 * velocity.norm() * lasting + START_FREE * width => {
+                        DIRECTION_CHANGE
+                    }
                     false => continue,
                 };
                 let score = best[middle][before - 1].0 + 1.0 - price;

@@ -59,10 +59,11 @@ fn fit_labels(
             taken[frame].image = None;
             refused[frame] = Some(Refusal::Repeated);
         }
-        let mut note = format!("{} frames show the one before again: they are left out", repeats.frames.len());
+        let mut note = format!("{} frames repeat the previous ones and are left out", repeats.frames.len());
         if let Some(times) = repeats.times {
             taken.iter_mut().zip(times).for_each(|(seen, time)| seen.time = time);
-            note += ", and the others' times spread evenly, as if the video's rate had been raised";
+            note +=
+                ", and the other frames are spaced evenly, because the video's frame rate seems to have been raised";
         }
         notes.push(note);
     }
@@ -72,8 +73,8 @@ fn fit_labels(
         *refused = refused.take().or(error.map(Refusal::OutsideLens));
     }
     if usable.windows(2).any(|pair| pair[1].time <= pair[0].time) {
-        let reason =
-            "the camera's readout_s is longer than frames are apart: rows of one would follow rows of the next";
+        let reason = "the camera's readout_s is longer than the time between frames, so two frames would be read out at once; \
+             check readout_s and the frame rate";
         return Err(Error::Fit { reason: reason.into() });
     }
     let strays = labels::strays(&usable, f64::from(camera.size().width));

@@ -1,10 +1,10 @@
-//! Which tracklets one ball flies, one after the other.
+//! Association: the sequence of tracklets that belongs to one ball.
 
 use super::config::TrackerConfig;
 use super::tracklets::{Candidates, alike};
 use gravisight_geometry::statistics::median;
 
-/// Most frames between a tracklet and one that goes on from it, and the distance, px and shares of a step.
+/// Most frames between a tracklet and its continuation, and the largest distance between their ends: px, and steps.
 const BETWEEN: usize = 8;
 const MEETS_PX: f64 = 12.0;
 const MEETS_STEP: f64 = 1.5;
@@ -14,22 +14,22 @@ const SOON: usize = 12;
 const AS_LARGE: f64 = 2.2;
 const AT_END: usize = 3;
 /// Frames that two tracklets may share at no cost: one's last and the other's first.
-const SHARED: usize = 1;
+const FREE_OVERLAP: usize = 1;
 
 /// A part of a tracklet that may be the ball.
 #[derive(Debug, Clone)]
-pub(super) struct Segment {
+pub(super) struct TrackletSegment {
     /// Frames and blobs' numbers, ascending.
     pub members: Vec<(usize, usize)>,
-    /// That it is the ball, log of odds.
-    pub odds: f64,
-    /// Whether a motion network was asked.
+    /// Log-odds that it is the ball.
+    pub log_odds: f64,
+    /// Whether a motion network was queried.
     pub verified: bool,
     /// Whether its own log-odds confirm a track.
     pub confirms: bool,
 }
 
-impl Segment {
+impl TrackletSegment {
     fn first(&self) -> usize {
         self.members[0].0
     }
@@ -40,17 +40,17 @@ impl Segment {
 
     /// Probability that this is the ball.
     pub fn confidence(&self) -> f64 {
-        1.0 / (1.0 + (-self.odds).exp())
+        1.0 / (1.0 + (-self.log_odds).exp())
     }
 
-    /// By how much it is rather the ball than not: the difference of the probabilities.
-    fn lead(&self) -> f64 {
+    /// Probability that it is the ball, less the probability that it is not.
+    fn margin(&self) -> f64 {
         2.0 * self.confidence() - 1.0
     }
 
-    /// How many more of its frames would show the ball than not.
-    fn worth(&self) -> f64 {
-        self.members.len() as f64 * self.lead()
+    /// Expected number of its frames that show the ball, less those that do not.
+    fn score(&self) -> f64 {
+        self.members.len() as f64 * self.margin()
     }
 
     /// Whether a ball can fly this and then the other: in a few frames they may be apart, for tracklets end where others take over.
@@ -71,11 +71,11 @@ impl Segment {
         self.members.iter().filter(is_elsewhere).count()
     }
 
-    /// What two are worth together less than each, for a ball is in one place: the less of theirs in the frames of both.
-    fn shared_with(&self, later: &Self) -> f64 {
+    /// What the scores of two lose together, since a ball is in one place: the lower of their scores in the frames of both.
+    fn overlap_penalty(&self, later: &Self) -> f64 {
         let shared = (self.last() + 1).saturating_sub(later.first());
-        let each = |segment: &Self| segment.worth() / (segment.last() - segment.first() + 1) as f64;
-        shared.saturating_sub(SHARED) as f64 * each(self).min(each(later))
+        let each = |segment: &Self| segment.score() / (segment.last() - segment.first() + 1) as f64;
+        shared.saturating_sub(FREE_OVERLAP) as f64 * each(self).min(each(later))
     }
 
     /// Whether the other, which begins soon after this ends, is as large as this then: a ball is not suddenly nearer.
@@ -101,17 +101,21 @@ impl Segment {
     }
 }
 
-/// The segments that one ball can fly: those of most worth together, ascending. What goes before and after a segment speaks for it.
-pub(super) fn chain(frames: &[Candidates], config: &TrackerConfig, mut segments: Vec<Segment>) -> Vec<Segment> {
-    segments.sort_by_key(Segment::last);
+/// The segments that one ball can fly: those with the highest total score, ascending. The segments before and after one support it.
+pub(super) fn chain(
+    frames: &[Candidates],
+    config: &TrackerConfig,
+    mut segments: Vec<TrackletSegment>,
+) -> Vec<TrackletSegment> {
+    segments.sort_by_key(TrackletSegment::last);
     // Without a motion network a shadow has the log-odds of its ball, and would divide them.
     if segments.iter().any(|segment| segment.verified) {
         exclude(frames, &mut segments);
     }
     support(frames, config.continuation, &mut segments);
     segments.retain(|segment| segment.confidence() >= config.min_confidence);
-    // Of each segment: what the best chain that ends with it is worth, and the segment before. Of each and those before it: the
-    // best end.
+    // Of each segment: the score of the best chain that ends with it, and the segment before it there. Of each and those before it:
+    // the best end.
     let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(segments.len());
     let mut ends: Vec<usize> = Vec::with_capacity(segments.len());
     for (place, segment) in segments.iter().enumerate() {
@@ -120,9 +124,9 @@ pub(super) fn chain(frames: &[Candidates], config: &TrackerConfig, mut segments:
             segments[other].goes_before(segment, frames) && segments[other].is_as_large(segment, frames)
         });
         let before = near.chain(apart.checked_sub(1).map(|last| ends[last]));
-        let ways = before.map(|other| (best[other].0 - segments[other].shared_with(segment), Some(other)));
-        let (worth, from) = ways.fold((0.0, None), |best, way| if way.0 > best.0 { way } else { best });
-        best.push((worth + segment.worth(), from));
+        let options = before.map(|other| (best[other].0 - segments[other].overlap_penalty(segment), Some(other)));
+        let (score, from) = options.fold((0.0, None), |best, option| if option.0 > best.0 { option } else { best });
+        best.push((score + segment.score(), from));
         let end = ends.last().filter(|&&end| best[end].0 >= best[place].0);
         ends.push(end.copied().unwrap_or(place));
     }
@@ -133,18 +137,18 @@ pub(super) fn chain(frames: &[Candidates], config: &TrackerConfig, mut segments:
         at = best[place].1;
     }
     chosen.reverse();
-    let chosen: Vec<Segment> = chosen.into_iter().map(|place| segments[place].clone()).collect();
+    let chosen: Vec<TrackletSegment> = chosen.into_iter().map(|place| segments[place].clone()).collect();
     let tracks = chosen.chunk_by(|one, next| next.first() <= one.last() + SOON);
     tracks.filter(|track| track.iter().any(|segment| segment.confirms)).flatten().cloned().collect()
 }
 
-/// Takes from the log-odds of segments what their rivals have: one ball flies, in one place. Where several segments are in different places
-/// at once, each is the ball with the odds `eᴸ / (1 + Σ eᴿ)`, of which the greatest rival is counted in each frame.
-fn exclude(frames: &[Candidates], segments: &mut [Segment]) {
+/// Lowers the log-odds of segments by those of their rivals: one ball flies, in one place. Where several segments are in different places
+/// at once, each is the ball with the odds `eᴸ / (1 + Σ eᴿ)`. In each frame only the greatest rival counts.
+fn exclude(frames: &[Candidates], segments: &mut [TrackletSegment]) {
     let mut rivals: Vec<Vec<f64>> =
         segments.iter().map(|segment| vec![f64::NEG_INFINITY; segment.last() - segment.first() + 1]).collect();
     // Of each place in the list, the first frame of all segments from there on.
-    let mut earliest: Vec<usize> = segments.iter().map(Segment::first).collect();
+    let mut earliest: Vec<usize> = segments.iter().map(TrackletSegment::first).collect();
     for place in (1..earliest.len()).rev() {
         earliest[place - 1] = earliest[place - 1].min(earliest[place]);
     }
@@ -162,20 +166,20 @@ fn exclude(frames: &[Candidates], segments: &mut [Segment]) {
             for frame in both {
                 for (own, rival) in [(place, other), (other_place, one)] {
                     let most = &mut rivals[own][frame - segments[own].first()];
-                    *most = most.max(rival.odds);
+                    *most = most.max(rival.log_odds);
                 }
             }
         }
     }
     for (segment, rivals) in segments.iter_mut().zip(rivals) {
         let sum: f64 = rivals.iter().map(|&rival| rival.exp().ln_1p()).sum();
-        segment.odds -= sum / rivals.len() as f64;
+        segment.log_odds -= sum / rivals.len() as f64;
     }
 }
 
-/// Adds to the log-odds of segments (by their last frames, ascending) what those say that go before and after each: `continuation`, if one is
-/// surely the ball's, and nothing if it is rather not.
-fn support(frames: &[Candidates], continuation: f64, segments: &mut [Segment]) {
+/// Adds to the log-odds of segments (by their last frames, ascending) the support of the segments before and after each: `continuation` if
+/// that one is surely the ball, and nothing if it probably is not.
+fn support(frames: &[Candidates], continuation: f64, segments: &mut [TrackletSegment]) {
     // Of the segment before each, and of the one after.
     let mut most = vec![[0.0_f64; 2]; segments.len()];
     for (place, later) in segments.iter().enumerate() {
@@ -183,13 +187,13 @@ fn support(frames: &[Candidates], continuation: f64, segments: &mut [Segment]) {
         for other in near..place {
             let earlier = &segments[other];
             if earlier.meets(later, frames) {
-                most[place][0] = most[place][0].max(earlier.lead());
-                most[other][1] = most[other][1].max(later.lead());
+                most[place][0] = most[place][0].max(earlier.margin());
+                most[other][1] = most[other][1].max(later.margin());
             }
         }
     }
     for (segment, [before, after]) in segments.iter_mut().zip(most) {
-        segment.odds += continuation * (before + after);
+        segment.log_odds += continuation * (before + after);
     }
 }
 
@@ -211,17 +215,22 @@ mod tests {
         (0..40).map(frame).collect()
     }
 
-    fn segment(frames: std::ops::Range<usize>, blob: usize) -> Segment {
-        Segment { members: frames.map(|frame| (frame, blob)).collect(), odds: 3.0, verified: false, confirms: true }
+    fn segment(frames: std::ops::Range<usize>, blob: usize) -> TrackletSegment {
+        TrackletSegment {
+            members: frames.map(|frame| (frame, blob)).collect(),
+            log_odds: 3.0,
+            verified: false,
+            confirms: true,
+        }
     }
 
     /// First frames and blobs of what is chosen.
-    fn chosen(segments: Vec<Segment>) -> Vec<(usize, usize)> {
+    fn chosen(segments: Vec<TrackletSegment>) -> Vec<(usize, usize)> {
         chain(&frames(), &TrackerConfig::default(), segments).iter().map(|segment| segment.members[0]).collect()
     }
 
     #[test]
-    fn arcs_that_share_the_ball_go_on_as_one_and_others_do_not() {
+    fn tracklets_that_share_the_ball_are_chained_and_others_are_not() {
         assert_eq!(chosen(vec![segment(0..18, 0), segment(7..40, 0)]), [(0, 0), (7, 0)]);
         assert_eq!(chosen(vec![segment(0..18, 1), segment(7..40, 0)]), [(7, 0)]);
     }

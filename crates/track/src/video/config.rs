@@ -16,7 +16,7 @@ pub struct TrackerConfig {
     pub max_speed: f64,
     /// Largest acceleration of a slow ball, radii/s²: a table tennis ball's weight, 9.81 m/s² of radii of 0.02 m.
     pub max_acceleration: f64,
-    /// By how many radii a faster ball is slowed besides on a radius of its way: a table tennis ball by the air, 0.14 a metre.
+    /// By how many radii a faster ball is slowed besides on a radius of its path: a table tennis ball by the air, 0.14 a metre.
     pub drag: f64,
     /// Standard deviations from where a tracklet leads within which a candidate belongs to it.
     pub gate: f64,
@@ -26,15 +26,15 @@ pub struct TrackerConfig {
     pub missed_cost: f64,
     /// Log-odds against chance from which candidates are a tracklet.
     pub min_gain: f64,
-    /// Weights by which a tracklet is the ball's (log-odds), where a motion network is asked: a constant; the logarithm of its gain over a usual
-    /// one (27); the mean of the motion network's log-odds; whether it is small (below 3 px); the log-odds of the detector, of a large ball and of a small
-    /// one; those of how its path bends under gravity. By `scripts/fit-weights tracklets`.
+    /// Weights by which a tracklet is the ball's (log-odds), where a motion network is queried: a constant; the logarithm of its log-likelihood
+    /// ratio over a usual one (27); the mean of the motion network's log-odds; whether it is small (below 3 px); the log-odds of the detector, of
+    /// a large ball and of a small one; those of how its path bends under gravity. By `scripts/fit-weights tracklets`.
     pub weights: [f64; 7],
     /// The same without a motion network.
     pub weights_without_motion: [f64; 7],
-    /// What a tracklet that is the ball's says for the one that goes on from it, log-odds.
+    /// What a tracklet that is the ball's adds to the one that continues it, log-odds.
     pub continuation: f64,
-    /// Probability from which a tracklet is told as the ball's: to tell another thing costs twice what it costs to miss a ball.
+    /// Probability from which a tracklet is reported as the ball's: a false positive costs twice what a missed ball costs.
     pub min_confidence: f64,
     /// Log-odds that one tracklet of a track must have by itself: several that are unsure are no ball.
     pub confirmed: f64,

@@ -1,4 +1,4 @@
-//! What the detector says of a candidate.
+//! The detector's answer about a candidate.
 
 use super::queries::LEAST_PROBABILITY;
 use gravisight_geometry::camera::Detection;
@@ -7,10 +7,10 @@ use gravisight_geometry::camera::Detection;
 pub(super) const SEEN: f64 = 0.3;
 
 /// The detector's answer about a candidate, with its log-odds beyond those from which a ball counts as seen ([`SEEN`]): negative for a
-/// rejected one, positive for a ball, and 0 where nothing was asked.
+/// rejected one, positive for a ball, and 0 without a query.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Evidence {
-    Unasked,
+    Unqueried,
     Rejected(f64),
     Ball(Detection, f64),
 }
@@ -30,7 +30,7 @@ impl Evidence {
 
     pub fn log_odds(&self) -> f64 {
         match self {
-            Self::Unasked => 0.0,
+            Self::Unqueried => 0.0,
             Self::Rejected(log_odds) | Self::Ball(_, log_odds) => *log_odds,
         }
     }
@@ -38,12 +38,12 @@ impl Evidence {
     pub fn ball(&self) -> Option<&Detection> {
         match self {
             Self::Ball(ball, _) => Some(ball),
-            Self::Unasked | Self::Rejected(_) => None,
+            Self::Unqueried | Self::Rejected(_) => None,
         }
     }
 
-    pub fn is_asked(&self) -> bool {
-        *self != Self::Unasked
+    pub fn is_queried(&self) -> bool {
+        *self != Self::Unqueried
     }
 
     pub fn is_ball(&self) -> bool {
@@ -52,12 +52,12 @@ impl Evidence {
 
     /// Whether both are answers, and different ones.
     pub fn contradicts(&self, other: &Self) -> bool {
-        self.is_asked() && other.is_asked() && self.is_ball() != other.is_ball()
+        self.is_queried() && other.is_queried() && self.is_ball() != other.is_ball()
     }
 
     /// Whether both are answers, and the same.
     pub fn agrees_with(&self, other: &Self) -> bool {
-        self.is_asked() && other.is_asked() && self.is_ball() == other.is_ball()
+        self.is_queried() && other.is_queried() && self.is_ball() == other.is_ball()
     }
 }
 
@@ -67,12 +67,12 @@ mod tests {
     use gravisight_geometry::camera::Outline;
 
     #[test]
-    fn a_rejected_candidate_is_worth_less_than_one_that_was_not_asked_about() {
+    fn a_rejected_candidate_has_lower_log_odds_than_an_unqueried_one() {
         let outline = Outline { centre: [10.0, 20.0].into(), radius: 4.0 };
         let ball = |confidence: f64| Some(Detection { outline, log_sigma: 0.05, confidence });
         let ascending = [None, ball(0.1), ball(0.29)].map(Evidence::of);
         let ascending =
-            ascending.into_iter().chain([Evidence::Unasked]).chain([ball(0.31), ball(1.0)].map(Evidence::of));
+            ascending.into_iter().chain([Evidence::Unqueried]).chain([ball(0.31), ball(1.0)].map(Evidence::of));
         let log_odds: Vec<f64> = ascending.map(|evidence| evidence.log_odds()).collect();
         assert!(log_odds.windows(2).all(|pair| pair[0] < pair[1]), "{log_odds:?}");
         assert!(log_odds.iter().all(|log_odds| log_odds.is_finite()));

@@ -5,11 +5,11 @@ use std::ops::Range;
 
 use super::super::file::TrackPoint;
 use super::Kept;
-use super::association::{Segment, chain};
+use super::association::{TrackletSegment, chain};
 use super::blobs::Blob;
 use super::config::TrackerConfig;
 use super::evidence::Evidence;
-use super::gravity::{GravityTest, Place};
+use super::gravity::{GravityTest, ImagePoint};
 use super::queries::Verdicts;
 use super::tracklets::{Candidates, Tracklet, alike};
 use super::view::View;
@@ -19,19 +19,19 @@ use gravisight_physics::Scene;
 
 /// Length over width of a streak from which its width is no ball's radius.
 const STREAK: f64 = 2.5;
-/// Share of the variance of a measured radius that frames have in common which are less than so many seconds apart.
+/// Fraction of the variance of a measured radius that is common to frames less than so many seconds apart.
 const COMMON: f64 = 0.7;
 const DOUBT_LASTS: f64 = 0.5;
 /// Most frames between two balls that are filled, and how far from between them a ball may be in those, radii.
 const MOST_BETWEEN: usize = 4;
 const NEAR: f64 = 1.5;
-/// Frames in a row that the network says the same of where a tracklet is cut.
+/// A tracklet is cut where the detector's answer changes and then stays the same for so many frames.
 const RUN: usize = 3;
 /// Radius below which a ball is small, px: networks miss those.
 const SMALL: f64 = 3.0;
-/// Gain of a tracklet that says nothing for or against a ball.
-const USUAL_GAIN: f64 = 27.0;
-/// Log of odds of what a person pointed at.
+/// Log-likelihood ratio of a tracklet that is no evidence for or against a ball.
+const USUAL_LOG_RATIO: f64 = 27.0;
+/// Log-odds of a tracklet that a person pointed at.
 const SEEDED: f64 = 20.0;
 
 /// Something that flies, in a frame.
@@ -139,7 +139,7 @@ impl<'a> Hypotheses<'a> {
         &self.cuts
     }
 
-    /// The ball, frame by frame. Where the camera (of these pictures) and the scene are known, by how its way bends, too.
+    /// The ball, frame by frame. Where the camera (of these pictures) and the scene are known, by how its path bends, too.
     pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> Vec<FollowedFrame> {
         let frame = |(number, kept): (usize, &Kept)| {
             let point = TrackPoint { frame: number as u64, time: Some(kept.time), ..TrackPoint::default() };
@@ -152,13 +152,13 @@ impl<'a> Hypotheses<'a> {
         let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
         let segments =
             (0..self.tracklets.len()).flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref())).collect();
-        // Of each frame the likeliest candidate: by its segment's log-odds, and by what the detector says of itself.
+        // Of each frame the likeliest candidate: by the log-odds of its segment and of its own detection.
         let mut likeliest: BTreeMap<usize, (f64, (usize, usize), f64)> = BTreeMap::new();
         for segment in chain(self.seen, &self.config, segments) {
             for &member in &segment.members {
-                let odds = segment.odds + self.verdicts.of(member).log_odds();
-                if likeliest.get(&member.0).is_none_or(|other| odds >= other.0) {
-                    likeliest.insert(member.0, (odds, member, segment.confidence()));
+                let log_odds = segment.log_odds + self.verdicts.of(member).log_odds();
+                if likeliest.get(&member.0).is_none_or(|other| log_odds >= other.0) {
+                    likeliest.insert(member.0, (log_odds, member, segment.confidence()));
                 }
             }
         }
@@ -173,7 +173,7 @@ impl<'a> Hypotheses<'a> {
             frame.point = point(&ball, sigma, evidence.ball(), frame.point);
             (frame.ball, frame.confidence) = (Some(ball), confidence);
         }
-        share_doubt(&mut frames);
+        correlate_radius_errors(&mut frames);
         frames
     }
 
@@ -187,10 +187,10 @@ impl<'a> Hypotheses<'a> {
                 continue;
             }
             let [from, to] = [before, after].map(|(place, index)| &self.seen[place].blobs[index]);
-            let way = [to.at[0] - from.at[0], to.at[1] - from.at[1]];
-            let reach = NEAR * from.radius.max(to.radius) + way[0].hypot(way[1]) / 2.0;
+            let displacement = [to.at[0] - from.at[0], to.at[1] - from.at[1]];
+            let reach = NEAR * from.radius.max(to.radius) + displacement[0].hypot(displacement[1]) / 2.0;
             for place in before.0 + 1..after.0 {
-                let middle = [from.at[0] + way[0] / 2.0, from.at[1] + way[1] / 2.0];
+                let middle = [from.at[0] + displacement[0] / 2.0, from.at[1] + displacement[1] / 2.0];
                 let off = |blob: &Blob| (blob.at[0] - middle[0]).hypot(blob.at[1] - middle[1]);
                 let blobs = self.seen[place].blobs.iter().enumerate();
                 let near = blobs.filter(|(_, blob)| blob.is_ball && alike(blob, from) && off(blob) <= reach);
@@ -201,10 +201,10 @@ impl<'a> Hypotheses<'a> {
         }
     }
 
-    /// A tracklet, cut where the detector begins or ceases to see a ball for some frames, for a ball's tracklet may end where its shadow's
-    /// goes on; and, of what it says is the ball's, before and after the part for which the motion network says most, where it says as much against
-    /// the rest as makes a tracklet: beyond a hit a tracklet may go on with something else.
-    fn segments(&self, number: usize, gravity_test: Option<&GravityTest>) -> Vec<Segment> {
+    /// A tracklet, cut where the detector begins or ceases to see a ball for some frames: a ball's tracklet may go on as its shadow's. It is
+    /// also cut before and after the part with the highest motion log-odds, where those of the rest reject a ball clearly: beyond a hit, a
+    /// tracklet may go on as another object's.
+    fn segments(&self, number: usize, gravity_test: Option<&GravityTest>) -> Vec<TrackletSegment> {
         let tracklet = &self.tracklets[number];
         let members = &tracklet.members;
         let seen: Vec<Evidence> = members.iter().map(|&member| self.verdicts.of(member)).collect();
@@ -217,9 +217,9 @@ impl<'a> Hypotheses<'a> {
         if !tracklet.seeded {
             let motion: Vec<f64> = members.iter().map(|&member| self.verdicts.motion(member).unwrap_or(0.0)).collect();
             let part = best_part(&motion);
-            let sum = |odds: &[f64]| odds.iter().sum::<f64>();
-            // Of what is no ball's some part may look like one.
-            let is_other = |odds: &[f64]| sum(&motion) > 0.0 && sum(odds) <= -self.config.min_gain;
+            let sum = |values: &[f64]| values.iter().sum::<f64>();
+            // A part of another object's tracklet may look like a ball.
+            let is_other = |values: &[f64]| sum(&motion) > 0.0 && sum(values) <= -self.config.min_gain;
             cuts.extend(is_other(&motion[..part.start]).then_some(part.start));
             cuts.extend(is_other(&motion[part.end..]).then_some(part.end));
         }
@@ -227,10 +227,10 @@ impl<'a> Hypotheses<'a> {
         cuts.sort_unstable();
         let parts = cuts.windows(2).filter(|cut| cut[1] - cut[0] > 1).map(|cut| members[cut[0]..cut[1]].to_vec());
         let segment = |members: Vec<(usize, usize)>| {
-            let odds = self.odds(tracklet, &members, gravity_test);
+            let log_odds = self.log_odds(tracklet, &members, gravity_test);
             let verified = self.verdicts.has_motion();
-            let confirms = !verified || odds >= self.config.confirmed;
-            Segment { odds, verified, confirms, members }
+            let confirms = !verified || log_odds >= self.config.confirmed;
+            TrackletSegment { log_odds, verified, confirms, members }
         };
         parts.map(segment).collect()
     }
@@ -249,8 +249,8 @@ impl<'a> Hypotheses<'a> {
         features.collect()
     }
 
-    /// That a part of a tracklet is the ball, log-odds.
-    fn odds(&self, tracklet: &Tracklet, members: &[(usize, usize)], gravity_test: Option<&GravityTest>) -> f64 {
+    /// Log-odds that a part of a tracklet is the ball.
+    fn log_odds(&self, tracklet: &Tracklet, members: &[(usize, usize)], gravity_test: Option<&GravityTest>) -> f64 {
         if tracklet.seeded {
             return SEEDED;
         }
@@ -267,24 +267,24 @@ impl<'a> Hypotheses<'a> {
         members: &[(usize, usize)],
         gravity_test: Option<&GravityTest>,
     ) -> [f64; 7] {
-        let (mut told, mut seen) = (0.0, 0.0);
-        let place = |&(place, index): &(usize, usize)| {
+        let (mut queried, mut detected) = (0.0, 0.0);
+        let image_point = |&(place, index): &(usize, usize)| {
             let blob = &self.seen[place].blobs[index];
             let evidence = self.verdicts.of((place, index));
-            told += f64::from(u8::from(evidence.is_asked()));
-            seen += f64::from(u8::from(evidence.is_ball()));
-            Place { time: self.seen[place].time, at: blob.at.into(), radius: blob.radius, sigma: blob.sigma }
+            queried += f64::from(u8::from(evidence.is_queried()));
+            detected += f64::from(u8::from(evidence.is_ball()));
+            ImagePoint { time: self.seen[place].time, at: blob.at.into(), radius: blob.radius, sigma: blob.sigma }
         };
-        let path: Vec<Place> = members.iter().map(place).collect();
-        // What the motion network could not be asked about has nothing for it.
+        let path: Vec<ImagePoint> = members.iter().map(image_point).collect();
+        // Without an answer of the motion network there is no evidence for a ball.
         let motion: Vec<f64> = members.iter().filter_map(|&member| self.verdicts.motion(member)).collect();
         let motion = motion.iter().sum::<f64>() / motion.len().max(1) as f64;
-        let small = median(path.iter().map(|place| place.radius)).is_some_and(|radius| radius < SMALL);
-        let detector = ((seen + 1.0) / (told - seen + 1.0_f64)).ln();
+        let small = median(path.iter().map(|point| point.radius)).is_some_and(|radius| radius < SMALL);
+        let detector = ((detected + 1.0) / (queried - detected + 1.0_f64)).ln();
         let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
-        let gain = (tracklet.gain.max(1.0) / USUAL_GAIN).ln();
-        let bend = gravity_test.map_or(0.0, |gravity_test| gravity_test.odds(&path));
-        [1.0, gain, motion, f64::from(u8::from(small)), large, little, bend]
+        let ratio = (tracklet.log_likelihood_ratio.max(1.0) / USUAL_LOG_RATIO).ln();
+        let bend = gravity_test.map_or(0.0, |gravity_test| gravity_test.log_odds(&path));
+        [1.0, ratio, motion, f64::from(u8::from(small)), large, little, bend]
     }
 
     fn followed(&self, (frame, index): (usize, usize)) -> TrackedBlob {
@@ -293,15 +293,15 @@ impl<'a> Hypotheses<'a> {
     }
 }
 
-/// The part of log-odds that has the greatest sum, the longest of several; all where none is positive.
-fn best_part(odds: &[f64]) -> Range<usize> {
-    let mut best = (0.0, 0..odds.len());
+/// The range of log-odds with the greatest sum, the longest of several; all of them if no sum is positive.
+fn best_part(log_odds: &[f64]) -> Range<usize> {
+    let mut best = (0.0, 0..log_odds.len());
     let (mut sum, mut start) = (0.0, 0);
-    for (place, odds) in odds.iter().enumerate() {
+    for (place, value) in log_odds.iter().enumerate() {
         if sum < 0.0 {
             (sum, start) = (0.0, place);
         }
-        sum += odds;
+        sum += value;
         if sum > 0.0 && sum >= best.0 {
             best = (sum, start..place + 1);
         }
@@ -319,9 +319,9 @@ fn point(ball: &TrackedBlob, sigma: f64, found: Option<&Detection>, nothing: Tra
     TrackPoint { radius, radius_sigma, ..at(found.outline.centre.coords.into(), found.sigma_px()) }
 }
 
-/// Makes the radii of neighbouring frames as unsure together as one of them is: what a network reads wrong in one, it reads
-/// wrong in the next.
-fn share_doubt(frames: &mut [FollowedFrame]) {
+/// Enlarges the radii's standard deviations so that neighbouring frames together are hardly surer than one of them: a network's error in
+/// one is its error in the next.
+fn correlate_radius_errors(frames: &mut [FollowedFrame]) {
     let sized: Vec<f64> =
         frames.iter().filter(|frame| frame.point.radius.is_some()).filter_map(|frame| frame.point.time).collect();
     for FollowedFrame { point, .. } in frames {

@@ -44,7 +44,7 @@ use self::repeats::Clock;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::stack::STACK_SIDE;
 pub use self::stack::Stack;
-use self::tracklets::{Candidates, Search};
+use self::tracklets::{Candidates, TrackletSearch};
 use self::view::{View, displacement, is_still, scale};
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
@@ -55,7 +55,7 @@ const LEAST_RADIUS: f64 = 1.0;
 const MOST_RADIUS: f64 = 1.0 / 8.0;
 /// Distance of two blobs' middles, in radii, within which they are one.
 const SAME: f64 = 0.7;
-/// Share of the pixels that differ from the frame before, of what usually do, below which a frame is that one again.
+/// Pixels that differ from the frame before, as a fraction of the usual count, below which a frame repeats that one.
 const REPEATED: f64 = 0.02;
 /// A frame that is repeated and then encoded again differs a little everywhere and hardly anywhere much: change of a level that it does not
 /// reach, the fraction of the pixels that do all the same of those in the frames before and after it (on broadcasts of 25 frames a second shown as
@@ -65,14 +65,14 @@ const REPEATED_STRONG: f64 = 0.15;
 const FEWEST_STRONG: f64 = 50.0;
 /// Frames after one that tell whether it is repeated.
 const AFTER: usize = 2;
-/// Share of a picture's pixels that differ from the background where the camera moved, or another took over.
+/// Fraction of a picture's pixels that differ from the background where the camera moved, or another took over.
 const MOVED: f64 = 0.35;
 /// Such frames in a row after which the background is made anew.
 const MOVING_FRAMES: usize = 3;
 /// Change of a level that is counted to find repeated frames, and frames that tell how much usually changes.
 const LEAST_CHANGE: u8 = 2;
 const USUAL_FRAMES: usize = 50;
-/// Mean displacement of the picture from which a frame is said to show another view than the first, px.
+/// Mean displacement of the picture from which a frame counts as another view than the first, px.
 const ELSEWHERE_PX: f64 = 1.5;
 /// Displacement, as a fraction of the width, and change of size from which on frames are stabilised about another one.
 const CANVAS_MOVED: f64 = 0.25;
@@ -82,8 +82,8 @@ const RETURN_EVERY: usize = 4;
 /// Half the range of the levels about a pixel is what a registration that is half a pixel off makes of an edge: fraction of it that a
 /// difference must exceed while the camera moves.
 const EDGE_TOLERANCE: f64 = 0.5;
-/// Gain from which what a tracklet has taken starts no other.
-const STRONG_GAIN: f64 = 20.0;
+/// Log-likelihood ratio of a tracklet from which its blobs seed no other.
+const STRONG_LOG_RATIO: f64 = 20.0;
 /// Fewest frames of which a background is made.
 const FEWEST_FRAMES: usize = 5;
 
@@ -95,7 +95,7 @@ pub struct BallTracker {
     latest: Option<Arc<Planes>>,
     /// When the frames were taken.
     clock: Clock,
-    /// Share of the pixels that changed much in the last frame that is not repeated.
+    /// Fraction of the pixels that changed much in the last frame that is not repeated.
     strong: f64,
     /// Frames that wait for a background, with their times.
     waiting: Vec<(Stabilised, f64)>,
@@ -107,7 +107,7 @@ pub struct BallTracker {
     /// Blobs of the frames that are not repeated, and where they keep being.
     seen: Vec<Candidates>,
     clutter: Clutter,
-    /// Shares of the pixels that changed from frame to frame, lately.
+    /// Fractions of the pixels that changed from frame to frame, lately.
     changed: Vec<f64>,
     /// Frames in a row that hardly show the background.
     moving: usize,
@@ -129,7 +129,7 @@ pub struct BallTracker {
     size: [usize; 2],
     /// The last frames that are not repeated.
     held: VecDeque<Held>,
-    /// What a network said of the blobs.
+    /// The networks' answers about the blobs.
     verdicts: Verdicts,
     spare: Spare,
 }
@@ -226,12 +226,14 @@ impl BallTracker {
         }
         if size != self.size {
             let [[width, height], [first_width, first_height]] = [size, self.size];
-            let reason =
-                format!("is {width}×{height} px, the first {first_width}×{first_height}: a video has one size");
+            let reason = format!(
+                "is {width}×{height} px, but the first is {first_width}×{first_height} px: all frames of a \
+                         video must have one size"
+            );
             return Err(Error::Data { what: format!("frame {}", self.kept.len() + self.coming.len()), reason });
         }
         let since = self.latest.replace(planes.clone()).map(|before| before.difference(&planes, &mut self.spare));
-        let strong = since.as_deref().map_or(0.0, |since| planes::share_above(since, STRONG_CHANGE));
+        let strong = since.as_deref().map_or(0.0, |since| planes::fraction_above(since, STRONG_CHANGE));
         self.coming.push_back(Coming { picture, planes, time, since, strong });
         if self.coming.len() > AFTER {
             self.take();
@@ -248,7 +250,7 @@ impl BallTracker {
         {
             since.into_iter().for_each(|bytes| self.spare.give(bytes));
             let differences = before.difference(&planes, &mut self.spare);
-            strong = planes::share_above(&differences, STRONG_CHANGE);
+            strong = planes::fraction_above(&differences, STRONG_CHANGE);
             since = Some(differences);
         }
         let after = self.coming.iter().map(|coming| coming.strong).fold(0.0, f64::max);
@@ -295,7 +297,7 @@ impl BallTracker {
 
     /// Whether a frame that differs so from the one before shows it again; it does where it `is_still`.
     fn is_repeated(&mut self, differences: &[u8], is_still: bool) -> bool {
-        let fraction = planes::share_above(differences, LEAST_CHANGE);
+        let fraction = planes::fraction_above(differences, LEAST_CHANGE);
         let usual = median(self.changed.iter().copied()).unwrap_or(0.0);
         let repeated = is_still || self.changed.len() > 2 && fraction < REPEATED * usual;
         if !repeated {
@@ -351,7 +353,7 @@ impl BallTracker {
         if let Some(tolerance) = &tolerance {
             planes::subtract(&mut differences, tolerance);
         }
-        if planes::share_above(&differences, contrast) > MOVED {
+        if planes::fraction_above(&differences, contrast) > MOVED {
             self.moving += 1;
             self.seen.push(Candidates { time: now.time, blobs: vec![] });
             if self.moving >= MOVING_FRAMES {
@@ -534,7 +536,7 @@ impl BallTracker {
             chosen.insert(self.place_of_seed(frame, at)?, (frame, at));
         }
         let own = chosen.iter().map(|(&place, &(_, at))| (place, self.views[place].first(at))).collect();
-        let search = self.search(0, 1.0, STRONG_GAIN, &own);
+        let search = self.search(0, 1.0, STRONG_LOG_RATIO, &own);
         let tracklets = search.tracklets();
         let is_used = |frame, seed| {
             tracklets.iter().any(|tracklet| tracklet.seeded && search.goes_through(tracklet, frame, seed))
@@ -549,22 +551,22 @@ impl BallTracker {
     fn search<'a>(
         &'a self,
         from: usize,
-        least_way: f64,
-        strong_gain: f64,
+        displacement_fraction: f64,
+        strong_log_ratio: f64,
         seeds: &'a BTreeMap<usize, [f64; 2]>,
-    ) -> Search<'a> {
+    ) -> TrackletSearch<'a> {
         let [width, height] = self.size.map(|side| side as f64);
-        Search {
+        TrackletSearch {
             config: &self.config,
             frames: &self.seen[from..],
             all: &self.seen,
             from,
             clutter: &self.clutter,
             area: width * height,
-            least_way,
-            strong_gain,
+            displacement_fraction,
+            strong_log_ratio,
             seeds,
-            crowds: RefCell::default(),
+            density_cache: RefCell::default(),
         }
     }
 
@@ -573,7 +575,7 @@ impl BallTracker {
         let [width, height] = self.size.map(|side| side as f64);
         let refuse = |reason: String| Err(Error::value("track", "seed", reason));
         if frame >= self.kept.len() {
-            return refuse(format!("is in frame {frame}, the last is {}", self.kept.len().saturating_sub(1)));
+            return refuse(format!("is in frame {frame}, but the last frame is {}", self.kept.len().saturating_sub(1)));
         }
         if !((0.0..width).contains(&x) && (0.0..height).contains(&y)) {
             return refuse(format!("({x}, {y}) px is outside the picture of {width}×{height} px"));

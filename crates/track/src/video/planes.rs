@@ -191,8 +191,8 @@ pub(super) fn less_of(a: &[u8], b: &[u8], spare: &mut Spare) -> Vec<u8> {
     less
 }
 
-/// Share of the pixels that differ more than so.
-pub(super) fn share_above(differences: &[u8], least: u8) -> f64 {
+/// Fraction of the pixels that differ by more than `least`.
+pub(super) fn fraction_above(differences: &[u8], least: u8) -> f64 {
     let count = |part: &[u8]| {
         let mut count = 0;
         pixels::count_above(Vectors::best(), part, least, &mut count);

@@ -1,4 +1,4 @@
-//! What a network is to look at while frames come: what seems to fly, and where it may have gone on unseen.
+//! Queries for the networks while frames come: blobs of objects that seem to fly, and predicted positions where none is seen.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,23 +15,23 @@ use gravisight_geometry::image::Picture;
 /// Frames that are held, and those among them that tracklets are searched in.
 const HELD: usize = 24;
 const WINDOW: usize = 16;
-/// Share of its least way that a tracklet must go in those.
-const SHORT_WAY: f64 = 0.25;
+/// Fraction of its least displacement that a tracklet must reach in those.
+const SHORT_DISPLACEMENT: f64 = 0.25;
 /// Frames after which tracklets are searched again.
 const STEP: usize = 8;
-/// Of so many blobs of a tracklet one is looked at, until a ball is seen in one of so many.
-const ASKED_EVERY: usize = 3;
+/// One blob of so many of a tracklet is queried, until a ball is detected in one of so many.
+const QUERY_EVERY: usize = 3;
 const MOST_PER_BALL: usize = 3;
-/// Most such looks at the tracklets of most gain, where a ball is known.
+/// Most such queries, for the tracklets with the highest log-likelihood ratio, while a ball is known.
 const MOST_PROBES: usize = 8;
-/// Frames beyond a tracklet's ends in which the ball is looked for where the tracklet leads, and how many of its blobs a network must
-/// have seen a ball in for that.
+/// Frames beyond a tracklet's ends in which its predicted positions are queried, and in how many of its blobs a network must have detected
+/// a ball for that.
 const BEYOND: usize = 4;
 const FEWEST_SEEN: usize = 3;
-/// Confidence of the detector from which it sees a ball where nothing is told from its background.
+/// Confidence of the detector from which it sees a ball where nothing stands out from the background.
 const SEEN_ALONE: f64 = 0.5;
 /// Probability by the motion network from which a blob is measured, and the least that counts (the largest is as far from 1).
-const WORTH_MEASURING: f64 = 0.05;
+const MEASURED_FROM: f64 = 0.05;
 pub(super) const LEAST_PROBABILITY: f64 = 5e-4;
 /// Distance of a blob's middle from what a network finds, in radii, and ratio of the radii, up to which it is a part of it.
 const PART: f64 = 0.9;
@@ -39,7 +39,7 @@ const ALIKE: f64 = 1.4;
 /// Least standard deviation of the place of what a network finds, px.
 const LEAST_SIGMA: f64 = 0.3;
 static NO_SEEDS: BTreeMap<usize, [f64; 2]> = BTreeMap::new();
-/// Largest deviation of where a tracklet leads with which it is worth to look there, radii.
+/// Largest standard deviation of a predicted position that is queried, radii.
 const MOST_UNSURE: f64 = 4.0;
 
 /// A frame's picture, until it is too old.
@@ -49,21 +49,21 @@ pub(super) struct Held {
     picture: Picture,
 }
 
-/// What the networks say of the blobs, by frame (of those that are not repeated) and blob.
+/// The networks' answers, by frame (of those that are not repeated) and blob.
 #[derive(Default)]
 pub(super) struct Verdicts {
     /// The detector's answers.
     detector: BTreeMap<(usize, usize), Evidence>,
     /// Log-odds that a blob is a ball, by the motion network.
     motion: BTreeMap<(usize, usize), f64>,
-    /// Blobs that were measured first, and that the motion network was asked about afterwards.
-    asked_again: BTreeSet<(usize, usize)>,
+    /// Blobs that were measured first, and for which the motion network was queried afterwards.
+    queried_for_motion: BTreeSet<(usize, usize)>,
     /// Balls that were found in frames whose blobs are not known yet.
     found: Vec<(usize, Detection)>,
-    /// Places that were asked for: blobs, and where tracklets lead.
-    asked: BTreeSet<(usize, usize)>,
-    led: Vec<(usize, [f64; 2])>,
-    /// The tracklets that are looked at now, of the frames from one on.
+    /// What was queried: blobs, and the predicted positions of tracklets, by frame.
+    queried: BTreeSet<(usize, usize)>,
+    predicted: Vec<(usize, [f64; 2])>,
+    /// The tracklets that are queried now.
     round: Option<Round>,
     /// Frames in which tracklets have been searched.
     searched: usize,
@@ -74,17 +74,17 @@ struct Round {
     /// The frame that theirs are counted from.
     from: usize,
     tracklets: Vec<Tracklet>,
-    /// Looks that are left at those in which no ball was seen yet.
+    /// Queries that are left for those in which no ball is detected yet.
     probes: usize,
 }
 
 impl Verdicts {
-    /// What the detector says of a blob.
+    /// The detector's answer about a blob.
     pub fn of(&self, member: (usize, usize)) -> Evidence {
-        self.detector.get(&member).copied().unwrap_or(Evidence::Unasked)
+        self.detector.get(&member).copied().unwrap_or(Evidence::Unqueried)
     }
 
-    /// Whether the motion network is asked.
+    /// Whether the motion network answers.
     pub fn has_motion(&self) -> bool {
         !self.motion.is_empty()
     }
@@ -95,11 +95,11 @@ impl Verdicts {
     }
 }
 
-/// Something that a network is to look at.
+/// A position for the networks to check.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Query {
     place: usize,
-    /// None where nothing moves that is told from the background.
+    /// None where nothing stands out from the background.
     blob: Option<usize>,
     /// Where the ball may be, px.
     pub image: [f64; 2],
@@ -107,7 +107,7 @@ pub struct Query {
     pub radius_px: f64,
     /// How far its centre may be from there, px.
     pub reach_px: f64,
-    /// Whether it was measured already: the motion network alone is asked.
+    /// Whether it was measured already: only the motion network is queried.
     pub measured: bool,
 }
 
@@ -136,8 +136,8 @@ impl BallTracker {
         }
     }
 
-    /// What a network may look at now: ask after each frame, and after [`Self::end`], until nothing is left. To tell what it
-    /// sees is worth much, but may be left out.
+    /// The queries for the networks: call it after each frame, and after [`Self::end`], until there are none. Answering is optional;
+    /// unanswered queries lower accuracy.
     pub fn queries(&mut self) -> Vec<Query> {
         if self.verdicts.round.is_none() {
             let ended = self.now.is_none() && self.waiting.is_empty();
@@ -151,8 +151,8 @@ impl BallTracker {
                 self.found(place, ball);
             }
             let from = self.seen.len().saturating_sub(WINDOW);
-            self.verdicts.led.retain(|&(place, _)| place >= from);
-            let tracklets = self.search(from, SHORT_WAY, self.config.min_gain, &NO_SEEDS).tracklets();
+            self.verdicts.predicted.retain(|&(place, _)| place >= from);
+            let tracklets = self.search(from, SHORT_DISPLACEMENT, self.config.min_gain, &NO_SEEDS).tracklets();
             let probes = if self.sees_ball() { MOST_PROBES } else { usize::MAX };
             self.verdicts.round = Some(Round { from, tracklets, probes });
         }
@@ -161,27 +161,30 @@ impl BallTracker {
         for tracklet in &tracklets {
             let members: Vec<(usize, usize)> =
                 tracklet.members.iter().map(|&(frame, blob)| (from + frame, blob)).collect();
-            let answers = || members.iter().map(|&member| self.verdicts.of(member)).filter(Evidence::is_asked);
+            let answers = || members.iter().map(|&member| self.verdicts.of(member)).filter(Evidence::is_queried);
             let seen = answers().filter(Evidence::is_ball).count();
             let is_ball = seen > 0 && MOST_PER_BALL * seen >= answers().count();
-            // Most of what moves is no ball: a few looks tell.
+            // Most of what moves is no ball: a few queries show that.
             let mut last = None;
             for (number, &member) in members.iter().enumerate() {
                 let (place, blob) = member;
-                if self.verdicts.asked.contains(&member) {
+                if self.verdicts.queried.contains(&member) {
                     last = Some(number);
                     let measured = self.verdicts.of(member).is_ball();
-                    if measured && self.verdicts.motion(member).is_none() && self.verdicts.asked_again.insert(member) {
+                    if measured
+                        && self.verdicts.motion(member).is_none()
+                        && self.verdicts.queried_for_motion.insert(member)
+                    {
                         let Blob { at, radius, reach, .. } =
                             self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
                         let query =
                             Query { place, blob: Some(blob), image: at, radius_px: radius, reach_px: reach, measured };
                         queries.push(query);
                     }
-                } else if is_ball || (probes > 0 && last.is_none_or(|last| number >= last + ASKED_EVERY)) {
+                } else if is_ball || (probes > 0 && last.is_none_or(|last| number >= last + QUERY_EVERY)) {
                     last = Some(number);
                     probes -= usize::from(!is_ball);
-                    self.verdicts.asked.insert(member);
+                    self.verdicts.queried.insert(member);
                     let Blob { at, radius, reach, .. } =
                         self.seen[place].blobs[blob].mapped(&self.views[place].frame_from_first);
                     queries.push(Query {
@@ -196,7 +199,7 @@ impl BallTracker {
             }
             if seen >= FEWEST_SEEN {
                 let beyond = self.beyond(from, tracklet);
-                self.verdicts.led.extend(beyond.iter().map(|it| (it.place, it.image)));
+                self.verdicts.predicted.extend(beyond.iter().map(|it| (it.place, it.image)));
                 queries.extend(beyond);
             }
         }
@@ -215,7 +218,7 @@ impl BallTracker {
 
     /// Where the ball of a tracklet may be in the frames before and after it.
     fn beyond(&self, from: usize, tracklet: &Tracklet) -> Vec<Query> {
-        let search = self.search(from, SHORT_WAY, self.config.min_gain, &NO_SEEDS);
+        let search = self.search(from, SHORT_DISPLACEMENT, self.config.min_gain, &NO_SEEDS);
         let (first, last) = (tracklet.members[0].0, tracklet.members[tracklet.members.len() - 1].0);
         let before = first.saturating_sub(BEYOND)..first;
         let after = last + 1..(last + 1 + BEYOND).min(search.frames.len());
@@ -231,7 +234,7 @@ impl BallTracker {
             let near = |&(place, at): &(usize, [f64; 2])| {
                 place == from + frame && (at[0] - image[0]).hypot(at[1] - image[1]) < radius_px.max(2.0)
             };
-            let queries = Query {
+            let query = Query {
                 place: from + frame,
                 blob: None,
                 image,
@@ -239,14 +242,14 @@ impl BallTracker {
                 reach_px: radius_px + 2.0 * unsure,
                 measured: false,
             };
-            (inside && unsure < MOST_UNSURE * radius_px && !self.verdicts.led.iter().any(near)).then_some(queries)
+            (inside && unsure < MOST_UNSURE * radius_px && !self.verdicts.predicted.iter().any(near)).then_some(query)
         });
         queries.collect()
     }
 
-    /// The picture in which that is to be looked for; none where it is too old.
-    pub fn picture(&self, queries: &Query) -> Option<&Picture> {
-        self.held(queries.place)
+    /// The picture of a query's frame; none where it is too old.
+    pub fn picture(&self, query: &Query) -> Option<&Picture> {
+        self.held(query.place)
     }
 
     /// The number of the last frame among those that are not repeated.
@@ -276,23 +279,23 @@ impl BallTracker {
     }
 
     /// The stack about a blob; none where its frame is too old.
-    pub fn stack(&self, queries: &Query) -> Option<Stack> {
-        let own = self.held(queries.place)?;
-        let own_view = &self.views[queries.place];
+    pub fn stack(&self, query: &Query) -> Option<Stack> {
+        let own = self.held(query.place)?;
+        let own_view = &self.views[query.place];
         let frames = std::array::from_fn(|index| {
-            let place = (queries.place + index).saturating_sub(NEIGHBOURS);
+            let place = (query.place + index).saturating_sub(NEIGHBOURS);
             // At either end of the video, and after a cut, there is no other: as if nothing moved.
             match (self.held(place), self.views.get(place)) {
                 (Some(picture), Some(view)) => (picture, view.frame_from_first * own_view.first_from_frame),
                 _ => (own, Matrix3::identity()),
             }
         });
-        Some(Stack::of(queries.image, queries.radius_px, &frames))
+        Some(Stack::of(query.image, query.radius_px, &frames))
     }
 
-    /// Whether what the motion network gives this probability of being a ball is worth while to measure.
+    /// Whether a blob of this probability by the motion network is to be measured.
     pub fn is_worth_measuring(probability: f64) -> bool {
-        probability > WORTH_MEASURING
+        probability > MEASURED_FROM
     }
 
     /// Takes the motion network's probability that the blob of a query is a ball.
@@ -303,20 +306,19 @@ impl BallTracker {
         }
     }
 
-    /// Takes a network's word: the ball that it measures there
-    /// (`Localiser::detect_near`), if it sees one.
-    pub fn tell(&mut self, queries: &Query, ball: Option<Detection>) {
-        match queries.blob {
+    /// Takes the detector's answer: the ball that it measures there (`Localiser::detect_near`), if it sees one.
+    pub fn tell(&mut self, query: &Query, ball: Option<Detection>) {
+        match query.blob {
             Some(blob) => {
                 let evidence = Evidence::of(ball);
                 if let Some(ball) = evidence.ball() {
-                    let own = blob_of(ball).mapped(&self.views[queries.place].first_from_frame);
-                    let blob = &mut self.seen[queries.place].blobs[blob];
+                    let own = blob_of(ball).mapped(&self.views[query.place].first_from_frame);
+                    let blob = &mut self.seen[query.place].blobs[blob];
                     *blob = blob.measured_as(own);
                 }
-                self.verdicts.detector.insert((queries.place, blob), evidence);
+                self.verdicts.detector.insert((query.place, blob), evidence);
             }
-            None => ball.into_iter().for_each(|ball| self.found(queries.place, ball)),
+            None => ball.into_iter().for_each(|ball| self.found(query.place, ball)),
         }
     }
 
@@ -342,7 +344,7 @@ impl BallTracker {
         }
         for blob in parts {
             seen.blobs[blob] = seen.blobs[blob].measured_as(own);
-            self.verdicts.asked.insert((place, blob));
+            self.verdicts.queried.insert((place, blob));
             self.verdicts.detector.insert((place, blob), Evidence::of(Some(ball)));
         }
     }

@@ -94,9 +94,9 @@ impl Motion {
         if square < 100.0 * (HALF * HALF) as f64 {
             return None;
         }
-        // The similarity that maps `from` to `from + to`, less the identity.
-        let (scale, turn) = (from.dot(&to) / square, from.perp(&to) / square);
-        let rotation = Matrix2::new(scale, -turn, turn, scale);
+        // The similarity that maps `from` to `from + to`, less the identity: scaled cosine and sine of its angle.
+        let (cosine, sine) = (from.dot(&to) / square, from.perp(&to) / square);
+        let rotation = Matrix2::new(cosine, -sine, sine, cosine);
         Some(Self { rotation, shift: moved_a - rotation * a })
     }
 }
@@ -467,14 +467,14 @@ mod tests {
     fn what_moves_before_it_is_no_moving_camera() {
         let still = seen([0.0, 0.0], 1.0, 0);
         let mut registration = Registration::of(&still).unwrap();
-        let mut crowd = seen([0.0, 0.0], 1.0, 0);
+        let mut occluded = seen([0.0, 0.0], 1.0, 0);
         let elsewhere = seen([90.0, 40.0], 1.0, 0);
         // Two fifths of the picture are people who walk.
-        for row in 0..crowd.height {
-            let part = row * crowd.width..row * crowd.width + 128;
-            crowd.levels[0][part.clone()].copy_from_slice(&elsewhere.levels[0][part]);
+        for row in 0..occluded.height {
+            let part = row * occluded.width..row * occluded.width + 128;
+            occluded.levels[0][part.clone()].copy_from_slice(&elsewhere.levels[0][part]);
         }
-        assert!(displacement(&registration.view(&crowd).unwrap().frame_from_first, [320, 200]) < 0.2);
+        assert!(displacement(&registration.view(&occluded).unwrap().frame_from_first, [320, 200]) < 0.2);
         let plain = Planes { width: 320, height: 200, levels: [vec![90; 64_000], vec![90; 64_000]] };
         assert!(registration.view(&plain).is_none());
         assert!(Registration::of(&plain).is_none());

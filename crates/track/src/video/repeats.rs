@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn twenty_five_a_second_shown_as_thirty_are_told_their_times() {
+    fn twenty_five_a_second_shown_as_thirty_get_their_true_times() {
         // One of them is not recognised.
         let times = times(at_thirty(60), &[3, 9, 15, 27, 33, 39, 45, 51, 57]);
         let mut source = 0;

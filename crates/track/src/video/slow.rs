@@ -7,7 +7,7 @@ use gravisight_geometry::camera::{Detection, Outline};
 
 /// A ball that moved less than so many radii since, and more than so many px, hardly moves.
 const SLOW: f64 = 4.0;
-const LEAST_WAY_PX: f64 = 1.0;
+const LEAST_DISPLACEMENT_PX: f64 = 1.0;
 /// Largest ratio of the radii of one ball in two such frames.
 const ALIKE: f64 = 1.3;
 
@@ -31,7 +31,7 @@ impl BallTracker {
             Outline { centre: at, radius: radius * view.scale(centre.coords.into()) }
         };
         let unsure = self.views[earlier].sigma.hypot(self.views[later].sigma);
-        let least = LEAST_WAY_PX.max(self.config.gate * unsure);
+        let least = LEAST_DISPLACEMENT_PX.max(self.config.gate * unsure);
         let before: Vec<Outline> = before.iter().map(|found| first(earlier, found)).collect();
         let mut places = vec![];
         for ball in balls.iter().map(|found| first(later, found)) {
@@ -40,11 +40,11 @@ impl BallTracker {
                 is_alike && (least..SLOW * ball.radius).contains(&(ball.centre - other.centre).norm())
             };
             let Some(other) = before.iter().find(slow) else { continue };
-            let way = ball.centre - other.centre;
+            let displacement = ball.centre - other.centre;
             for place in earlier..=later {
                 let fraction = (place - earlier) as f64 / (later - earlier).max(1) as f64;
                 let view = &self.views[place];
-                let centre = view.frame((other.centre + fraction * way).coords.into());
+                let centre = view.frame((other.centre + fraction * displacement).coords.into());
                 places.push((place, Outline { centre: centre.into(), radius: ball.radius / view.scale(centre) }));
             }
         }

@@ -136,8 +136,8 @@ fn averages(
             }
         }
     }
-    let share = ((samples * samples) as f32).recip();
-    sums.into_iter().map(|sum| share * sum).collect()
+    let weight = ((samples * samples) as f32).recip();
+    sums.into_iter().map(|sum| weight * sum).collect()
 }
 
 /// The part of a picture that samples are taken of: its first column and row, and those after its last.

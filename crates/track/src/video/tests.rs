@@ -155,7 +155,7 @@ fn shown_at_thirty(frame: usize) -> RgbImage {
 }
 
 #[test]
-fn repeated_frames_are_told_and_cost_nothing() {
+fn repeated_frames_are_detected_and_cost_nothing() {
     let frames = frames_of(&watched((0..FRAMES).map(shown_at_thirty)), &[]);
     let repeated: Vec<usize> = (0..FRAMES).filter(|&frame| frames[frame].repeated).collect();
     assert_eq!(repeated, [5, 11, 17, 23, 29, 35]);
@@ -164,7 +164,7 @@ fn repeated_frames_are_told_and_cost_nothing() {
 }
 
 #[test]
-fn repeated_frames_that_were_encoded_again_are_told() {
+fn repeated_frames_that_were_encoded_again_are_detected() {
     let encoded_again = |frame: usize| {
         let mut rgb = shown_at_thirty(frame);
         // Each time every third pixel is encoded a little otherwise.
@@ -226,12 +226,12 @@ fn with_shadow(network: Option<Network<'_>>) -> (BallTracker, fn(usize) -> [f64;
             if queries.is_empty() {
                 break;
             }
-            for queries in queries {
-                let picture = follower.picture(&queries).unwrap();
+            for query in queries {
+                let picture = follower.picture(&query).unwrap();
                 assert_eq!(picture.size().width, SIZE[0]);
-                let found = network.and_then(|network| network(queries.frame(), &queries));
+                let found = network.and_then(|network| network(query.frame(), &query));
                 if network.is_some() {
-                    follower.tell(&queries, found);
+                    follower.tell(&query, found);
                 }
             }
         }
@@ -243,9 +243,9 @@ fn with_shadow(network: Option<Network<'_>>) -> (BallTracker, fn(usize) -> [f64;
 const HIDDEN: std::ops::Range<usize> = 14..17;
 
 #[test]
-fn a_networks_word_tells_the_ball_from_its_shadow_and_finds_it_where_nothing_moves() {
-    let network = |frame: usize, queries: &Query| {
-        let [[x, y], [u, v]] = [queries.image, ball_at(frame)];
+fn a_detector_separates_the_ball_from_its_shadow_and_finds_it_where_nothing_moves() {
+    let network = |frame: usize, query: &Query| {
+        let [[x, y], [u, v]] = [query.image, ball_at(frame)];
         let outline = Outline { centre: [u, v].into(), radius: RADIUS };
         ((x - u).hypot(y - v) < 3.0).then_some(Detection { outline, log_sigma: 0.1 / RADIUS, confidence: 0.9 })
     };
@@ -269,7 +269,7 @@ fn one_click_decides_which_is_the_ball() {
         assert!((ball.image[0] - at[0]).hypot(ball.image[1] - at[1]) < 2.0);
     }
     let refused = |seed: (usize, [f64; 2])| with_ball().hypotheses(&[seed]).err().unwrap().to_string();
-    assert!(refused((40, [10.0, 10.0])).contains("the last is 39"));
+    assert!(refused((40, [10.0, 10.0])).contains("the last frame is 39"));
     assert!(refused((3, [10.0, 500.0])).contains("outside the picture"));
 }
 

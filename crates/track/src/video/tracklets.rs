@@ -1,4 +1,4 @@
-//! Which blobs are one thing in flight: on a way through the picture that bends as slowly as a ball's does.
+//! Tracklets: sequences of blobs on a path through the picture that bends as slowly as a ball's does.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
@@ -21,7 +21,7 @@ const BEYOND_LINE: f64 = 5.0 / 3.0;
 const ALIKE: f64 = 2.2;
 /// The same to the mean of those before it.
 const USUAL: f64 = 1.8;
-/// Standard deviation of a blob's place besides its own, a fraction of the way from the frame before.
+/// What a step adds to the standard deviation of a blob's position, a fraction of the step.
 const PLACE_OF_STEP: f64 = 0.02;
 /// Frames from a tracklet's first or last blob to the next beyond which that one is chance.
 const LONELY: usize = 2;
@@ -31,13 +31,13 @@ const SEED_PX: f64 = 6.0;
 const RECENT: usize = 7;
 /// Fewest blobs of a tracklet.
 const FEWEST: usize = 5;
-/// Least way of a tracklet from its first to its last blob, in radii and px; and where a network sees a ball in most of them, px.
-const LEAST_WAY: f64 = 3.0;
-const LEAST_WAY_PX: f64 = 8.0;
-const LEAST_WAY_OF_BALL_PX: f64 = 3.0;
-/// Distance (px) and frames within which other blobs tell how crowded a place is.
-const CROWD_PX: f64 = 80.0;
-const CROWD_FRAMES: usize = 6;
+/// Least displacement of a tracklet from its first blob, in radii and px; and where a network sees a ball in most of its blobs, px.
+const LEAST_DISPLACEMENT: f64 = 3.0;
+const LEAST_DISPLACEMENT_PX: f64 = 8.0;
+const LEAST_BALL_DISPLACEMENT_PX: f64 = 3.0;
+/// Distance (px) and frames within which other blobs count for the density of candidates.
+const DENSITY_PX: f64 = 80.0;
+const DENSITY_FRAMES: usize = 6;
 
 /// Blobs of a frame, and when it was taken, s.
 pub(super) struct Candidates {
@@ -45,19 +45,19 @@ pub(super) struct Candidates {
     pub blobs: Vec<Blob>,
 }
 
-/// A way through the picture.
+/// Blobs that may be one object in flight.
 #[derive(Debug, Clone)]
 pub(super) struct Tracklet {
     /// Frames and blobs' numbers, ascending.
     pub members: Vec<(usize, usize)>,
-    /// How much it is more than chance, log of odds.
-    pub gain: f64,
+    /// Log-likelihood ratio of one object over chance.
+    pub log_likelihood_ratio: f64,
     /// Whether a person saw the ball in it.
     pub seeded: bool,
 }
 
-/// What tracklets are searched in.
-pub(super) struct Search<'a> {
+/// A search for tracklets in some frames of a video.
+pub(super) struct TrackletSearch<'a> {
     pub config: &'a TrackerConfig,
     pub frames: &'a [Candidates],
     /// All frames, and the first of [`Self::frames`] among them.
@@ -67,22 +67,23 @@ pub(super) struct Search<'a> {
     pub clutter: &'a Clutter,
     /// The picture's pixels.
     pub area: f64,
-    /// Share of the least way that a tracklet must go: where few frames are looked at it cannot go far.
-    pub least_way: f64,
-    /// Gain from which what a tracklet has taken starts no other.
-    pub strong_gain: f64,
+    /// Fraction of the least displacement that a tracklet must reach: in few frames it cannot go far.
+    pub displacement_fraction: f64,
+    /// Log-likelihood ratio of a tracklet from which its blobs seed no other.
+    pub strong_log_ratio: f64,
     /// Where a person saw the ball, by frame.
     pub seeds: &'a BTreeMap<usize, [f64; 2]>,
-    /// What [`Self::crowd`] has worked out: many tracklets go through one blob.
-    pub crowds: RefCell<HashMap<(usize, usize), f64>>,
+    /// Results of [`Self::candidate_density`]: many tracklets go through one blob.
+    pub density_cache: RefCell<HashMap<(usize, usize), f64>>,
 }
 
-impl Search<'_> {
+impl TrackletSearch<'_> {
     fn blob(&self, (frame, index): (usize, usize)) -> &Blob {
         &self.frames[frame].blobs[index]
     }
 
-    /// All tracklets that are more than chance; those of most gain first, each blob in one of them.
+    /// All tracklets that are likelier than chance: seeded ones first, then by log-likelihood ratio. At least half of the blobs of each are
+    /// in none before it.
     pub fn tracklets(&self) -> Vec<Tracklet> {
         let mut grown: Vec<Tracklet> = Vec::new();
         let mut used: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
@@ -92,13 +93,13 @@ impl Search<'_> {
                     continue;
                 }
                 let Some(tracklet) = self.grow(seed) else { continue };
-                if tracklet.gain >= self.strong_gain {
+                if tracklet.log_likelihood_ratio >= self.strong_log_ratio {
                     tracklet.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
                 }
                 grown.push(tracklet);
             }
         }
-        grown.sort_by(|a, b| b.seeded.cmp(&a.seeded).then(b.gain.total_cmp(&a.gain)));
+        grown.sort_by(|a, b| b.seeded.cmp(&a.seeded).then(b.log_likelihood_ratio.total_cmp(&a.log_likelihood_ratio)));
         let mut taken: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
         let mut kept = Vec::new();
         for tracklet in grown {
@@ -120,11 +121,12 @@ impl Search<'_> {
                 let before = self.frames[second_frame].time - self.frames[frame].time;
                 let steps = (second_frame - frame) as f64;
                 for (b, second) in self.frames[second_frame].blobs.iter().enumerate() {
-                    let way = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
-                    let length = (way[0] * way[0] + way[1] * way[1]).sqrt();
+                    let displacement = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
+                    let length = (displacement[0] * displacement[0] + displacement[1] * displacement[1]).sqrt();
                     let radius = RADIUS_SLACK * first.radius.max(second.radius).max(LEAST_RADIUS);
                     let possible = length <= self.config.max_speed * radius * before && length >= 0.5 * steps;
-                    if !(possible && alike(first, second) && along(first, way) && along(second, way)) {
+                    if !(possible && alike(first, second) && along(first, displacement) && along(second, displacement))
+                    {
                         continue;
                     }
                     for third_frame in second_frame + 1..(second_frame + 3).min(self.frames.len()) {
@@ -134,7 +136,7 @@ impl Search<'_> {
                         let bend = self.config.max_acceleration * radius * after * (before + after) / 2.0
                             + self.config.drag * step * step / radius;
                         let allowed = STEP_PX + STEP_FRACTION * step + bend;
-                        let to = [second.at[0] + fraction * way[0], second.at[1] + fraction * way[1]];
+                        let to = [second.at[0] + fraction * displacement[0], second.at[1] + fraction * displacement[1]];
                         for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
                             let off = [third.at[0] - to[0], third.at[1] - to[1]];
                             if off[0] * off[0] + off[1] * off[1] <= allowed * allowed && alike(second, third) {
@@ -164,21 +166,28 @@ impl Search<'_> {
             return None;
         }
         let [first, last] = [self.blob(members[0]), self.blob(members[members.len() - 1])];
-        let way = members.iter().map(|&member| {
+        let distances = members.iter().map(|&member| {
             let at = self.blob(member).at;
             (at[0] - first.at[0]).hypot(at[1] - first.at[1])
         });
-        let way = way.fold(0.0, f64::max);
+        let displacement = distances.fold(0.0, f64::max);
         let balls = members.iter().filter(|&&member| self.blob(member).is_ball).count();
         let least = match 2 * balls > members.len() {
-            true => LEAST_WAY_OF_BALL_PX,
-            false => self.least_way * LEAST_WAY_PX.max(LEAST_WAY * first.radius.max(last.radius)),
+            true => LEAST_BALL_DISPLACEMENT_PX,
+            false => {
+                self.displacement_fraction
+                    * LEAST_DISPLACEMENT_PX.max(LEAST_DISPLACEMENT * first.radius.max(last.radius))
+            }
         };
-        if way < least {
+        if displacement < least {
             return None;
         }
-        let (gain, seeded) = (self.gain(&members), self.is_seeded(&members)?);
-        (seeded || gain >= self.config.min_gain).then_some(Tracklet { members, gain, seeded })
+        let (log_likelihood_ratio, seeded) = (self.log_likelihood_ratio(&members), self.is_seeded(&members)?);
+        (seeded || log_likelihood_ratio >= self.config.min_gain).then_some(Tracklet {
+            members,
+            log_likelihood_ratio,
+            seeded,
+        })
     }
 
     /// Whether a seed is in a tracklet; none where one says that the ball was elsewhere then.
@@ -206,7 +215,7 @@ impl Search<'_> {
             false => members.iter().take(RECENT).copied().collect(),
         };
         let (end, before) = (recent[0], recent[1]);
-        let way = Parabola::through(self, &recent)?;
+        let parabola = Parabola::through(self, &recent)?;
         let last = self.blob(end);
         let logs = recent.iter().map(|&member| self.blob(member).radius.ln());
         let usual = (logs.sum::<f64>() / recent.len() as f64).exp();
@@ -217,7 +226,7 @@ impl Search<'_> {
         for gap in 1..=self.config.max_missed + 1 {
             let frame = if forward { end.0.checked_add(gap)? } else { end.0.checked_sub(gap)? };
             let seen = self.frames.get(frame)?;
-            let (to, unsure) = way.at(seen.time);
+            let (to, unsure) = parabola.at(seen.time);
             let fits = |blob: &&Blob| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
             let near = seen.blobs.iter().enumerate().filter(|(_, blob)| fits(blob)).filter_map(|(index, blob)| {
                 let off = [blob.at[0] - to[0], blob.at[1] - to[1]];
@@ -244,49 +253,49 @@ impl Search<'_> {
         Some((at, unsure, (logs.sum::<f64>() / near.len() as f64).exp()))
     }
 
-    /// How much more likely a tracklet's blobs are as one thing's than as chance: of each but the first three, the density of a
-    /// blob where the others lead over that of blobs in general.
-    fn gain(&self, members: &[(usize, usize)]) -> f64 {
-        let mut gain = 0.0;
+    /// Log-likelihood ratio of one object over chance, summed over its blobs: the density that a blob's neighbours predict there over the
+    /// density of candidates. Frames without a blob lower it.
+    fn log_likelihood_ratio(&self, members: &[(usize, usize)]) -> f64 {
+        let mut ratio = 0.0;
         for (number, &member) in members.iter().enumerate() {
             let near = number.saturating_sub(RECENT / 2)..(number + RECENT / 2 + 1).min(members.len());
             let others: Vec<(usize, usize)> = members[near].iter().filter(|&&other| other != member).copied().collect();
-            let Some(way) = Parabola::through(self, &others) else { continue };
-            let (to, unsure) = way.at(self.frames[member.0].time);
+            let Some(parabola) = Parabola::through(self, &others) else { continue };
+            let (to, unsure) = parabola.at(self.frames[member.0].time);
             let blob = self.blob(member);
             let neighbour = self.blob(members[if number == 0 { 1 } else { number - 1 }]);
             let step = (blob.at[0] - neighbour.at[0]).hypot(blob.at[1] - neighbour.at[1]);
             let sigma = deviation(blob, step).hypot(unsure);
             let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]) / sigma;
             let density = (-0.5 * off * off).exp() / (std::f64::consts::TAU * sigma * sigma);
-            gain += (density / self.crowd(member)).ln().max(-4.0);
+            ratio += (density / self.candidate_density(member)).ln().max(-4.0);
         }
         let (first, last) = (members[0].0, members[members.len() - 1].0);
-        // Three blobs make any way.
-        gain *= (members.len() as f64 - 3.0) / members.len() as f64;
-        gain - self.config.missed_cost * (last - first + 1 - members.len()) as f64
+        // Any three blobs make a path.
+        ratio *= (members.len() as f64 - 3.0) / members.len() as f64;
+        ratio - self.config.missed_cost * (last - first + 1 - members.len()) as f64
     }
 
-    /// Blobs a px² about a blob, in the frames around its.
-    pub fn crowd(&self, (frame, index): (usize, usize)) -> f64 {
-        *self.crowds.borrow_mut().entry((frame, index)).or_insert_with(|| self.crowd_about(frame, index))
+    /// Density of candidates about a blob, a px² and frame, in the frames around its own.
+    pub fn candidate_density(&self, (frame, index): (usize, usize)) -> f64 {
+        *self.density_cache.borrow_mut().entry((frame, index)).or_insert_with(|| self.measured_density(frame, index))
     }
 
-    fn crowd_about(&self, frame: usize, index: usize) -> f64 {
+    fn measured_density(&self, frame: usize, index: usize) -> f64 {
         let at = self.frames[frame].blobs[index].at;
-        let frames = frame.saturating_sub(CROWD_FRAMES)..(frame + CROWD_FRAMES + 1).min(self.frames.len());
+        let frames = frame.saturating_sub(DENSITY_FRAMES)..(frame + DENSITY_FRAMES + 1).min(self.frames.len());
         let count = frames.len() as f64;
-        // Its own thing's blobs: one a frame is no crowd.
+        // One blob a frame is the object's own.
         let near = |seen: &Candidates| {
             let near = seen.blobs.iter().filter(|blob| {
                 let off = [blob.at[0] - at[0], blob.at[1] - at[1]];
-                off[0] * off[0] + off[1] * off[1] < CROWD_PX * CROWD_PX
+                off[0] * off[0] + off[1] * off[1] < DENSITY_PX * DENSITY_PX
             });
             near.count().saturating_sub(1)
         };
         let others: usize = self.frames[frames].iter().map(near).sum();
         let always = self.clutter.density(self.all, self.from + frame, at);
-        others as f64 / count / (std::f64::consts::PI * CROWD_PX * CROWD_PX) + always + 1.0 / self.area
+        others as f64 / count / (std::f64::consts::PI * DENSITY_PX * DENSITY_PX) + always + 1.0 / self.area
     }
 }
 
@@ -305,12 +314,12 @@ pub(super) fn alike(a: &Blob, b: &Blob) -> bool {
     (ALIKE.recip()..=ALIKE).contains(&(a.radius / b.radius))
 }
 
-/// Whether a streak lies along the way of the ball.
-fn along(blob: &Blob, way: [f64; 2]) -> bool {
-    blob.reach < 2.0 * blob.radius || (way[1].atan2(way[0]) - blob.direction).sin().abs() < 0.5
+/// Whether a streak lies along the displacement of the ball.
+fn along(blob: &Blob, displacement: [f64; 2]) -> bool {
+    blob.reach < 2.0 * blob.radius || (displacement[1].atan2(displacement[0]) - blob.direction).sin().abs() < 0.5
 }
 
-/// Standard deviation of a blob's place on the way of its ball, px.
+/// Standard deviation of a blob's position on the path of its ball, px.
 fn deviation(blob: &Blob, step: f64) -> f64 {
     blob.sigma + PLACE_OF_STEP * step
 }
@@ -330,7 +339,7 @@ struct Parabola {
 }
 
 impl Parabola {
-    fn through(search: &Search, members: &[(usize, usize)]) -> Option<Self> {
+    fn through(search: &TrackletSearch, members: &[(usize, usize)]) -> Option<Self> {
         let is_line = members.len() <= 3;
         let count = members.len() as f64;
         let time = |&(frame, _): &(usize, usize)| search.frames[frame].time;

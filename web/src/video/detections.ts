@@ -1,15 +1,15 @@
-/** What was found, frame by frame, in the order of time. */
+/** The detections, frame by frame, in the order of time. */
 import type { Fit, FittedFrame, Localisation, Vector } from "gravisight";
 
-export interface Seen {
+export interface FrameDetection {
   timeMs: number;
   image: [number, number];
   /** Null, as the position, where it is not known. */
   depth: number | null;
   world: Vector | null;
-  /** Root mean square error of the position to expect, metres; null where nobody says it. */
+  /** Root mean square error of the position to expect, metres; null where it is not known. */
   sigma: number | null;
-  /** Whether that is little enough for the position to be read as a fact; undefined where nobody says it. */
+  /** Whether that is little enough for the position to be read as a fact; undefined where that is not known. */
   precise?: boolean;
   /** Whether its flight is explained: if not, the position is not known; undefined where it is of no flight. */
   explained?: boolean;
@@ -19,7 +19,7 @@ export interface Seen {
   dtg?: number;
 }
 
-/** Flights: of a fit to sightings, or of a tracked video. */
+/** Flights: of a fit to detections, or of a tracked video. */
 export interface Curve extends Pick<Fit, "explained" | "findings" | "impacts" | "hits"> {
   frames: Pick<FittedFrame, "time" | "world" | "speed" | "sigma" | "outlier" | "explained">[];
   /** Whether it is in pixels alone: the camera or the place is not known. */
@@ -34,28 +34,28 @@ export function average(values: number[]): number | undefined {
   return values.length ? values.reduce((sum, value) => sum + value, 0) / values.length : undefined;
 }
 
-export class Sightings {
-  readonly all: Seen[] = [];
+export class FrameDetections {
+  readonly all: FrameDetection[] = [];
   /** Rises with every frame that is new. */
   version = 0;
 
-  at(timeMs: number): Seen | undefined {
-    const seen = this.all[this.#place(timeMs)];
-    return seen && seen.timeMs - timeMs < SAME ? seen : undefined;
+  at(timeMs: number): FrameDetection | undefined {
+    const detection = this.all[this.#index(timeMs)];
+    return detection && detection.timeMs - timeMs < SAME ? detection : undefined;
   }
 
-  add(timeMs: number, { image, depth, world, covariance, confidence, dtg }: Localisation, truth?: Vector): Seen {
+  add(timeMs: number, { image, depth, world, covariance, confidence, dtg }: Localisation, truth?: Vector): FrameDetection {
     const sigma = covariance ? Math.sqrt(covariance.reduce((sum, row, axis) => sum + (row[axis] ?? 0), 0)) : null;
-    const seen: Seen = { timeMs, image, depth, world, sigma, confidence, ...(truth && { truth }), ...(dtg !== undefined && { dtg }) };
-    const place = this.#place(timeMs);
+    const detection: FrameDetection = { timeMs, image, depth, world, sigma, confidence, ...(truth && { truth }), ...(dtg !== undefined && { dtg }) };
+    const index = this.#index(timeMs);
     const again = this.at(timeMs) !== undefined;
-    this.all.splice(place, again ? 1 : 0, seen);
+    this.all.splice(index, again ? 1 : 0, detection);
     if (!again) this.version++;
-    return seen;
+    return detection;
   }
 
   /** Takes what was found in all frames at once. */
-  replace(all: Seen[]): void {
+  replace(all: FrameDetection[]): void {
     this.all.splice(0, this.all.length, ...all);
     this.version++;
   }
@@ -65,8 +65,8 @@ export class Sightings {
     this.version++;
   }
 
-  /** Of the first one that is not before; most often there is none. */
-  #place(timeMs: number): number {
+  /** Index of the first one that is not before a time; most often there is none. */
+  #index(timeMs: number): number {
     let low = 0;
     let high = this.all.length;
     while (low < high) {

@@ -5,7 +5,7 @@ import { readJson } from "../shared/files";
 import { workspace } from "../shared/workspace";
 import type { Example } from "./example";
 
-export class Place {
+export class SceneChoice {
   /** Of the example while it is shown. */
   example: Omit<Example, "source"> | undefined;
   readonly #dropped: { camera?: { name: string; content: Camera }; scene?: { name: string; content: Scene } } = {};
@@ -22,7 +22,7 @@ export class Place {
     return this.example || this.#dropped.camera ? [] : workspace.cameraSigma;
   }
 
-  /** Undefined where nobody said what ball it is. */
+  /** Undefined where no ball was chosen. */
   get scene(): Scene | undefined {
     if (this.example) return this.example.scene;
     const scene = this.#dropped.scene?.content ?? this.#sport?.content ?? workspace.ownScene;
@@ -45,7 +45,7 @@ export class Place {
 
   /** Another ball in the same place; its radius in metres. */
   setRadius(radius: number): void {
-    if (!(radius > 0 && radius < 1)) throw new Error("The ball’s diameter is in centimetres, between 0 and 200.");
+    if (!(radius > 0 && radius < 1)) throw new Error("The ball’s diameter must be between 0 and 200 centimetres.");
     this.#radius = radius;
   }
 
@@ -54,17 +54,17 @@ export class Place {
     delete this.#dropped.camera;
   }
 
-  /** Whose camera and scene they are, in words. */
-  get words(): string {
-    if (this.example) return this.example.words;
+  /** Whose camera and scene they are. */
+  get summary(): string {
+    if (this.example) return this.example.summary;
     const { camera, scene } = this;
     const size = camera ? `, ${camera.width} × ${camera.height} px` : "";
     const from = this.#dropped.camera?.name ?? "the step Calibrate";
-    const said = camera ? `Camera: from ${from}${size}.` : "Camera: none yet.";
-    if (!scene) return `${said} Place and ball: not chosen.`;
+    const cameraText = camera ? `Camera: from ${from}${size}.` : "Camera: none yet.";
+    if (!scene) return `${cameraText} Place and ball: not chosen.`;
     const things = [scene.floor && "a floor", scene.boxes?.length && "boxes", scene.walls?.length && "walls"].filter(Boolean).join(", ");
-    const ball = `ball of ${(200 * scene.ball.radius).toFixed(1)} cm across${things ? `, ${things}` : ""}`;
-    return `${said} Scene${this.#dropped.scene ? ` from ${this.#dropped.scene.name}` : ""}: ${ball}.`;
+    const ball = `ball ${(200 * scene.ball.radius).toFixed(1)} cm across${things ? `, ${things}` : ""}`;
+    return `${cameraText} Scene${this.#dropped.scene ? ` from ${this.#dropped.scene.name}` : ""}: ${ball}.`;
   }
 
   /** Takes a camera.json or a scene.json, if the core has nothing against it. */
