@@ -198,7 +198,10 @@ fn anothers_intrinsic_is_doubted() {
     let intrinsic = points.intrinsic.as_mut().unwrap();
     (intrinsic[(0, 0)], intrinsic[(1, 1)]) = (700.0, 700.0);
     let doubts = calibrate(&points, &ONLY_POSE).unwrap().doubts;
-    assert!(doubts.iter().any(|doubt| doubt.contains("`intrinsic`") && doubt.contains("misses the clicks by")), "{doubts:?}");
+    assert!(
+        doubts.iter().any(|doubt| doubt.contains("`intrinsic`") && doubt.contains("misses the clicks by")),
+        "{doubts:?}"
+    );
 }
 
 #[test]

@@ -39,6 +39,11 @@ pub struct LabelledPhotograph {
 const ENLARGED: f32 = 1.3;
 /// Fraction of the real balls whose hues are turned: few colours are labelled.
 const TURNED_HUES: f64 = 0.4;
+/// Fraction of the balls cut out that lose most of their colour, and the fraction of it that is left at most: no white ball is labelled, but footballs,
+/// volleyballs and table tennis balls are white. What is white is bright: by what factor at most.
+const BLEACHED: f64 = 0.3;
+const COLOUR_LEFT: f32 = 0.3;
+const BRIGHTER: f32 = 1.7;
 /// Part of a cut-out's radius that is used: the labelled circle may be a few per cent too large, and its rim shows what was behind.
 const INNER: f32 = 0.93;
 /// Largest change of a cut-out's brightness and of each of its channels, as factors.
@@ -46,27 +51,41 @@ const RELIT: [f32; 2] = [1.35, 1.12];
 /// Steepest change of its brightness across its radius.
 const SHADED: f32 = 0.35;
 
-/// Turns all hues by one angle, in the plane of I and Q of the NTSC's YIQ.
+/// Changes all colours alike, in the NTSC's YIQ: hues turn in the plane of I and Q.
 #[derive(Debug, Clone, Copy)]
-struct HueTurn([[f32; 3]; 3]);
+struct Recolouring([[f32; 3]; 3]);
 
-impl HueTurn {
+impl Recolouring {
     fn random(random: &mut Random) -> Self {
         if !random.random_bool(TURNED_HUES) {
             return Self([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
         }
-        let (sin, cos) = random.random_range(0.0..TAU).sin_cos();
+        Self::of_chroma(random.random_range(0.0..TAU), 1.0, 1.0)
+    }
+
+    /// Of a ball that is cut out: its hues turned, or little colour left, or as it is.
+    fn of_ball(random: &mut Random) -> Self {
+        if !random.random_bool(BLEACHED) {
+            return Self::random(random);
+        }
+        let (left, brighter) = (random.random_range(0.0..COLOUR_LEFT), random.random_range(1.0..BRIGHTER));
+        Self::of_chroma(0.0, left, brighter)
+    }
+
+    /// Chroma turned by `angle` and multiplied by `left`; all multiplied by `brighter`.
+    fn of_chroma(angle: f32, left: f32, brighter: f32) -> Self {
+        let (sin, cos) = angle.sin_cos();
         let luma = [0.299, 0.587, 0.114];
         let to = [[0.596, -0.274, -0.322], [0.211, -0.523, 0.312]];
         let from = [[0.956, 0.621], [-0.272, -0.647], [-1.106, 1.703]];
-        let turned = |axis: usize| -> [f32; 2] { [[cos, -sin], [sin, cos]][axis] };
+        let turned = |axis: usize| -> [f32; 2] { [[cos, -sin], [sin, cos]][axis].map(|factor| left * factor) };
         Self(std::array::from_fn(|row| {
             std::array::from_fn(|column| {
                 let chroma = (0..2).map(|axis| {
                     let [i, q] = turned(axis);
                     from[row][axis] * (i * to[0][column] + q * to[1][column])
                 });
-                luma[column] + chroma.sum::<f32>()
+                brighter * (luma[column] + chroma.sum::<f32>())
             })
         }))
     }
@@ -96,7 +115,7 @@ pub fn part(size: Size, photograph: &LabelledPhotograph, random: &mut Random) ->
     });
     let mirrored = random.random_bool(0.5);
     background::lay(&mut canvas, rgb, start, step, [mirrored, false]);
-    let hues = HueTurn::random(random);
+    let hues = Recolouring::random(random);
     for index in 0..canvas.width * canvas.height {
         let turned = hues.of([0, 1, 2].map(|channel| canvas.planes[channel][index]));
         (0..3).for_each(|channel| canvas.planes[channel][index] = turned[channel]);
@@ -186,7 +205,7 @@ impl CutOut {
         let wanted = placed.outline.semi[1];
         let level = self.levels.iter().rev().find(|(_, radius)| *radius >= wanted).unwrap_or(&self.levels[0]);
         let (picture, radius) = level;
-        let hues = HueTurn::random(random);
+        let hues = Recolouring::of_ball(random);
         let factor = |most: f32, random: &mut Random| (random.random_range(-1.0..1.0_f32) * most.ln()).exp();
         let gain = factor(RELIT[0], random);
         let gains: PaintColour = std::array::from_fn(|_| gain * factor(RELIT[1], random));

@@ -250,6 +250,26 @@ fn a_cut_out_ball_covers_its_outline_with_its_own_colour() {
 }
 
 #[test]
+fn some_balls_that_are_cut_out_turn_white() {
+    let mut photograph = labelled();
+    // An orange ball.
+    photograph.rgb.pixels_mut().for_each(|pixel| pixel.0 = [pixel.0[0], pixel.0[0] / 2, 0]);
+    let [cut_out] = &real::CutOut::all(&[photograph])[..] else { panic!("one ball, one cut-out") };
+    let colours = (0..200).map(|seed| {
+        let mut random = Stream::Scene.of(seed);
+        let placed = ball::place([40.0, 40.0], 9.0, &mut random);
+        let layer = cut_out.layer(&placed, &mut random);
+        [0, 1, 2].map(|channel| layer.values.iter().map(|value| value[channel]).sum::<f32>() / layer.area())
+    });
+    let white = colours.filter(|colour| {
+        let [low, high] = [f32::min, f32::max].map(|pick| colour.iter().copied().reduce(pick).unwrap());
+        low > 0.55 * high
+    });
+    let white = white.count();
+    assert!((35..=85).contains(&white), "{white} of 200");
+}
+
+#[test]
 fn a_ball_at_a_photographs_edge_or_of_unknown_size_is_not_cut_out() {
     let mut photograph = labelled();
     photograph.balls[0].centre = [10.0, 70.0];
