@@ -46,7 +46,7 @@ const sidebar = [
   {
     text: "Models",
     collapsed: true,
-    items: [page("All models", "/models/"), ...["any", "any-l", "sd-s", "sd-s-1px", "sd-s-future", "sd-m", "sd-l", "spring"].map((each) => page(each, `/models/${each}`))],
+    items: [page("All models", "/models/"), ...["any", "sd-s", "sd-s-1px", "sd-s-future", "sd-m", "sd-l", "spring"].map((each) => page(each, `/models/${each}`))],
   },
   {
     text: "Behind it",

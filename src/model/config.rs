@@ -134,13 +134,6 @@ impl PenConfig {
         Self { depth, ..Self::compact(MIDDLE_RADIUS) }
     }
 
-    /// A larger network for any ball: 3.3 M parameters, 0.5 GMAC at 224×224. Its backbone is NanoDet-g's, whose weights were learned from
-    /// photographs (`backbone_weights` of a training run).
-    pub fn csp_size() -> Self {
-        let (stages, blocks) = ([32, 64, 128, 256], [1, 2, 2, 3]);
-        Self { backbone: BackboneConfig::Csp { stem: 32, stages, blocks, pyramid: 48 }, ..Self::compact_size() }
-    }
-
     /// The verifier: 0.4 M parameters, balls of about 12 px radius in pictures of 64×64 px, each with a second one of what is around it.
     pub fn verifier() -> Self {
         let depth = DepthConfig { activation: DepthActivation::Radius, scale: VERIFIER_RADIUS };

@@ -83,12 +83,6 @@ impl Pen {
         self.map(&mut Fix)
     }
 
-    /// The feature extractor.
-    #[cfg(test)]
-    pub(super) fn backbone(&self) -> &Backbone {
-        &self.backbone
-    }
-
     /// The architecture.
     pub fn config(&self) -> &PenConfig {
         &self.config

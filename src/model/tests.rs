@@ -109,60 +109,11 @@ fn the_convnext_networks_with_timm_weights_equal_pytorch() {
     }
 }
 
-/// The backbone of tests/golden/csp.mjs.
-fn small_csp() -> PenConfig {
-    let backbone = BackboneConfig::Csp { stem: 4, stages: [4, 6, 8, 10], blocks: [1, 2, 2, 1], pyramid: 6 };
-    PenConfig { backbone, ..PenConfig::compact_size() }
-}
-
-#[test]
-fn the_csp_backbone_equals_tensorflows() {
-    let device = Device::flex();
-    let pen = load(&small_csp(), formula_weights(&small_csp(), &device), &device).unwrap();
-    let feature = pen.backbone().forward(&mut Tensors, &picture(&device)).remove(0);
-    let expected = expected("csp.safetensors", "feature");
-    assert!(expected.iter().any(|value| value.abs() > 0.1));
-    assert!(largest_difference(&feature.into_data().try_to_vec::<f32>().unwrap(), &expected) < TOLERANCE);
-}
-
-#[test]
-fn the_csp_network_runs_by_the_plan_as_by_tensors() {
-    let device = Device::flex();
-    let pen = load(&small_csp(), formula_weights(&small_csp(), &device), &device).unwrap();
-    let pictures: Vec<f32> = picture(&device).into_data().iter::<f32>().collect();
-    let planned = pen.clone().runner(Size::new(WIDTH as u32, HEIGHT as u32), &device).run(pictures);
-    let whole = pen.forward(picture(&device));
-    for (planned, whole) in [(planned.heatmap, whole.heatmap), (planned.depth, whole.depth)] {
-        let [planned, whole] = [planned, whole].map(|map| map.into_data().try_to_vec::<f32>().unwrap());
-        assert!(largest_difference(&planned, &whole) < TOLERANCE);
-    }
-}
-
-#[test]
-fn a_csp_backbones_published_part_loads_and_the_rest_stays() {
-    let device = Device::flex();
-    let pen = Pen::new(&small_csp(), &device).unwrap();
-    let before = save(&pen).unwrap();
-    let bytes = formula_weights(&small_csp(), &device);
-    let file = safetensors::SafeTensors::deserialize(&bytes).unwrap();
-    let published = file.tensors().into_iter().filter_map(|(name, view)| {
-        Some((name.strip_prefix("backbone.body.")?.to_string(), view.shape().to_vec(), vector(&view)))
-    });
-    let after = save(&load_backbone(pen, safetensors_of(published.collect())).unwrap()).unwrap();
-    let [before, after, given] = [&before, &after, &bytes].map(|it| safetensors::SafeTensors::deserialize(it).unwrap());
-    for (name, view) in after.tensors() {
-        let expected = if name.starts_with("backbone.body.") { &given } else { &before };
-        assert_eq!(vector(&view), vector(&expected.tensor(&name).unwrap()), "{name}");
-    }
-}
-
 #[test]
 fn a_backbone_has_the_strides_and_channels_that_it_tells() {
     let device = Device::flex();
     let narrow = |response_norm| BackboneConfig::ConvNext { depths: [1; 4], widths: [4, 6, 8, 10], response_norm };
-    for config in
-        [small().backbone, BackboneConfig::ResNet34 { width: 4 }, narrow(false), narrow(true), small_csp().backbone]
-    {
+    for config in [small().backbone, BackboneConfig::ResNet34 { width: 4 }, narrow(false), narrow(true)] {
         let features = Backbone::new(&config, &device).forward(&mut Tensors, &picture(&device));
         let found: Vec<[usize; 4]> = features.iter().map(Tensor::dims).collect();
         let told = config.shape().features;

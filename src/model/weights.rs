@@ -45,15 +45,14 @@ pub fn load_into(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
 }
 
 /// `pen` with its backbone's weights taken from a file as published: timm's `resnet34`, `convnext_nano` or
-/// `convnextv2_nano` (`conv1.weight`, `layer1.0.bn2.running_var`, `stages.0.blocks.1.mlp.fc1.weight`, …), or what
-/// `scripts/nanodet-weights` makes of NanoDet-g (`stem.weight`, `stages.0.blocks.0.second.bias`, …). What PEN does not use
+/// `convnextv2_nano` (`conv1.weight`, `layer1.0.bn2.running_var`, `stages.0.blocks.1.mlp.fc1.weight`, …). What PEN does not use
 /// (`layer4`, `fc`, `head`, batch counters) is ignored.
 ///
 /// # Errors
 /// As [`load`]; [`Error::WeightsArchitecture`] also where nobody publishes weights for `pen`'s backbone.
 pub fn load_backbone(mut pen: Pen, bytes: Vec<u8>) -> Result<Pen> {
     let Some(prefix) = pen.config().backbone.shape().published else {
-        let reason = "no published weights fit this network's backbone (neither timm's nor NanoDet's)".into();
+        let reason = "no published weights fit this network's backbone (timm's fit only its own)".into();
         return Err(Error::WeightsArchitecture { reason });
     };
     let remapper = KeyRemapper::new()

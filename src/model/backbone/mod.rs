@@ -3,7 +3,6 @@
 
 mod compact;
 mod convnext;
-mod csp;
 mod resnet34;
 
 use burn::module::Module;
@@ -12,7 +11,6 @@ use serde::{Deserialize, Serialize};
 
 use self::compact::Compact;
 use self::convnext::ConvNext;
-use self::csp::Csp;
 use self::resnet34::ResNet34;
 use super::layers::Layers;
 
@@ -46,17 +44,6 @@ pub enum BackboneConfig {
         /// Channels of the input: 3 a picture.
         #[serde(default = "one_picture", skip_serializing_if = "is_one_picture")]
         input_channels: usize,
-    },
-    /// The backbone of NanoDet-g with a top-down pyramid, one feature map of stride 4.
-    Csp {
-        /// Channels of the 3×3 stem (32 as published).
-        stem: usize,
-        /// Half of the channels of the four stages (strides 4, 8, 16, 32; as published 32, 64, 128, 256).
-        stages: [usize; 4],
-        /// Blocks of the four stages (1, 2, 2, 3 as published).
-        blocks: [usize; 4],
-        /// Channels of the pyramid.
-        pyramid: usize,
     },
 }
 
@@ -101,7 +88,6 @@ impl BackboneConfig {
             Self::ResNet34 { width } => resnet34::shape(width),
             Self::ConvNext { depths, widths, .. } => convnext::shape(depths, widths),
             Self::Compact { stem, stages, pyramid, .. } => compact::shape(stem, stages, pyramid),
-            Self::Csp { stem, stages, blocks, pyramid } => csp::shape(stem, stages, blocks, pyramid),
         }
     }
 
@@ -109,7 +95,7 @@ impl BackboneConfig {
     pub(super) fn input_channels(&self) -> usize {
         match *self {
             Self::Compact { input_channels, .. } => input_channels,
-            Self::ResNet34 { .. } | Self::ConvNext { .. } | Self::Csp { .. } => PICTURE_CHANNELS,
+            Self::ResNet34 { .. } | Self::ConvNext { .. } => PICTURE_CHANNELS,
         }
     }
 
@@ -129,8 +115,6 @@ pub(super) enum Backbone {
     ConvNext(ConvNext),
     /// See [`BackboneConfig::Compact`].
     Compact(Compact),
-    /// See [`BackboneConfig::Csp`].
-    Csp(Csp),
 }
 
 impl Backbone {
@@ -143,9 +127,6 @@ impl Backbone {
             BackboneConfig::Compact { stem, stages, pyramid, input_channels } => {
                 Self::Compact(Compact::new([input_channels, stem], stages, pyramid, device))
             }
-            BackboneConfig::Csp { stem, stages, blocks, pyramid } => {
-                Self::Csp(Csp::new(stem, stages, blocks, pyramid, device))
-            }
         }
     }
 
@@ -155,7 +136,6 @@ impl Backbone {
             Self::ResNet34(net) => net.forward(layers, picture),
             Self::ConvNext(net) => net.forward(layers, picture),
             Self::Compact(net) => net.forward(layers, picture),
-            Self::Csp(net) => net.forward(layers, picture),
         }
     }
 }

@@ -100,8 +100,8 @@ impl Recipe {
         if self.supervision.is_rendered() && !self.architecture(1.0).depth.is_size() {
             return refuse(
                 "network",
-                "must measure apparent size with supervision \"rendered\" or \"candidates\": use \"compact-size\", \
-                 \"csp-size\" or \"verifier\""
+                "must measure apparent size with supervision \"rendered\" or \"candidates\": use \"compact-size\" or \
+                 \"verifier\""
                     .into(),
             );
         }

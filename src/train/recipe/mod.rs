@@ -232,7 +232,7 @@ impl Recipe {
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
         self.heatmap_loss.unwrap_or(match self.network {
-            Network::Compact | Network::CompactSize | Network::CspSize | Network::Verifier | Network::Motion => {
+            Network::Compact | Network::CompactSize | Network::Verifier | Network::Motion => {
                 HeatmapLoss::CrossEntropy { sigma: 4.0 }
             }
             Network::Paper | Network::ConvNextNano | Network::ConvNextV2Nano => {
@@ -247,7 +247,6 @@ impl Recipe {
             (Some(architecture), _) => architecture.clone(),
             (None, Network::Compact) => PenConfig::compact(prior_depth),
             (None, Network::CompactSize) => PenConfig::compact_size(),
-            (None, Network::CspSize) => PenConfig::csp_size(),
             (None, Network::Verifier) => PenConfig::verifier(),
             (None, Network::Motion) => PenConfig::motion(),
             (None, Network::Paper) => PenConfig::paper(),

@@ -270,9 +270,6 @@ pub enum Network {
     /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
     #[serde(rename = "compact-size")]
     CompactSize,
-    /// [`PenConfig::csp_size`](crate::model::PenConfig::csp_size).
-    #[serde(rename = "csp-size")]
-    CspSize,
     /// [`PenConfig::motion`](crate::model::PenConfig::motion).
     #[serde(rename = "motion")]
     Motion,

@@ -6,9 +6,8 @@ use super::{Recipe, RunPaths, TrainConfig};
 use gravisight_geometry::error::{Error, Result};
 
 /// The recipes of the published models and of the paper, and a short one, by name.
-const PRESETS: [(&str, &str); 12] = [
+const PRESETS: [(&str, &str); 11] = [
     ("any", include_str!("../../../models/any.toml")),
-    ("any-l", include_str!("../../../models/any-l.toml")),
     ("any-motion", include_str!("../../../models/any-motion.toml")),
     ("any-verifier", include_str!("../../../models/any-verifier.toml")),
     ("quick", include_str!("../../../models/quick.toml")),
