@@ -231,7 +231,7 @@ fn a_model_learns_a_new_camera_through_forecasts() {
 
 /// Out of focus: the model has seen such balls, but not this one.
 fn blurred((clip, pictures): (Clip, Vec<Picture>)) -> (Clip, Vec<Picture>) {
-    let blur = |picture: &Picture| Picture::from_rgb(image::imageops::blur(picture.rgb(), 2.5));
+    let blur = |picture: &Picture| Picture::from_rgb(image::imageops::blur(picture.rgb(), 3.5));
     let pictures = pictures.iter().map(blur).collect();
     (clip, pictures)
 }
