@@ -124,7 +124,7 @@ fn a_videos_lines_make_four_clicks_exact() {
 fn helps_example_is_one_that_works() {
     let help = gravisight(&["calibrate", "--help"]);
     let help = String::from_utf8_lossy(&help.stdout);
-    let example = help.split_once("in space:\n").unwrap().1.split_once("`intrinsic`").unwrap().0;
+    let example = help.split_once("space:\n").unwrap().1.split_once("`intrinsic`").unwrap().0;
     let file = scratch("example").join("points.json");
     std::fs::write(&file, example).unwrap();
     let found = read(&gravisight(&["calibrate", "--points", text(&file), "--json"]));

