@@ -496,7 +496,7 @@ async function drawClip() {
   const toolbox = await window.gravisight.Toolbox.create();
   const simulator = await toolbox.simulator({ environment: 1, camera: 1 });
   const { camera, scene } = simulator;
-  const { fps, frames } = await simulator.clip(2024, 3);
+  const { fps, frames } = await simulator.clip(2025, 3);
   const path = frames.map(({ world }) => world).slice(0, 45);
   const canvas = document.createElement("canvas");
   Object.assign(canvas, { width: camera.width, height: camera.height });
