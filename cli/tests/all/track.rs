@@ -405,7 +405,9 @@ fn odd_videos_are_read_and_named() {
         command.status().unwrap().success()
     };
     assert!(written.iter().any(turn));
-    for (video, word) in [(&plain, ""), (&interlaced, "interlaced"), (&hdr, "dynamic range"), (&crowded, "3 video streams")] {
+    for (video, word) in
+        [(&plain, ""), (&interlaced, "interlaced"), (&hdr, "dynamic range"), (&crowded, "3 video streams")]
+    {
         let output = gravisight(&["track", text(video), "--json"]);
         let said = String::from_utf8_lossy(&output.stderr);
         assert_eq!(output.status.code(), Some(0), "{}: {said}", video.display());
