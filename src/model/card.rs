@@ -126,7 +126,8 @@ pub struct DetectionCalibration {
 }
 
 impl Default for DetectionCalibration {
-    /// Of `any`, version 2: the confidence by `scripts/fit-weights confidence` on the 45 photographs without a ball of the split
+    /// For cards without these fields, such as those of models tuned from the `any` that learned from renderings alone: its own weights. The
+    /// present `any` has its weights in its card. The confidence is by `scripts/fit-weights confidence` on the 45 photographs without a ball of the split
     /// `validation` of `scripts/photographs`, on which neither network was trained, each in eight drawings, every other one with a ball; the
     /// edge by `scripts/fit-weights edge`, on 12,000 random renderings before photographs (`docs/experiments.md`).
     fn default() -> Self {

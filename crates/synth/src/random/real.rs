@@ -33,7 +33,7 @@ pub struct LabelledPhotograph {
     pub balls: Vec<LabelledBall>,
 }
 
-// The numbers below are chosen, not fitted: no network was trained with others yet.
+// The numbers below are chosen, not fitted. docs/experiments.md compares networks trained with and without white cut-outs.
 
 /// Largest enlargement of a photograph or a cut-out: beyond it a ball is blurred as no camera blurs.
 const ENLARGED: f32 = 1.3;

@@ -170,6 +170,16 @@ fn labelled() -> LabelledPhotograph {
     LabelledPhotograph { rgb, balls: vec![ball] }
 }
 
+/// How far the white in a picture of 64 × 64 px is from the ball's place, and the radius of a disc of its area, px.
+fn white_disc(canvas: &Canvas, ball: &Apparent) -> (f64, f64) {
+    let at = |index: usize| canvas.planes[1][index];
+    let area: f32 = (0..64 * 64).map(at).sum();
+    let mean = |of: &dyn Fn(usize) -> usize| (0..64 * 64).map(|index| at(index) * of(index) as f32).sum::<f32>() / area;
+    let [x, y] = [mean(&|index| index % 64), mean(&|index| index / 64)].map(f64::from);
+    let off = (x - ball.centre[0]).hypot(y - ball.centre[1]);
+    (off, f64::from(area / std::f32::consts::PI).sqrt())
+}
+
 #[test]
 fn a_part_of_a_photograph_shows_its_ball_where_and_as_large_as_it_says() {
     let photograph = labelled();
@@ -178,13 +188,7 @@ fn a_part_of_a_photograph_shows_its_ball_where_and_as_large_as_it_says() {
         let (canvas, balls) = real::part(Size::square(64), &photograph, &mut Stream::Scene.of(seed));
         let Some(ball) = balls.first().filter(|ball| ball.visible > 0.999 && ball.radius > 3.0) else { continue };
         assert!(ball.is_sized && ball.radius < 1.31 * 25.0);
-        let at = |index: usize| canvas.planes[1][index];
-        let area: f32 = (0..64 * 64).map(at).sum();
-        let mean =
-            |of: &dyn Fn(usize) -> usize| (0..64 * 64).map(|index| at(index) * of(index) as f32).sum::<f32>() / area;
-        let [x, y] = [mean(&|index| index % 64), mean(&|index| index / 64)].map(f64::from);
-        let off = (x - ball.centre[0]).hypot(y - ball.centre[1]);
-        let radius = f64::from(area / std::f32::consts::PI).sqrt();
+        let (off, radius) = white_disc(&canvas, ball);
         assert!(off < 0.35 && (radius / ball.radius - 1.0).abs() < 0.05, "{seed}: {off} px off, {radius} of {ball:?}");
         whole += 1;
     }
@@ -219,13 +223,7 @@ fn a_squeezed_picture_keeps_its_balls_where_they_are_seen() {
         else {
             continue;
         };
-        let at = |index: usize| drawing.canvas.planes[1][index];
-        let area: f32 = (0..64 * 64).map(at).sum();
-        let mean =
-            |of: &dyn Fn(usize) -> usize| (0..64 * 64).map(|index| at(index) * of(index) as f32).sum::<f32>() / area;
-        let [x, y] = [mean(&|index| index % 64), mean(&|index| index / 64)].map(f64::from);
-        let off = (x - ball.centre[0]).hypot(y - ball.centre[1]);
-        let radius = f64::from(area / std::f32::consts::PI).sqrt();
+        let (off, radius) = white_disc(&drawing.canvas, ball);
         assert!(off < 0.5 && (radius / ball.radius - 1.0).abs() < 0.05, "{seed}: {off} px off, {radius} of {ball:?}");
         squeezed += 1;
     }
