@@ -144,13 +144,14 @@ pub mod internal {
     pub use crate::train::{Supervision, TrainProgress, Validation};
     pub use gravisight_geometry::files::{Claim, NewFolder, read, read_text, write_whole};
     pub use gravisight_geometry::image::Normalisation;
-    pub use gravisight_geometry::random::{Random, normal_pair};
+    pub use gravisight_geometry::random::{Random, mixed, normal_pair};
     pub use gravisight_geometry::statistics::median;
     pub use gravisight_geometry::table::{Row, Table};
     pub use gravisight_geometry::volume::check_ball_radius;
     pub use gravisight_physics::Case;
     pub use gravisight_synth::looking;
     pub use gravisight_synth::{Apparent, Film, Filmed, Kind, LabelledPhotograph, RandomScenes};
+    pub use gravisight_synth::{Balls, Drawn, Flights};
     pub use gravisight_synth::{Compression, Moves, Recording};
     pub use gravisight_synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use gravisight_track::SOLVER_VERSION;

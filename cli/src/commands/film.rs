@@ -37,7 +37,7 @@ pub fn run_footage(out: &Path, split: Split, count: usize, seed: u64, as_json: b
 }
 
 /// The seed of a part of the set.
-fn seed_of(split: Split, seed: u64) -> u64 {
+pub(super) fn seed_of(split: Split, seed: u64) -> u64 {
     seed.wrapping_add(match split {
         Split::Train => 0,
         Split::Val => PART,

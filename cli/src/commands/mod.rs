@@ -6,6 +6,7 @@ mod camera;
 mod evaluate;
 mod film;
 mod fit;
+mod flights;
 mod forecast;
 mod import;
 mod label;

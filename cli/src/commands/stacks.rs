@@ -8,6 +8,8 @@ use clap::Args;
 use gravisight::Track;
 use gravisight::internal::{BallTracker, Query, TrackPoint, stack_record, write_whole};
 
+use nalgebra::Point2;
+
 use super::print_line;
 use crate::footage::Footage;
 
@@ -24,9 +26,9 @@ pub struct Arguments {
     /// A video (needs ffmpeg) or a folder of frames.
     #[arg(value_name = "VIDEO")]
     input: PathBuf,
-    /// The ball in its frames (Frame,Visibility,X,Y, optionally Radius); frames without a line are left out.
-    #[arg(value_name = "LABELS.CSV")]
-    labels: PathBuf,
+    /// The ball in its frames (Frame,Visibility,X,Y, optionally Radius), one file for each ball; frames that lack a line in a file are left out.
+    #[arg(value_name = "LABELS.CSV", required = true)]
+    labels: Vec<PathBuf>,
     /// File to write (`*.stacks`).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
@@ -41,16 +43,18 @@ pub struct Arguments {
 /// What is wrong with the input, in words.
 pub fn run(arguments: Arguments) -> Result<()> {
     let Arguments { input, labels, out, fps } = arguments;
-    let labels = Track::from_file(&labels)?;
-    let labels: HashMap<usize, TrackPoint> =
-        labels.points.into_iter().map(|point| (point.frame as usize, point)).collect();
+    let of_ball = |path: &PathBuf| {
+        let points = Track::from_file(path)?.points.into_iter();
+        Ok(points.map(|point| (point.frame as usize, point)).collect())
+    };
+    let labels = labels.iter().map(of_ball).collect::<Result<Vec<HashMap<usize, TrackPoint>>>>()?;
     let stacks = cut(&input, &labels, fps).with_context(|| input.display().to_string())?;
     write_whole(Path::new(&out), &stacks.concat())?;
     Ok(print_line(format_args!("{} stacks in {}", stacks.len(), out.display()))?)
 }
 
-/// The records of the stacks of a video.
-fn cut(input: &Path, labels: &HashMap<usize, TrackPoint>, fps: Option<f64>) -> Result<Vec<Vec<u8>>> {
+/// The records of the stacks of a video, with the labels of each of its balls by frame.
+fn cut(input: &Path, labels: &[HashMap<usize, TrackPoint>], fps: Option<f64>) -> Result<Vec<Vec<u8>>> {
     let footage = Footage::open(&[input.to_path_buf()], fps)?;
     let times = footage.times().to_vec();
     let mut follower = BallTracker::new();
@@ -63,13 +67,16 @@ fn cut(input: &Path, labels: &HashMap<usize, TrackPoint>, fps: Option<f64>) -> R
             done += 1;
         }
         for (query, is_wanted) in queries {
-            let Some(label) = labels.get(&follower.number(&query)) else { continue };
-            let Some(stack) = follower.stack(&query) else { continue };
-            let ball = label.image().map(|ball| {
+            let number = follower.number(&query);
+            let seen = labels.iter().map(|ball| ball.get(&number)).collect::<Option<Vec<&TrackPoint>>>();
+            let (Some(seen), Some(stack)) = (seen, follower.stack(&query)) else { continue };
+            let distance = |at: Point2<f64>| (at.x - query.image[0]).hypot(at.y - query.image[1]);
+            let balls = seen.into_iter().filter_map(|label| Some((label.image()?, label.radius)));
+            let nearest = balls.min_by(|a, b| distance(a.0).total_cmp(&distance(b.0)));
+            let ball = nearest.map(|(ball, radius)| {
                 let [x, y] = stack.stack_from_frame([ball.x, ball.y]);
-                let radius = label.radius.unwrap_or(query.radius_px);
-                let off = (ball.x - query.image[0]).hypot(ball.y - query.image[1]);
-                ([x, y, radius * stack.magnification], off < NEAR_PX.max(radius))
+                let radius = radius.unwrap_or(query.radius_px);
+                ([x, y, radius * stack.magnification], distance(ball) < NEAR_PX.max(radius))
             });
             let is_ball = ball.is_some_and(|(_, is_ball)| is_ball);
             count += 1;

@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde_json::{Value, json};
 
-use super::{film, print_line};
+use super::{film, flights, print_line};
 use crate::choice::{Choice, one_of};
 use crate::progress::Progress;
 use gravisight::internal::{Claim, NewFolder, write_whole};
@@ -25,6 +25,8 @@ const SETTINGS: &str = "synth.json";
 const LINE: &str = "clip.json";
 /// Clips of each kind of footage.
 const FILMS: usize = 100;
+/// Clips of each video with flights.
+const FLIGHTS: usize = 2;
 /// Sides that a picture may have, px.
 const SIDES: RangeInclusive<u32> = 16..=4096;
 
@@ -58,6 +60,12 @@ pub struct Arguments {
     /// Also write depth maps: beside each 000.png a 16-bit 000.depth.png, in mm along the camera's axis; 0 where there is nothing.
     #[arg(long)]
     depth: bool,
+    /// With --set flights: folder of videos (*.mp4) without a ball, into which flights are drawn.
+    #[arg(long, value_name = "DIR")]
+    videos: Option<PathBuf>,
+    /// With --set flights: folder of photographs with labels.csv, out of which balls are cut (`scripts/photographs`).
+    #[arg(long, value_name = "DIR")]
+    balls: Option<PathBuf>,
     /// Another seed gives other clips.
     #[arg(long, value_name = "S", default_value_t = 20_231_130)]
     seed: u64,
@@ -72,9 +80,10 @@ enum Made {
     Clips(Set),
     Films,
     Footage,
+    Flights,
 }
 
-const SETS: [Choice<Made>; 7] = [
+const SETS: [Choice<Made>; 8] = [
     ("sd-s", "", Made::Clips(Set::SdS)),
     ("sd-m", "", Made::Clips(Set::SdM)),
     ("sd-l", "", Made::Clips(Set::SdL)),
@@ -94,6 +103,12 @@ const SETS: [Choice<Made>; 7] = [
         "Like broadcast, but as hard as real footage: crowds, screens, cameras that sway and pan, repeated frames, low \
          bitrates; plus as many clips without a ball as of each kind",
         Made::Footage,
+    ),
+    (
+        "flights",
+        "Simulated flights of balls cut out of photographs, drawn into real videos (needs ffmpeg, --videos and --balls); --clips sets how many of \
+         each video",
+        Made::Flights,
     ),
 ];
 const SPLITS: [Choice<Split>; 3] = [("train", "", Split::Train), ("val", "", Split::Val), ("test", "", Split::Test)];
@@ -138,17 +153,26 @@ impl EngineChoice {
 
 pub fn run(arguments: Arguments) -> Result<()> {
     let split = arguments.split;
+    let has_material = arguments.videos.is_some() || arguments.balls.is_some();
+    ensure!(!has_material || matches!(arguments.set, Made::Flights), "--videos and --balls need --set flights");
     let set = match arguments.set {
         Made::Clips(set) => set,
-        made @ (Made::Films | Made::Footage) => {
+        made @ (Made::Films | Made::Footage | Made::Flights) => {
             let plain = arguments.size.is_none()
                 && !arguments.depth
                 && arguments.disturb.is_none()
                 && arguments.label_noise.is_none();
             ensure!(
                 plain,
-                "--set broadcast and --set footage cannot be combined with --size, --depth, --label-noise or --disturb"
+                "--set broadcast, footage and flights cannot be combined with --size, --depth, --label-noise or --disturb"
             );
+            if let Made::Flights = made {
+                let (Some(videos), Some(balls)) = (&arguments.videos, &arguments.balls) else {
+                    bail!("--set flights needs --videos DIR and --balls DIR");
+                };
+                let clips = arguments.clips.map_or(FLIGHTS, |clips| clips as usize);
+                return flights::run(&arguments.out, split, clips, arguments.seed, (videos, balls), arguments.json);
+            }
             let clips = arguments.clips.map_or(FILMS, |clips| clips as usize);
             let make = if matches!(made, Made::Films) { film::run } else { film::run_footage };
             return make(&arguments.out, split, clips, arguments.seed, arguments.json);

@@ -7,6 +7,7 @@ mod cli;
 mod common;
 mod doubtful;
 mod faults;
+mod flights;
 mod formats;
 mod hostile;
 mod import;

@@ -13,6 +13,8 @@
 #[cfg(not(target_arch = "wasm32"))]
 mod broadcast;
 #[cfg(not(target_arch = "wasm32"))]
+mod flights;
+#[cfg(not(target_arch = "wasm32"))]
 mod footage;
 mod looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
@@ -31,6 +33,8 @@ use nalgebra::{Point3, Vector2};
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::broadcast::{Film, Filmed, Kind};
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::flights::{Balls, Drawn, Flights};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::footage::{Compression, Moves, Recording};
 pub use self::looking::looking;

@@ -49,10 +49,9 @@ const SCORED_TOGETHER: usize = 16;
 /// Draws batches of stacks.
 #[derive(Debug)]
 pub struct Stacks {
-    /// Records with a ball in the middle, without one, and with one that is not in the middle.
-    balls: Vec<Vec<u8>>,
-    empty: Vec<Vec<u8>>,
-    beside: Vec<Vec<u8>>,
+    /// Records with a ball in the middle, and others, by file: each file counts alike, however long its video is.
+    balls: Vec<Vec<Vec<u8>>>,
+    others: Vec<Vec<Vec<u8>>>,
     seed: u64,
     normalisation: Normalisation,
 }
@@ -76,28 +75,26 @@ impl Stacks {
         let mut paths = paths.collect::<Result<Vec<PathBuf>>>()?;
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "stacks"));
         paths.sort();
-        let (mut balls, mut empty, mut beside) = (vec![], vec![], vec![]);
+        let (mut balls, mut others) = (vec![], vec![]);
         for path in paths {
-            for record in gravisight_geometry::files::read(&path)?.chunks_exact(RECORD_BYTES) {
-                let middle = f64::from(STACK_SIDE - 1) / 2.0;
-                let kind = match ball_of(record) {
-                    Some([x, y, _]) if (x - middle).hypot(y - middle) < STACK_REACH => &mut balls,
-                    Some(_) => &mut beside,
-                    None => &mut empty,
-                };
-                kind.push(record.to_vec());
-            }
+            let bytes = gravisight_geometry::files::read(&path)?;
+            let records = bytes.chunks_exact(RECORD_BYTES).map(<[u8]>::to_vec);
+            let (of_ball, other): (Vec<_>, Vec<_>) = records.partition(|record| is_of_ball(record));
+            balls.push(of_ball);
+            others.push(other);
         }
-        if balls.is_empty() || empty.is_empty() {
+        balls.retain(|records: &Vec<Vec<u8>>| !records.is_empty());
+        others.retain(|records: &Vec<Vec<u8>>| !records.is_empty());
+        if balls.is_empty() || others.is_empty() {
             let reason = "holds no `*.stacks` with and without a ball; make them with `gravisight stacks`".into();
             return Err(Error::Data { what: folder.display().to_string(), reason });
         }
-        Ok(Self { balls, empty, beside, seed: recipe.seed, normalisation: recipe.normalisation })
+        Ok(Self { balls, others, seed: recipe.seed, normalisation: recipe.normalisation })
     }
 
     /// Stacks in all.
     pub fn count(&self) -> usize {
-        self.balls.len() + self.empty.len() + self.beside.len()
+        self.balls.iter().chain(&self.others).map(Vec::len).sum()
     }
 
     /// The batch of step `step`: the same for the same seed and step.
@@ -126,29 +123,36 @@ impl Stacks {
     /// The `index`-th group of stacks to score with, as they were cut.
     pub fn scored(&self, index: usize) -> Vec<LabelledCrop> {
         let mut random = Stream::Candidates.of(mixed(self.seed, SCORED, index as u64));
-        let mut chosen = |records: &[Vec<u8>]| LabelledCrop::of(&records[random.random_range(0..records.len())]);
-        (0..SCORED_TOGETHER).map(|number| chosen(if number % 2 == 0 { &self.balls } else { &self.empty })).collect()
+        let mut chosen = |files: &[Vec<Vec<u8>>]| LabelledCrop::of(one_of(files, &mut random));
+        (0..SCORED_TOGETHER).map(|number| chosen(if number % 2 == 0 { &self.balls } else { &self.others })).collect()
     }
 
     fn example(&self, seed: u64) -> LabelledCrop {
         let mut random = Stream::Candidates.of(seed);
         let (has_ball, is_drawn) = (random.random_bool(BALLS), random.random_bool(DRAWN));
-        let index = random.random_range(0..usize::MAX);
         let record = match (has_ball, is_drawn) {
-            (true, false) => &self.balls[index % self.balls.len()],
-            (true, true) => &self.empty[index % self.empty.len()],
-            (false, _) => {
-                let index = index % (self.empty.len() + self.beside.len());
-                self.empty.get(index).unwrap_or_else(|| &self.beside[index - self.empty.len()])
-            }
+            (true, false) => one_of(&self.balls, &mut random),
+            _ => one_of(&self.others, &mut random),
         };
         let mut example = LabelledCrop::of(record);
-        if has_ball && is_drawn {
+        if has_ball && is_drawn && example.balls.is_empty() {
             draw_ball(&mut example, &mut random);
         }
         change(&mut example, &mut random);
         example
     }
+}
+
+/// A random record of a random file.
+fn one_of<'a>(files: &'a [Vec<Vec<u8>>], random: &mut Random) -> &'a [u8] {
+    let records = &files[random.random_range(0..files.len())];
+    &records[random.random_range(0..records.len())]
+}
+
+/// Whether a record shows a ball in the middle.
+fn is_of_ball(record: &[u8]) -> bool {
+    let middle = f64::from(STACK_SIDE - 1) / 2.0;
+    ball_of(record).is_some_and(|[x, y, _]| (x - middle).hypot(y - middle) < STACK_REACH)
 }
 
 /// The ball of a record.

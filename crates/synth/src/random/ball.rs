@@ -310,6 +310,20 @@ impl Layer {
         Self { left: self.left - reach[0] as i32, top: self.top - reach[1] as i32, width, height, values }
     }
 
+    /// The same, each value with its neighbours, which weigh `weight` each along a row and then along a column.
+    pub fn softened(mut self, weight: f32) -> Self {
+        for along in [1, self.width] {
+            let before = self.values.clone();
+            for index in along..self.values.len().saturating_sub(along) {
+                for channel in 0..4 {
+                    let sides = before[index - along][channel] + before[index + along][channel];
+                    self.values[index][channel] = (1.0 - 2.0 * weight) * before[index][channel] + weight * sides;
+                }
+            }
+        }
+        self
+    }
+
     /// Visits the pixels of `canvas` that the ball has a fraction of.
     pub fn over(&self, canvas: &Canvas, mut visit: impl FnMut(usize, usize, usize, [f32; 4])) {
         for (index, &value) in self.values.iter().enumerate().filter(|(_, value)| value[3] > 0.0) {

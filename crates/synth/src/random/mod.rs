@@ -3,7 +3,7 @@
 //! A crop is drawn from its seed alone. Where a ball's picture is, and how large, is known exactly; nothing else is real.
 
 mod background;
-mod ball;
+pub(super) mod ball;
 pub(super) mod canvas;
 pub(super) mod noise;
 mod real;
@@ -19,7 +19,7 @@ pub use self::background::Spot;
 use self::ball::{Layer, Look};
 use self::canvas::{Canvas, Ellipse, PaintColour, Polygon, mix};
 use self::noise::Normals;
-use self::real::CutOut;
+pub(super) use self::real::CutOut;
 pub use self::real::{LabelledBall, LabelledPhotograph};
 use self::squeeze::Squeeze;
 use gravisight_geometry::random::{Random, Stream};

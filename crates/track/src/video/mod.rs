@@ -46,6 +46,8 @@ pub use self::stack::STACK_SIDE;
 pub use self::stack::Stack;
 use self::tracklets::{Candidates, TrackletSearch};
 use self::view::{View, displacement, is_still, scale};
+use nalgebra::Matrix3;
+
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 use gravisight_geometry::statistics::median;
@@ -502,6 +504,17 @@ impl BallTracker {
             self.other = self.stabilised.as_ref().and_then(|last| Registration::of(&last.planes));
         }
         self.canvas = View::FIRST;
+    }
+
+    /// The homography to each frame from the first view; a repeated frame has that of the frame that it repeats.
+    #[doc(hidden)]
+    pub fn views_from_first(&self) -> Vec<Matrix3<f64>> {
+        let mut shown = 0;
+        let view = |kept: &Kept| {
+            shown += usize::from(!kept.repeated);
+            self.views.get(shown.saturating_sub(1)).map_or_else(Matrix3::identity, |view| view.frame_from_first)
+        };
+        self.kept.iter().map(view).collect()
     }
 
     /// No frame comes soon: those that waited for it are taken.
