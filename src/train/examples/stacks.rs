@@ -172,7 +172,10 @@ impl LabelledCrop {
             RgbImage::from_raw(STACK_SIDE, STACK_SIDE, bytes).unwrap_or_default()
         };
         let outline = |[x, y, radius]: [f64; 3]| Outline { centre: Point2::new(x, y), radius };
-        Self { views: [picture(0), picture(1)], balls: ball_of(record).map(outline).into_iter().collect() }
+        // A ball that is elsewhere in the frame is none of the stack's.
+        let inside = |ball: &[f64; 3]| ball[..2].iter().all(|at| (-0.5..f64::from(STACK_SIDE) - 0.5).contains(at));
+        let balls = ball_of(record).filter(inside).map(outline);
+        Self { views: [picture(0), picture(1)], balls: balls.into_iter().collect() }
     }
 }
 
