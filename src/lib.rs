@@ -75,7 +75,7 @@ pub mod physics {
 /// A ball through time: from a video to its 2D track ([`VideoTracker`]), from a 2D track to its trajectory in space ([`Fit`]).
 pub mod track {
     #[doc(hidden)]
-    pub use gravisight_track::{BallTracker, Query, SOLVER_VERSION, Stack, TrackletFeatures};
+    pub use gravisight_track::{BallTracker, FrameId, Query, SOLVER_VERSION, Stack, TrackletFeatures};
     pub use gravisight_track::{
         CameraMotion, Estimate, EstimatorConfig, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, FittedSegment,
         Flight, FollowedFrame, Hit, Observation, OtherView, Parameter, Track, TrackPoint, TrackedBlob, TrackedFrame,
@@ -155,5 +155,5 @@ pub mod internal {
     pub use gravisight_synth::{Compression, Moves, Recording};
     pub use gravisight_synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use gravisight_track::SOLVER_VERSION;
-    pub use gravisight_track::{BallTracker, Query, Stack, TrackPoint, TrackletFeatures};
+    pub use gravisight_track::{BallTracker, FrameId, Query, Stack, TrackPoint, TrackletFeatures};
 }

@@ -7,7 +7,7 @@ use gravisight_geometry::camera::{Camera, Detection, Outline};
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 use gravisight_physics::Scene;
-use gravisight_track::{BallTracker, Query, TrackedVideo, TrackerConfig, TrackletFeatures};
+use gravisight_track::{BallTracker, FrameId, Query, TrackedVideo, TrackerConfig, TrackletFeatures};
 
 /// Frames between searches of the whole picture, while no ball is known, for a ball that hardly moves: it is part of its own
 /// background.
@@ -38,8 +38,8 @@ pub struct VideoTracker {
     localiser: Arc<Localiser>,
     camera: Option<Camera>,
     follower: BallTracker,
-    /// The number of the last frame that was searched whole, and the balls found in it.
-    searched: Option<(usize, Vec<Detection>)>,
+    /// The last frame that was searched whole, and the balls found in it.
+    searched: Option<(FrameId, Vec<Detection>)>,
     ended: bool,
 }
 
@@ -86,7 +86,7 @@ impl VideoTracker {
         }
         self.follower.watch(picture, time)?;
         let last = self.searched.as_ref().map(|(last, _)| *last);
-        let due = |newest| last.is_none_or(|last| newest >= last + SEARCH_EVERY);
+        let due = |newest: FrameId| last.is_none_or(|last| newest.since(last) >= SEARCH_EVERY);
         if self.follower.newest().is_some_and(due) && !self.follower.sees_ball() {
             self.search_whole().await?;
         }
@@ -171,9 +171,6 @@ impl VideoTracker {
         let balls = self.localiser.find_each(&self.localiser.detect_large(picture).await?, near).await?;
         let balls: Vec<Detection> = balls.into_iter().flatten().collect();
         let Some((last, before)) = self.searched.replace((newest, balls.clone())) else { return Ok(()) };
-        if self.follower.held(last).is_none() {
-            return Ok(()); // too long ago
-        }
         for (frame, Outline { centre, radius }) in self.follower.slow_balls((last, &before), (newest, &balls)) {
             let Some(picture) = self.follower.held(frame) else { continue };
             let found = self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result};
 use clap::Args;
 use gravisight::Track;
-use gravisight::internal::{BallTracker, Query, TrackPoint, stack_record, write_whole};
+use gravisight::internal::{BallTracker, FrameId, Query, TrackPoint, stack_record, write_whole};
 
 use nalgebra::Point2;
 
@@ -61,9 +61,9 @@ fn cut(input: &Path, labels: &[HashMap<usize, TrackPoint>], fps: Option<f64>) ->
     let (mut stacks, mut done, mut count) = (vec![], 0, 0);
     let mut take = |follower: &mut BallTracker, stacks: &mut Vec<Vec<u8>>, margin: usize| {
         let mut queries: Vec<(Query, bool)> = follower.queries().into_iter().map(|query| (query, true)).collect();
-        let newest = follower.newest().unwrap_or(0);
+        let newest = follower.newest().map_or(0, |frame| frame.0);
         while done + margin <= newest {
-            queries.extend(follower.candidates(done).into_iter().map(|query| (query, false)));
+            queries.extend(follower.candidates(FrameId(done)).into_iter().map(|query| (query, false)));
             done += 1;
         }
         for (query, is_wanted) in queries {

@@ -29,5 +29,5 @@ pub use self::tracked::{FittedSegment, OtherView, TrackedFrame, TrackedVideo};
 #[doc(hidden)]
 pub use self::video::STACK_SIDE;
 #[doc(hidden)]
-pub use self::video::{BallTracker, Query, Stack, TrackletFeatures};
+pub use self::video::{BallTracker, FrameId, Query, Stack, TrackletFeatures};
 pub use self::video::{CameraMotion, FollowedFrame, TrackedBlob, TrackerConfig};

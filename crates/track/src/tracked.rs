@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::file::Track;
 use super::segments::segments;
-use super::video::{CameraMotion, FollowedFrame, Hypotheses, TrackerConfig};
+use super::video::{CameraMotion, FollowedFrame, Hypotheses, Place, TrackerConfig};
 use crate::config::EstimatorConfig;
 use crate::config::FitOptions;
 use crate::observation::Observation;
@@ -126,7 +126,7 @@ impl TrackedVideo {
     #[doc(hidden)]
     pub fn new(hypotheses: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
         let frames = hypotheses.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
-        let (cuts, config) = (hypotheses.cuts().to_vec(), hypotheses.config());
+        let (cuts, config) = (hypotheses.cuts(), hypotheses.config());
         let mut video = Self { frames, cuts, config, ..Self::default() };
         video.elsewhere = video.other_views();
         video.unused_seeds = hypotheses.unused_seeds().to_vec();
@@ -172,8 +172,9 @@ impl TrackedVideo {
             match (frame.followed.elsewhere, frame.followed.view) {
                 (Some(CameraMotion::Moved(_)), Some(view)) => {
                     let Some(image) = observation.image else { continue };
-                    let scale = view.scale(image.into());
-                    observation.image = Some(view.first(image.into()).into());
+                    let at = Place::new(image.into());
+                    let scale = view.scale(&at);
+                    observation.image = Some(view.first(&at).xy.into());
                     observation.radius = observation.radius.map(|radius| radius.map(|px| px * scale));
                 }
                 (Some(_), _) => (observation.image, observation.radius) = (None, None),

@@ -1,7 +1,8 @@
 //! Association: the sequence of tracklets that belongs to one ball.
 
 use super::config::TrackerConfig;
-use super::tracklets::{Candidates, alike};
+use super::state::{BlobId, FrameId, State};
+use super::tracklets::alike;
 use gravisight_geometry::statistics::median;
 
 /// Most frames between a tracklet and its continuation, and the largest distance between their ends: px, and steps.
@@ -19,23 +20,29 @@ const FREE_OVERLAP: usize = 1;
 /// A part of a tracklet that may be the ball.
 #[derive(Debug, Clone)]
 pub(super) struct TrackletSegment {
-    /// Frames and blobs' numbers, ascending.
-    pub members: Vec<(usize, usize)>,
+    /// One a frame at most, by frame.
+    pub members: Vec<BlobId>,
+    /// The frames of the first and the last of them.
+    pub frames: [FrameId; 2],
     /// Log-odds that it is the ball.
     pub log_odds: f64,
-    /// Whether a motion network was queried.
-    pub verified: bool,
     /// Whether its own log-odds confirm a track.
     pub confirms: bool,
 }
 
 impl TrackletSegment {
     fn first(&self) -> usize {
-        self.members[0].0
+        self.frames[0].0
     }
 
     fn last(&self) -> usize {
-        self.members[self.members.len() - 1].0
+        self.frames[1].0
+    }
+
+    /// Its candidate in a frame.
+    fn in_frame(&self, frame: FrameId, state: &State) -> Option<BlobId> {
+        let found = self.members.binary_search_by_key(&frame, |&member| state.frame_of(member));
+        found.ok().map(|place| self.members[place])
     }
 
     /// Probability that this is the ball.
@@ -54,18 +61,17 @@ impl TrackletSegment {
     }
 
     /// Whether a ball can fly this and then the other: in a few frames they may be apart, for tracklets end where others take over.
-    fn goes_before(&self, other: &Self, frames: &[Candidates]) -> bool {
+    fn goes_before(&self, other: &Self, state: &State) -> bool {
         let most = 1 + self.members.len().min(other.members.len()) / 3;
-        self.first() < other.first() && self.last() < other.last() && self.apart(other, frames) <= most
+        self.first() < other.first() && self.last() < other.last() && self.apart(other, state) <= most
     }
 
     /// Frames in which two are in different places.
-    fn apart(&self, other: &Self, frames: &[Candidates]) -> usize {
-        let is_elsewhere = |&&(frame, index): &&(usize, usize)| {
-            let there = other.members.binary_search_by_key(&frame, |member| member.0);
-            there.is_ok_and(|there| {
-                let [a, b] = [index, other.members[there].1].map(|index| &frames[frame].blobs[index]);
-                (a.at[0] - b.at[0]).hypot(a.at[1] - b.at[1]) > a.radius.min(b.radius)
+    fn apart(&self, other: &Self, state: &State) -> usize {
+        let is_elsewhere = |&&member: &&BlobId| {
+            other.in_frame(state.frame_of(member), state).is_some_and(|there| {
+                let [a, b] = [member, there].map(|member| state.blob(member));
+                a.at.distance(&b.at) > a.radius.min(b.radius)
             })
         };
         self.members.iter().filter(is_elsewhere).count()
@@ -79,40 +85,33 @@ impl TrackletSegment {
     }
 
     /// Whether the other, which begins soon after this ends, is as large as this then: a ball is not suddenly nearer.
-    fn is_as_large(&self, later: &Self, frames: &[Candidates]) -> bool {
-        let radius = |members: &[(usize, usize)]| {
-            median(members.iter().map(|&(frame, index)| frames[frame].blobs[index].radius)).unwrap_or(f64::NAN)
-        };
+    fn is_as_large(&self, later: &Self, state: &State) -> bool {
+        let radius =
+            |members: &[BlobId]| median(members.iter().map(|&member| state.blob(member).radius)).unwrap_or(f64::NAN);
         let end = radius(&self.members[self.members.len().saturating_sub(AT_END)..]);
         let start = radius(&later.members[..later.members.len().min(AT_END)]);
         (AS_LARGE.recip()..AS_LARGE).contains(&(start / end))
     }
 
     /// Whether the other begins where and when this ends.
-    fn meets(&self, later: &Self, frames: &[Candidates]) -> bool {
-        let blob = |(frame, index): (usize, usize)| &frames[frame].blobs[index];
+    fn meets(&self, later: &Self, state: &State) -> bool {
         let between = later.first().saturating_sub(self.last());
-        let (end, start) = (blob(self.members[self.members.len() - 1]), blob(later.members[0]));
-        let before = blob(self.members[self.members.len() - 2]);
-        let step = (end.at[0] - before.at[0]).hypot(end.at[1] - before.at[1]);
-        let off = (end.at[0] - start.at[0]).hypot(end.at[1] - start.at[1]);
+        let [end, before] = [1, 2].map(|back| state.blob(self.members[self.members.len() - back]));
+        let start = state.blob(later.members[0]);
+        let (step, off) = (end.at.distance(&before.at), end.at.distance(&start.at));
         let near = MEETS_PX + MEETS_STEP * step * between.max(1) as f64;
-        self.goes_before(later, frames) && between <= BETWEEN && off <= near && alike(end, start)
+        self.goes_before(later, state) && between <= BETWEEN && off <= near && alike(end, start)
     }
 }
 
 /// The segments that one ball can fly: those with the highest total score, ascending. The segments before and after one support it.
-pub(super) fn chain(
-    frames: &[Candidates],
-    config: &TrackerConfig,
-    mut segments: Vec<TrackletSegment>,
-) -> Vec<TrackletSegment> {
+pub(super) fn chain(state: &State, config: &TrackerConfig, mut segments: Vec<TrackletSegment>) -> Vec<TrackletSegment> {
     segments.sort_by_key(TrackletSegment::last);
     // Without a motion network a shadow has the log-odds of its ball, and would divide them.
-    if segments.iter().any(|segment| segment.verified) {
-        exclude(frames, &mut segments);
+    if state.has_motion() {
+        exclude(state, &mut segments);
     }
-    support(frames, config.continuation, &mut segments);
+    support(state, config.continuation, &mut segments);
     segments.retain(|segment| segment.confidence() >= config.min_confidence);
     // Of each segment: the score of the best chain that ends with it, and the segment before it there. Of each and those before it:
     // the best end.
@@ -121,7 +120,7 @@ pub(super) fn chain(
     for (place, segment) in segments.iter().enumerate() {
         let apart = segments[..place].partition_point(|other| other.last() + SOON < segment.first());
         let near = (apart..place).filter(|&other| {
-            segments[other].goes_before(segment, frames) && segments[other].is_as_large(segment, frames)
+            segments[other].goes_before(segment, state) && segments[other].is_as_large(segment, state)
         });
         let before = near.chain(apart.checked_sub(1).map(|last| ends[last]));
         let options = before.map(|other| (best[other].0 - segments[other].overlap_penalty(segment), Some(other)));
@@ -144,7 +143,7 @@ pub(super) fn chain(
 
 /// Lowers the log-odds of segments by those of their rivals: one ball flies, in one place. Where several segments are in different places
 /// at once, each is the ball with the odds `eᴸ / (1 + Σ eᴿ)`. In each frame only the greatest rival counts.
-fn exclude(frames: &[Candidates], segments: &mut [TrackletSegment]) {
+fn exclude(state: &State, segments: &mut [TrackletSegment]) {
     let mut rivals: Vec<Vec<f64>> =
         segments.iter().map(|segment| vec![f64::NEG_INFINITY; segment.last() - segment.first() + 1]).collect();
     // Of each place in the list, the first frame of all segments from there on.
@@ -158,9 +157,8 @@ fn exclude(frames: &[Candidates], segments: &mut [TrackletSegment]) {
                 break;
             }
             let both = one.first().max(other.first())..one.last().min(other.last()) + 1;
-            let shared =
-                one.members.iter().filter(|member| other.members.binary_search_by_key(&member.0, |it| it.0).is_ok());
-            if both.len() < 2 || 2 * one.apart(other, frames) < shared.count() {
+            let shared = one.members.iter().filter(|&&member| other.in_frame(state.frame_of(member), state).is_some());
+            if both.len() < 2 || 2 * one.apart(other, state) < shared.count() {
                 continue;
             }
             for frame in both {
@@ -179,14 +177,14 @@ fn exclude(frames: &[Candidates], segments: &mut [TrackletSegment]) {
 
 /// Adds to the log-odds of segments (by their last frames, ascending) the support of the segments before and after each: `continuation` if
 /// that one is surely the ball, and nothing if it probably is not.
-fn support(frames: &[Candidates], continuation: f64, segments: &mut [TrackletSegment]) {
+fn support(state: &State, continuation: f64, segments: &mut [TrackletSegment]) {
     // Of the segment before each, and of the one after.
     let mut most = vec![[0.0_f64; 2]; segments.len()];
     for (place, later) in segments.iter().enumerate() {
         let near = segments[..place].partition_point(|segment| segment.last() + BETWEEN < later.first());
         for other in near..place {
             let earlier = &segments[other];
-            if earlier.meets(later, frames) {
+            if earlier.meets(later, state) {
                 most[place][0] = most[place][0].max(earlier.margin());
                 most[other][1] = most[other][1].max(later.margin());
             }
@@ -200,46 +198,55 @@ fn support(frames: &[Candidates], continuation: f64, segments: &mut [TrackletSeg
 #[cfg(test)]
 mod tests {
     use super::super::blobs::Blob;
+    use super::super::view::{FirstView, Place};
     use super::*;
 
-    const BLOB: Blob = Blob { at: [0.0; 2], radius: 5.0, reach: 5.0, direction: 0.0, is_ball: true, sigma: 1.0 };
-
     /// In each of forty frames a ball, another blob far from it, and a third twelve times as large.
-    fn frames() -> Vec<Candidates> {
+    fn state() -> State {
+        let blob = |x: f64, y: f64, radius: f64| Blob::<FirstView> {
+            at: Place::new([x, y]),
+            radius,
+            reach: 5.0,
+            direction: 0.0,
+            is_ball: true,
+            sigma: 1.0,
+        };
         let frame = |frame: usize| {
             let x = 10.0 * frame as f64;
-            let other = Blob { at: [x, 300.0], ..BLOB };
-            let blobs = vec![Blob { at: [x, 100.0], ..BLOB }, other, Blob { radius: 60.0, ..other }];
-            Candidates { time: frame as f64 / 30.0, blobs }
+            (frame as f64 / 30.0, vec![blob(x, 100.0, 5.0), blob(x, 300.0, 5.0), blob(x, 300.0, 60.0)])
         };
-        (0..40).map(frame).collect()
+        State::of([640, 480], (0..40).map(frame))
     }
 
-    fn segment(frames: std::ops::Range<usize>, blob: usize) -> TrackletSegment {
-        TrackletSegment {
-            members: frames.map(|frame| (frame, blob)).collect(),
+    /// First frames and blobs of what is chosen of segments: the frames and the number of the blob in them.
+    fn chosen(segments: &[(std::ops::Range<usize>, usize)]) -> Vec<(usize, usize)> {
+        let state = state();
+        let segment = |(frames, blob): &(std::ops::Range<usize>, usize)| TrackletSegment {
+            members: frames.clone().map(|frame| state.frames()[frame].blobs[*blob]).collect(),
+            frames: [FrameId(frames.start), FrameId(frames.end - 1)],
             log_odds: 3.0,
-            verified: false,
             confirms: true,
-        }
-    }
-
-    /// First frames and blobs of what is chosen.
-    fn chosen(segments: Vec<TrackletSegment>) -> Vec<(usize, usize)> {
-        chain(&frames(), &TrackerConfig::default(), segments).iter().map(|segment| segment.members[0]).collect()
+        };
+        let chosen = chain(&state, &TrackerConfig::default(), segments.iter().map(segment).collect());
+        let first = |segment: &TrackletSegment| {
+            let frame = segment.first();
+            let number = state.frames()[frame].blobs.iter().position(|blob| *blob == segment.members[0]).unwrap();
+            (frame, number)
+        };
+        chosen.iter().map(first).collect()
     }
 
     #[test]
     fn tracklets_that_share_the_ball_are_chained_and_others_are_not() {
-        assert_eq!(chosen(vec![segment(0..18, 0), segment(7..40, 0)]), [(0, 0), (7, 0)]);
-        assert_eq!(chosen(vec![segment(0..18, 1), segment(7..40, 0)]), [(7, 0)]);
+        assert_eq!(chosen(&[(0..18, 0), (7..40, 0)]), [(0, 0), (7, 0)]);
+        assert_eq!(chosen(&[(0..18, 1), (7..40, 0)]), [(7, 0)]);
     }
 
     #[test]
     fn a_ball_is_not_suddenly_nearer() {
-        assert_eq!(chosen(vec![segment(0..9, 1), segment(11..40, 0)]), [(0, 1), (11, 0)]);
-        assert_eq!(chosen(vec![segment(0..9, 2), segment(11..40, 0)]), [(11, 0)]);
+        assert_eq!(chosen(&[(0..9, 1), (11..40, 0)]), [(0, 1), (11, 0)]);
+        assert_eq!(chosen(&[(0..9, 2), (11..40, 0)]), [(11, 0)]);
         // after a while it may be
-        assert_eq!(chosen(vec![segment(0..9, 2), segment(25..40, 0)]), [(0, 2), (25, 0)]);
+        assert_eq!(chosen(&[(0..9, 2), (25..40, 0)]), [(0, 2), (25, 0)]);
     }
 }

@@ -3,7 +3,8 @@
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
-use super::view::{mapped, scale};
+use super::view::{CanvasPixels, FirstView, FramePixels, Place, View, mapped, scale};
+use gravisight_geometry::camera::Detection;
 use gravisight_kernels::Vectors;
 use gravisight_kernels::pixels::largest;
 
@@ -20,12 +21,14 @@ const PLACE_OF_REACH: f64 = 0.08;
 const MOST: usize = 60;
 /// Length over width from which a blob is a streak.
 const STREAK: f64 = 1.5;
+/// Least standard deviation of the place of what a network finds, px.
+const LEAST_SIGMA: f64 = 0.3;
 
 /// A part of a frame that may be the ball: a disc, or a streak that it left while the shutter was open.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Blob {
-    /// Its middle, px.
-    pub at: [f64; 2],
+pub(super) struct Blob<Pixels> {
+    /// Its middle.
+    pub at: Place<Pixels>,
     /// Half its width, px.
     pub radius: f64,
     /// From its middle to either end, px.
@@ -38,28 +41,66 @@ pub(super) struct Blob {
     pub sigma: f64,
 }
 
-impl Blob {
+impl<Pixels> Blob<Pixels> {
     /// The ball that a network measures in it, which is better than the middle of what differs; a streak keeps its length.
     pub fn measured_as(&self, ball: Self) -> Self {
         let reach = if self.reach < STREAK * self.radius { 0.0 } else { self.reach };
         Self { reach: reach.max(ball.radius), direction: self.direction, ..ball }
     }
 
-    /// The same in the pixels of another view.
-    pub fn mapped(&self, homography: &Matrix3<f64>) -> Self {
-        let at = mapped(homography, self.at);
-        let ahead = [self.at[0] + self.direction.cos(), self.at[1] + self.direction.sin()];
-        let ahead = mapped(homography, ahead);
+    /// The same in other pixels.
+    fn mapped<Other>(&self, homography: &Matrix3<f64>) -> Blob<Other> {
+        let [x, y] = self.at.xy;
+        let at = mapped(homography, [x, y]);
+        let ahead = mapped(homography, [x + self.direction.cos(), y + self.direction.sin()]);
         let direction = ((ahead[1] - at[1]) / (ahead[0] - at[0])).atan();
-        let scale = scale(homography, self.at);
-        Self {
-            at,
+        let scale = scale(homography, [x, y]);
+        Blob {
+            at: Place::new(at),
             radius: self.radius * scale,
             reach: self.reach * scale,
             direction: if direction.is_finite() { direction } else { 0.0 },
             sigma: self.sigma * scale,
-            ..*self
+            is_ball: self.is_ball,
         }
+    }
+}
+
+impl Blob<FirstView> {
+    /// The same as a frame of this view shows it.
+    pub fn in_frame(&self, view: &View) -> Blob<FramePixels> {
+        self.mapped(&view.frame_from_first)
+    }
+}
+
+impl Blob<FramePixels> {
+    /// A ball that a network measured in a frame.
+    pub fn of_detection(ball: &Detection) -> Self {
+        let radius = ball.outline.radius;
+        Self {
+            at: Place::new(ball.outline.centre.coords.into()),
+            radius,
+            reach: radius,
+            direction: 0.0,
+            is_ball: true,
+            sigma: ball.sigma_px().max(LEAST_SIGMA),
+        }
+    }
+
+    /// The same in the first view, of a frame of this view.
+    pub fn in_first(&self, view: &View) -> Blob<FirstView> {
+        self.mapped(&view.first_from_frame)
+    }
+}
+
+impl Blob<CanvasPixels> {
+    /// The same in the first view, of which the canvas has this view.
+    pub fn in_first(&self, canvas: &View) -> Blob<FirstView> {
+        if *canvas == View::FIRST {
+            let Self { at, radius, reach, direction, is_ball, sigma } = *self;
+            return Blob { at: Place::new(at.xy), radius, reach, direction, is_ball, sigma };
+        }
+        self.mapped(&canvas.first_from_frame)
     }
 }
 
@@ -85,7 +126,7 @@ struct Sums {
 }
 
 /// The parts of `differences` above `contrast` with radii in `radii`, px: those of most contrast.
-pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, radii: [f64; 2]) -> Vec<Blob> {
+pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, radii: [f64; 2]) -> Vec<Blob<CanvasPixels>> {
     let (runs, parts) = connected(differences, width, contrast);
     let mut sums = vec![Sums::default(); parts];
     for Run { row, start, end, part } in runs {
@@ -102,7 +143,7 @@ pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, radii: [f64;
             sums.second[2] += weight * y * y;
         }
     }
-    let mut found: Vec<(f64, Blob)> = sums.iter().filter_map(Sums::blob).collect();
+    let mut found: Vec<(f64, Blob<CanvasPixels>)> = sums.iter().filter_map(Sums::blob).collect();
     found.retain(|(_, blob)| (radii[0]..=radii[1]).contains(&blob.radius));
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
     found.truncate(MOST);
@@ -186,7 +227,7 @@ fn root(joined: &mut [usize], mut part: usize) -> usize {
 
 impl Sums {
     /// The part as a blob, and by how much it differs: its mean difference times how much of its ellipse it fills.
-    fn blob(&self) -> Option<(f64, Blob)> {
+    fn blob(&self) -> Option<(f64, Blob<CanvasPixels>)> {
         if self.pixels < FEWEST_PIXELS {
             return None;
         }
@@ -201,7 +242,7 @@ impl Sums {
         let filled = self.pixels as f64 / (std::f64::consts::PI * long * short);
         let contrast = self.weight / self.pixels as f64;
         let blob = Blob {
-            at,
+            at: Place::new(at),
             radius: short,
             reach: long,
             direction: (0.5 * (2.0 * xy).atan2(xx - yy)),

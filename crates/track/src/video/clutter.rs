@@ -2,7 +2,9 @@
 
 use std::collections::HashMap;
 
-use super::tracklets::Candidates;
+use super::blobs::Blob;
+use super::state::{FrameId, State};
+use super::view::{FirstView, Place};
 
 /// Side of a cell, px.
 const CELL: f64 = 4.0;
@@ -18,48 +20,53 @@ pub(super) struct Clutter {
 
 impl Clutter {
     /// Adds a frame's candidates.
-    pub fn add(&mut self, seen: &Candidates) {
+    pub fn add(&mut self, blobs: &[Blob<FirstView>]) {
         self.frames += 1;
-        for blob in &seen.blobs {
-            *self.counts.entry(cell(blob.at)).or_default() += 1;
+        for blob in blobs {
+            *self.counts.entry(cell(&blob.at)).or_default() += 1;
         }
     }
 
-    /// Candidates a px² and frame about a place in all frames, `seen`, but those about `frame`.
-    pub fn density(&self, seen: &[Candidates], frame: usize, at: [f64; 2]) -> f64 {
+    /// Candidates a px² and frame about a place in all frames but those about `frame`.
+    pub fn density(&self, state: &State, frame: FrameId, at: &Place<FirstView>) -> f64 {
         let [column, row] = cell(at);
         let cells = || (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [column + x, row + y]));
         let all: u32 = cells().filter_map(|cell| self.counts.get(&cell)).sum();
-        let frames = frame.saturating_sub(OWN_FRAMES)..(frame + OWN_FRAMES + 1).min(seen.len());
+        let frames = frame.0.saturating_sub(OWN_FRAMES)..(frame.0 + OWN_FRAMES + 1).min(state.segmented());
         let count = frames.len();
         let is_near = |[x, y]: [i32; 2]| (x - column).abs() <= 1 && (y - row).abs() <= 1;
-        let own = seen[frames].iter().flat_map(|seen| &seen.blobs).filter(|blob| is_near(cell(blob.at))).count();
+        let blobs = state.frames()[frames].iter().flat_map(|frame| &frame.blobs);
+        let own = blobs.filter(|&&blob| is_near(cell(&state.blob(blob).at))).count();
         let others = f64::from(all) - own as f64;
         others.max(0.0) / (self.frames.saturating_sub(count).max(OWN_FRAMES) as f64 * (3.0 * CELL).powi(2))
     }
 }
 
-fn cell(at: [f64; 2]) -> [i32; 2] {
-    at.map(|at| (at / CELL).floor() as i32)
+fn cell(at: &Place<FirstView>) -> [i32; 2] {
+    at.xy.map(|at| (at / CELL).floor() as i32)
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::blobs::Blob;
     use super::*;
 
     #[test]
     fn what_keeps_being_there_is_clutter_and_what_passes_is_not() {
-        let blob = |at: [f64; 2]| Blob { at, radius: 3.0, reach: 3.0, direction: 0.0, is_ball: false, sigma: 1.0 };
-        let frames: Vec<Candidates> = (0..200)
-            .map(|frame| Candidates {
-                time: f64::from(frame) / 25.0,
-                blobs: vec![blob([100.0 + f64::from(frame % 3), 50.0]), blob([5.0 * f64::from(frame), 80.0])],
-            })
-            .collect();
-        let mut clutter = Clutter::default();
-        frames.iter().for_each(|seen| clutter.add(seen));
-        let [still, flies] = [[101.0, 50.0], [500.0, 80.0]].map(|at| clutter.density(&frames, 100, at));
+        let blob = |x: f64, y: f64| Blob {
+            at: Place::new([x, y]),
+            radius: 3.0,
+            reach: 3.0,
+            direction: 0.0,
+            is_ball: false,
+            sigma: 1.0,
+        };
+        let frames = (0..200).map(|frame| {
+            let blobs = vec![blob(100.0 + f64::from(frame % 3), 50.0), blob(5.0 * f64::from(frame), 80.0)];
+            (f64::from(frame) / 25.0, blobs)
+        });
+        let state = State::of([1280, 720], frames);
+        let density = |at: [f64; 2]| state.clutter().density(&state, FrameId(100), &Place::new(at));
+        let [still, flies] = [[101.0, 50.0], [500.0, 80.0]].map(density);
         assert!((still * 144.0 - 1.0).abs() < 0.05 && flies == 0.0, "{still} {flies}");
     }
 }

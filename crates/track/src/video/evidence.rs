@@ -1,10 +1,17 @@
 //! The detector's answer about a candidate.
 
-use super::queries::LEAST_PROBABILITY;
 use gravisight_geometry::camera::Detection;
 
 /// Confidence of the detector from which it sees a ball where something flies.
-pub(super) const SEEN: f64 = 0.3;
+const SEEN: f64 = 0.3;
+/// Least probability by a network that counts; the largest is as far from 1.
+const LEAST_PROBABILITY: f64 = 5e-4;
+
+/// Log-odds of a network's probability.
+pub(super) fn log_odds(probability: f64) -> f64 {
+    let probability = probability.clamp(LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY);
+    (probability / (1.0 - probability)).ln()
+}
 
 /// The detector's answer about a candidate, with its log-odds beyond those from which a ball counts as seen ([`SEEN`]): negative for a
 /// rejected one, positive for a ball, and 0 without a query.
@@ -18,9 +25,7 @@ pub(super) enum Evidence {
 impl Evidence {
     /// Of the likeliest ball there; none where there is nothing like one.
     pub fn of(ball: Option<Detection>) -> Self {
-        let log_odds = |probability: f64| (probability / (1.0 - probability)).ln();
-        let beyond =
-            |confidence: f64| log_odds(confidence.clamp(LEAST_PROBABILITY, 1.0 - LEAST_PROBABILITY)) - log_odds(SEEN);
+        let beyond = |confidence: f64| log_odds(confidence) - log_odds(SEEN);
         match ball {
             Some(ball) if ball.confidence >= SEEN => Self::Ball(ball, beyond(ball.confidence)),
             Some(ball) => Self::Rejected(beyond(ball.confidence)),

@@ -4,15 +4,14 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::super::file::TrackPoint;
-use super::Kept;
 use super::association::{TrackletSegment, chain};
 use super::blobs::Blob;
 use super::config::TrackerConfig;
 use super::evidence::Evidence;
 use super::gravity::{GravityTest, ImagePoint};
-use super::queries::Verdicts;
-use super::tracklets::{Candidates, Tracklet, alike};
-use super::view::View;
+use super::state::{BlobId, FrameId, State};
+use super::tracklets::{Tracklet, alike};
+use super::view::{CameraMotion, FirstView, Place, View};
 use gravisight_geometry::camera::{Camera, Detection};
 use gravisight_geometry::statistics::median;
 use gravisight_physics::Scene;
@@ -43,15 +42,6 @@ pub struct TrackedBlob {
     pub radius_px: f64,
     /// Half its length, px.
     pub reach_px: f64,
-}
-
-/// Where a camera looks that no longer looks where it did at first.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum CameraMotion {
-    /// It turned, moved or zoomed: what stands still is so far away in the picture, px, from where it was.
-    Moved(f64),
-    /// Most of the picture changed at once.
-    Cut,
 }
 
 /// What the weights of paths are fitted to.
@@ -85,48 +75,28 @@ pub struct FollowedFrame {
 /// All that flew in a video.
 pub struct Hypotheses<'a> {
     config: TrackerConfig,
-    kept: &'a [Kept],
-    seen: &'a [Candidates],
+    state: &'a State,
     tracklets: Vec<Tracklet>,
-    verdicts: &'a Verdicts,
-    /// Numbers of the frames of which `seen` tells.
-    numbers: Vec<usize>,
-    cuts: Vec<usize>,
-    views: &'a [View],
-    elsewhere: &'a [Option<CameraMotion>],
     /// Seeds that no tracklet goes through.
     unused: Vec<(usize, [f64; 2])>,
+    /// Whether a motion network answers.
+    has_motion: bool,
 }
 
 impl<'a> Hypotheses<'a> {
+    /// Of these tracklets; no tracklet goes through the `unused` seeds.
     pub(super) fn new(
-        kept: &'a [Kept],
-        seen: &'a [Candidates],
+        config: TrackerConfig,
+        state: &'a State,
         tracklets: Vec<Tracklet>,
-        verdicts: &'a Verdicts,
-        cuts: &[usize],
-        (views, elsewhere): (&'a [View], &'a [Option<CameraMotion>]),
+        unused: Vec<(usize, [f64; 2])>,
     ) -> Self {
-        let numbers: Vec<usize> =
-            kept.iter().enumerate().filter(|(_, kept)| !kept.repeated).map(|(number, _)| number).collect();
-        let cuts = cuts.iter().map(|&place| numbers[place]).collect();
-        let config = TrackerConfig::default();
-        Self { config, kept, seen, tracklets, verdicts, numbers, cuts, views, elsewhere, unused: vec![] }
-    }
-
-    /// The same, weighed by numbers of one's own.
-    pub(super) fn with_config(self, config: TrackerConfig) -> Self {
-        Self { config, ..self }
+        Self { config, state, tracklets, unused, has_motion: state.has_motion() }
     }
 
     /// The numbers that it is weighed by.
     pub fn config(&self) -> TrackerConfig {
         self.config
-    }
-
-    /// The same, with seeds that no tracklet goes through.
-    pub(super) fn with_unused(self, unused: Vec<(usize, [f64; 2])>) -> Self {
-        Self { unused, ..self }
     }
 
     /// Frames and places (px) in which a person saw the ball, and which no tracklet goes through.
@@ -135,42 +105,42 @@ impl<'a> Hypotheses<'a> {
     }
 
     /// Frames, to within one, from which on most of the picture is another: a cut, or the camera moved.
-    pub fn cuts(&self) -> &[usize] {
-        &self.cuts
+    pub fn cuts(&self) -> Vec<usize> {
+        self.state.cuts().iter().map(|&frame| self.state.frame(frame).number).collect()
     }
 
     /// The ball, frame by frame. Where the camera (of these pictures) and the scene are known, by how its path bends, too.
     pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> Vec<FollowedFrame> {
-        let frame = |(number, kept): (usize, &Kept)| {
-            let point = TrackPoint { frame: number as u64, time: Some(kept.time), ..TrackPoint::default() };
-            FollowedFrame { point, repeated: kept.repeated, ..FollowedFrame::default() }
+        let state = self.state;
+        let frame = |number: usize| {
+            let (time, repeated) = state.shown_at(number);
+            let point = TrackPoint { frame: number as u64, time: Some(time), ..TrackPoint::default() };
+            FollowedFrame { point, repeated, ..FollowedFrame::default() }
         };
-        let mut frames: Vec<FollowedFrame> = self.kept.iter().enumerate().map(frame).collect();
-        for (&number, (&view, &elsewhere)) in self.numbers.iter().zip(self.views.iter().zip(self.elsewhere)) {
-            (frames[number].view, frames[number].elsewhere) = (Some(view), elsewhere);
+        let mut frames: Vec<FollowedFrame> = (0..state.shown()).map(frame).collect();
+        for own in state.frames() {
+            (frames[own.number].view, frames[own.number].elsewhere) = (Some(own.view), own.elsewhere);
         }
         let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
-        let segments =
-            (0..self.tracklets.len()).flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref())).collect();
+        let segments = self.tracklets.iter().flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref()));
         // Of each frame the likeliest candidate: by the log-odds of its segment and of its own detection.
-        let mut likeliest: BTreeMap<usize, (f64, (usize, usize), f64)> = BTreeMap::new();
-        for segment in chain(self.seen, &self.config, segments) {
+        let mut likeliest: BTreeMap<FrameId, (f64, BlobId, f64)> = BTreeMap::new();
+        for segment in chain(state, &self.config, segments.collect()) {
             for &member in &segment.members {
-                let log_odds = segment.log_odds + self.verdicts.of(member).log_odds();
-                if likeliest.get(&member.0).is_none_or(|other| log_odds >= other.0) {
-                    likeliest.insert(member.0, (log_odds, member, segment.confidence()));
+                let log_odds = segment.log_odds + state.evidence(member).log_odds();
+                let frame = state.frame_of(member);
+                if likeliest.get(&frame).is_none_or(|other| log_odds >= other.0) {
+                    likeliest.insert(frame, (log_odds, member, segment.confidence()));
                 }
             }
         }
-        let mut balls: BTreeMap<usize, ((usize, usize), f64)> =
-            likeliest.into_iter().map(|(place, (_, member, confidence))| (place, (member, confidence))).collect();
+        let mut balls: BTreeMap<FrameId, (BlobId, f64)> =
+            likeliest.into_iter().map(|(frame, (_, member, confidence))| (frame, (member, confidence))).collect();
         self.fill(&mut balls);
-        for (place, (member, confidence)) in balls {
-            let frame = &mut frames[self.numbers[place]];
+        for (frame, (member, confidence)) in balls {
+            let frame = &mut frames[state.frame(frame).number];
             let ball = self.followed(member);
-            let evidence = self.verdicts.of(member);
-            let sigma = self.seen[member.0].blobs[member.1].sigma;
-            frame.point = point(&ball, sigma, evidence.ball(), frame.point);
+            frame.point = point(&ball, state.blob(member).sigma, state.evidence(member).ball(), frame.point);
             (frame.ball, frame.confidence) = (Some(ball), confidence);
         }
         correlate_radius_errors(&mut frames);
@@ -179,23 +149,23 @@ impl<'a> Hypotheses<'a> {
 
     /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: a tracklet ends
     /// at a bounce or a hit, and the next begins after it.
-    fn fill(&self, balls: &mut BTreeMap<usize, ((usize, usize), f64)>) {
-        let known: Vec<((usize, usize), f64)> = balls.values().copied().collect();
+    fn fill(&self, balls: &mut BTreeMap<FrameId, (BlobId, f64)>) {
+        let known: Vec<(FrameId, (BlobId, f64))> = balls.iter().map(|(frame, ball)| (*frame, *ball)).collect();
         for pair in known.windows(2) {
-            let [(before, sure), (after, sure_after)] = [pair[0], pair[1]];
-            if after.0 - before.0 > MOST_BETWEEN + 1 {
+            let [(before, (earlier, sure)), (after, (later, sure_after))] = [pair[0], pair[1]];
+            if after.since(before) > MOST_BETWEEN + 1 {
                 continue;
             }
-            let [from, to] = [before, after].map(|(place, index)| &self.seen[place].blobs[index]);
-            let displacement = [to.at[0] - from.at[0], to.at[1] - from.at[1]];
-            let reach = NEAR * from.radius.max(to.radius) + displacement[0].hypot(displacement[1]) / 2.0;
-            for place in before.0 + 1..after.0 {
-                let middle = [from.at[0] + displacement[0] / 2.0, from.at[1] + displacement[1] / 2.0];
-                let off = |blob: &Blob| (blob.at[0] - middle[0]).hypot(blob.at[1] - middle[1]);
-                let blobs = self.seen[place].blobs.iter().enumerate();
+            let [from, to] = [earlier, later].map(|member| self.state.blob(member));
+            let [x, y] = to.at.minus(&from.at);
+            let reach = NEAR * from.radius.max(to.radius) + x.hypot(y) / 2.0;
+            let middle = Place::new([from.at.xy[0] + x / 2.0, from.at.xy[1] + y / 2.0]);
+            for frame in (before.0 + 1..after.0).map(FrameId) {
+                let off = |blob: &Blob<FirstView>| blob.at.distance(&middle);
+                let blobs = self.state.frame(frame).blobs.iter().map(|&member| (member, self.state.blob(member)));
                 let near = blobs.filter(|(_, blob)| blob.is_ball && alike(blob, from) && off(blob) <= reach);
-                if let Some((index, _)) = near.min_by(|a, b| off(a.1).total_cmp(&off(b.1))) {
-                    balls.insert(place, ((place, index), sure.min(sure_after)));
+                if let Some((member, _)) = near.min_by(|a, b| off(a.1).total_cmp(&off(b.1))) {
+                    balls.insert(frame, (member, sure.min(sure_after)));
                 }
             }
         }
@@ -204,10 +174,9 @@ impl<'a> Hypotheses<'a> {
     /// A tracklet, cut where the detector begins or ceases to see a ball for some frames: a ball's tracklet may go on as its shadow's. It is
     /// also cut before and after the part with the highest motion log-odds, where those of the rest reject a ball clearly: beyond a hit, a
     /// tracklet may go on as another object's.
-    fn segments(&self, number: usize, gravity_test: Option<&GravityTest>) -> Vec<TrackletSegment> {
-        let tracklet = &self.tracklets[number];
+    fn segments(&self, tracklet: &Tracklet, gravity_test: Option<&GravityTest>) -> Vec<TrackletSegment> {
         let members = &tracklet.members;
-        let seen: Vec<Evidence> = members.iter().map(|&member| self.verdicts.of(member)).collect();
+        let seen: Vec<Evidence> = members.iter().map(|&member| self.state.evidence(member)).collect();
         let lasts = |from: usize| {
             let run = seen[from..].iter().take(RUN);
             run.len() == RUN && run.clone().all(|it| it.agrees_with(&seen[from]))
@@ -215,7 +184,7 @@ impl<'a> Hypotheses<'a> {
         let is_cut = |end: usize| lasts(end) && seen[end - 1].contradicts(&seen[end]);
         let mut cuts: Vec<usize> = (1..members.len()).filter(|&end| is_cut(end)).collect();
         if !tracklet.seeded {
-            let motion: Vec<f64> = members.iter().map(|&member| self.verdicts.motion(member).unwrap_or(0.0)).collect();
+            let motion: Vec<f64> = members.iter().map(|&member| self.state.motion(member).unwrap_or(0.0)).collect();
             let part = best_part(&motion);
             let sum = |values: &[f64]| values.iter().sum::<f64>();
             // A part of another object's tracklet may look like a ball.
@@ -226,11 +195,11 @@ impl<'a> Hypotheses<'a> {
         cuts.extend([0, members.len()]);
         cuts.sort_unstable();
         let parts = cuts.windows(2).filter(|cut| cut[1] - cut[0] > 1).map(|cut| members[cut[0]..cut[1]].to_vec());
-        let segment = |members: Vec<(usize, usize)>| {
+        let segment = |members: Vec<BlobId>| {
             let log_odds = self.log_odds(tracklet, &members, gravity_test);
-            let verified = self.verdicts.has_motion();
-            let confirms = !verified || log_odds >= self.config.confirmed;
-            TrackletSegment { log_odds, verified, confirms, members }
+            let confirms = !self.has_motion || log_odds >= self.config.confirmed;
+            let frames = [members[0], members[members.len() - 1]].map(|member| self.state.frame_of(member));
+            TrackletSegment { members, frames, log_odds, confirms }
         };
         parts.map(segment).collect()
     }
@@ -238,46 +207,50 @@ impl<'a> Hypotheses<'a> {
     /// What tells of all parts of tracklets whether they are the ball's.
     pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>) -> Vec<TrackletFeatures> {
         let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
-        let segments = (0..self.tracklets.len()).flat_map(|tracklet| {
-            self.segments(tracklet, gravity_test.as_ref()).into_iter().map(move |it| (tracklet, it))
-        });
-        let features = segments.map(|(tracklet, segment)| {
-            let features = self.features(&self.tracklets[tracklet], &segment.members, gravity_test.as_ref());
-            let places = segment.members.iter().map(|&member| (self.numbers[member.0], self.followed(member).image));
+        let of_segment = |tracklet: &Tracklet, segment: TrackletSegment| {
+            let features = self.features(tracklet, &segment.members, gravity_test.as_ref());
+            let places = segment
+                .members
+                .iter()
+                .map(|&member| (self.state.frame(self.state.frame_of(member)).number, self.followed(member).image));
             TrackletFeatures { features, places: places.collect() }
+        };
+        let features = self.tracklets.iter().flat_map(|tracklet| {
+            let segments = self.segments(tracklet, gravity_test.as_ref());
+            segments.into_iter().map(move |segment| of_segment(tracklet, segment))
         });
         features.collect()
     }
 
     /// Log-odds that a part of a tracklet is the ball.
-    fn log_odds(&self, tracklet: &Tracklet, members: &[(usize, usize)], gravity_test: Option<&GravityTest>) -> f64 {
+    fn log_odds(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> f64 {
         if tracklet.seeded {
             return SEEDED;
         }
         let config = &self.config;
-        let weights = if self.verdicts.has_motion() { config.weights } else { config.weights_without_motion };
+        let weights = if self.has_motion { config.weights } else { config.weights_without_motion };
         let features = self.features(tracklet, members, gravity_test);
         features.iter().zip(weights).map(|(value, weight)| value * weight).sum()
     }
 
     /// What tells whether a part of a tracklet is the ball's, as [`TrackerConfig::weights`] lists it.
-    fn features(
-        &self,
-        tracklet: &Tracklet,
-        members: &[(usize, usize)],
-        gravity_test: Option<&GravityTest>,
-    ) -> [f64; 7] {
+    fn features(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> [f64; 7] {
         let (mut queried, mut detected) = (0.0, 0.0);
-        let image_point = |&(place, index): &(usize, usize)| {
-            let blob = &self.seen[place].blobs[index];
-            let evidence = self.verdicts.of((place, index));
+        let image_point = |&member: &BlobId| {
+            let blob = self.state.blob(member);
+            let evidence = self.state.evidence(member);
             queried += f64::from(u8::from(evidence.is_queried()));
             detected += f64::from(u8::from(evidence.is_ball()));
-            ImagePoint { time: self.seen[place].time, at: blob.at.into(), radius: blob.radius, sigma: blob.sigma }
+            ImagePoint {
+                time: self.state.time_of(member),
+                at: blob.at.xy.into(),
+                radius: blob.radius,
+                sigma: blob.sigma,
+            }
         };
         let path: Vec<ImagePoint> = members.iter().map(image_point).collect();
         // Without an answer of the motion network there is no evidence for a ball.
-        let motion: Vec<f64> = members.iter().filter_map(|&member| self.verdicts.motion(member)).collect();
+        let motion: Vec<f64> = members.iter().filter_map(|&member| self.state.motion(member)).collect();
         let motion = motion.iter().sum::<f64>() / motion.len().max(1) as f64;
         let small = median(path.iter().map(|point| point.radius)).is_some_and(|radius| radius < SMALL);
         let detector = ((detected + 1.0) / (queried - detected + 1.0_f64)).ln();
@@ -287,9 +260,10 @@ impl<'a> Hypotheses<'a> {
         [1.0, ratio, motion, f64::from(u8::from(small)), large, little, bend]
     }
 
-    fn followed(&self, (frame, index): (usize, usize)) -> TrackedBlob {
-        let blob = self.seen[frame].blobs[index].mapped(&self.views[frame].frame_from_first);
-        TrackedBlob { image: blob.at, radius_px: blob.radius, reach_px: blob.reach }
+    fn followed(&self, member: BlobId) -> TrackedBlob {
+        let view = &self.state.frame(self.state.frame_of(member)).view;
+        let blob = self.state.blob(member).in_frame(view);
+        TrackedBlob { image: blob.at.xy, radius_px: blob.radius, reach_px: blob.reach }
     }
 }
 

@@ -5,14 +5,15 @@
 //! takes over where too few of them are left in view, and an older one where it is in view again, so that errors do not add up on the
 //! way back.
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
+use nalgebra::{Matrix3, Vector2};
 use rayon::prelude::*;
 
+use super::homography::{NEAR, change_through, consensus};
+use super::patches::{HALF, Patch, REDUCED, Reduced, texture};
 use super::planes::Planes;
 use super::view::{View, displacement, mapped};
 
-/// Half a patch's side, px, and how far from its predicted place it is searched; where the camera stood still before, it is searched less far.
-const HALF: usize = 7;
+/// How far from its predicted place a patch is searched, px; where the camera stood still before, it is searched less far.
 const REACH: i64 = 6;
 const REACH_STILL: i64 = 3;
 /// Cells along the picture's sides in which one patch each is chosen, and px between places that are tried.
@@ -20,32 +21,15 @@ const CELLS: [usize; 2] = [12, 8];
 const STEP: usize = 6;
 /// Least gradient (root mean square, levels a px) in a patch's weakest direction.
 const TEXTURE: f64 = 4.0;
-/// Largest mean difference of a patch that is found again, as a fraction of its own contrast, and what noise may add, levels.
-const ALIKE: f64 = 0.5;
-const NOISE: f64 = 3.0;
 /// Fewest patches that make a homography, and the fraction of those found, and of those in view, that has to agree.
 const FEWEST: usize = 8;
 const AGREE: f64 = 0.5;
 const AGREE_OF_ALL: f64 = 0.3;
-/// Distance within which a patch agrees with the others, px.
-const NEAR: f64 = 1.0;
-/// Pairs of patches of which a motion is tried.
-const TRIES: usize = 80;
 /// Fraction of a key frame's patches in view, and mean displacement as a fraction of the width, at which another key frame takes over.
 const LEAST_IN_VIEW: f64 = 0.6;
 const FARTHEST: f64 = 0.12;
 /// The same displacement within which an older key frame takes over again.
 const RETURNED: f64 = 0.06;
-/// Standard deviation of a patch's place, px, and of what a camera that turns and zooms changes besides a similarity from one frame to the
-/// next: aspect and shear, and the perspective terms, of coordinates in half widths.
-const PLACE_SIGMA: f64 = 0.3;
-const SHEAR_SIGMA: f64 = 0.002;
-const PERSPECTIVE_SIGMA: f64 = 0.003;
-/// Rounds of the robust fit.
-const ROUNDS: usize = 3;
-/// Factor by which a plane is reduced for the coarse search, and how far that goes, as a fraction of the width.
-const REDUCED: usize = 8;
-const COARSE_REACH: f64 = 0.2;
 
 /// Finds the views of frames that come one after the other.
 pub(super) struct Registration {
@@ -64,41 +48,6 @@ struct Key {
     key_from_first: Matrix3<f64>,
     first_from_key: Matrix3<f64>,
     reduced: Reduced,
-}
-
-struct Patch {
-    at: [usize; 2],
-    values: Vec<i32>,
-    /// Mean distance of the values from their mean.
-    contrast: f64,
-}
-
-/// A shift with a rotation and a scale: `at + rotation · at + shift`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Motion {
-    rotation: Matrix2<f64>,
-    shift: Vector2<f64>,
-}
-
-impl Motion {
-    const NONE: Self = Self { rotation: Matrix2::new(0.0, 0.0, 0.0, 0.0), shift: Vector2::new(0.0, 0.0) };
-
-    fn of(&self, at: &Vector2<f64>) -> Vector2<f64> {
-        self.rotation * at + self.shift
-    }
-
-    /// That of two places; [`None`] where they are too near each other.
-    fn through([a, moved_a]: [Vector2<f64>; 2], [b, moved_b]: [Vector2<f64>; 2]) -> Option<Self> {
-        let (from, to) = (b - a, moved_b - moved_a);
-        let square = from.norm_squared();
-        if square < 100.0 * (HALF * HALF) as f64 {
-            return None;
-        }
-        // The similarity that maps `from` to `from + to`, less the identity: scaled cosine and sine of its angle.
-        let (cosine, sine) = (from.dot(&to) / square, from.perp(&to) / square);
-        let rotation = Matrix2::new(cosine, -sine, sine, cosine);
-        Some(Self { rotation, shift: moved_a - rotation * a })
-    }
 }
 
 impl Registration {
@@ -218,194 +167,6 @@ impl Key {
     }
 }
 
-/// A plane's brightness, reduced.
-struct Reduced {
-    width: usize,
-    height: usize,
-    values: Vec<i32>,
-}
-
-impl Reduced {
-    fn of(planes: &Planes) -> Self {
-        let (width, height) = (planes.width / REDUCED, planes.height / REDUCED);
-        let mut values = vec![0; width * height];
-        for (row, values) in values.chunks_exact_mut(width.max(1)).enumerate() {
-            for line in 0..REDUCED {
-                let line = &planes.levels[0][(row * REDUCED + line) * planes.width..][..width * REDUCED];
-                for (value, pixels) in values.iter_mut().zip(line.chunks_exact(REDUCED)) {
-                    *value += pixels.iter().map(|&pixel| i32::from(pixel)).sum::<i32>();
-                }
-            }
-        }
-        values.iter_mut().for_each(|value| *value /= (REDUCED * REDUCED) as i32);
-        Self { width, height, values }
-    }
-
-    /// The shift by which most of `other` is this, near an expected one, cells.
-    fn shift_to(&self, other: &Self, expected: [i64; 2]) -> Option<[i64; 2]> {
-        let reach = (COARSE_REACH * self.width as f64) as i64;
-        let shifts = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| [x + expected[0], y + expected[1]]));
-        let difference = |[x, y]: [i64; 2]| {
-            let rows = y.max(0)..(self.height as i64).min(self.height as i64 + y);
-            let columns = x.max(0)..(self.width as i64).min(self.width as i64 + x);
-            let (tall, wide) = (rows.end - rows.start, columns.end - columns.start);
-            if 2 * tall < self.height as i64 || 2 * wide < self.width as i64 {
-                return None;
-            }
-            let line = |row: i64| {
-                let there = &other.values[row as usize * self.width + columns.start as usize..][..wide as usize];
-                let here =
-                    &self.values[(row - y) as usize * self.width + (columns.start - x) as usize..][..wide as usize];
-                // Some of it moves, which must not decide.
-                here.iter().zip(there).map(|(a, b)| i64::from((a - b).abs().min(40))).sum::<i64>()
-            };
-            Some(rows.step_by(2).map(line).sum::<i64>() as f64 / (tall * wide) as f64)
-        };
-        let found = shifts.filter_map(|shift| Some((shift, difference(shift)?)));
-        found.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(shift, _)| shift)
-    }
-}
-
-/// The homography that moves places as found (`[at, moved]`), of a picture of `size`, and the deviation of places that it maps, px.
-fn change_through(found: &[[Vector2<f64>; 2]], size: [usize; 2]) -> Option<(Matrix3<f64>, f64)> {
-    let half = size[0] as f64 / 2.0;
-    let middle = Vector2::new(half, size[1] as f64 / 2.0);
-    let mut change = SVector::<f64, 8>::zeros();
-    let mut square = 0.0;
-    for round in 0..ROUNDS {
-        let mut normal = SMatrix::<f64, 8, 8>::zeros();
-        let mut right = SVector::<f64, 8>::zeros();
-        // Aspect, shear and perspective are known to be small.
-        let priors = [([(1, 1.0), (5, -1.0)], SHEAR_SIGMA), ([(2, 1.0), (4, 1.0)], SHEAR_SIGMA)];
-        for (terms, sigma) in priors {
-            for (row, a) in terms {
-                terms.iter().for_each(|&(column, b)| normal[(row, column)] += a * b / (sigma * sigma));
-            }
-        }
-        normal[(6, 6)] += PERSPECTIVE_SIGMA.powi(-2);
-        normal[(7, 7)] += PERSPECTIVE_SIGMA.powi(-2);
-        square = 0.0;
-        for [at, moved] in found {
-            let (place, moved) = ((at - middle) / half, moved / half);
-            let (u, v) = (place.x, place.y);
-            let rows = [[1.0, u, v, 0.0, 0.0, 0.0, u * u, v * u], [0.0, 0.0, 0.0, 1.0, u, v, u * v, v * v]];
-            let rows = rows.map(SVector::<f64, 8>::from);
-            let off = [0, 1].map(|axis| (moved[axis] - rows[axis].dot(&change)) * half / PLACE_SIGMA);
-            let off = off[0].hypot(off[1]);
-            square += off * off;
-            let weight = if round == 0 { 1.0 } else { 2.0 / off.max(2.0) } * (half / PLACE_SIGMA).powi(2);
-            for (axis, row) in rows.iter().enumerate() {
-                normal += row * row.transpose() * weight;
-                right += row * (weight * moved[axis]);
-            }
-        }
-        change = normal.cholesky()?.solve(&right);
-    }
-    let [a, b, c, d, e, f, g, h] = change.into();
-    let change = Matrix3::new(1.0 + b, c, a, e, 1.0 + f, d, -g, -h, 1.0);
-    let from = Matrix3::new(1.0 / half, 0.0, -middle.x / half, 0.0, 1.0 / half, -middle.y / half, 0.0, 0.0, 1.0);
-    let change = from.try_inverse()? * change * from;
-    // Eight numbers are found of two a place.
-    let numbers = 2.0 * found.len() as f64;
-    let residual = (square / (numbers - 8.0).max(1.0)).sqrt() * PLACE_SIGMA;
-    Some((change / change[(2, 2)], residual.max(PLACE_SIGMA) * (8.0 / numbers).sqrt()))
-}
-
-/// The motion for which most places speak, and how many do.
-fn consensus(found: &[[Vector2<f64>; 2]]) -> Option<(Motion, usize)> {
-    let agreeing = |motion: &Motion| found.iter().filter(|[at, moved]| (motion.of(at) - moved).norm() < NEAR).count();
-    // Numbers that look random, and are the same each time.
-    let mut state = 1_u64;
-    let mut draw = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % found.len()
-    };
-    let tried = (0..TRIES).filter_map(|_| Motion::through(found[draw()], found[draw()]));
-    let motion = tried.chain([Motion::NONE]).max_by_key(|motion| agreeing(motion))?;
-    Some((motion, agreeing(&motion)))
-}
-
-impl Patch {
-    fn of(planes: &Planes, at: [usize; 2]) -> Self {
-        let mut values = Vec::with_capacity((2 * HALF + 1).pow(2));
-        for y in at[1] - HALF..=at[1] + HALF {
-            let row = &planes.levels[0][y * planes.width..];
-            values.extend(row[at[0] - HALF..=at[0] + HALF].iter().map(|&value| i32::from(value)));
-        }
-        let mean = values.iter().sum::<i32>() / values.len() as i32;
-        values.iter_mut().for_each(|value| *value -= mean);
-        let contrast = values.iter().map(|value| value.abs()).sum::<i32>() as f64 / values.len() as f64;
-        Self { at, values, contrast }
-    }
-
-    fn xy(&self) -> [f64; 2] {
-        self.at.map(|at| at as f64)
-    }
-
-    fn is_alike(&self, difference: f64) -> bool {
-        difference < ALIKE * self.contrast + NOISE
-    }
-
-    /// Mean difference from what is about a place, each less its mean; [`None`] where that is not within the picture.
-    fn difference(&self, planes: &Planes, [x, y]: [i64; 2]) -> Option<f64> {
-        let half = HALF as i64;
-        if x < half || y < half || x + half >= planes.width as i64 || y + half >= planes.height as i64 {
-            return None;
-        }
-        let side = 2 * HALF + 1;
-        let first = (y - half) as usize * planes.width + (x - half) as usize;
-        let rows = || (0..side).map(|row| &planes.levels[0][first + row * planes.width..][..side]);
-        let sum: i32 = rows().flatten().map(|&value| i32::from(value)).sum();
-        let mean = sum / (side * side) as i32;
-        let off: i32 = rows()
-            .zip(self.values.chunks_exact(side))
-            .map(|(row, values)| {
-                row.iter().zip(values).map(|(&now, was)| (i32::from(now) - mean - was).abs()).sum::<i32>()
-            })
-            .sum();
-        Some(f64::from(off) / (side * side) as f64)
-    }
-
-    /// The place at which it is predicted, and how far from there it is found.
-    fn found(&self, planes: &Planes, predicted: Vector2<f64>, reach: i64) -> Option<[Vector2<f64>; 2]> {
-        let expected = predicted.map(|at| at.round() as i64);
-        let off = |x: i64, y: i64| self.difference(planes, [expected.x + x, expected.y + y]);
-        let places = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y)));
-        let best = places.filter_map(|(x, y)| Some(((x, y), off(x, y)?))).min_by(|a, b| a.1.total_cmp(&b.1))?;
-        let ((x, y), least) = best;
-        // At the search's edge it is perhaps farther away still.
-        if !self.is_alike(least) || x.abs() == reach || y.abs() == reach {
-            return None;
-        }
-        let between = |before: Option<f64>, after: Option<f64>| match (before, after) {
-            (Some(before), Some(after)) if before + after > 2.0 * least => {
-                // The sum of absolute differences is a cone, not a parabola.
-                let (most, less) = (before.max(after) - least, before - after);
-                (0.5 * less / most).clamp(-0.5, 0.5)
-            }
-            _ => 0.0,
-        };
-        let part = [between(off(x - 1, y), off(x + 1, y)), between(off(x, y - 1), off(x, y + 1))];
-        let found = Vector2::new((expected.x + x) as f64 + part[0], (expected.y + y) as f64 + part[1]);
-        Some([predicted, found - predicted])
-    }
-}
-
-/// The gradient (root mean square, levels a px) about a place in the direction in which it is weakest.
-fn texture(planes: &Planes, [x, y]: [usize; 2]) -> f64 {
-    let level = |x: usize, y: usize| f64::from(planes.levels[0][y * planes.width + x]);
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    for y in (y - HALF..=y + HALF).step_by(2) {
-        for x in (x - HALF..=x + HALF).step_by(2) {
-            let [dx, dy] =
-                [level(x + 1, y) - level(x - 1, y), level(x, y + 1) - level(x, y - 1)].map(|twice| twice / 2.0);
-            (xx, xy, yy) = (xx + dx * dx, xy + dx * dy, yy + dy * dy);
-        }
-    }
-    let (middle, off) = ((xx + yy) / 2.0, ((xx - yy) / 2.0).hypot(xy));
-    ((middle - off).max(0.0) / (HALF + 1).pow(2) as f64).sqrt()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -439,7 +200,7 @@ mod tests {
             let truth =
                 |[x, y]: [f64; 2]| [(x - 160.0 + shift[0]) * zoom + 160.0, (y - 100.0 + shift[1]) * zoom + 100.0];
             let off = points.map(|at| {
-                let ([x, y], [u, v]) = (view.frame(at), truth(at));
+                let ([x, y], [u, v]) = (mapped(&view.frame_from_first, at), truth(at));
                 (x - u).hypot(y - v)
             });
             off.into_iter().fold(0.0, f64::max)

@@ -2,12 +2,14 @@
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap};
+use std::ops::Range;
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::blobs::Blob;
-use super::clutter::Clutter;
 use super::config::TrackerConfig;
+use super::state::{BlobId, BlobSet, FrameId, State};
+use super::view::{FirstView, Place};
 
 /// What a measured step may be off besides: px, and a fraction of it for a streak whose ends are not seen.
 const STEP_PX: f64 = 3.0;
@@ -39,89 +41,90 @@ const LEAST_BALL_DISPLACEMENT_PX: f64 = 3.0;
 const DENSITY_PX: f64 = 80.0;
 const DENSITY_FRAMES: usize = 6;
 
-/// Blobs of a frame, and when it was taken, s.
-pub(super) struct Candidates {
-    pub time: f64,
-    pub blobs: Vec<Blob>,
-}
-
 /// Blobs that may be one object in flight.
 #[derive(Debug, Clone)]
 pub(super) struct Tracklet {
-    /// Frames and blobs' numbers, ascending.
-    pub members: Vec<(usize, usize)>,
+    /// One a frame at most, by frame.
+    pub members: Vec<BlobId>,
     /// Log-likelihood ratio of one object over chance.
     pub log_likelihood_ratio: f64,
     /// Whether a person saw the ball in it.
     pub seeded: bool,
 }
 
-/// A search for tracklets in some frames of a video.
+/// A search for tracklets in the last frames of a video, or in all.
 pub(super) struct TrackletSearch<'a> {
     pub config: &'a TrackerConfig,
-    pub frames: &'a [Candidates],
-    /// All frames, and the first of [`Self::frames`] among them.
-    pub all: &'a [Candidates],
-    pub from: usize,
-    /// Where something always moves.
-    pub clutter: &'a Clutter,
-    /// The picture's pixels.
-    pub area: f64,
+    pub state: &'a State,
+    /// The first frame that is searched.
+    pub from: FrameId,
     /// Fraction of the least displacement that a tracklet must reach: in few frames it cannot go far.
     pub displacement_fraction: f64,
     /// Log-likelihood ratio of a tracklet from which its blobs seed no other.
     pub strong_log_ratio: f64,
     /// Where a person saw the ball, by frame.
-    pub seeds: &'a BTreeMap<usize, [f64; 2]>,
+    pub seeds: &'a BTreeMap<FrameId, Place<FirstView>>,
     /// Results of [`Self::candidate_density`]: many tracklets go through one blob.
-    pub density_cache: RefCell<HashMap<(usize, usize), f64>>,
+    pub density_cache: RefCell<HashMap<BlobId, f64>>,
 }
 
 impl TrackletSearch<'_> {
-    fn blob(&self, (frame, index): (usize, usize)) -> &Blob {
-        &self.frames[frame].blobs[index]
+    fn blob(&self, blob: BlobId) -> &Blob<FirstView> {
+        self.state.blob(blob)
+    }
+
+    /// Indices of the frames that are searched.
+    fn frames(&self) -> Range<usize> {
+        self.from.0..self.state.segmented()
+    }
+
+    /// The candidates of a frame with what they are believed to be, by the frame's index.
+    fn blobs(&self, frame: usize) -> impl Iterator<Item = (BlobId, &Blob<FirstView>)> {
+        self.state.frames()[frame].blobs.iter().map(|&blob| (blob, self.blob(blob)))
     }
 
     /// All tracklets that are likelier than chance: seeded ones first, then by log-likelihood ratio. At least half of the blobs of each are
     /// in none before it.
     pub fn tracklets(&self) -> Vec<Tracklet> {
         let mut grown: Vec<Tracklet> = Vec::new();
-        let mut used: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
-        for frame in 0..self.frames.len() {
+        let mut used = BlobSet::from(self.state, self.from);
+        for frame in self.frames() {
             for seed in self.seeds(frame) {
-                if seed.iter().all(|&(frame, index)| used[frame][index]) {
+                if seed.iter().all(|&blob| used.contains(blob)) {
                     continue;
                 }
                 let Some(tracklet) = self.grow(seed) else { continue };
                 if tracklet.log_likelihood_ratio >= self.strong_log_ratio {
-                    tracklet.members.iter().for_each(|&(frame, index)| used[frame][index] = true);
+                    tracklet.members.iter().for_each(|&blob| used.insert(blob));
                 }
                 grown.push(tracklet);
             }
         }
         grown.sort_by(|a, b| b.seeded.cmp(&a.seeded).then(b.log_likelihood_ratio.total_cmp(&a.log_likelihood_ratio)));
-        let mut taken: Vec<Vec<bool>> = self.frames.iter().map(|frame| vec![false; frame.blobs.len()]).collect();
+        let mut taken = BlobSet::from(self.state, self.from);
         let mut kept = Vec::new();
         for tracklet in grown {
-            let free = tracklet.members.iter().filter(|&&(frame, index)| !taken[frame][index]).count();
+            let free = tracklet.members.iter().filter(|&&blob| !taken.contains(blob)).count();
             if 2 * free < tracklet.members.len() {
                 continue;
             }
-            tracklet.members.iter().for_each(|&(frame, index)| taken[frame][index] = true);
+            tracklet.members.iter().for_each(|&blob| taken.insert(blob));
             kept.push(tracklet);
         }
         kept
     }
 
     /// Three blobs in frames that follow one another (one may be left out) that may be one thing's.
-    fn seeds(&self, frame: usize) -> Vec<[(usize, usize); 3]> {
+    fn seeds(&self, frame: usize) -> Vec<[BlobId; 3]> {
+        let frames = self.state.frames();
+        let end = self.frames().end;
         let mut seeds = Vec::new();
-        for (a, first) in self.frames[frame].blobs.iter().enumerate() {
-            for second_frame in frame + 1..(frame + 3).min(self.frames.len()) {
-                let before = self.frames[second_frame].time - self.frames[frame].time;
+        for (a, first) in self.blobs(frame) {
+            for second_frame in frame + 1..(frame + 3).min(end) {
+                let before = frames[second_frame].time - frames[frame].time;
                 let steps = (second_frame - frame) as f64;
-                for (b, second) in self.frames[second_frame].blobs.iter().enumerate() {
-                    let displacement = [second.at[0] - first.at[0], second.at[1] - first.at[1]];
+                for (b, second) in self.blobs(second_frame) {
+                    let displacement = second.at.minus(&first.at);
                     let length = (displacement[0] * displacement[0] + displacement[1] * displacement[1]).sqrt();
                     let radius = RADIUS_SLACK * first.radius.max(second.radius).max(LEAST_RADIUS);
                     let possible = length <= self.config.max_speed * radius * before && length >= 0.5 * steps;
@@ -129,18 +132,19 @@ impl TrackletSearch<'_> {
                     {
                         continue;
                     }
-                    for third_frame in second_frame + 1..(second_frame + 3).min(self.frames.len()) {
-                        let after = self.frames[third_frame].time - self.frames[second_frame].time;
+                    for third_frame in second_frame + 1..(second_frame + 3).min(end) {
+                        let after = frames[third_frame].time - frames[second_frame].time;
                         let fraction = after / before;
                         let step = length * fraction;
                         let bend = self.config.max_acceleration * radius * after * (before + after) / 2.0
                             + self.config.drag * step * step / radius;
                         let allowed = STEP_PX + STEP_FRACTION * step + bend;
-                        let to = [second.at[0] + fraction * displacement[0], second.at[1] + fraction * displacement[1]];
-                        for (c, third) in self.frames[third_frame].blobs.iter().enumerate() {
-                            let off = [third.at[0] - to[0], third.at[1] - to[1]];
+                        let [x, y] = second.at.xy;
+                        let to = Place::new([x + fraction * displacement[0], y + fraction * displacement[1]]);
+                        for (c, third) in self.blobs(third_frame) {
+                            let off = third.at.minus(&to);
                             if off[0] * off[0] + off[1] * off[1] <= allowed * allowed && alike(second, third) {
-                                seeds.push([(frame, a), (second_frame, b), (third_frame, c)]);
+                                seeds.push([a, b, c]);
                             }
                         }
                     }
@@ -151,7 +155,7 @@ impl TrackletSearch<'_> {
     }
 
     /// The tracklet that goes through `seed` as far as it can be followed, if it is more than chance.
-    fn grow(&self, seed: [(usize, usize); 3]) -> Option<Tracklet> {
+    fn grow(&self, seed: [BlobId; 3]) -> Option<Tracklet> {
         let mut members = seed.to_vec();
         for forward in [true, false] {
             while let Some(next) = self.next(&members, forward) {
@@ -161,15 +165,12 @@ impl TrackletSearch<'_> {
                 }
             }
         }
-        trim(&mut members);
+        self.trim(&mut members);
         if members.len() < FEWEST {
             return None;
         }
         let [first, last] = [self.blob(members[0]), self.blob(members[members.len() - 1])];
-        let distances = members.iter().map(|&member| {
-            let at = self.blob(member).at;
-            (at[0] - first.at[0]).hypot(at[1] - first.at[1])
-        });
+        let distances = members.iter().map(|&member| self.blob(member).at.distance(&first.at));
         let displacement = distances.fold(0.0, f64::max);
         let balls = members.iter().filter(|&&member| self.blob(member).is_ball).count();
         let least = match 2 * balls > members.len() {
@@ -191,136 +192,141 @@ impl TrackletSearch<'_> {
     }
 
     /// Whether a seed is in a tracklet; none where one says that the ball was elsewhere then.
-    fn is_seeded(&self, members: &[(usize, usize)]) -> Option<bool> {
-        let mut seeds = members.iter().filter_map(|&member| Some((member, *self.seeds.get(&member.0)?))).peekable();
+    fn is_seeded(&self, members: &[BlobId]) -> Option<bool> {
+        let seed = |&member: &BlobId| Some((member, self.seeds.get(&self.state.frame_of(member))?));
+        let mut seeds = members.iter().filter_map(seed).peekable();
         let seeded = seeds.peek().is_some();
         seeds.all(|(member, seed)| self.is_at(member, seed)).then_some(seeded)
     }
 
     /// Whether a tracklet goes through a seed.
-    pub fn goes_through(&self, tracklet: &Tracklet, frame: usize, seed: [f64; 2]) -> bool {
-        tracklet.members.iter().any(|&member| member.0 == frame && self.is_at(member, seed))
+    pub fn goes_through(&self, tracklet: &Tracklet, frame: FrameId, seed: &Place<FirstView>) -> bool {
+        tracklet.members.iter().any(|&member| self.state.frame_of(member) == frame && self.is_at(member, seed))
     }
 
     /// Whether a blob is where a person saw the ball.
-    fn is_at(&self, member: (usize, usize), [x, y]: [f64; 2]) -> bool {
+    fn is_at(&self, member: BlobId, seed: &Place<FirstView>) -> bool {
         let blob = self.blob(member);
-        (blob.at[0] - x).hypot(blob.at[1] - y) <= SEED_PX + blob.reach
+        blob.at.distance(seed) <= SEED_PX + blob.reach
     }
 
     /// The blob by which a tracklet goes on.
-    fn next(&self, members: &[(usize, usize)], forward: bool) -> Option<(usize, usize)> {
-        let recent: Vec<(usize, usize)> = match forward {
+    fn next(&self, members: &[BlobId], forward: bool) -> Option<BlobId> {
+        let recent: Vec<BlobId> = match forward {
             true => members.iter().rev().take(RECENT).copied().collect(),
             false => members.iter().take(RECENT).copied().collect(),
         };
-        let (end, before) = (recent[0], recent[1]);
         let parabola = Parabola::through(self, &recent)?;
-        let last = self.blob(end);
+        let last = self.blob(recent[0]);
         let logs = recent.iter().map(|&member| self.blob(member).radius.ln());
         let usual = (logs.sum::<f64>() / recent.len() as f64).exp();
-        let step = {
-            let earlier = self.blob(before);
-            (last.at[0] - earlier.at[0]).hypot(last.at[1] - earlier.at[1]) / end.0.abs_diff(before.0) as f64
-        };
+        let [end, before] = [recent[0], recent[1]].map(|member| self.state.frame_of(member).0);
+        let step = last.at.distance(&self.blob(recent[1]).at) / end.abs_diff(before) as f64;
         for gap in 1..=self.config.max_missed + 1 {
-            let frame = if forward { end.0.checked_add(gap)? } else { end.0.checked_sub(gap)? };
-            let seen = self.frames.get(frame)?;
-            let (to, unsure) = parabola.at(seen.time);
-            let fits = |blob: &&Blob| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
-            let near = seen.blobs.iter().enumerate().filter(|(_, blob)| fits(blob)).filter_map(|(index, blob)| {
-                let off = [blob.at[0] - to[0], blob.at[1] - to[1]];
+            let frame = if forward { end.checked_add(gap)? } else { end.checked_sub(gap)? };
+            if !self.frames().contains(&frame) {
+                return None;
+            }
+            let (to, unsure) = parabola.at(self.state.frames()[frame].time);
+            let fits =
+                |blob: &Blob<FirstView>| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
+            let near = self.blobs(frame).filter(|(_, blob)| fits(blob)).filter_map(|(member, blob)| {
+                let off = blob.at.minus(&to);
                 let variance = deviation(blob, step).powi(2) + unsure * unsure;
                 let off = ((off[0] * off[0] + off[1] * off[1]) / variance).sqrt();
-                (off <= self.config.gate).then_some((index, off + 2.0 * (blob.radius / last.radius).ln().abs()))
+                (off <= self.config.gate).then_some((member, off + 2.0 * (blob.radius / last.radius).ln().abs()))
             });
-            if let Some((index, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
-                return Some((frame, index));
+            if let Some((member, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
+                return Some(member);
             }
         }
         None
     }
 
-    /// Where a tracklet leads in a frame beyond its ends or between its blobs, px; how far that may be off, and the radius there.
-    pub fn leads(&self, tracklet: &Tracklet, frame: usize) -> Option<([f64; 2], f64, f64)> {
-        let after = tracklet.members.partition_point(|member| member.0 < frame);
+    /// Where a tracklet leads in a frame beyond its ends or between its blobs; how far that may be off, px, and the radius there.
+    pub fn leads(&self, tracklet: &Tracklet, frame: FrameId) -> Option<(Place<FirstView>, f64, f64)> {
+        let after = tracklet.members.partition_point(|&member| self.state.frame_of(member) < frame);
         let near = after.saturating_sub(RECENT)..(after + RECENT).min(tracklet.members.len());
         let mut near = tracklet.members[near].to_vec();
-        near.sort_by_key(|member| member.0.abs_diff(frame));
+        near.sort_by_key(|&member| self.state.frame_of(member).0.abs_diff(frame.0));
         near.truncate(RECENT);
-        let (at, unsure) = Parabola::through(self, &near)?.at(self.frames[frame].time);
+        let (at, unsure) = Parabola::through(self, &near)?.at(self.state.frame(frame).time);
         let logs = near.iter().map(|&member| self.blob(member).radius.ln());
         Some((at, unsure, (logs.sum::<f64>() / near.len() as f64).exp()))
     }
 
     /// Log-likelihood ratio of one object over chance, summed over its blobs: the density that a blob's neighbours predict there over the
     /// density of candidates. Frames without a blob lower it.
-    fn log_likelihood_ratio(&self, members: &[(usize, usize)]) -> f64 {
+    fn log_likelihood_ratio(&self, members: &[BlobId]) -> f64 {
         let mut ratio = 0.0;
         for (number, &member) in members.iter().enumerate() {
             let near = number.saturating_sub(RECENT / 2)..(number + RECENT / 2 + 1).min(members.len());
-            let others: Vec<(usize, usize)> = members[near].iter().filter(|&&other| other != member).copied().collect();
+            let others: Vec<BlobId> = members[near].iter().filter(|&&other| other != member).copied().collect();
             let Some(parabola) = Parabola::through(self, &others) else { continue };
-            let (to, unsure) = parabola.at(self.frames[member.0].time);
+            let (to, unsure) = parabola.at(self.state.time_of(member));
             let blob = self.blob(member);
             let neighbour = self.blob(members[if number == 0 { 1 } else { number - 1 }]);
-            let step = (blob.at[0] - neighbour.at[0]).hypot(blob.at[1] - neighbour.at[1]);
+            let step = blob.at.distance(&neighbour.at);
             let sigma = deviation(blob, step).hypot(unsure);
-            let off = (blob.at[0] - to[0]).hypot(blob.at[1] - to[1]) / sigma;
+            let off = blob.at.distance(&to) / sigma;
             let density = (-0.5 * off * off).exp() / (std::f64::consts::TAU * sigma * sigma);
             ratio += (density / self.candidate_density(member)).ln().max(-4.0);
         }
-        let (first, last) = (members[0].0, members[members.len() - 1].0);
+        let [first, last] = [members[0], members[members.len() - 1]].map(|member| self.state.frame_of(member));
         // Any three blobs make a path.
         ratio *= (members.len() as f64 - 3.0) / members.len() as f64;
-        ratio - self.config.missed_cost * (last - first + 1 - members.len()) as f64
+        ratio - self.config.missed_cost * (last.since(first) + 1 - members.len()) as f64
     }
 
     /// Density of candidates about a blob, a px² and frame, in the frames around its own.
-    pub fn candidate_density(&self, (frame, index): (usize, usize)) -> f64 {
-        *self.density_cache.borrow_mut().entry((frame, index)).or_insert_with(|| self.measured_density(frame, index))
+    pub fn candidate_density(&self, member: BlobId) -> f64 {
+        *self.density_cache.borrow_mut().entry(member).or_insert_with(|| self.measured_density(member))
     }
 
-    fn measured_density(&self, frame: usize, index: usize) -> f64 {
-        let at = self.frames[frame].blobs[index].at;
-        let frames = frame.saturating_sub(DENSITY_FRAMES)..(frame + DENSITY_FRAMES + 1).min(self.frames.len());
+    fn measured_density(&self, member: BlobId) -> f64 {
+        let at = &self.blob(member).at;
+        let (frame, searched) = (self.state.frame_of(member), self.frames());
+        let frames = frame.0.saturating_sub(DENSITY_FRAMES).max(searched.start)
+            ..(frame.0 + DENSITY_FRAMES + 1).min(searched.end);
         let count = frames.len() as f64;
         // One blob a frame is the object's own.
-        let near = |seen: &Candidates| {
-            let near = seen.blobs.iter().filter(|blob| {
-                let off = [blob.at[0] - at[0], blob.at[1] - at[1]];
+        let near = |frame: usize| {
+            let near = self.blobs(frame).filter(|(_, blob)| {
+                let off = blob.at.minus(at);
                 off[0] * off[0] + off[1] * off[1] < DENSITY_PX * DENSITY_PX
             });
             near.count().saturating_sub(1)
         };
-        let others: usize = self.frames[frames].iter().map(near).sum();
-        let always = self.clutter.density(self.all, self.from + frame, at);
-        others as f64 / count / (std::f64::consts::PI * DENSITY_PX * DENSITY_PX) + always + 1.0 / self.area
+        let others: usize = frames.map(near).sum();
+        let always = self.state.clutter().density(self.state, frame, at);
+        let [width, height] = self.state.size.map(|side| side as f64);
+        others as f64 / count / (std::f64::consts::PI * DENSITY_PX * DENSITY_PX) + always + 1.0 / (width * height)
     }
-}
 
-/// Leaves out single blobs at a tracklet's ends that frames without any divide from the others.
-fn trim(members: &mut Vec<(usize, usize)>) {
-    while members.len() > 2 && members[1].0 - members[0].0 > LONELY {
-        members.remove(0);
-    }
-    while members.len() > 2 && members[members.len() - 1].0 - members[members.len() - 2].0 > LONELY {
-        members.pop();
+    /// Leaves out single blobs at a tracklet's ends that frames without any divide from the others.
+    fn trim(&self, members: &mut Vec<BlobId>) {
+        let gap = |earlier: BlobId, later: BlobId| self.state.frame_of(later).since(self.state.frame_of(earlier));
+        while members.len() > 2 && gap(members[0], members[1]) > LONELY {
+            members.remove(0);
+        }
+        while members.len() > 2 && gap(members[members.len() - 2], members[members.len() - 1]) > LONELY {
+            members.pop();
+        }
     }
 }
 
 /// Whether two blobs may be one ball's.
-pub(super) fn alike(a: &Blob, b: &Blob) -> bool {
+pub(super) fn alike(a: &Blob<FirstView>, b: &Blob<FirstView>) -> bool {
     (ALIKE.recip()..=ALIKE).contains(&(a.radius / b.radius))
 }
 
 /// Whether a streak lies along the displacement of the ball.
-fn along(blob: &Blob, displacement: [f64; 2]) -> bool {
+fn along(blob: &Blob<FirstView>, displacement: [f64; 2]) -> bool {
     blob.reach < 2.0 * blob.radius || (displacement[1].atan2(displacement[0]) - blob.direction).sin().abs() < 0.5
 }
 
 /// Standard deviation of a blob's position on the path of its ball, px.
-fn deviation(blob: &Blob, step: f64) -> f64 {
+fn deviation(blob: &Blob<FirstView>, step: f64) -> f64 {
     blob.sigma + PLACE_OF_STEP * step
 }
 
@@ -339,18 +345,18 @@ struct Parabola {
 }
 
 impl Parabola {
-    fn through(search: &TrackletSearch, members: &[(usize, usize)]) -> Option<Self> {
+    fn through(search: &TrackletSearch, members: &[BlobId]) -> Option<Self> {
         let is_line = members.len() <= 3;
         let count = members.len() as f64;
-        let time = |&(frame, _): &(usize, usize)| search.frames[frame].time;
+        let time = |&member: &BlobId| search.state.time_of(member);
         let middle = members.iter().map(time).sum::<f64>() / count;
         let (mut normal, mut right, mut sigma) = (Matrix3::zeros(), [Vector3::zeros(); 2], 0.0);
         for member in members {
             let blob = search.blob(*member);
             let powers = powers(time(member) - middle, is_line);
             normal += powers * powers.transpose();
-            right[0] += powers * blob.at[0];
-            right[1] += powers * blob.at[1];
+            right[0] += powers * blob.at.xy[0];
+            right[1] += powers * blob.at.xy[1];
             sigma += deviation(blob, 0.0) / count;
         }
         if is_line {
@@ -366,13 +372,14 @@ impl Parabola {
         Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, bend })
     }
 
-    /// Where it is at a time, px, and how far that may be off.
-    fn at(&self, time: f64) -> ([f64; 2], f64) {
+    /// Where it is at a time, and how far that may be off, px.
+    fn at(&self, time: f64) -> (Place<FirstView>, f64) {
         let powers = powers(time - self.middle, self.is_line);
         let spread = powers.dot(&(self.covariance * powers));
         // A line is not yet a flight: what bends it is unknown.
         let bend = if self.is_line { STEP_PX.hypot(BEYOND_LINE * self.bend) } else { 0.0 };
-        ([0, 1].map(|axis| self.of[axis].dot(&powers)), (self.sigma * spread.sqrt()).hypot(bend))
+        let at = [0, 1].map(|axis| self.of[axis].dot(&powers));
+        (Place::new(at), (self.sigma * spread.sqrt()).hypot(bend))
     }
 }
 

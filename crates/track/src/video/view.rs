@@ -1,4 +1,8 @@
-//! What a frame shows of the first view: the homography between them, as of a camera that turns and zooms about its centre.
+//! Coordinates, and what a frame shows of the first view: the homography between them, as of a camera that turns and zooms about its centre.
+//!
+//! A place has the pixels that it counts in as its type, so that places of different frames can only be compared in the first view.
+
+use std::marker::PhantomData;
 
 use nalgebra::{Matrix3, Point2};
 
@@ -6,6 +10,51 @@ use nalgebra::{Matrix3, Point2};
 const STILL_PX: f64 = 0.35;
 /// Points along each side of the picture at which displacements are measured.
 const GRID: usize = 5;
+
+/// The pixels of the first view: those in which what different frames show is compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FirstView;
+
+/// The pixels of a frame as it was taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FramePixels;
+
+/// The pixels of the canvas, about which frames are stabilised.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct CanvasPixels;
+
+/// A place, px.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Place<Pixels> {
+    pub xy: [f64; 2],
+    pixels: PhantomData<Pixels>,
+}
+
+impl<Pixels> Place<Pixels> {
+    pub const fn new(xy: [f64; 2]) -> Self {
+        Self { xy, pixels: PhantomData }
+    }
+
+    /// The way from another place to this one, px.
+    pub fn minus(&self, other: &Self) -> [f64; 2] {
+        [self.xy[0] - other.xy[0], self.xy[1] - other.xy[1]]
+    }
+
+    /// px.
+    pub fn distance(&self, other: &Self) -> f64 {
+        let [x, y] = self.minus(other);
+        x.hypot(y)
+    }
+}
+
+/// Where a camera looks that no longer looks where it did at first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CameraMotion {
+    /// It turned, moved or zoomed: what stands still is so far away in the picture, px, from where it was.
+    Moved(f64),
+    /// Most of the picture changed at once.
+    Cut,
+}
 
 /// The view of a frame: from its pixels to those of the first view and back.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,19 +80,19 @@ impl View {
         is_finite.then_some(Self { first_from_frame, frame_from_first, sigma })
     }
 
-    /// Where a point of the frame is in the first view, px.
-    pub fn first(&self, at: [f64; 2]) -> [f64; 2] {
-        mapped(&self.first_from_frame, at)
+    /// Where a place of the frame is in the first view.
+    pub fn first(&self, at: &Place<FramePixels>) -> Place<FirstView> {
+        Place::new(mapped(&self.first_from_frame, at.xy))
     }
 
-    /// Where a point of the first view is in the frame, px.
-    pub fn frame(&self, at: [f64; 2]) -> [f64; 2] {
-        mapped(&self.frame_from_first, at)
+    /// Where a place of the first view is in the frame.
+    pub fn frame(&self, at: &Place<FirstView>) -> Place<FramePixels> {
+        Place::new(mapped(&self.frame_from_first, at.xy))
     }
 
-    /// How much larger things are in the first view than in the frame, at a point of the frame.
-    pub fn scale(&self, at: [f64; 2]) -> f64 {
-        scale(&self.first_from_frame, at)
+    /// How much larger things are in the first view than in the frame, at a place of the frame.
+    pub fn scale(&self, at: &Place<FramePixels>) -> f64 {
+        scale(&self.first_from_frame, at.xy)
     }
 }
 

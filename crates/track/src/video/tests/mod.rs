@@ -1,9 +1,10 @@
 //! Small films drawn here, whose balls are known.
 
+mod cameras;
+
 use image::{Rgb, RgbImage};
 use nalgebra::{Matrix2, Point2, Vector2};
 
-use super::queries::Query;
 use super::*;
 use gravisight_geometry::camera::{Detection, Outline};
 use gravisight_geometry::image::Picture;
@@ -83,7 +84,10 @@ fn answer(follower: &mut BallTracker) {
 
 /// Watches the pictures of a film, at [`FPS`].
 fn watched(pictures: impl Iterator<Item = RgbImage>) -> BallTracker {
-    let mut follower = BallTracker::new();
+    watched_by(BallTracker::new(), pictures)
+}
+
+fn watched_by(mut follower: BallTracker, pictures: impl Iterator<Item = RgbImage>) -> BallTracker {
     for (frame, rgb) in pictures.enumerate() {
         follower.watch(Picture::from_rgb(rgb), frame as f64 / FPS).unwrap();
         answer(&mut follower);
@@ -178,21 +182,40 @@ fn repeated_frames_that_were_encoded_again_are_detected() {
     assert_eq!(repeated, [5, 11, 17, 23, 29, 35]);
 }
 
-#[test]
-fn a_cut_loses_no_frame() {
-    let at = |frame: usize| if frame < 30 { ball_at(frame) } else { ball_at(frame - 30) };
-    let follower = watched((0..80).map(|frame| {
+/// Where the ball of [`with_cut`] is.
+fn before_and_after(frame: usize) -> [f64; 2] {
+    if frame < 30 { ball_at(frame) } else { ball_at(frame - 30) }
+}
+
+/// A film with a cut at frame 30.
+fn with_cut() -> impl Iterator<Item = RgbImage> {
+    (0..80).map(|frame| {
         let mut rgb = ground(frame);
         if frame >= 30 {
             image::imageops::invert(&mut rgb);
         }
-        disc(&mut rgb, at(frame), RADIUS, YELLOW);
+        disc(&mut rgb, before_and_after(frame), RADIUS, YELLOW);
         rgb
-    }));
+    })
+}
+
+#[test]
+fn pictures_that_are_held_for_longer_change_no_result() {
+    let found = |pictures: Pictures| {
+        let follower = watched_by(BallTracker { pictures, ..BallTracker::new() }, with_cut());
+        let candidates: Vec<Vec<Query>> = (0..80).map(|frame| follower.candidates(FrameId(frame))).collect();
+        (frames_of(&follower, &[]), candidates)
+    };
+    assert_eq!(found(Pictures::default()), found(Pictures::holding(80)));
+}
+
+#[test]
+fn a_cut_loses_no_frame() {
+    let follower = watched(with_cut());
     let flying = follower.hypotheses(&[]).unwrap();
-    assert!(matches!(flying.cuts(), [30 | 31]), "{:?}", flying.cuts());
+    assert!(matches!(flying.cuts()[..], [30 | 31]), "{:?}", flying.cuts());
     let frames = flying.frames(None);
-    let [right, seen, all] = counted(&frames[..70], at);
+    let [right, seen, all] = counted(&frames[..70], before_and_after);
     assert!(frames.len() == 80 && right >= 55 && seen - right <= 2, "{right} right of {seen} seen of {all}");
 }
 
@@ -229,7 +252,7 @@ fn with_shadow(network: Option<Network<'_>>) -> (BallTracker, fn(usize) -> [f64;
             for query in queries {
                 let picture = follower.picture(&query).unwrap();
                 assert_eq!(picture.size().width, SIZE[0]);
-                let found = network.and_then(|network| network(query.frame(), &query));
+                let found = network.and_then(|network| network(query.frame().0, &query));
                 if network.is_some() {
                     follower.tell(&query, found);
                 }
@@ -297,63 +320,6 @@ fn a_streak_has_its_middle_its_width_and_its_direction() {
 }
 
 #[test]
-fn a_slow_pan_is_another_view_until_it_is_back() {
-    // Half a pixel a frame from frame 40 on, and back again from frame 70 on.
-    let shift =
-        |frame: usize| (frame.saturating_sub(40) / 2).min(15) as i32 - (frame.saturating_sub(70) / 2).min(15) as i32;
-    let follower = watched((0..120).map(|frame| {
-        let still = ground(frame);
-        let mut rgb = RgbImage::from_fn(SIZE[0], SIZE[1], |x, y| {
-            let column = (x as i32 + shift(frame)).min(SIZE[0] as i32 - 1);
-            *still.get_pixel(column as u32, y)
-        });
-        disc(&mut rgb, ball_at(frame % 40), RADIUS, YELLOW);
-        rgb
-    }));
-    let frames = frames_of(&follower, &[]);
-    let elsewhere: Vec<bool> = frames.iter().map(|frame| frame.elsewhere.is_some()).collect();
-    assert!(!elsewhere[..40].contains(&true) && !elsewhere[106..].contains(&true), "{elsewhere:?}");
-    let seen = |frame: &usize| !frames[*frame].repeated;
-    assert!((47..94).filter(seen).all(|frame| elsewhere[frame]), "{elsewhere:?}");
-    let most = frames.iter().filter_map(|frame| match frame.elsewhere {
-        Some(CameraMotion::Moved(px)) => Some(px),
-        _ => None,
-    });
-    let most = most.fold(0.0, f64::max);
-    // It stands at 15 px for less than there are frames between two looks.
-    assert!((13.0..15.5).contains(&most), "{most}");
-}
-
-#[test]
-fn before_a_camera_that_sways_the_ball_is_followed_and_nothing_else() {
-    let shift = |frame: usize| (14.0 * (frame as f64 / 5.0).sin()).round() as i32;
-    let swaying = |with_ball: bool| {
-        let film = (0..FRAMES).map(|frame| {
-            let mut still = ground(frame);
-            if with_ball {
-                disc(&mut still, ball_at(frame), RADIUS, YELLOW);
-            }
-            RgbImage::from_fn(SIZE[0], SIZE[1], |x, y| {
-                let column = (x as i32 + shift(frame)).clamp(0, SIZE[0] as i32 - 1);
-                *still.get_pixel(column as u32, y)
-            })
-        });
-        frames_of(&watched(film), &[])
-    };
-    let frames = swaying(true);
-    let at = |frame: usize| [ball_at(frame)[0] - f64::from(shift(frame)), ball_at(frame)[1]];
-    let [right, seen, _] = counted(&frames, at);
-    assert!(right >= 30 && seen - right <= 1, "{right} right of {seen}");
-    assert!(swaying(false).iter().all(|frame| frame.ball.is_none()));
-    // In the first view it flies as if the camera stood still.
-    for (number, frame) in frames.iter().enumerate() {
-        let Some((ball, view)) = frame.ball.zip(frame.view) else { continue };
-        let [x, y] = view.first(ball.image);
-        assert!((x - ball_at(number)[0]).hypot(y - ball_at(number)[1]) < 1.5, "frame {number}");
-    }
-}
-
-#[test]
 fn of_two_clicks_in_a_frame_the_last_counts() {
     let (follower, shadow) = with_shadow(None);
     for (wrong, right) in [(shadow as fn(usize) -> [f64; 2], ball_at as fn(usize) -> [f64; 2]), (ball_at, shadow)] {
@@ -381,7 +347,7 @@ fn a_candidate_is_kept_however_long_the_video_is() {
             queries.iter().for_each(|query| follower.tell(query, None));
         }
         if frame == 100 {
-            early = (0..FRAMES).map(|place| follower.candidates(place)).collect();
+            early = (0..FRAMES).map(|place| follower.candidates(FrameId(place))).collect();
         }
     }
     follower.end();
@@ -390,36 +356,8 @@ fn a_candidate_is_kept_however_long_the_video_is() {
         "{}",
         early.iter().map(Vec::len).sum::<usize>()
     );
-    let late: Vec<Vec<Query>> = (0..FRAMES).map(|place| follower.candidates(place)).collect();
+    let late: Vec<Vec<Query>> = (0..FRAMES).map(|place| follower.candidates(FrameId(place))).collect();
     assert_eq!(early, late);
-}
-
-#[test]
-fn a_still_ball_before_a_panning_camera_does_not_move() {
-    // Two pixels a frame.
-    let shift = |frame: usize| 2.0 * frame as f64;
-    let still = [200.0, 100.0];
-    let rolling = |frame: usize| [100.0 + 0.6 * frame as f64, 150.0];
-    let mut follower = BallTracker::new();
-    for frame in 0..18 {
-        let ground = ground(frame);
-        let rgb = RgbImage::from_fn(SIZE[0], SIZE[1], |x, y| {
-            *ground.get_pixel((x + shift(frame) as u32).min(SIZE[0] - 1), y)
-        });
-        follower.watch(Picture::from_rgb(rgb), frame as f64 / FPS).unwrap();
-    }
-    follower.settle();
-    let found = |frame: usize, [x, y]: [f64; 2]| {
-        let outline = Outline { centre: [x - shift(frame), y].into(), radius: 6.0 };
-        Detection { outline, log_sigma: 0.02, confidence: 0.9 }
-    };
-    let [before, after] = [8, 16].map(|frame| [found(frame, still), found(frame, rolling(frame))]);
-    let places = follower.slow_balls((8, &before), (16, &after));
-    assert_eq!(places.iter().map(|(frame, _)| *frame).collect::<Vec<_>>(), (8..=16).collect::<Vec<_>>());
-    for (frame, outline) in places {
-        let off = (outline.centre - found(frame, rolling(frame)).outline.centre).norm();
-        assert!(off < 0.5 && (outline.radius - 6.0).abs() < 0.1, "frame {frame}: {off} px, {outline:?}");
-    }
 }
 
 #[test]

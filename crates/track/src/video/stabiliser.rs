@@ -1,0 +1,143 @@
+//! Frames as a camera that stands still would show them.
+
+use std::sync::Arc;
+
+use nalgebra::Matrix3;
+
+use super::planes::{FIRST_FRAMES, Planes, Spare};
+use super::registration::Registration;
+use super::state::State;
+use super::view::{CameraMotion, View, displacement, is_still, scale};
+
+/// Mean displacement of the picture from which a frame counts as another view than the first, px.
+const ELSEWHERE_PX: f64 = 1.5;
+/// Displacement, as a fraction of the width, and change of size from which on frames are stabilised about another one.
+const CANVAS_MOVED: f64 = 0.25;
+const CANVAS_SCALED: f64 = 1.3;
+/// Frames between searches for the first view while another one is shown.
+const RETURN_EVERY: usize = 4;
+
+/// A frame in the canvas's pixels.
+#[derive(Clone)]
+pub(super) struct Stabilised {
+    pub planes: Arc<Planes>,
+    /// Whether it is the frame as it was taken.
+    pub as_taken: bool,
+}
+
+/// Finds the views of frames, and shows them as the canvas's view would.
+pub(super) struct Stabiliser {
+    /// Of the frames to the first view, if that can be found again; and to the first after a cut, while that view is shown.
+    registration: Option<Registration>,
+    other: Option<Registration>,
+    /// Whether another view than the registered one is shown, since a cut.
+    is_cut: bool,
+    /// In whose pixels frames are stabilised: those of the first view, until the camera has moved far.
+    canvas: View,
+    /// The last stabilised frame.
+    last: Option<Stabilised>,
+}
+
+impl Default for Stabiliser {
+    fn default() -> Self {
+        Self { registration: None, other: None, is_cut: false, canvas: View::FIRST, last: None }
+    }
+}
+
+impl Stabiliser {
+    /// The view of the canvas.
+    pub fn canvas(&self) -> &View {
+        &self.canvas
+    }
+
+    /// The view of the next frame, by what stands still in it, and where its camera looks, if not where it did at first.
+    pub fn view(&mut self, planes: &Planes, state: &State) -> (View, Option<CameraMotion>) {
+        let frames = state.frames();
+        if self.registration.is_none() && frames.len() < FIRST_FRAMES {
+            self.registration = Registration::of(planes);
+        }
+        let due = !self.is_cut || frames.len().is_multiple_of(RETURN_EVERY);
+        let found = self.registration.as_mut().filter(|_| due).and_then(|registration| registration.view(planes));
+        if let Some(view) = found {
+            (self.is_cut, self.other) = (false, None);
+            let moved = displacement(&view.frame_from_first, state.size);
+            return (view, (moved > ELSEWHERE_PX).then_some(CameraMotion::Moved(moved)));
+        }
+        let last = frames.last().map_or(View::FIRST, |frame| frame.view);
+        if self.is_cut {
+            let view = self.other.as_mut().and_then(|other| other.view(planes));
+            return (view.unwrap_or(last), Some(CameraMotion::Cut));
+        }
+        // Too little is found again: of a camera that stood still, because something is before it.
+        let is_still = is_still(&last.frame_from_first, state.size);
+        (last, (!is_still).then_some(CameraMotion::Cut))
+    }
+
+    /// Stabilises about a frame of this view from now on, if it is far from the canvas's: returns the homography from its pixels to those of
+    /// the old canvas.
+    pub fn move_canvas(&mut self, view: &View, planes: &Planes, spare: &mut Spare) -> Option<Matrix3<f64>> {
+        let size = [planes.width, planes.height];
+        let away = view.frame_from_first * self.canvas.first_from_frame;
+        let larger = scale(&away, size.map(|side| side as f64 / 2.0));
+        let is_far = displacement(&away, size) > CANVAS_MOVED * size[0] as f64
+            || !(CANVAS_SCALED.recip()..CANVAS_SCALED).contains(&larger);
+        if !is_far {
+            return None;
+        }
+        let old_from_new = self.canvas.frame_from_first * view.first_from_frame;
+        self.canvas = *view;
+        if let Some(last) = &mut self.last {
+            last.move_canvas(&old_from_new, planes, spare);
+        }
+        Some(old_from_new)
+    }
+
+    /// A frame of this view as the canvas shows it, and its differences from the frame before as that shows that; `since` are those of the
+    /// frames as they were taken.
+    pub fn stabilise(
+        &mut self,
+        view: &View,
+        planes: Arc<Planes>,
+        since: Option<Vec<u8>>,
+        spare: &mut Spare,
+    ) -> (Stabilised, Option<Vec<u8>>) {
+        let frame_from_canvas = view.frame_from_first * self.canvas.first_from_frame;
+        let as_taken = is_still(&frame_from_canvas, [planes.width, planes.height]);
+        let before = self.last.take();
+        let planes = match as_taken {
+            true => planes,
+            false => {
+                let beyond = before.as_ref().map(|before| &*before.planes);
+                Arc::new(planes.warped(&frame_from_canvas, beyond, spare))
+            }
+        };
+        let since = match &before {
+            Some(before) if !(as_taken && before.as_taken) => {
+                since.into_iter().for_each(|bytes| spare.give(bytes));
+                Some(before.planes.difference(&planes, spare))
+            }
+            _ => since,
+        };
+        let stabilised = Stabilised { planes, as_taken };
+        self.last = Some(stabilised.clone());
+        (stabilised, since)
+    }
+
+    /// Another picture is shown. Returns whether frames are no longer related to the first view.
+    pub fn cut(&mut self) -> bool {
+        self.canvas = View::FIRST;
+        let Some(registration) = &mut self.registration else { return false };
+        registration.start_again();
+        self.is_cut = true;
+        self.other = self.last.as_ref().and_then(|last| Registration::of(&last.planes));
+        true
+    }
+}
+
+impl Stabilised {
+    /// The same in the pixels of another canvas; what it does not show is as in `planes`.
+    pub fn move_canvas(&mut self, old_from_new: &Matrix3<f64>, planes: &Planes, spare: &mut Spare) {
+        let moved = self.planes.warped(old_from_new, Some(planes), spare);
+        *self = Self { planes: Arc::new(moved), as_taken: false };
+    }
+}
