@@ -29,9 +29,9 @@ pub struct TrackerConfig {
     /// Weights by which a tracklet is the ball's (log-odds), where a motion network is queried: a constant; the logarithm of its log-likelihood
     /// ratio over a usual one (27); the mean of the motion network's log-odds; whether it is small (below 3 px); the log-odds of the detector, of
     /// a large ball and of a small one; those of how its path bends under gravity. By `scripts/fit-weights tracklets`.
-    pub weights: [f64; 7],
+    pub weights: [f64; 8],
     /// The same without a motion network.
-    pub weights_without_motion: [f64; 7],
+    pub weights_without_motion: [f64; 8],
     /// What a tracklet that is the ball's adds to the one that continues it, log-odds.
     pub continuation: f64,
     /// Probability from which a tracklet is reported as the ball's: a false positive costs twice what a missed ball costs.
@@ -50,8 +50,8 @@ impl Default for TrackerConfig {
             max_missed: 4,
             missed_cost: 1.5,
             min_gain: 8.0,
-            weights: [-2.662, 1.007, 1.179, -0.674, 0.063, 0.0, 0.876],
-            weights_without_motion: [-1.103, 0.91, 0.0, -1.365, 1.086, 0.0, 0.769],
+            weights: [-2.662, 1.007, 1.179, -0.674, 0.063, 0.0, 0.876, 0.5],
+            weights_without_motion: [-1.103, 0.91, 0.0, -1.365, 1.086, 0.0, 0.769, 0.5],
             continuation: 2.0,
             min_confidence: 2.0 / 3.0,
             confirmed: 1.0,

@@ -8,7 +8,7 @@ use gravisight_physics::Scene;
 
 /// Duration of a part of a path that is one parabola, s, and fewest points in it.
 const PART: f64 = 0.35;
-const FEWEST: usize = 5;
+pub(super) const FEWEST: usize = 5;
 /// The acceleration of a ball along gravity's image, in units of that, and its spread below and above that, and across: drag,
 /// spin and what comes of flying towards the camera are in it.
 const ALONG: f64 = 1.3;
@@ -50,13 +50,7 @@ impl GravityTest<'_> {
         if self.scene.terminal_speed() < LIGHT {
             return 0.0;
         }
-        let mut log_odds = 0.0;
-        let mut from = 0;
-        while from < path.len() {
-            let part = path[from..].iter().take_while(|point| point.time - path[from].time <= PART).count();
-            log_odds += self.part_log_odds(&path[from..from + part]).unwrap_or(0.0);
-            from += part;
-        }
+        let log_odds: f64 = parts(path).filter_map(|part| self.part_log_odds(part)).sum();
         log_odds.clamp(LEAST, MOST)
     }
 
@@ -64,21 +58,9 @@ impl GravityTest<'_> {
         if part.len() < FEWEST {
             return None;
         }
-        let count = part.len() as f64;
         let gravity = self.gravity(part)?;
-        let middle = part.iter().map(|point| point.time).sum::<f64>() / count;
-        // Least squares of position, velocity and acceleration.
-        let (mut normal, mut right) = (Matrix3::zeros(), [Vector3::zeros(); 2]);
-        for point in part {
-            let t = point.time - middle;
-            let row = Vector3::new(1.0, t, t * t / 2.0);
-            normal += row * row.transpose();
-            right[0] += row * point.at.x;
-            right[1] += row * point.at.y;
-        }
-        let inverse = normal.try_inverse()?;
-        let bend = Vector2::new((inverse * right[0])[2], (inverse * right[1])[2]);
-        let sigma = part.iter().map(|point| point.sigma).sum::<f64>() / count * inverse[(2, 2)].sqrt() / gravity.norm();
+        let Acceleration { along_axes: bend, sigma } = Acceleration::of(part)?;
+        let sigma = sigma / gravity.norm();
         let down = gravity.normalize();
         let [along, across] = [bend.dot(&down), bend.perp(&down)].map(|value| value / gravity.norm());
         let both = |spread: f64| student(along, spread.hypot(sigma)) + student(across, spread.hypot(sigma));
@@ -100,7 +82,47 @@ impl GravityTest<'_> {
     }
 }
 
+/// How a part of a path through the picture bends.
+pub(super) struct Acceleration {
+    /// px/s².
+    pub along_axes: Vector2<f64>,
+    /// Standard deviation of that along each axis.
+    pub sigma: f64,
+}
+
+impl Acceleration {
+    /// By least squares of position, velocity and acceleration; none of fewer than three points.
+    pub fn of(part: &[ImagePoint]) -> Option<Self> {
+        let count = part.len() as f64;
+        let middle = part.iter().map(|point| point.time).sum::<f64>() / count;
+        let (mut normal, mut right) = (Matrix3::zeros(), [Vector3::zeros(); 2]);
+        for point in part {
+            let t = point.time - middle;
+            let row = Vector3::new(1.0, t, t * t / 2.0);
+            normal += row * row.transpose();
+            right[0] += row * point.at.x;
+            right[1] += row * point.at.y;
+        }
+        let inverse = normal.try_inverse()?;
+        let along_axes = Vector2::new((inverse * right[0])[2], (inverse * right[1])[2]);
+        let sigma = part.iter().map(|point| point.sigma).sum::<f64>() / count * inverse[(2, 2)].sqrt();
+        Some(Self { along_axes, sigma })
+    }
+}
+
+/// The parts of a path that are one parabola each, all of it.
+pub(super) fn parts(path: &[ImagePoint]) -> impl Iterator<Item = &[ImagePoint]> {
+    let mut from = 0;
+    std::iter::from_fn(move || {
+        let first = path.get(from)?;
+        let count = path[from..].iter().take_while(|point| point.time - first.time <= PART).count();
+        let part = &path[from..from + count];
+        from += count;
+        Some(part)
+    })
+}
+
 /// Logarithm of Student's density, without what is the same in all.
-fn student(value: f64, spread: f64) -> f64 {
+pub(super) fn student(value: f64, spread: f64) -> f64 {
     -(FREEDOM + 1.0) / 2.0 * (1.0 + (value / spread).powi(2) / FREEDOM).ln() - spread.ln()
 }

@@ -8,6 +8,7 @@ use super::association::{TrackletSegment, chain};
 use super::blobs::Blob;
 use super::config::TrackerConfig;
 use super::evidence::Evidence;
+use super::fall;
 use super::gravity::{GravityTest, ImagePoint};
 use super::state::{BlobId, FrameId, State};
 use super::tracklets::{Tracklet, alike};
@@ -48,7 +49,7 @@ pub struct TrackedBlob {
 #[derive(Debug, Clone)]
 pub struct TrackletFeatures {
     /// What tells whether a path is the ball's, as [`TrackerConfig::weights`] lists it.
-    pub features: [f64; 7],
+    pub features: [f64; 8],
     /// Frames and places (px) in which it is.
     pub places: Vec<(usize, [f64; 2])>,
 }
@@ -234,13 +235,13 @@ impl<'a> Hypotheses<'a> {
     }
 
     /// What tells whether a part of a tracklet is the ball's, as [`TrackerConfig::weights`] lists it.
-    fn features(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> [f64; 7] {
-        let (mut queried, mut detected) = (0.0, 0.0);
+    fn features(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> [f64; 8] {
+        let (mut queried, mut detected) = (0.0_f64, 0.0);
         let image_point = |&member: &BlobId| {
             let blob = self.state.blob(member);
             let evidence = self.state.evidence(member);
             queried += f64::from(u8::from(evidence.is_queried()));
-            detected += f64::from(u8::from(evidence.is_ball()));
+            detected += evidence.log_odds();
             ImagePoint {
                 time: self.state.time_of(member),
                 at: blob.at.xy.into(),
@@ -253,11 +254,15 @@ impl<'a> Hypotheses<'a> {
         let motion: Vec<f64> = members.iter().filter_map(|&member| self.state.motion(member)).collect();
         let motion = motion.iter().sum::<f64>() / motion.len().max(1) as f64;
         let small = median(path.iter().map(|point| point.radius)).is_some_and(|radius| radius < SMALL);
-        let detector = ((detected + 1.0) / (queried - detected + 1.0_f64)).ln();
+        // Without an answer there is no evidence for a ball here either.
+        let detector = if queried > 0.0 { detected / queried } else { Evidence::of(None).log_odds() };
         let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
         let ratio = (tracklet.log_likelihood_ratio.max(1.0) / USUAL_LOG_RATIO).ln();
-        let bend = gravity_test.map_or(0.0, |gravity_test| gravity_test.log_odds(&path));
-        [1.0, ratio, motion, f64::from(u8::from(small)), large, little, bend]
+        let [bend, fall] = match gravity_test {
+            Some(gravity_test) => [gravity_test.log_odds(&path), 0.0],
+            None => [0.0, fall::log_odds(&path)],
+        };
+        [1.0, ratio, motion, f64::from(u8::from(small)), large, little, bend, fall]
     }
 
     fn followed(&self, member: BlobId) -> TrackedBlob {

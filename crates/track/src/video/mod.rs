@@ -15,6 +15,7 @@ mod blobs;
 mod clutter;
 mod config;
 mod evidence;
+mod fall;
 mod foreground;
 mod gravity;
 mod homography;
