@@ -9,9 +9,11 @@ use gravisight_geometry::image::Picture;
 use gravisight_physics::Scene;
 use gravisight_track::{BallTracker, FrameId, Query, TrackedVideo, TrackerConfig, TrackletFeatures};
 
-/// Frames between searches of the whole picture, while no ball is known, for a ball that hardly moves: it is part of its own
-/// background.
+/// Frames between searches of the whole picture for large balls, while no small one is followed: differences between frames split a large ball
+/// into its edges, and do not show one that hardly moves.
 const SEARCH_EVERY: usize = 8;
+/// Least confidence of a proposal: a path through many may be a ball's, however unlikely each is.
+const PROPOSED_FROM: f64 = 0.01;
 
 /// Follows the ball through the frames of a video, one after the other; of a camera that stays where it is, and may turn and zoom.
 ///
@@ -38,9 +40,18 @@ pub struct VideoTracker {
     localiser: Arc<Localiser>,
     camera: Option<Camera>,
     follower: BallTracker,
-    /// The last frame that was searched whole, and the balls found in it.
-    searched: Option<(FrameId, Vec<Detection>)>,
+    /// The last search of a whole picture.
+    searched: Option<Search>,
     ended: bool,
+}
+
+/// A search of a whole picture.
+struct Search {
+    frame: FrameId,
+    /// The large balls that were found.
+    balls: Vec<Detection>,
+    /// Whether one of them has moved.
+    moves: bool,
 }
 
 /// What the networks say of a query.
@@ -85,9 +96,13 @@ impl VideoTracker {
             self.camera = Some(camera.for_picture(picture.size())?);
         }
         self.follower.watch(picture, time)?;
-        let last = self.searched.as_ref().map(|(last, _)| *last);
-        let due = |newest: FrameId| last.is_none_or(|last| newest.since(last) >= SEARCH_EVERY);
-        if self.follower.newest().is_some_and(due) && !self.follower.sees_ball() {
+        let newest = self.follower.newest();
+        let is_due = match (&self.searched, newest) {
+            (Some(last), Some(newest)) => newest >= FrameId(last.frame.0 + SEARCH_EVERY),
+            (last, newest) => last.is_none() && newest.is_some(),
+        };
+        // A small ball that is followed needs no search.
+        if is_due && (self.searched.as_ref().is_some_and(|last| last.moves) || !self.follower.sees_ball()) {
             self.search_whole().await?;
         }
         self.verify_regions().await
@@ -160,19 +175,42 @@ impl VideoTracker {
         Ok(Answer { motion, ball })
     }
 
-    /// Searches the whole of the newest picture; for a ball that was near in the one before, also the pictures between.
+    /// The balls that the detector proposes in a frame, large ones only.
+    async fn proposals(&self, frame: FrameId) -> Result<Vec<Detection>> {
+        let Some(picture) = self.follower.held(frame) else { return Ok(vec![]) };
+        let near = async |Outline { centre, radius }: &Outline| {
+            self.localiser.detect_near(picture, self.camera.as_ref(), centre.coords.into(), *radius, *radius).await
+        };
+        let found = self.localiser.find_each(&self.localiser.detect_large(picture).await?, near).await?;
+        Ok(found.into_iter().flatten().filter(|ball| ball.confidence >= PROPOSED_FROM).collect())
+    }
+
+    /// Searches the whole of the newest picture for large balls. If one has moved since the search before, the pictures between are searched, too;
+    /// for one that hardly moved, where it must have been.
     async fn search_whole(&mut self) -> Result<()> {
         let Some(newest) = self.follower.newest() else { return Ok(()) };
-        let Some(picture) = self.follower.held(newest) else { return Ok(()) };
-        let camera = self.camera.as_ref();
-        let near = async |Outline { centre, radius }: &Outline| {
-            self.localiser.detect_near(picture, camera, centre.coords.into(), *radius, *radius).await
+        let balls = self.proposals(newest).await?;
+        let Some(Search { frame: last, balls: before, .. }) = self.searched.take() else {
+            self.searched = Some(Search { frame: newest, balls, moves: false });
+            return Ok(());
         };
-        let balls = self.localiser.find_each(&self.localiser.detect_large(picture).await?, near).await?;
-        let balls: Vec<Detection> = balls.into_iter().flatten().collect();
-        let Some((last, before)) = self.searched.replace((newest, balls.clone())) else { return Ok(()) };
-        for (frame, Outline { centre, radius }) in self.follower.slow_balls((last, &before), (newest, &balls)) {
+        let has_moved = |ball: &Detection| self.follower.has_moved(newest, ball, last, &before);
+        let moving: Vec<Detection> = balls.iter().filter(|ball| has_moved(ball)).copied().collect();
+        for frame in (last.0 + 1..newest.0).map(FrameId).filter(|_| !moving.is_empty()) {
+            for ball in self.proposals(frame).await? {
+                if self.follower.has_moved(frame, &ball, last, &before)
+                    || self.follower.has_moved(frame, &ball, newest, &balls)
+                {
+                    self.follower.propose(frame, ball);
+                }
+            }
+        }
+        moving.iter().for_each(|&ball| self.follower.propose(newest, ball));
+        let slow = self.follower.slow_balls((last, &before), (newest, &balls));
+        self.searched = Some(Search { frame: newest, balls, moves: !moving.is_empty() });
+        for (frame, Outline { centre, radius }) in slow {
             let Some(picture) = self.follower.held(frame) else { continue };
+            let camera = self.camera.as_ref();
             let found = self.localiser.detect_near(picture, camera, centre.coords.into(), radius, radius).await?;
             found.into_iter().for_each(|found| self.follower.found(frame, found));
         }

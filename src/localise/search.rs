@@ -14,9 +14,12 @@ use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::{Filter, Picture, resized};
 use gravisight_geometry::size::Size;
 
-/// Longer side of the reduced picture in which large balls are searched, px, and the confidence that a detection needs there.
+/// Longer side of the reduced picture in which large balls are searched, px; the confidence by the first pass that a proposal needs there, and its
+/// least radius, px; most proposals.
 const LARGE_BALL_SIDE: u32 = 448;
-const LARGE_BALL_CONFIDENCE: f64 = 0.15;
+const LARGE_BALL_CONFIDENCE: f64 = 0.03;
+const LARGE_BALL_RADIUS: f64 = 2.5;
+const LARGE_BALLS: usize = 3;
 /// Factor by which a picture is reduced for a second search, for balls too large at its own resolution.
 const REDUCTION: u32 = 4;
 /// Smallest side of a picture that is searched reduced, px (of the reduced one).
@@ -76,7 +79,8 @@ impl Localiser {
         let maps = self.output_maps_at(small, 0, 0, Size::new(up(small.width()), up(small.height()))).await?;
         let scale = [f64::from(width) / f64::from(small.width()), f64::from(height) / f64::from(small.height())];
         let found = maps.peaks(MIN_CANDIDATES).into_iter();
-        let found = found.filter(|peak| peak.confidence >= LARGE_BALL_CONFIDENCE).map(|peak| Outline {
+        let found = found.filter(|peak| peak.confidence >= LARGE_BALL_CONFIDENCE && peak.radius >= LARGE_BALL_RADIUS);
+        let found = found.take(LARGE_BALLS).map(|peak| Outline {
             centre: Point2::from(std::array::from_fn(|axis| (peak.image[axis] + 0.5) * scale[axis] - 0.5)),
             radius: peak.radius * (scale[0] * scale[1]).sqrt(),
         });

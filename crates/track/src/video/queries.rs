@@ -106,7 +106,7 @@ impl BallTracker {
             }
             self.schedule.searched = segmented;
             for (frame, ball) in std::mem::take(&mut self.schedule.found) {
-                self.found(frame, ball);
+                self.propose(frame, ball);
             }
             let from = self.window();
             self.schedule.predicted.retain(|(frame, _)| *frame >= from);
@@ -141,9 +141,9 @@ impl BallTracker {
         for (number, &member) in members.iter().enumerate() {
             if self.schedule.queried.contains(&member) {
                 last = Some(number);
-                let measured = self.state.evidence(member).is_ball();
-                if measured && self.state.motion(member).is_none() && self.schedule.queried_for_motion.insert(member) {
-                    queries.push(self.query(member, measured));
+                // Of what the detector proposed, the motion network knows nothing yet.
+                if self.state.motion(member).is_none() && self.schedule.queried_for_motion.insert(member) {
+                    queries.push(self.query(member, true));
                 }
             } else if is_ball || (*probes > 0 && last.is_none_or(|last| number >= last + QUERY_EVERY)) {
                 last = Some(number);
@@ -258,6 +258,38 @@ impl BallTracker {
             Some(blob) => self.state.add_evidence(blob, Evidence::of(ball)),
             None => ball.into_iter().for_each(|ball| self.found(query.frame, ball)),
         }
+    }
+
+    /// Takes a ball that the detector proposes in a frame, however unlikely: differences between frames split a large ball into its edges, so it
+    /// becomes a candidate of its own size.
+    pub fn propose(&mut self, frame: FrameId, ball: Detection) {
+        if ball.confidence >= SEEN_ALONE {
+            return self.found(frame, ball);
+        }
+        if frame.0 >= self.state.segmented() {
+            return self.schedule.found.push((frame, ball));
+        }
+        let Frame { view, blobs, .. } = self.state.frame(frame);
+        let own = Blob::of_detection(&ball).in_first(view);
+        let is_it = |blob: &Blob<FirstView>| {
+            let is_alike = (ALIKE.recip()..ALIKE).contains(&(blob.radius / own.radius));
+            is_alike && blob.at.distance(&own.at) < own.radius / 2.0
+        };
+        let known = blobs.iter().copied().find(|&blob| is_it(self.state.blob(blob)));
+        if known.is_some_and(|blob| self.state.evidence(blob).is_queried()) {
+            return;
+        }
+        let blob = known.unwrap_or_else(|| self.state.add_candidate(frame, own));
+        self.schedule.queried.insert(blob);
+        self.state.add_evidence(blob, Evidence::of(Some(ball)));
+    }
+
+    /// Whether a ball that the detector found in a frame is nowhere that it found one in an `earlier` frame. Without an earlier frame to compare
+    /// with, it is.
+    pub fn has_moved(&self, frame: FrameId, ball: &Detection, earlier: FrameId, before: &[Detection]) -> bool {
+        let first = |frame: FrameId, ball: &Detection| Blob::of_detection(ball).in_first(&self.state.frame(frame).view);
+        let own = first(frame, ball);
+        !before.iter().any(|other| first(earlier, other).at.distance(&own.at) < own.radius / 2.0)
     }
 
     /// Takes a ball that a network found in a frame, whether anything moves there or not.

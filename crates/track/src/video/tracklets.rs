@@ -284,7 +284,8 @@ impl TrackletSearch<'_> {
     }
 
     fn measured_density(&self, member: BlobId) -> f64 {
-        let at = &self.blob(member).at;
+        let own = self.blob(member);
+        let at = &own.at;
         let (frame, searched) = (self.state.frame_of(member), self.frames());
         let frames = frame.0.saturating_sub(DENSITY_FRAMES).max(searched.start)
             ..(frame.0 + DENSITY_FRAMES + 1).min(searched.end);
@@ -292,8 +293,9 @@ impl TrackletSearch<'_> {
         // One blob a frame is the object's own.
         let near = |frame: usize| {
             let near = self.blobs(frame).filter(|(_, blob)| {
+                // Others of another size cannot belong to its path.
                 let off = blob.at.minus(at);
-                off[0] * off[0] + off[1] * off[1] < DENSITY_PX * DENSITY_PX
+                off[0] * off[0] + off[1] * off[1] < DENSITY_PX * DENSITY_PX && alike(blob, own)
             });
             near.count().saturating_sub(1)
         };
