@@ -149,7 +149,8 @@ impl VideoTracker {
             Some(stack) => self.localiser.moves_as_a_ball(&stack.pictures).await?,
             None => None,
         };
-        let is_measured = !query.measured && motion.is_none_or(BallTracker::is_worth_measuring);
+        let is_measured =
+            !query.measured && motion.is_none_or(|probability| self.follower.is_worth_measuring(probability));
         let ball = match self.follower.picture(query).filter(|_| is_measured) {
             Some(picture) => {
                 let Query { image, radius_px, reach_px, .. } = *query;
