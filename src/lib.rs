@@ -74,6 +74,10 @@ pub mod physics {
 }
 /// A ball through time: from a video to its 2D track ([`VideoTracker`]), from a 2D track to its trajectory in space ([`Fit`]).
 pub mod track {
+    pub use gravisight_track::{
+        AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FlightConfig, GravityConfig,
+        QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackletsConfig, WeightsConfig,
+    };
     #[doc(hidden)]
     pub use gravisight_track::{BallTracker, FrameId, Query, SOLVER_VERSION, Stack, TrackletFeatures};
     pub use gravisight_track::{

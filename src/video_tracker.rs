@@ -12,8 +12,6 @@ use gravisight_track::{BallTracker, FrameId, Query, TrackedVideo, TrackerConfig,
 /// Frames between searches of the whole picture for large balls, while no small one is followed: differences between frames split a large ball
 /// into its edges, and do not show one that hardly moves.
 const SEARCH_EVERY: usize = 8;
-/// Least confidence of a proposal: a path through many may be a ball's, however unlikely each is.
-const PROPOSED_FROM: f64 = 0.01;
 
 /// Follows the ball through the frames of a video, one after the other; of a camera that stays where it is, and may turn and zoom.
 ///
@@ -164,7 +162,8 @@ impl VideoTracker {
             Some(stack) => self.localiser.moves_as_a_ball(&stack.pictures).await?,
             None => None,
         };
-        let is_measured = !query.measured && motion.is_none_or(BallTracker::is_worth_measuring);
+        let is_measured =
+            !query.measured && motion.is_none_or(|probability| self.follower.is_worth_measuring(probability));
         let ball = match self.follower.picture(query).filter(|_| is_measured) {
             Some(picture) => {
                 let Query { image, radius_px, reach_px, .. } = *query;
@@ -182,7 +181,7 @@ impl VideoTracker {
             self.localiser.detect_near(picture, self.camera.as_ref(), centre.coords.into(), *radius, *radius).await
         };
         let found = self.localiser.find_each(&self.localiser.detect_large(picture).await?, near).await?;
-        Ok(found.into_iter().flatten().filter(|ball| ball.confidence >= PROPOSED_FROM).collect())
+        Ok(found.into_iter().flatten().collect())
     }
 
     /// Searches the whole of the newest picture for large balls. If one has moved since the search before, the pictures between are searched, too;

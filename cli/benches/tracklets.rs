@@ -1,5 +1,5 @@
-//! Fits the weights by which `track` tells a ball's paths from others (`weights` of `crates/track/src/video/config.rs`; with a model without a motion
-//! network `weights_without_motion`), and prints them: `cargo bench --package gravisight-cli --bench all -- tracklets MODEL.JSON VIDEO LABELS.csv
+//! Fits the weights by which `track` tells a ball's paths from others (`WeightsConfig` in `crates/track/src/video/config/`; with a model without a motion
+//! network `without_motion`), and prints them: `cargo bench --package gravisight-cli --bench all -- tracklets MODEL.JSON VIDEO LABELS.csv
 //! [VIDEO LABELS.csv …]`, of videos that nothing is reported of. `scripts/fit-weights tracklets` runs it. Camera and scene of `x.mp4` are
 //! `x.camera.json` and `x.scene.json`, where they are.
 //!

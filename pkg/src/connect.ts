@@ -36,7 +36,7 @@ export function whole<T extends object>(fields: Whole<T>): T {
 }
 
 /** What may be called not finite, or of the wrong form. */
-export type JsonName = "camera" | "cameraSigma" | "clip" | "options" | "points" | "scene" | "track";
+export type JsonName = "camera" | "cameraSigma" | "clip" | "config" | "options" | "points" | "scene" | "track";
 
 /** JSON would silently turn NaN and infinity into null. */
 export function jsonOf(thing: unknown, name: JsonName): string {

@@ -37,13 +37,13 @@ export class Engine {
     },
     localise: (request) => this.#localise(request),
     saliency: async ({ picture }) => (await this.#onCpu()).saliency(picture),
-    addFrame: async ({ picture, time, camera }) => {
-      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(camera));
+    addFrame: async ({ picture, time, camera, config }) => {
+      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(camera, config));
       await tracker.add(picture, time);
       return "data" in picture && picture.data instanceof Uint8Array ? (picture.data as Uint8Array<ArrayBuffer>) : null;
     },
-    trackVideo: ({ known }, onProgress) => {
-      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker());
+    trackVideo: ({ known, config }, onProgress) => {
+      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(undefined, config));
       return tracker.track(known, (loaded: number, total: number) => onProgress({ stage: "fit", loaded, total }));
     },
 

@@ -22,8 +22,8 @@ export interface Calls {
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
   /** Answers with the memory of the frame's pixels, where it was sent as such: the next frame's may be written there. */
-  addFrame: [{ picture: PictureMessage; time: number; camera: string | undefined }, Uint8Array<ArrayBuffer> | null];
-  trackVideo: [{ known: string }, Core.ToldVideo];
+  addFrame: [{ picture: PictureMessage; time: number; camera: string | undefined; config: string | undefined }, Uint8Array<ArrayBuffer> | null];
+  trackVideo: [{ known: string; config: string | undefined }, Core.ToldVideo];
 
   open: [Source, null];
   fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string }, Core.ToldFit];

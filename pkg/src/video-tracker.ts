@@ -5,7 +5,7 @@ import { GravisightError } from "./error.js";
 import { checkedDevice, modelOf } from "./localiser.js";
 import { pictureToSend, release, type PictureToSend } from "./picture.js";
 import type { Transport } from "./protocol.js";
-import type { Ball, Camera, DrawablePicture, ModelOptions, Picture, Progress, Scene, TrackedVideo } from "./types.js";
+import type { Ball, Camera, DrawablePicture, ModelOptions, Picture, Progress, Scene, TrackedVideo, TrackerConfig } from "./types.js";
 
 /** Options of {@link VideoTracker.create}. */
 export interface VideoTrackerOptions extends ModelOptions {
@@ -18,6 +18,8 @@ export interface VideoTrackerOptions extends ModelOptions {
   scene?: Scene | string;
   /** The ball in place of the scene's. */
   ball?: Ball;
+  /** Numbers of the tracker that are not the usual ones: parts of the `config` of a result, or of what `gravisight track --json` prints. */
+  config?: TrackerConfig;
 }
 
 type SceneSetup = Pick<VideoTrackerOptions, "camera" | "scene" | "ball">;
@@ -50,15 +52,17 @@ export interface TrackVideoOptions extends SceneSetup {
 export class VideoTracker {
   readonly #transport: Transport;
   readonly #setup: SceneSetup;
+  readonly #config: string | undefined;
   #last = -Infinity;
   /** Of the last frame's pixels, which the engine has read; of one frame at a time. */
   #memory: Uint8Array<ArrayBuffer> | undefined;
   /** Settles when the frames so far were added. */
   #added: Promise<unknown> = Promise.resolve();
 
-  private constructor(transport: Transport, setup: SceneSetup) {
+  private constructor(transport: Transport, setup: SceneSetup, config: string | undefined) {
     this.#transport = transport;
     this.#setup = setup;
+    this.#config = config;
   }
 
   /**
@@ -69,11 +73,12 @@ export class VideoTracker {
   static async create(options: VideoTrackerOptions = {}): Promise<VideoTracker> {
     const { signal, onProgress, cache = true, camera, scene, ball } = options;
     signal?.throwIfAborted();
+    const config = options.config && jsonOf(options.config, "config");
     const request = { model: modelOf(options.model), device: checkedDevice(options.device), ...sourceOf(options), cache };
     const transport = connect(options);
     try {
       await transport.call("create", request, { signal, onProgress });
-      return new VideoTracker(transport, whole<SceneSetup>({ camera, scene, ball }));
+      return new VideoTracker(transport, whole<SceneSetup>({ camera, scene, ball }), config);
     } catch (thrown) {
       transport.close(disposed("VideoTracker"));
       throw thrown;
@@ -110,7 +115,7 @@ export class VideoTracker {
     }
     const { picture, transfer } = await copied;
     const { camera } = this.#setup;
-    const request = { picture, time: timestampMs / 1000, camera: camera && jsonOf(camera, "camera") };
+    const request = { picture, time: timestampMs / 1000, camera: camera && jsonOf(camera, "camera"), config: this.#config };
     this.#memory = (await this.#transport.call("addFrame", request, { transfer })) ?? undefined;
     this.#last = timestampMs;
   }
@@ -140,7 +145,7 @@ export class VideoTracker {
       seeds: seeds.map(({ frame, image }) => [frame, image]),
       timesKnown,
     });
-    return this.#transport.call("trackVideo", { known: jsonOf(known, "options") }, { signal, onProgress });
+    return this.#transport.call("trackVideo", { known: jsonOf(known, "options"), config: this.#config }, { signal, onProgress });
   }
 
   /** Frees its memory and ends its Worker; one that you gave goes on. Harmless twice. */

@@ -15,6 +15,7 @@ mod long;
 mod prose;
 mod published;
 mod rallies;
+mod sources;
 mod spoilt;
 mod table;
 mod threads;

@@ -169,6 +169,14 @@ test("VideoTracker: every option, frames that are not awaited, frames that fail"
       // An option that is undefined is none.
       return (await code(wrong.track())) !== "none" && (await code(wrong.track({ ball: undefined }))) !== "none";
     },
+    config: async () => {
+      const used = async (config) => (await (await create({ config })).track()).config;
+      const printed = { tracklets: { min_gain: 9 } };
+      const [own, likewise] = [await used({ ...plain.config, tracklets: { ...plain.config.tracklets, minGain: 9 } }), await used(printed)];
+      assert.deepEqual(own, likewise);
+      const wrong = await create({ config: { tracklets: { gate: 0 } } });
+      return own.tracklets.minGain === 9 && (await code(wrong.add(frames[0].picture, 0))) === "value";
+    },
   });
   const place = { camera: filming, scene: "floor", ball: { radius: 0.1 } };
   const inMetres = await tracker.track(place);

@@ -17,6 +17,7 @@ use gravisight::model::Card;
 use gravisight_geometry::camera::Camera;
 use gravisight_geometry::error::{Error, Result};
 use gravisight_physics::Scene;
+use gravisight_track::TrackerConfig;
 
 /// A model on a device, warmed up.
 #[wasm_bindgen(js_name = Localiser)]
@@ -127,10 +128,15 @@ impl JsLocaliser {
     }
 
     /// Follows the ball through a video with this model, which lives as long as the tracker does; `camera` (JSON) films it, if
-    /// that is known.
-    pub fn tracker(&self, camera: Option<String>) -> std::result::Result<JsVideoTracker, JsValue> {
+    /// that is known. `config` (JSON) holds the tracker's numbers that are not the usual ones.
+    pub fn tracker(
+        &self,
+        camera: Option<String>,
+        config: Option<String>,
+    ) -> std::result::Result<JsVideoTracker, JsValue> {
         let camera = camera.map(|camera| Camera::from_json(&camera, "camera")).transpose().map_err(js_error)?;
-        Ok(JsVideoTracker::new(Arc::clone(&self.localiser), camera))
+        let config = config.map(|config| TrackerConfig::from_json(&config)).transpose().map_err(js_error)?;
+        JsVideoTracker::new(Arc::clone(&self.localiser), camera, config.unwrap_or_default()).map_err(js_error)
     }
 
     /// The device, in words.

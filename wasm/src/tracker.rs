@@ -17,7 +17,7 @@ use gravisight_geometry::image::Picture;
 use gravisight_geometry::size::Size;
 use gravisight_physics::{Forecaster, Scene};
 use gravisight_track::findings::Findings;
-use gravisight_track::{FitOptions, TrackedVideo};
+use gravisight_track::{FitOptions, TrackedVideo, TrackerConfig};
 
 /// What is known of a video's place, and of the ball in it.
 #[derive(Deserialize, Tsify)]
@@ -78,8 +78,8 @@ impl JsVideoTracker {
 }
 
 impl JsVideoTracker {
-    pub(super) fn new(localiser: Arc<Localiser>, camera: Option<Camera>) -> Self {
-        Self { tracker: VideoTracker::new(localiser, camera), size: None }
+    pub(super) fn new(localiser: Arc<Localiser>, camera: Option<Camera>, config: TrackerConfig) -> Result<Self> {
+        Ok(Self { tracker: VideoTracker::new(localiser, camera).with_config(config)?, size: None })
     }
 
     async fn watch(&mut self, picture: Result<Picture>, time: f64) -> Result<()> {

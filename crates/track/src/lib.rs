@@ -28,6 +28,11 @@ pub use self::tracked::{FittedSegment, OtherView, TrackedFrame, TrackedVideo};
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
 pub use self::video::STACK_SIDE;
+pub use self::video::{
+    AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FlightConfig, GravityConfig,
+    QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackerConfig, TrackletsConfig,
+    WeightsConfig,
+};
 #[doc(hidden)]
 pub use self::video::{BallTracker, FrameId, Query, Stack, TrackletFeatures};
-pub use self::video::{CameraMotion, FollowedFrame, TrackedBlob, TrackerConfig};
+pub use self::video::{CameraMotion, FollowedFrame, TrackedBlob};

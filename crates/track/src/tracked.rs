@@ -78,7 +78,7 @@ pub struct TrackedFrame {
     /// Its apparent radius, px; null where it is not known.
     pub radius_px: Option<f64>,
     /// Probability that what was found is the ball, 0 to 1, by its motion, its size and what the networks see in it
-    /// ([`TrackerConfig::weights`]); no model's confidence. 0 where it is not seen.
+    /// ([`WeightsConfig`](super::video::WeightsConfig)); no model's confidence. 0 where it is not seen.
     pub confidence: f64,
     /// The ball's centre in the world, m; null outside flights, as all that follows.
     pub world: Option<Point3<f64>>,

@@ -54,7 +54,7 @@ pub struct Arguments {
     /// Maximum number of hits by a racket, foot or hand between two pauses.
     #[arg(long, value_name = "auto|N", default_value = "auto", value_parser = hits)]
     hits: Hits,
-    /// Configuration of the tracker: an edited copy of `config` in the `--json` output.
+    /// Configuration of the tracker: an edited copy of `config` in the `--json` output, or only what differs.
     #[arg(long, value_name = "CONFIG.JSON")]
     config: Option<PathBuf>,
     /// Model that detects the ball [default: the built-in `any`].

@@ -1,21 +1,9 @@
 //! Association: the sequence of tracklets that belongs to one ball.
 
-use super::config::TrackerConfig;
+use super::config::{AssociationConfig, TrackerConfig};
 use super::state::{BlobId, FrameId, State};
 use super::tracklets::alike;
 use gravisight_geometry::statistics::median;
-
-/// Most frames between a tracklet and its continuation, and the largest distance between their ends: px, and steps.
-const BETWEEN: usize = 8;
-const MEETS_PX: f64 = 12.0;
-const MEETS_STEP: f64 = 1.5;
-/// Frames after a segment's end within which the ball is still as large as there, the ratio of the radii up to which it is, and the
-/// blobs at either end that tell.
-const SOON: usize = 12;
-const AS_LARGE: f64 = 2.2;
-const AT_END: usize = 3;
-/// Frames that two tracklets may share at no cost: one's last and the other's first.
-const FREE_OVERLAP: usize = 1;
 
 /// A part of a tracklet that may be the ball.
 #[derive(Debug, Clone)]
@@ -78,29 +66,33 @@ impl TrackletSegment {
     }
 
     /// What the scores of two lose together, since a ball is in one place: the lower of their scores in the frames of both.
-    fn overlap_penalty(&self, later: &Self) -> f64 {
+    fn overlap_penalty(&self, later: &Self, free: usize) -> f64 {
         let shared = (self.last() + 1).saturating_sub(later.first());
         let each = |segment: &Self| segment.score() / (segment.last() - segment.first() + 1) as f64;
-        shared.saturating_sub(FREE_OVERLAP) as f64 * each(self).min(each(later))
+        shared.saturating_sub(free) as f64 * each(self).min(each(later))
     }
 
     /// Whether the other, which begins soon after this ends, is as large as this then: a ball is not suddenly nearer.
-    fn is_as_large(&self, later: &Self, state: &State) -> bool {
+    fn is_as_large(&self, later: &Self, state: &State, config: &AssociationConfig) -> bool {
         let radius =
             |members: &[BlobId]| median(members.iter().map(|&member| state.blob(member).radius)).unwrap_or(f64::NAN);
-        let end = radius(&self.members[self.members.len().saturating_sub(AT_END)..]);
-        let start = radius(&later.members[..later.members.len().min(AT_END)]);
-        (AS_LARGE.recip()..AS_LARGE).contains(&(start / end))
+        let end = radius(&self.members[self.members.len().saturating_sub(config.at_end)..]);
+        let start = radius(&later.members[..later.members.len().min(config.at_end)]);
+        (config.as_large.recip()..config.as_large).contains(&(start / end))
     }
 
     /// Whether the other begins where and when this ends.
-    fn meets(&self, later: &Self, state: &State) -> bool {
+    fn meets(&self, later: &Self, state: &State, config: &TrackerConfig) -> bool {
+        let AssociationConfig { between: most_between, meets_px, meets_step, .. } = config.association;
         let between = later.first().saturating_sub(self.last());
         let [end, before] = [1, 2].map(|back| state.blob(self.members[self.members.len() - back]));
         let start = state.blob(later.members[0]);
         let (step, off) = (end.at.distance(&before.at), end.at.distance(&start.at));
-        let near = MEETS_PX + MEETS_STEP * step * between.max(1) as f64;
-        self.goes_before(later, state) && between <= BETWEEN && off <= near && alike(end, start)
+        let near = meets_px + meets_step * step * between.max(1) as f64;
+        self.goes_before(later, state)
+            && between <= most_between
+            && off <= near
+            && alike(end, start, config.tracklets.alike)
     }
 }
 
@@ -111,19 +103,21 @@ pub(super) fn chain(state: &State, config: &TrackerConfig, mut segments: Vec<Tra
     if state.has_motion() {
         exclude(state, &mut segments);
     }
-    support(state, config.continuation, &mut segments);
+    support(state, config, &mut segments);
+    let config = &config.association;
     segments.retain(|segment| segment.confidence() >= config.min_confidence);
     // Of each segment: the score of the best chain that ends with it, and the segment before it there. Of each and those before it:
     // the best end.
     let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(segments.len());
     let mut ends: Vec<usize> = Vec::with_capacity(segments.len());
     for (place, segment) in segments.iter().enumerate() {
-        let apart = segments[..place].partition_point(|other| other.last() + SOON < segment.first());
+        let apart = segments[..place].partition_point(|other| other.last() + config.soon < segment.first());
         let near = (apart..place).filter(|&other| {
-            segments[other].goes_before(segment, state) && segments[other].is_as_large(segment, state)
+            segments[other].goes_before(segment, state) && segments[other].is_as_large(segment, state, config)
         });
         let before = near.chain(apart.checked_sub(1).map(|last| ends[last]));
-        let options = before.map(|other| (best[other].0 - segments[other].overlap_penalty(segment), Some(other)));
+        let options = before
+            .map(|other| (best[other].0 - segments[other].overlap_penalty(segment, config.free_overlap), Some(other)));
         let (score, from) = options.fold((0.0, None), |best, option| if option.0 > best.0 { option } else { best });
         best.push((score + segment.score(), from));
         let end = ends.last().filter(|&&end| best[end].0 >= best[place].0);
@@ -137,7 +131,7 @@ pub(super) fn chain(state: &State, config: &TrackerConfig, mut segments: Vec<Tra
     }
     chosen.reverse();
     let chosen: Vec<TrackletSegment> = chosen.into_iter().map(|place| segments[place].clone()).collect();
-    let tracks = chosen.chunk_by(|one, next| next.first() <= one.last() + SOON);
+    let tracks = chosen.chunk_by(|one, next| next.first() <= one.last() + config.soon);
     tracks.filter(|track| track.iter().any(|segment| segment.confirms)).flatten().cloned().collect()
 }
 
@@ -177,21 +171,22 @@ fn exclude(state: &State, segments: &mut [TrackletSegment]) {
 
 /// Adds to the log-odds of segments (by their last frames, ascending) the support of the segments before and after each: `continuation` if
 /// that one is surely the ball, and nothing if it probably is not.
-fn support(state: &State, continuation: f64, segments: &mut [TrackletSegment]) {
+fn support(state: &State, config: &TrackerConfig, segments: &mut [TrackletSegment]) {
     // Of the segment before each, and of the one after.
     let mut most = vec![[0.0_f64; 2]; segments.len()];
     for (place, later) in segments.iter().enumerate() {
-        let near = segments[..place].partition_point(|segment| segment.last() + BETWEEN < later.first());
+        let near =
+            segments[..place].partition_point(|segment| segment.last() + config.association.between < later.first());
         for other in near..place {
             let earlier = &segments[other];
-            if earlier.meets(later, state) {
+            if earlier.meets(later, state, config) {
                 most[place][0] = most[place][0].max(earlier.margin());
                 most[other][1] = most[other][1].max(later.margin());
             }
         }
     }
     for (segment, [before, after]) in segments.iter_mut().zip(most) {
-        segment.log_odds += continuation * (before + after);
+        segment.log_odds += config.association.continuation * (before + after);
     }
 }
 

@@ -3,26 +3,11 @@
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
+use super::config::BlobsConfig;
 use super::view::{CanvasPixels, FirstView, FramePixels, Place, View, mapped, scale};
 use gravisight_geometry::camera::Detection;
 use gravisight_kernels::Vectors;
 use gravisight_kernels::pixels::largest;
-
-/// Fewest pixels of a part.
-const FEWEST_PIXELS: usize = 4;
-/// Longest streak, in its widths.
-const LONGEST: f64 = 12.0;
-/// Least fraction of the ellipse with its moments that a part fills.
-const LEAST_FILLED: f64 = 0.6;
-/// Standard deviation of a part's place, px, and a fraction of its reach.
-const PLACE_PX: f64 = 0.7;
-const PLACE_OF_REACH: f64 = 0.08;
-/// Most parts of a frame that are kept.
-const MOST: usize = 60;
-/// Length over width from which a blob is a streak.
-const STREAK: f64 = 1.5;
-/// Least standard deviation of the place of what a network finds, px.
-const LEAST_SIGMA: f64 = 0.3;
 
 /// A part of a frame that may be the ball: a disc, or a streak that it left while the shutter was open.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,8 +28,8 @@ pub(super) struct Blob<Pixels> {
 
 impl<Pixels> Blob<Pixels> {
     /// The ball that a network measures in it, which is better than the middle of what differs; a streak keeps its length.
-    pub fn measured_as(&self, ball: Self) -> Self {
-        let reach = if self.reach < STREAK * self.radius { 0.0 } else { self.reach };
+    pub fn measured_as(&self, ball: Self, config: &BlobsConfig) -> Self {
+        let reach = if self.reach < config.streak * self.radius { 0.0 } else { self.reach };
         Self { reach: reach.max(ball.radius), direction: self.direction, ..ball }
     }
 
@@ -75,7 +60,7 @@ impl Blob<FirstView> {
 
 impl Blob<FramePixels> {
     /// A ball that a network measured in a frame.
-    pub fn of_detection(ball: &Detection) -> Self {
+    pub fn of_detection(ball: &Detection, config: &BlobsConfig) -> Self {
         let radius = ball.outline.radius;
         Self {
             at: Place::new(ball.outline.centre.coords.into()),
@@ -83,7 +68,7 @@ impl Blob<FramePixels> {
             reach: radius,
             direction: 0.0,
             is_ball: true,
-            sigma: ball.sigma_px().max(LEAST_SIGMA),
+            sigma: ball.sigma_px().max(config.detected_sigma),
         }
     }
 
@@ -125,8 +110,10 @@ struct Sums {
     second: [f64; 3],
 }
 
-/// The parts of `differences` above `contrast` with radii in `radii`, px: those of most contrast.
-pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, radii: [f64; 2]) -> Vec<Blob<CanvasPixels>> {
+/// The parts of `differences` above `contrast` that may be a ball: those of most contrast.
+pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, config: &BlobsConfig) -> Vec<Blob<CanvasPixels>> {
+    let shorter = width.min(differences.len() / width.max(1)) as f64;
+    let radii = config.least_radius..=config.most_radius * shorter;
     let (runs, parts) = connected(differences, width, contrast);
     let mut sums = vec![Sums::default(); parts];
     for Run { row, start, end, part } in runs {
@@ -143,10 +130,10 @@ pub(super) fn blobs(differences: &[u8], width: usize, contrast: u8, radii: [f64;
             sums.second[2] += weight * y * y;
         }
     }
-    let mut found: Vec<(f64, Blob<CanvasPixels>)> = sums.iter().filter_map(Sums::blob).collect();
-    found.retain(|(_, blob)| (radii[0]..=radii[1]).contains(&blob.radius));
+    let mut found: Vec<(f64, Blob<CanvasPixels>)> = sums.iter().filter_map(|sums| sums.blob(config)).collect();
+    found.retain(|(_, blob)| radii.contains(&blob.radius));
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    found.truncate(MOST);
+    found.truncate(config.most);
     found.into_iter().map(|(_, blob)| blob).collect()
 }
 
@@ -227,8 +214,8 @@ fn root(joined: &mut [usize], mut part: usize) -> usize {
 
 impl Sums {
     /// The part as a blob, and by how much it differs: its mean difference times how much of its ellipse it fills.
-    fn blob(&self) -> Option<(f64, Blob<CanvasPixels>)> {
-        if self.pixels < FEWEST_PIXELS {
+    fn blob(&self, config: &BlobsConfig) -> Option<(f64, Blob<CanvasPixels>)> {
+        if self.pixels < config.fewest_pixels {
             return None;
         }
         let at = self.first.map(|sum| sum / self.weight);
@@ -247,8 +234,9 @@ impl Sums {
             reach: long,
             direction: (0.5 * (2.0 * xy).atan2(xx - yy)),
             is_ball: false,
-            sigma: PLACE_PX + PLACE_OF_REACH * long,
+            sigma: config.place_px + config.place_of_reach * long,
         };
-        (short > 0.0 && long <= LONGEST * short && filled >= LEAST_FILLED).then_some((contrast * filled, blob))
+        (short > 0.0 && long <= config.longest * short && filled >= config.least_filled)
+            .then_some((contrast * filled, blob))
     }
 }

@@ -3,47 +3,49 @@
 use std::collections::HashMap;
 
 use super::blobs::Blob;
+use super::config::ClutterConfig;
 use super::state::{FrameId, State};
 use super::view::{FirstView, Place};
 
-/// Side of a cell, px.
-const CELL: f64 = 4.0;
-/// Frames before and after a candidate's that do not count: its own thing is in them.
-const OWN_FRAMES: usize = 12;
-
 /// Counts of candidates by place, over all frames so far.
-#[derive(Default)]
 pub(super) struct Clutter {
+    config: ClutterConfig,
     counts: HashMap<[i32; 2], u32>,
     frames: usize,
 }
 
 impl Clutter {
+    /// Without any candidate yet.
+    pub fn new(config: ClutterConfig) -> Self {
+        Self { config, counts: HashMap::new(), frames: 0 }
+    }
+
     /// Adds a frame's candidates.
     pub fn add(&mut self, blobs: &[Blob<FirstView>]) {
         self.frames += 1;
         for blob in blobs {
-            *self.counts.entry(cell(&blob.at)).or_default() += 1;
+            *self.counts.entry(self.cell(&blob.at)).or_default() += 1;
         }
     }
 
     /// Candidates a px² and frame about a place in all frames but those about `frame`.
     pub fn density(&self, state: &State, frame: FrameId, at: &Place<FirstView>) -> f64 {
-        let [column, row] = cell(at);
+        let ClutterConfig { cell, own_frames, .. } = self.config;
+        let [column, row] = self.cell(at);
         let cells = || (-1..=1).flat_map(move |y| (-1..=1).map(move |x| [column + x, row + y]));
         let all: u32 = cells().filter_map(|cell| self.counts.get(&cell)).sum();
-        let frames = frame.0.saturating_sub(OWN_FRAMES)..(frame.0 + OWN_FRAMES + 1).min(state.segmented());
+        let frames = frame.0.saturating_sub(own_frames)..(frame.0 + own_frames + 1).min(state.segmented());
         let count = frames.len();
         let is_near = |[x, y]: [i32; 2]| (x - column).abs() <= 1 && (y - row).abs() <= 1;
         let blobs = state.frames()[frames].iter().flat_map(|frame| &frame.blobs);
-        let own = blobs.filter(|&&blob| is_near(cell(&state.blob(blob).at))).count();
+        let own = blobs.filter(|&&blob| is_near(self.cell(&state.blob(blob).at))).count();
         let others = f64::from(all) - own as f64;
-        others.max(0.0) / (self.frames.saturating_sub(count).max(OWN_FRAMES) as f64 * (3.0 * CELL).powi(2))
+        others.max(0.0) / (self.frames.saturating_sub(count).max(own_frames) as f64 * (3.0 * cell).powi(2))
     }
-}
 
-fn cell(at: &Place<FirstView>) -> [i32; 2] {
-    at.xy.map(|at| (at / CELL).floor() as i32)
+    fn cell(&self, at: &Place<FirstView>) -> [i32; 2] {
+        at.xy.map(|at| (at / self.config.cell).floor() as i32)
+    }
 }
 
 #[cfg(test)]

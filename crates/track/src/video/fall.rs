@@ -5,35 +5,25 @@
 
 use nalgebra::Vector2;
 
-use super::gravity::{Acceleration, FEWEST, ImagePoint, parts, student};
+use super::config::{FallConfig, GravityConfig};
+use super::gravity::{Acceleration, ImagePoint, parts, student};
 use gravisight_geometry::statistics::median;
 
-/// Apparent gravity of balls, radii/s²: from that of a ball of 0.12 m shown four times as slowly to that of a table tennis ball.
-const GRAVITIES: [f64; 2] = [5.0, 490.0];
-/// Accelerations of what does not fly, radii/s²: from those of cars to those of hands.
-const OTHERS: [f64; 2] = [1.0, 3000.0];
-/// Values of each that are tried, evenly in the logarithm.
-const STEPS: usize = 24;
-/// The acceleration of a ball downwards over gravity's, and its spread below and above that, and across, in units of gravity's.
-const ALONG: f64 = 1.1;
-const SPREAD: [f64; 2] = [0.4, 0.8];
-const ACROSS: f64 = 0.6;
-/// Largest log-odds, for or against a ball.
-const MOST: f64 = 8.0;
-
 /// Log-odds that a path (of an upright camera) bends as a ball's does.
-pub(super) fn log_odds(path: &[ImagePoint]) -> f64 {
+pub(super) fn log_odds(path: &[ImagePoint], config: &FallConfig, gravity_config: &GravityConfig) -> f64 {
     let Some(radius) = median(path.iter().map(|point| point.radius)).filter(|radius| *radius > 0.0) else { return 0.0 };
-    let parts = parts(path).filter(|part| part.len() >= FEWEST).filter_map(Acceleration::of);
-    let bends: Vec<(Vector2<f64>, f64)> = parts.map(|bend| (bend.along_axes / radius, bend.sigma / radius)).collect();
+    let parts = parts(path, gravity_config.part).filter(|part| part.len() >= gravity_config.fewest);
+    let bends = parts.filter_map(Acceleration::of).map(|bend| (bend.along_axes / radius, bend.sigma / radius));
+    let bends: Vec<(Vector2<f64>, f64)> = bends.collect();
     if bends.is_empty() {
         return 0.0;
     }
+    let student = |value: f64, spread: f64| student(value, spread, gravity_config.freedom);
     let ball = |gravity: f64| {
         let part = |(bend, sigma): &(Vector2<f64>, f64)| {
-            let off = bend.y - ALONG * gravity;
-            let spread = gravity * SPREAD[usize::from(off > 0.0)];
-            student(off, spread.hypot(*sigma)) + student(bend.x, (gravity * ACROSS).hypot(*sigma))
+            let off = bend.y - config.along * gravity;
+            let spread = gravity * config.spread[usize::from(off > 0.0)];
+            student(off, spread.hypot(*sigma)) + student(bend.x, (gravity * config.spread_across).hypot(*sigma))
         };
         bends.iter().map(part).sum::<f64>()
     };
@@ -43,15 +33,16 @@ pub(super) fn log_odds(path: &[ImagePoint]) -> f64 {
         };
         bends.iter().map(part).sum::<f64>()
     };
-    (marginal(GRAVITIES, ball) - marginal(OTHERS, other)).clamp(-MOST, MOST)
+    let [ball, other] = [marginal(config.gravities, config.steps, ball), marginal(config.others, config.steps, other)];
+    (ball - other).clamp(-config.most, config.most)
 }
 
-/// Logarithm of the mean of a likelihood over a range that is even in the logarithm.
-fn marginal([least, most]: [f64; 2], log_likelihood: impl Fn(f64) -> f64) -> f64 {
-    let at = |step: usize| (least.ln() + (most / least).ln() * (step as f64 + 0.5) / STEPS as f64).exp();
-    let values: Vec<f64> = (0..STEPS).map(|step| log_likelihood(at(step))).collect();
+/// Logarithm of the mean of a likelihood over a range that is even in the logarithm, by so many values.
+fn marginal([least, most]: [f64; 2], steps: usize, log_likelihood: impl Fn(f64) -> f64) -> f64 {
+    let at = |step: usize| (least.ln() + (most / least).ln() * (step as f64 + 0.5) / steps as f64).exp();
+    let values: Vec<f64> = (0..steps).map(|step| log_likelihood(at(step))).collect();
     let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    largest + (values.iter().map(|value| (value - largest).exp()).sum::<f64>() / STEPS as f64).ln()
+    largest + (values.iter().map(|value| (value - largest).exp()).sum::<f64>() / steps as f64).ln()
 }
 
 #[cfg(test)]
@@ -68,16 +59,20 @@ mod tests {
         (0..frames).map(point).collect()
     }
 
+    fn of(path: &[ImagePoint]) -> f64 {
+        log_odds(path, &FallConfig::default(), &GravityConfig::default())
+    }
+
     #[test]
     fn what_falls_is_a_ball_and_what_glides_rises_or_jerks_is_none() {
         // A tennis ball: 9.81 m/s² over 0.0335 m.
-        let falls = log_odds(&path(25, [0.0, 5.0 * 293.0]));
-        let others = [[0.0, 0.0], [0.0, -5.0 * 293.0], [5.0 * 293.0, 0.0]].map(|other| log_odds(&path(25, other)));
+        let falls = of(&path(25, [0.0, 5.0 * 293.0]));
+        let others = [[0.0, 0.0], [0.0, -5.0 * 293.0], [5.0 * 293.0, 0.0]].map(|other| of(&path(25, other)));
         assert!(falls > 1.0 && others.iter().all(|other| *other < -1.0), "{falls} {others:?}");
         // In five frames of a small ball nothing can be told.
         let short: Vec<ImagePoint> =
             path(5, [0.0; 2]).into_iter().map(|point| ImagePoint { radius: 0.5, ..point }).collect();
-        assert!(log_odds(&short).abs() < 1.0, "{}", log_odds(&short));
-        assert_eq!(log_odds(&[]), 0.0);
+        assert!(of(&short).abs() < 1.0, "{}", of(&short));
+        assert_eq!(of(&[]), 0.0);
     }
 }

@@ -5,28 +5,15 @@ use std::sync::Arc;
 use nalgebra::Matrix3;
 
 use super::blobs::{self, Blob};
-use super::planes::{self, Background, FIRST_FRAMES, Planes, Spare, contrast_of};
+use super::config::{BackgroundConfig, BlobsConfig};
+use super::planes::{self, Background, Planes, Spare, contrast_of};
 use super::stabiliser::Stabilised;
 use super::view::CanvasPixels;
 
-/// Smallest radius that is looked for, px, and the largest, as a fraction of the picture's shorter side.
-const LEAST_RADIUS: f64 = 1.0;
-const MOST_RADIUS: f64 = 1.0 / 8.0;
-/// Distance of two blobs' middles, in radii, within which they are one.
-const SAME: f64 = 0.7;
-/// Fraction of a picture's pixels that differ from the background where the camera moved, or another took over.
-const MOVED: f64 = 0.35;
-/// Such frames in a row after which the background is made anew.
-pub(super) const MOVING_FRAMES: usize = 3;
-/// Half the range of the levels about a pixel is what a registration that is half a pixel off makes of an edge: fraction of it that a
-/// difference must exceed while the camera moves.
-const EDGE_TOLERANCE: f64 = 0.5;
-/// Fewest frames of which a background is made.
-const FEWEST_FRAMES: usize = 5;
-
 /// The background, and the frames that wait for it or for the next one.
-#[derive(Default)]
 pub(super) struct Foreground {
+    config: BackgroundConfig,
+    blobs: BlobsConfig,
     /// Frames that wait for a background.
     waiting: Vec<Stabilised>,
     background: Option<Background>,
@@ -54,6 +41,11 @@ pub(super) enum Seen {
 }
 
 impl Foreground {
+    /// Without any frame yet.
+    pub fn new(config: BackgroundConfig, blobs: BlobsConfig) -> Self {
+        Self { config, blobs, waiting: vec![], background: None, now: None, previous: None, moving: 0 }
+    }
+
     /// Whether no frame waits for another.
     pub fn is_idle(&self) -> bool {
         self.now.is_none() && self.waiting.is_empty()
@@ -70,7 +62,8 @@ impl Foreground {
 
     /// Makes a background of the frames that wait for one, where they are as many as it takes (fewer at the video's end), and returns them.
     pub fn begin(&mut self, is_end: bool) -> Vec<Stabilised> {
-        if self.background.is_some() || self.waiting.len() < if is_end { FEWEST_FRAMES } else { FIRST_FRAMES } {
+        let fewest = if is_end { self.config.fewest_frames } else { self.config.first_frames };
+        if self.background.is_some() || self.waiting.len() < fewest {
             return vec![];
         }
         let waiting = std::mem::take(&mut self.waiting);
@@ -139,33 +132,34 @@ impl Foreground {
     /// The blobs of a frame that has one before and one after it; without either they are what differs from the background.
     fn seen(&mut self, now: &Now, until: Option<&[u8]>, spare: &mut Spare) -> Option<Seen> {
         let background = self.background.as_mut()?;
-        let Planes { width, height, .. } = *now.frame.planes;
+        let width = now.frame.planes.width;
         let mut differences = background.follow(&now.frame.planes, spare);
-        let tolerance = (!now.frame.as_taken).then(|| background.edges(EDGE_TOLERANCE, spare));
-        let contrast = contrast_of(now.since.as_deref().or(until).unwrap_or(&differences));
-        let radii = [LEAST_RADIUS, MOST_RADIUS * width.min(height) as f64];
+        let tolerance = (!now.frame.as_taken).then(|| background.edges(self.config.edge_tolerance, spare));
+        let contrast = contrast_of(now.since.as_deref().or(until).unwrap_or(&differences), &self.config);
         if let Some(tolerance) = &tolerance {
             planes::subtract(&mut differences, tolerance);
         }
-        if planes::fraction_above(&differences, contrast) > MOVED {
+        if planes::fraction_above(&differences, contrast) > self.config.moved {
             self.moving += 1;
-            let lost = self.moving >= MOVING_FRAMES;
+            let lost = self.moving >= self.config.moving_frames;
             if lost {
                 self.lose_background();
             }
             return Some(Seen::Other { lost });
         }
         self.moving = 0;
-        let mut found = blobs::blobs(&differences, width, contrast, radii);
+        let mut found = blobs::blobs(&differences, width, contrast, &self.blobs);
         if let (Some(since), Some(until)) = (&now.since, until) {
-            found.retain(|blob| moves(blob, [since, until], width, contrast));
+            found.retain(|blob| moves(blob, [since, until], width, contrast, self.blobs.moves_at));
             let mut both = planes::less_of(since, until, spare);
             if let Some(tolerance) = &tolerance {
                 planes::subtract(&mut both, tolerance);
             }
-            for blob in blobs::blobs(&both, width, contrast, radii) {
+            for blob in blobs::blobs(&both, width, contrast, &self.blobs) {
+                let BlobsConfig { same, same_least, same_radius, .. } = self.blobs;
                 let known = |other: &Blob<CanvasPixels>| {
-                    other.at.distance(&blob.at) < SAME * blob.radius.max(1.5) && other.radius < 1.5 * blob.radius
+                    other.at.distance(&blob.at) < same * blob.radius.max(same_least)
+                        && other.radius < same_radius * blob.radius
                 };
                 if !found.iter().any(known) {
                     found.push(blob);
@@ -179,9 +173,9 @@ impl Foreground {
     }
 }
 
-/// Whether anything of a blob changes from the frame before or to the one after.
-fn moves(blob: &Blob<CanvasPixels>, differences: [&[u8]; 2], width: usize, contrast: u8) -> bool {
-    let steps = [-0.7, 0.0, 0.7];
+/// Whether anything of a blob changes from the frame before or to the one after: its middle, or what is `away` from there, radii.
+fn moves(blob: &Blob<CanvasPixels>, differences: [&[u8]; 2], width: usize, contrast: u8, away: f64) -> bool {
+    let steps = [-away, 0.0, away];
     let at = |x: f64, y: f64| {
         let (x, y) = (x.round().max(0.0) as usize, y.round().max(0.0) as usize);
         y * width + x.min(width - 1)

@@ -2,33 +2,14 @@
 
 use nalgebra::{Matrix3, Point2, Vector2, Vector3};
 
+use super::config::GravityConfig;
 use gravisight_geometry::camera::Camera;
 use gravisight_geometry::statistics::median;
 use gravisight_physics::Scene;
 
-/// Duration of a part of a path that is one parabola, s, and fewest points in it.
-const PART: f64 = 0.35;
-pub(super) const FEWEST: usize = 5;
-/// The acceleration of a ball along gravity's image, in units of that, and its spread below and above that, and across: drag,
-/// spin and what comes of flying towards the camera are in it.
-const ALONG: f64 = 1.3;
-const SPREAD: [f64; 2] = [0.3, 1.0];
-const SPREAD_ACROSS: f64 = 1.0;
-/// Spread of what does not fly: most of it hardly bends for its size, the rest anyhow; the fraction of the first.
-const STEADY: f64 = 0.5;
-const ANYHOW: f64 = 6.0;
-const STEADY_FRACTION: f64 = 0.6;
-/// Degrees of freedom of all spreads (Student's t).
-const FREEDOM: f64 = 3.0;
-/// Largest log-odds of a part, for or against a ball; least and largest log-odds of a path.
-const MOST_OF_PART: f64 = 5.0;
-const LEAST: f64 = -15.0;
-const MOST: f64 = 6.0;
-/// A ball whose terminal speed is below this, m/s, soon falls steadily, as a shuttle does: its path need not bend.
-const LIGHT: f64 = 7.5;
-
 /// Compares the bend of a path with that of a ball of its size under gravity.
 pub(super) struct GravityTest<'a> {
+    pub config: &'a GravityConfig,
     pub camera: &'a Camera,
     pub scene: &'a Scene,
 }
@@ -47,15 +28,16 @@ pub(super) struct ImagePoint {
 impl GravityTest<'_> {
     /// Log-odds that a path bends as a ball's does.
     pub fn log_odds(&self, path: &[ImagePoint]) -> f64 {
-        if self.scene.terminal_speed() < LIGHT {
+        if self.scene.terminal_speed() < self.config.light {
             return 0.0;
         }
-        let log_odds: f64 = parts(path).filter_map(|part| self.part_log_odds(part)).sum();
-        log_odds.clamp(LEAST, MOST)
+        let log_odds: f64 = parts(path, self.config.part).filter_map(|part| self.part_log_odds(part)).sum();
+        log_odds.clamp(self.config.least, self.config.most)
     }
 
     fn part_log_odds(&self, part: &[ImagePoint]) -> Option<f64> {
-        if part.len() < FEWEST {
+        let config = self.config;
+        if part.len() < config.fewest {
             return None;
         }
         let gravity = self.gravity(part)?;
@@ -63,11 +45,13 @@ impl GravityTest<'_> {
         let sigma = sigma / gravity.norm();
         let down = gravity.normalize();
         let [along, across] = [bend.dot(&down), bend.perp(&down)].map(|value| value / gravity.norm());
-        let both = |spread: f64| student(along, spread.hypot(sigma)) + student(across, spread.hypot(sigma));
-        let spread = SPREAD[usize::from(along > ALONG)];
-        let ball = student(along - ALONG, spread.hypot(sigma)) + student(across, SPREAD_ACROSS.hypot(sigma));
-        let other = STEADY_FRACTION * both(STEADY).exp() + (1.0 - STEADY_FRACTION) * both(ANYHOW).exp();
-        Some((ball - other.ln()).clamp(-MOST_OF_PART, MOST_OF_PART))
+        let student = |value: f64, spread: f64| student(value, spread.hypot(sigma), config.freedom);
+        let both = |spread: f64| student(along, spread) + student(across, spread);
+        let spread = config.spread[usize::from(along > config.along)];
+        let ball = student(along - config.along, spread) + student(across, config.spread_across);
+        let (steady, anyhow) = (both(config.steady).exp(), both(config.anyhow).exp());
+        let other = config.steady_fraction * steady + (1.0 - config.steady_fraction) * anyhow;
+        Some((ball - other.ln()).clamp(-config.most_of_part, config.most_of_part))
     }
 
     /// The image of gravity where a ball of this size would be, px/s².
@@ -110,12 +94,12 @@ impl Acceleration {
     }
 }
 
-/// The parts of a path that are one parabola each, all of it.
-pub(super) fn parts(path: &[ImagePoint]) -> impl Iterator<Item = &[ImagePoint]> {
+/// The parts of a path that are one parabola each, of this duration (s) at most.
+pub(super) fn parts(path: &[ImagePoint], duration: f64) -> impl Iterator<Item = &[ImagePoint]> {
     let mut from = 0;
     std::iter::from_fn(move || {
         let first = path.get(from)?;
-        let count = path[from..].iter().take_while(|point| point.time - first.time <= PART).count();
+        let count = path[from..].iter().take_while(|point| point.time - first.time <= duration).count();
         let part = &path[from..from + count];
         from += count;
         Some(part)
@@ -123,6 +107,6 @@ pub(super) fn parts(path: &[ImagePoint]) -> impl Iterator<Item = &[ImagePoint]> 
 }
 
 /// Logarithm of Student's density, without what is the same in all.
-pub(super) fn student(value: f64, spread: f64) -> f64 {
-    -(FREEDOM + 1.0) / 2.0 * (1.0 + (value / spread).powi(2) / FREEDOM).ln() - spread.ln()
+pub(super) fn student(value: f64, spread: f64, freedom: f64) -> f64 {
+    -(freedom + 1.0) / 2.0 * (1.0 + (value / spread).powi(2) / freedom).ln() - spread.ln()
 }

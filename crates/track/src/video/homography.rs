@@ -2,19 +2,8 @@
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2};
 
+use super::config::RegistrationConfig;
 use super::patches::HALF;
-
-/// Distance within which a patch agrees with the others, px.
-pub(super) const NEAR: f64 = 1.0;
-/// Pairs of patches of which a motion is tried.
-const TRIES: usize = 80;
-/// Standard deviation of a patch's place, px, and of what a camera that turns and zooms changes besides a similarity from one frame to the
-/// next: aspect and shear, and the perspective terms, of coordinates in half widths.
-const PLACE_SIGMA: f64 = 0.3;
-const SHEAR_SIGMA: f64 = 0.002;
-const PERSPECTIVE_SIGMA: f64 = 0.003;
-/// Rounds of the robust fit.
-const ROUNDS: usize = 3;
 
 /// A shift with a rotation and a scale: `at + rotation · at + shift`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,33 +34,38 @@ impl Motion {
 }
 
 /// The homography that moves places as found (`[at, moved]`), of a picture of `size`, and the deviation of places that it maps, px.
-pub(super) fn change_through(found: &[[Vector2<f64>; 2]], size: [usize; 2]) -> Option<(Matrix3<f64>, f64)> {
+pub(super) fn change_through(
+    found: &[[Vector2<f64>; 2]],
+    size: [usize; 2],
+    config: &RegistrationConfig,
+) -> Option<(Matrix3<f64>, f64)> {
+    let RegistrationConfig { place_sigma, shear_sigma, perspective_sigma, .. } = *config;
     let half = size[0] as f64 / 2.0;
     let middle = Vector2::new(half, size[1] as f64 / 2.0);
     let mut change = SVector::<f64, 8>::zeros();
     let mut square = 0.0;
-    for round in 0..ROUNDS {
+    for round in 0..config.rounds {
         let mut normal = SMatrix::<f64, 8, 8>::zeros();
         let mut right = SVector::<f64, 8>::zeros();
         // Aspect, shear and perspective are known to be small.
-        let priors = [([(1, 1.0), (5, -1.0)], SHEAR_SIGMA), ([(2, 1.0), (4, 1.0)], SHEAR_SIGMA)];
+        let priors = [([(1, 1.0), (5, -1.0)], shear_sigma), ([(2, 1.0), (4, 1.0)], shear_sigma)];
         for (terms, sigma) in priors {
             for (row, a) in terms {
                 terms.iter().for_each(|&(column, b)| normal[(row, column)] += a * b / (sigma * sigma));
             }
         }
-        normal[(6, 6)] += PERSPECTIVE_SIGMA.powi(-2);
-        normal[(7, 7)] += PERSPECTIVE_SIGMA.powi(-2);
+        normal[(6, 6)] += perspective_sigma.powi(-2);
+        normal[(7, 7)] += perspective_sigma.powi(-2);
         square = 0.0;
         for [at, moved] in found {
             let (place, moved) = ((at - middle) / half, moved / half);
             let (u, v) = (place.x, place.y);
             let rows = [[1.0, u, v, 0.0, 0.0, 0.0, u * u, v * u], [0.0, 0.0, 0.0, 1.0, u, v, u * v, v * v]];
             let rows = rows.map(SVector::<f64, 8>::from);
-            let off = [0, 1].map(|axis| (moved[axis] - rows[axis].dot(&change)) * half / PLACE_SIGMA);
+            let off = [0, 1].map(|axis| (moved[axis] - rows[axis].dot(&change)) * half / place_sigma);
             let off = off[0].hypot(off[1]);
             square += off * off;
-            let weight = if round == 0 { 1.0 } else { 2.0 / off.max(2.0) } * (half / PLACE_SIGMA).powi(2);
+            let weight = if round == 0 { 1.0 } else { 2.0 / off.max(2.0) } * (half / place_sigma).powi(2);
             for (axis, row) in rows.iter().enumerate() {
                 normal += row * row.transpose() * weight;
                 right += row * (weight * moved[axis]);
@@ -85,20 +79,21 @@ pub(super) fn change_through(found: &[[Vector2<f64>; 2]], size: [usize; 2]) -> O
     let change = from.try_inverse()? * change * from;
     // Eight numbers are found of two a place.
     let numbers = 2.0 * found.len() as f64;
-    let residual = (square / (numbers - 8.0).max(1.0)).sqrt() * PLACE_SIGMA;
-    Some((change / change[(2, 2)], residual.max(PLACE_SIGMA) * (8.0 / numbers).sqrt()))
+    let residual = (square / (numbers - 8.0).max(1.0)).sqrt() * place_sigma;
+    Some((change / change[(2, 2)], residual.max(place_sigma) * (8.0 / numbers).sqrt()))
 }
 
 /// The motion for which most places speak, and how many do.
-pub(super) fn consensus(found: &[[Vector2<f64>; 2]]) -> Option<(Motion, usize)> {
-    let agreeing = |motion: &Motion| found.iter().filter(|[at, moved]| (motion.of(at) - moved).norm() < NEAR).count();
+pub(super) fn consensus(found: &[[Vector2<f64>; 2]], config: &RegistrationConfig) -> Option<(Motion, usize)> {
+    let agreeing =
+        |motion: &Motion| found.iter().filter(|[at, moved]| (motion.of(at) - moved).norm() < config.near).count();
     // Numbers that look random, and are the same each time.
     let mut state = 1_u64;
     let mut draw = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % found.len()
     };
-    let tried = (0..TRIES).filter_map(|_| Motion::through(found[draw()], found[draw()]));
+    let tried = (0..config.tries).filter_map(|_| Motion::through(found[draw()], found[draw()]));
     let motion = tried.chain([Motion::NONE]).max_by_key(|motion| agreeing(motion))?;
     Some((motion, agreeing(&motion)))
 }

@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::super::file::TrackPoint;
 use super::association::{TrackletSegment, chain};
 use super::blobs::Blob;
-use super::config::TrackerConfig;
+use super::config::{RadiiConfig, TrackerConfig};
 use super::evidence::Evidence;
 use super::fall;
 use super::gravity::{GravityTest, ImagePoint};
@@ -16,23 +16,6 @@ use super::view::{CameraMotion, FirstView, Place, View};
 use gravisight_geometry::camera::{Camera, Detection};
 use gravisight_geometry::statistics::median;
 use gravisight_physics::Scene;
-
-/// Length over width of a streak from which its width is no ball's radius.
-const STREAK: f64 = 2.5;
-/// Fraction of the variance of a measured radius that is common to frames less than so many seconds apart.
-const COMMON: f64 = 0.7;
-const DOUBT_LASTS: f64 = 0.5;
-/// Most frames between two balls that are filled, and how far from between them a ball may be in those, radii.
-const MOST_BETWEEN: usize = 4;
-const NEAR: f64 = 1.5;
-/// A tracklet is cut where the detector's answer changes and then stays the same for so many frames.
-const RUN: usize = 3;
-/// Radius below which a ball is small, px: networks miss those.
-const SMALL: f64 = 3.0;
-/// Log-likelihood ratio of a tracklet that is no evidence for or against a ball.
-const USUAL_LOG_RATIO: f64 = 27.0;
-/// Log-odds of a tracklet that a person pointed at.
-const SEEDED: f64 = 20.0;
 
 /// Something that flies, in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +31,7 @@ pub struct TrackedBlob {
 /// What the weights of paths are fitted to.
 #[derive(Debug, Clone)]
 pub struct TrackletFeatures {
-    /// What tells whether a path is the ball's, as [`TrackerConfig::weights`] lists it.
+    /// What tells whether a path is the ball's, as [`WeightsConfig`](super::config::WeightsConfig) lists it.
     pub features: [f64; 8],
     /// Frames and places (px) in which it is.
     pub places: Vec<(usize, [f64; 2])>,
@@ -122,7 +105,7 @@ impl<'a> Hypotheses<'a> {
         for own in state.frames() {
             (frames[own.number].view, frames[own.number].elsewhere) = (Some(own.view), own.elsewhere);
         }
-        let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
+        let gravity_test = place.map(|(camera, scene)| GravityTest { config: &self.config.gravity, camera, scene });
         let segments = self.tracklets.iter().flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref()));
         // Of each frame the likeliest candidate: by the log-odds of its segment and of its own detection.
         let mut likeliest: BTreeMap<FrameId, (f64, BlobId, f64)> = BTreeMap::new();
@@ -141,30 +124,34 @@ impl<'a> Hypotheses<'a> {
         for (frame, (member, confidence)) in balls {
             let frame = &mut frames[state.frame(frame).number];
             let ball = self.followed(member);
-            frame.point = point(&ball, state.blob(member).sigma, state.evidence(member).ball(), frame.point);
+            frame.point =
+                point(&ball, state.blob(member).sigma, state.evidence(member).ball(), frame.point, &self.config.radii);
             (frame.ball, frame.confidence) = (Some(ball), confidence);
         }
-        correlate_radius_errors(&mut frames);
+        correlate_radius_errors(&mut frames, &self.config.radii);
         frames
     }
 
     /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: a tracklet ends
     /// at a bounce or a hit, and the next begins after it.
     fn fill(&self, balls: &mut BTreeMap<FrameId, (BlobId, f64)>) {
+        let config = &self.config.association;
         let known: Vec<(FrameId, (BlobId, f64))> = balls.iter().map(|(frame, ball)| (*frame, *ball)).collect();
         for pair in known.windows(2) {
             let [(before, (earlier, sure)), (after, (later, sure_after))] = [pair[0], pair[1]];
-            if after.since(before) > MOST_BETWEEN + 1 {
+            if after.since(before) > config.most_filled + 1 {
                 continue;
             }
             let [from, to] = [earlier, later].map(|member| self.state.blob(member));
             let [x, y] = to.at.minus(&from.at);
-            let reach = NEAR * from.radius.max(to.radius) + x.hypot(y) / 2.0;
+            let reach = config.fill_reach * from.radius.max(to.radius) + x.hypot(y) / 2.0;
             let middle = Place::new([from.at.xy[0] + x / 2.0, from.at.xy[1] + y / 2.0]);
             for frame in (before.0 + 1..after.0).map(FrameId) {
                 let off = |blob: &Blob<FirstView>| blob.at.distance(&middle);
                 let blobs = self.state.frame(frame).blobs.iter().map(|&member| (member, self.state.blob(member)));
-                let near = blobs.filter(|(_, blob)| blob.is_ball && alike(blob, from) && off(blob) <= reach);
+                let near = blobs.filter(|(_, blob)| {
+                    blob.is_ball && alike(blob, from, self.config.tracklets.alike) && off(blob) <= reach
+                });
                 if let Some((member, _)) = near.min_by(|a, b| off(a.1).total_cmp(&off(b.1))) {
                     balls.insert(frame, (member, sure.min(sure_after)));
                 }
@@ -178,9 +165,10 @@ impl<'a> Hypotheses<'a> {
     fn segments(&self, tracklet: &Tracklet, gravity_test: Option<&GravityTest>) -> Vec<TrackletSegment> {
         let members = &tracklet.members;
         let seen: Vec<Evidence> = members.iter().map(|&member| self.state.evidence(member)).collect();
+        let frames = self.config.evidence.run;
         let lasts = |from: usize| {
-            let run = seen[from..].iter().take(RUN);
-            run.len() == RUN && run.clone().all(|it| it.agrees_with(&seen[from]))
+            let run = seen[from..].iter().take(frames);
+            run.len() == frames && run.clone().all(|it| it.agrees_with(&seen[from]))
         };
         let is_cut = |end: usize| lasts(end) && seen[end - 1].contradicts(&seen[end]);
         let mut cuts: Vec<usize> = (1..members.len()).filter(|&end| is_cut(end)).collect();
@@ -189,7 +177,7 @@ impl<'a> Hypotheses<'a> {
             let part = best_part(&motion);
             let sum = |values: &[f64]| values.iter().sum::<f64>();
             // A part of another object's tracklet may look like a ball.
-            let is_other = |values: &[f64]| sum(&motion) > 0.0 && sum(values) <= -self.config.min_gain;
+            let is_other = |values: &[f64]| sum(&motion) > 0.0 && sum(values) <= -self.config.tracklets.min_gain;
             cuts.extend(is_other(&motion[..part.start]).then_some(part.start));
             cuts.extend(is_other(&motion[part.end..]).then_some(part.end));
         }
@@ -198,7 +186,7 @@ impl<'a> Hypotheses<'a> {
         let parts = cuts.windows(2).filter(|cut| cut[1] - cut[0] > 1).map(|cut| members[cut[0]..cut[1]].to_vec());
         let segment = |members: Vec<BlobId>| {
             let log_odds = self.log_odds(tracklet, &members, gravity_test);
-            let confirms = !self.has_motion || log_odds >= self.config.confirmed;
+            let confirms = !self.has_motion || log_odds >= self.config.association.confirmed;
             let frames = [members[0], members[members.len() - 1]].map(|member| self.state.frame_of(member));
             TrackletSegment { members, frames, log_odds, confirms }
         };
@@ -207,7 +195,7 @@ impl<'a> Hypotheses<'a> {
 
     /// What tells of all parts of tracklets whether they are the ball's.
     pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>) -> Vec<TrackletFeatures> {
-        let gravity_test = place.map(|(camera, scene)| GravityTest { camera, scene });
+        let gravity_test = place.map(|(camera, scene)| GravityTest { config: &self.config.gravity, camera, scene });
         let of_segment = |tracklet: &Tracklet, segment: TrackletSegment| {
             let features = self.features(tracklet, &segment.members, gravity_test.as_ref());
             let places = segment
@@ -226,15 +214,15 @@ impl<'a> Hypotheses<'a> {
     /// Log-odds that a part of a tracklet is the ball.
     fn log_odds(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> f64 {
         if tracklet.seeded {
-            return SEEDED;
+            return self.config.weights.seeded;
         }
-        let config = &self.config;
-        let weights = if self.has_motion { config.weights } else { config.weights_without_motion };
+        let config = &self.config.weights;
+        let weights = if self.has_motion { config.with_motion } else { config.without_motion };
         let features = self.features(tracklet, members, gravity_test);
         features.iter().zip(weights).map(|(value, weight)| value * weight).sum()
     }
 
-    /// What tells whether a part of a tracklet is the ball's, as [`TrackerConfig::weights`] lists it.
+    /// What tells whether a part of a tracklet is the ball's, as [`WeightsConfig`](super::config::WeightsConfig) lists it.
     fn features(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> [f64; 8] {
         let (mut queried, mut detected) = (0.0_f64, 0.0);
         let image_point = |&member: &BlobId| {
@@ -253,14 +241,18 @@ impl<'a> Hypotheses<'a> {
         // Without an answer of the motion network there is no evidence for a ball.
         let motion: Vec<f64> = members.iter().filter_map(|&member| self.state.motion(member)).collect();
         let motion = motion.iter().sum::<f64>() / motion.len().max(1) as f64;
-        let small = median(path.iter().map(|point| point.radius)).is_some_and(|radius| radius < SMALL);
+        let small =
+            median(path.iter().map(|point| point.radius)).is_some_and(|radius| radius < self.config.weights.small);
         // Without an answer there is no evidence for a ball here either.
-        let detector = if queried > 0.0 { detected / queried } else { Evidence::of(None).log_odds() };
+        let detector = match queried > 0.0 {
+            true => detected / queried,
+            false => Evidence::of(None, &self.config.evidence).log_odds(),
+        };
         let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
-        let ratio = (tracklet.log_likelihood_ratio.max(1.0) / USUAL_LOG_RATIO).ln();
+        let ratio = (tracklet.log_likelihood_ratio.max(1.0) / self.config.weights.usual_gain).ln();
         let [bend, fall] = match gravity_test {
             Some(gravity_test) => [gravity_test.log_odds(&path), 0.0],
-            None => [0.0, fall::log_odds(&path)],
+            None => [0.0, fall::log_odds(&path, &self.config.fall, &self.config.gravity)],
         };
         [1.0, ratio, motion, f64::from(u8::from(small)), large, little, bend, fall]
     }
@@ -289,25 +281,31 @@ fn best_part(log_odds: &[f64]) -> Range<usize> {
 }
 
 /// A ball as a line of a 2D track, `sigma` (px) that of its place without a network; `nothing` has the frame's number and time.
-fn point(ball: &TrackedBlob, sigma: f64, found: Option<&Detection>, nothing: TrackPoint) -> TrackPoint {
+fn point(
+    ball: &TrackedBlob,
+    sigma: f64,
+    found: Option<&Detection>,
+    nothing: TrackPoint,
+    config: &RadiiConfig,
+) -> TrackPoint {
     let at =
         |[x, y]: [f64; 2], sigma| TrackPoint { visibility: 1, x: Some(x), y: Some(y), sigma: Some(sigma), ..nothing };
     let Some(found) = found else { return at(ball.image, sigma) };
-    let sized = ball.reach_px < STREAK * ball.radius_px;
+    let sized = ball.reach_px < config.streak * ball.radius_px;
     let [radius, radius_sigma] = [found.outline.radius, found.radius_sigma_px()].map(|it| sized.then_some(it));
     TrackPoint { radius, radius_sigma, ..at(found.outline.centre.coords.into(), found.sigma_px()) }
 }
 
 /// Enlarges the radii's standard deviations so that neighbouring frames together are hardly surer than one of them: a network's error in
 /// one is its error in the next.
-fn correlate_radius_errors(frames: &mut [FollowedFrame]) {
+fn correlate_radius_errors(frames: &mut [FollowedFrame], &RadiiConfig { common, lasting, .. }: &RadiiConfig) {
     let sized: Vec<f64> =
         frames.iter().filter(|frame| frame.point.radius.is_some()).filter_map(|frame| frame.point.time).collect();
     for FollowedFrame { point, .. } in frames {
         let (Some(sigma), Some(time)) = (&mut point.radius_sigma, point.time) else { continue };
-        let near = sized.partition_point(|&other| other < time + DOUBT_LASTS)
-            - sized.partition_point(|&other| other < time - DOUBT_LASTS);
-        *sigma *= (1.0 - COMMON + COMMON * near.max(1) as f64).sqrt();
+        let near = sized.partition_point(|&other| other < time + lasting)
+            - sized.partition_point(|&other| other < time - lasting);
+        *sigma *= (1.0 - common + common * near.max(1) as f64).sqrt();
     }
 }
 

@@ -3,28 +3,15 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use super::config::RepeatsConfig;
 use super::planes::{self, Planes, Spare};
 use super::repeats::Clock;
 use gravisight_geometry::image::Picture;
 use gravisight_geometry::statistics::median;
 
-/// Pixels that differ from the frame before, as a fraction of the usual count, below which a frame repeats that one.
-const REPEATED: f64 = 0.02;
-/// A frame that is repeated and then encoded again differs a little everywhere and hardly anywhere much: change of a level that it does not
-/// reach, the fraction of the pixels that do all the same of those in the frames before and after it (on broadcasts of 25 frames a second shown as
-/// 30: up to 0.06, other frames from 0.7 on), and fewest of those.
-const STRONG_CHANGE: u8 = 12;
-const REPEATED_STRONG: f64 = 0.15;
-const FEWEST_STRONG: f64 = 50.0;
-/// Frames after one that tell whether it is repeated.
-const AFTER: usize = 2;
-/// Change of a level that is counted to find repeated frames, and frames that tell how much usually changes.
-const LEAST_CHANGE: u8 = 2;
-const USUAL_FRAMES: usize = 50;
-
 /// Frames on their way in.
-#[derive(Default)]
 pub(super) struct Intake {
+    config: RepeatsConfig,
     /// Frames that wait for the next ones, and the planes of the last frame of all.
     coming: VecDeque<Coming>,
     latest: Option<Arc<Planes>>,
@@ -65,11 +52,17 @@ pub(super) struct NewPicture {
 }
 
 impl Intake {
+    /// Without any frame yet.
+    pub fn new(config: RepeatsConfig) -> Self {
+        let (coming, clock) = (VecDeque::new(), Clock::new(config));
+        Self { config, coming, latest: None, clock, repeated: false, before: None, strong: 0.0, changed: vec![] }
+    }
+
     /// Adds the next frame, by its time in the file, s.
     pub fn add(&mut self, picture: Picture, planes: Planes, time: f64, spare: &mut Spare) {
         let planes = Arc::new(planes);
         let since = self.latest.replace(planes.clone()).map(|before| before.difference(&planes, spare));
-        let strong = since.as_deref().map_or(0.0, |since| planes::fraction_above(since, STRONG_CHANGE));
+        let strong = since.as_deref().map_or(0.0, |since| planes::fraction_above(since, self.config.strong_change));
         self.coming.push_back(Coming { picture, planes, time, since, strong });
     }
 
@@ -80,7 +73,7 @@ impl Intake {
 
     /// Whether enough frames have come after the first one that waits.
     pub fn is_due(&self) -> bool {
-        self.coming.len() > AFTER
+        self.coming.len() > self.config.frames_after
     }
 
     /// Takes in the first frame that waits.
@@ -92,13 +85,13 @@ impl Intake {
         {
             since.into_iter().for_each(|bytes| spare.give(bytes));
             let differences = before.difference(&planes, spare);
-            strong = planes::fraction_above(&differences, STRONG_CHANGE);
+            strong = planes::fraction_above(&differences, self.config.strong_change);
             since = Some(differences);
         }
         let after = self.coming.iter().map(|coming| coming.strong).fold(0.0, f64::max);
         let usual = self.strong.min(after);
-        let is_still =
-            usual * (planes.width * planes.height) as f64 >= FEWEST_STRONG && strong < REPEATED_STRONG * usual;
+        let is_still = usual * (planes.width * planes.height) as f64 >= self.config.strong_pixels
+            && strong < self.config.strong_fraction * usual;
         self.repeated = since.as_ref().is_some_and(|since| self.is_repeated(since, is_still));
         let first_changed = self.clock.add(time, self.repeated);
         if self.repeated {
@@ -117,12 +110,12 @@ impl Intake {
 
     /// Whether a frame that differs so from the one before shows it again; it does where it `is_still`.
     fn is_repeated(&mut self, differences: &[u8], is_still: bool) -> bool {
-        let fraction = planes::fraction_above(differences, LEAST_CHANGE);
+        let fraction = planes::fraction_above(differences, self.config.least_change);
         let usual = median(self.changed.iter().copied()).unwrap_or(0.0);
-        let repeated = is_still || self.changed.len() > 2 && fraction < REPEATED * usual;
+        let repeated = is_still || self.changed.len() > 2 && fraction < self.config.fraction * usual;
         if !repeated {
             self.changed.push(fraction);
-            if self.changed.len() > USUAL_FRAMES {
+            if self.changed.len() > self.config.usual_frames {
                 self.changed.remove(0);
             }
         }

@@ -39,8 +39,12 @@ mod view;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
-pub use self::config::TrackerConfig;
-use self::foreground::{Foreground, MOVING_FRAMES, Seen};
+pub use self::config::{
+    AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FlightConfig, GravityConfig,
+    QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackerConfig, TrackletsConfig,
+    WeightsConfig,
+};
+use self::foreground::{Foreground, Seen};
 pub use self::hypotheses::{FollowedFrame, Hypotheses, TrackedBlob, TrackletFeatures};
 use self::intake::{Intake, NewPicture, Taken};
 use self::pictures::Pictures;
@@ -62,11 +66,7 @@ use nalgebra::Matrix3;
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 
-/// Log-likelihood ratio of a tracklet from which its blobs seed no other.
-const STRONG_LOG_RATIO: f64 = 20.0;
-
 /// Follows the ball through frames that come one after the other.
-#[derive(Default)]
 pub struct BallTracker {
     config: TrackerConfig,
     /// All that is known of the video.
@@ -81,6 +81,12 @@ pub struct BallTracker {
     spare: Spare,
 }
 
+impl Default for BallTracker {
+    fn default() -> Self {
+        Self::with_config(TrackerConfig::default())
+    }
+}
+
 impl BallTracker {
     /// Without any frame yet.
     pub fn new() -> Self {
@@ -89,7 +95,18 @@ impl BallTracker {
 
     /// Without any frame yet, with numbers of one's own.
     pub fn with_config(config: TrackerConfig) -> Self {
-        Self { config, ..Self::default() }
+        // Frames come before their candidates, and stacks hold the frames before and after.
+        let held = config.queries.window + 8;
+        Self {
+            state: State::new(&config),
+            intake: Intake::new(config.repeats),
+            stabiliser: Stabiliser::new(config.registration, config.background.first_frames),
+            foreground: Foreground::new(config.background, config.blobs),
+            pictures: Pictures::holding(held.max(config.slow.most_frames + 1)),
+            schedule: Schedule::default(),
+            spare: Spare::default(),
+            config,
+        }
     }
 
     /// Takes the next frame, of `time` s.
@@ -172,7 +189,7 @@ impl BallTracker {
 
     /// Makes the background anew. Where the frames that do not show the old one are not registered, they are another picture.
     fn change_background(&mut self) {
-        let from = FrameId(self.state.segmented() - MOVING_FRAMES);
+        let from = FrameId(self.state.segmented() - self.config.background.moving_frames);
         let is_registered = |frame: &state::Frame| matches!(frame.elsewhere, Some(CameraMotion::Moved(_)));
         if self.state.frames()[from.0..].iter().all(is_registered) {
             return;
@@ -222,7 +239,7 @@ impl BallTracker {
             (frame, self.state.frame(frame).view.first(&Place::new(at)))
         };
         let own = chosen.iter().map(own).collect();
-        let search = self.search(FrameId(0), 1.0, STRONG_LOG_RATIO, &own);
+        let search = self.search(FrameId(0), 1.0, self.config.tracklets.strong_gain, &own);
         let tracklets = search.tracklets();
         let is_used = |frame: FrameId| {
             tracklets.iter().any(|tracklet| tracklet.seeded && search.goes_through(tracklet, frame, &own[&frame]))
@@ -240,7 +257,9 @@ impl BallTracker {
         seeds: &'a BTreeMap<FrameId, Place<FirstView>>,
     ) -> TrackletSearch<'a> {
         TrackletSearch {
-            config: &self.config,
+            config: &self.config.tracklets,
+            flight: &self.config.flight,
+            clutter: &self.config.clutter,
             state: &self.state,
             from,
             displacement_fraction,

@@ -2,16 +2,13 @@
 
 use nalgebra::Vector2;
 
+use super::config::RegistrationConfig;
 use super::planes::Planes;
 
-/// Half a patch's side, px.
+/// Half a patch's side, px: patches of another size would need another texture, contrast and noise.
 pub(super) const HALF: usize = 7;
-/// Largest mean difference of a patch that is found again, as a fraction of its own contrast, and what noise may add, levels.
-const ALIKE: f64 = 0.5;
-const NOISE: f64 = 3.0;
 /// Factor by which a plane is reduced for the coarse search, and how far that goes, as a fraction of the width.
 pub(super) const REDUCED: usize = 8;
-const COARSE_REACH: f64 = 0.2;
 
 /// A square of a key frame's brightness.
 pub(super) struct Patch {
@@ -38,8 +35,8 @@ impl Patch {
         self.at.map(|at| at as f64)
     }
 
-    fn is_alike(&self, difference: f64) -> bool {
-        difference < ALIKE * self.contrast + NOISE
+    fn is_alike(&self, difference: f64, config: &RegistrationConfig) -> bool {
+        difference < config.alike * self.contrast + config.noise
     }
 
     /// Mean difference from what is about a place, each less its mean; [`None`] where that is not within the picture.
@@ -63,14 +60,20 @@ impl Patch {
     }
 
     /// The place at which it is predicted, and how far from there it is found.
-    pub fn found(&self, planes: &Planes, predicted: Vector2<f64>, reach: i64) -> Option<[Vector2<f64>; 2]> {
+    pub fn found(
+        &self,
+        planes: &Planes,
+        predicted: Vector2<f64>,
+        reach: i64,
+        config: &RegistrationConfig,
+    ) -> Option<[Vector2<f64>; 2]> {
         let expected = predicted.map(|at| at.round() as i64);
         let off = |x: i64, y: i64| self.difference(planes, [expected.x + x, expected.y + y]);
         let places = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| (x, y)));
         let best = places.filter_map(|(x, y)| Some(((x, y), off(x, y)?))).min_by(|a, b| a.1.total_cmp(&b.1))?;
         let ((x, y), least) = best;
         // At the search's edge it is perhaps farther away still.
-        if !self.is_alike(least) || x.abs() == reach || y.abs() == reach {
+        if !self.is_alike(least, config) || x.abs() == reach || y.abs() == reach {
             return None;
         }
         let between = |before: Option<f64>, after: Option<f64>| match (before, after) {
@@ -126,9 +129,10 @@ impl Reduced {
     }
 
     /// The shift by which most of `other` is this, near an expected one, cells.
-    pub fn shift_to(&self, other: &Self, expected: [i64; 2]) -> Option<[i64; 2]> {
-        let reach = (COARSE_REACH * self.width as f64) as i64;
+    pub fn shift_to(&self, other: &Self, expected: [i64; 2], config: &RegistrationConfig) -> Option<[i64; 2]> {
+        let reach = (config.coarse_reach * self.width as f64) as i64;
         let shifts = (-reach..=reach).flat_map(|y| (-reach..=reach).map(move |x| [x + expected[0], y + expected[1]]));
+        let most = i32::from(config.coarse_most);
         let difference = |[x, y]: [i64; 2]| {
             let rows = y.max(0)..(self.height as i64).min(self.height as i64 + y);
             let columns = x.max(0)..(self.width as i64).min(self.width as i64 + x);
@@ -141,7 +145,7 @@ impl Reduced {
                 let here =
                     &self.values[(row - y) as usize * self.width + (columns.start - x) as usize..][..wide as usize];
                 // Some of it moves, which must not decide.
-                here.iter().zip(there).map(|(a, b)| i64::from((a - b).abs().min(40))).sum::<i64>()
+                here.iter().zip(there).map(|(a, b)| i64::from((a - b).abs().min(most))).sum::<i64>()
             };
             Some(rows.step_by(2).map(line).sum::<i64>() as f64 / (tall * wide) as f64)
         };

@@ -5,19 +5,10 @@ use std::collections::VecDeque;
 use super::state::FrameId;
 use gravisight_geometry::image::Picture;
 
-/// Frames whose pictures are held: more than any query reaches back.
-const HELD: usize = 24;
-
 /// The pictures of the last frames.
 pub(super) struct Pictures {
     held: VecDeque<(FrameId, Picture)>,
     most: usize,
-}
-
-impl Default for Pictures {
-    fn default() -> Self {
-        Self::holding(HELD)
-    }
 }
 
 impl Pictures {

@@ -6,13 +6,9 @@ use image::RgbImage;
 use nalgebra::Matrix3;
 use rayon::prelude::*;
 
+use super::config::BackgroundConfig;
 use gravisight_kernels::{Vectors, pixels};
 
-/// Frames of which the first background is the median.
-pub(super) const FIRST_FRAMES: usize = 15;
-/// Least difference of two levels that counts, and the same in median differences between a frame and the one before.
-const LEAST_CONTRAST: u8 = 9;
-const CONTRAST_OF_NOISE: f64 = 6.0;
 /// Pixels left out between those that tell the noise.
 const STEP: usize = 37;
 
@@ -203,7 +199,7 @@ pub(super) fn fraction_above(differences: &[u8], least: u8) -> f64 {
 }
 
 /// The difference of levels that noise does not reach, of the differences of two frames.
-pub(super) fn contrast_of(differences: &[u8]) -> u8 {
+pub(super) fn contrast_of(differences: &[u8], config: &BackgroundConfig) -> u8 {
     let mut counts = [0_usize; 256];
     differences.iter().step_by(STEP).for_each(|&difference| counts[difference as usize] += 1);
     let all: usize = counts.iter().sum();
@@ -213,5 +209,5 @@ pub(super) fn contrast_of(differences: &[u8]) -> u8 {
         below += count;
         (2 * below >= all).then(|| level as f64 + 0.5 - (below as f64 - all as f64 / 2.0) / count.max(1) as f64)
     });
-    LEAST_CONTRAST.max((CONTRAST_OF_NOISE * median.unwrap_or(0.0)).min(255.0) as u8)
+    config.least_contrast.max((config.contrast_of_noise * median.unwrap_or(0.0)).min(255.0) as u8)
 }

@@ -6,39 +6,16 @@ use nalgebra::Matrix3;
 
 use super::BallTracker;
 use super::blobs::Blob;
+use super::config::QueriesConfig;
 use super::evidence::{Evidence, log_odds};
 use super::stack::{NEIGHBOURS, Stack};
 use super::state::{BlobId, Frame, FrameId};
-use super::tracklets::Tracklet;
+use super::tracklets::{Tracklet, TrackletSearch, alike};
 use super::view::{FirstView, FramePixels, Place};
 use gravisight_geometry::camera::Detection;
 use gravisight_geometry::image::Picture;
 
-/// Last frames in which tracklets are searched.
-const WINDOW: usize = 16;
-/// Fraction of its least displacement that a tracklet must reach in those.
-const SHORT_DISPLACEMENT: f64 = 0.25;
-/// Frames after which tracklets are searched again.
-const STEP: usize = 8;
-/// One blob of so many of a tracklet is queried, until a ball is detected in one of so many.
-const QUERY_EVERY: usize = 3;
-const MOST_PER_BALL: usize = 3;
-/// Most such queries, for the tracklets with the highest log-likelihood ratio, while a ball is known.
-const MOST_PROBES: usize = 8;
-/// Frames beyond a tracklet's ends in which its predicted positions are queried, and in how many of its blobs a network must have detected
-/// a ball for that.
-const BEYOND: usize = 4;
-const FEWEST_SEEN: usize = 3;
-/// Confidence of the detector from which it sees a ball where nothing stands out from the background.
-const SEEN_ALONE: f64 = 0.5;
-/// Probability by the motion network from which a blob is measured.
-const MEASURED_FROM: f64 = 0.05;
-/// Distance of a blob's middle from what a network finds, in radii, and ratio of the radii, up to which it is a part of it.
-const PART: f64 = 0.9;
-const ALIKE: f64 = 1.4;
 static NO_SEEDS: BTreeMap<FrameId, Place<FirstView>> = BTreeMap::new();
-/// Largest standard deviation of a predicted position that is queried, radii.
-const MOST_UNSURE: f64 = 4.0;
 
 /// What was queried, and what is to be.
 #[derive(Default)]
@@ -101,7 +78,7 @@ impl BallTracker {
         if self.schedule.round.is_none() {
             let (segmented, searched) = (self.state.segmented(), self.schedule.searched);
             let ended = self.foreground.is_idle();
-            if segmented < searched + STEP && !(ended && segmented > searched) {
+            if segmented < searched + self.config.queries.step && !(ended && segmented > searched) {
                 return vec![];
             }
             self.schedule.searched = segmented;
@@ -110,15 +87,15 @@ impl BallTracker {
             }
             let from = self.window();
             self.schedule.predicted.retain(|(frame, _)| *frame >= from);
-            let tracklets = self.search(from, SHORT_DISPLACEMENT, self.config.min_gain, &NO_SEEDS).tracklets();
-            let probes = if self.sees_ball() { MOST_PROBES } else { usize::MAX };
+            let tracklets = self.search_last(from).tracklets();
+            let probes = if self.sees_ball() { self.config.queries.most_probes } else { usize::MAX };
             self.schedule.round = Some(Round { from, tracklets, probes });
         }
         let Some(mut round) = self.schedule.round.take() else { return vec![] };
         let mut queries = Vec::new();
         for tracklet in &round.tracklets {
             let seen = self.query_members(&tracklet.members, &mut round.probes, &mut queries);
-            if seen >= FEWEST_SEEN {
+            if seen >= self.config.queries.fewest_seen {
                 let beyond = self.beyond(round.from, tracklet);
                 self.schedule.predicted.extend(beyond.iter().map(|query| (query.frame, Place::new(query.image))));
                 queries.extend(beyond);
@@ -133,9 +110,10 @@ impl BallTracker {
 
     /// Adds the queries about a tracklet's candidates; returns in how many of them the detector saw a ball.
     fn query_members(&mut self, members: &[BlobId], probes: &mut usize, queries: &mut Vec<Query>) -> usize {
+        let QueriesConfig { every, most_per_ball, .. } = self.config.queries;
         let answers = || members.iter().map(|&member| self.state.evidence(member)).filter(Evidence::is_queried);
         let seen = answers().filter(Evidence::is_ball).count();
-        let is_ball = seen > 0 && MOST_PER_BALL * seen >= answers().count();
+        let is_ball = seen > 0 && most_per_ball * seen >= answers().count();
         // Most of what moves is no ball: a few queries show that.
         let mut last = None;
         for (number, &member) in members.iter().enumerate() {
@@ -145,7 +123,7 @@ impl BallTracker {
                 if self.state.motion(member).is_none() && self.schedule.queried_for_motion.insert(member) {
                     queries.push(self.query(member, true));
                 }
-            } else if is_ball || (*probes > 0 && last.is_none_or(|last| number >= last + QUERY_EVERY)) {
+            } else if is_ball || (*probes > 0 && last.is_none_or(|last| number >= last + every)) {
                 last = Some(number);
                 *probes -= usize::from(!is_ball);
                 self.schedule.queried.insert(member);
@@ -162,24 +140,30 @@ impl BallTracker {
         Query { frame, blob: Some(blob), image: at.xy, radius_px: radius, reach_px: reach, measured }
     }
 
+    /// A search in the last frames, from one on.
+    fn search_last(&self, from: FrameId) -> TrackletSearch<'_> {
+        self.search(from, self.config.queries.displacement, self.config.tracklets.min_gain, &NO_SEEDS)
+    }
+
     /// The first of the last frames, in which tracklets are searched.
     fn window(&self) -> FrameId {
-        FrameId(self.state.segmented().saturating_sub(WINDOW))
+        FrameId(self.state.segmented().saturating_sub(self.config.queries.window))
     }
 
     /// Whether a network sees the ball in one of the last tracklets.
     pub fn sees_ball(&self) -> bool {
         let blobs = self.state.frames()[self.window().0..].iter().flat_map(|frame| &frame.blobs);
-        blobs.filter(|&&blob| self.state.evidence(blob).is_ball()).count() >= FEWEST_SEEN
+        blobs.filter(|&&blob| self.state.evidence(blob).is_ball()).count() >= self.config.queries.fewest_seen
     }
 
     /// Where the ball of a tracklet may be in the frames before and after it, of those that are searched.
     fn beyond(&self, from: FrameId, tracklet: &Tracklet) -> Vec<Query> {
-        let search = self.search(from, SHORT_DISPLACEMENT, self.config.min_gain, &NO_SEEDS);
+        let QueriesConfig { beyond, most_unsure, unsure_reach, predicted_px, .. } = self.config.queries;
+        let search = self.search_last(from);
         let frames: Vec<usize> = tracklet.members.iter().map(|&member| self.state.frame_of(member).0).collect();
         let (first, last) = (frames[0], frames[frames.len() - 1]);
-        let before = first.saturating_sub(BEYOND).max(from.0)..first;
-        let after = last + 1..(last + 1 + BEYOND).min(self.state.segmented());
+        let before = first.saturating_sub(beyond).max(from.0)..first;
+        let after = last + 1..(last + 1 + beyond).min(self.state.segmented());
         let within = (first..last).filter(|frame| frames.binary_search(frame).is_err());
         let queries = before.chain(within).chain(after).map(FrameId).filter_map(|frame| {
             let (at, unsure, radius) = search.leads(tracklet, frame)?;
@@ -189,12 +173,12 @@ impl BallTracker {
             let [unsure, radius_px] = [unsure, radius].map(|px| px * larger);
             let inside = (0..2).all(|axis| (0.0..self.state.size[axis] as f64).contains(&at.xy[axis]));
             let is_near = |(other, place): &(FrameId, Place<FramePixels>)| {
-                *other == frame && place.distance(&at) < radius_px.max(2.0)
+                *other == frame && place.distance(&at) < radius_px.max(predicted_px)
             };
-            let reach_px = radius_px + 2.0 * unsure;
+            let reach_px = radius_px + unsure_reach * unsure;
             let query = Query { frame, blob: None, image: at.xy, radius_px, reach_px, measured: false };
             let is_new = !self.schedule.predicted.iter().any(is_near);
-            (inside && unsure < MOST_UNSURE * radius_px && is_new).then_some(query)
+            (inside && unsure < most_unsure * radius_px && is_new).then_some(query)
         });
         queries.collect()
     }
@@ -241,21 +225,21 @@ impl BallTracker {
     }
 
     /// Whether a blob of this probability by the motion network is to be measured.
-    pub fn is_worth_measuring(probability: f64) -> bool {
-        probability > MEASURED_FROM
+    pub fn is_worth_measuring(&self, probability: f64) -> bool {
+        probability > self.config.evidence.measured_from
     }
 
     /// Takes the motion network's probability that the blob of a query is a ball.
     pub fn tell_motion(&mut self, query: &Query, probability: f64) {
         if let Some(blob) = query.blob {
-            self.state.add_motion(blob, log_odds(probability));
+            self.state.add_motion(blob, log_odds(probability, &self.config.evidence));
         }
     }
 
     /// Takes the detector's answer: the ball that it measures there (`Localiser::detect_near`), if it sees one.
     pub fn tell(&mut self, query: &Query, ball: Option<Detection>) {
         match query.blob {
-            Some(blob) => self.state.add_evidence(blob, Evidence::of(ball)),
+            Some(blob) => self.state.add_evidence(blob, Evidence::of(ball, &self.config.evidence)),
             None => ball.into_iter().for_each(|ball| self.found(query.frame, ball)),
         }
     }
@@ -263,17 +247,21 @@ impl BallTracker {
     /// Takes a ball that the detector proposes in a frame, however unlikely: differences between frames split a large ball into its edges, so it
     /// becomes a candidate of its own size.
     pub fn propose(&mut self, frame: FrameId, ball: Detection) {
-        if ball.confidence >= SEEN_ALONE {
+        let config = self.config.evidence;
+        if ball.confidence >= config.seen_alone {
             return self.found(frame, ball);
+        }
+        if ball.confidence < config.proposed_from {
+            return;
         }
         if frame.0 >= self.state.segmented() {
             return self.schedule.found.push((frame, ball));
         }
         let Frame { view, blobs, .. } = self.state.frame(frame);
-        let own = Blob::of_detection(&ball).in_first(view);
+        let own = Blob::of_detection(&ball, &self.config.blobs).in_first(view);
         let is_it = |blob: &Blob<FirstView>| {
-            let is_alike = (ALIKE.recip()..ALIKE).contains(&(blob.radius / own.radius));
-            is_alike && blob.at.distance(&own.at) < own.radius / 2.0
+            let is_near = blob.at.distance(&own.at) < config.same_place * own.radius;
+            is_near && alike(blob, &own, self.config.tracklets.alike)
         };
         let known = blobs.iter().copied().find(|&blob| is_it(self.state.blob(blob)));
         if known.is_some_and(|blob| self.state.evidence(blob).is_queried()) {
@@ -281,30 +269,34 @@ impl BallTracker {
         }
         let blob = known.unwrap_or_else(|| self.state.add_candidate(frame, own));
         self.schedule.queried.insert(blob);
-        self.state.add_evidence(blob, Evidence::of(Some(ball)));
+        self.state.add_evidence(blob, Evidence::of(Some(ball), &config));
     }
 
-    /// Whether a ball that the detector found in a frame is nowhere that it found one in an `earlier` frame. Without an earlier frame to compare
-    /// with, it is.
-    pub fn has_moved(&self, frame: FrameId, ball: &Detection, earlier: FrameId, before: &[Detection]) -> bool {
-        let first = |frame: FrameId, ball: &Detection| Blob::of_detection(ball).in_first(&self.state.frame(frame).view);
+    /// Whether a ball that the detector found in a frame is at none of the places at which it found one in another frame (`others`).
+    pub fn has_moved(&self, frame: FrameId, ball: &Detection, other: FrameId, others: &[Detection]) -> bool {
+        let first = |frame: FrameId, ball: &Detection| {
+            Blob::of_detection(ball, &self.config.blobs).in_first(&self.state.frame(frame).view)
+        };
         let own = first(frame, ball);
-        !before.iter().any(|other| first(earlier, other).at.distance(&own.at) < own.radius / 2.0)
+        let same = self.config.evidence.same_place * own.radius;
+        !others.iter().any(|ball| first(other, ball).at.distance(&own.at) < same)
     }
 
     /// Takes a ball that a network found in a frame, whether anything moves there or not.
     pub fn found(&mut self, frame: FrameId, ball: Detection) {
-        if ball.confidence < SEEN_ALONE {
+        let (config, blobs_config) = (self.config.evidence, &self.config.blobs);
+        if ball.confidence < config.seen_alone {
             return;
         }
         if frame.0 >= self.state.segmented() {
             return self.schedule.found.push((frame, ball));
         }
         let Frame { view, blobs, .. } = self.state.frame(frame);
-        let own = Blob::of_detection(&ball).in_first(view);
+        let own = Blob::of_detection(&ball, blobs_config).in_first(view);
         // What moves within it is a part of it.
         let is_part = |blob: &Blob<FirstView>| {
-            blob.at.distance(&own.at) < (PART * own.radius).max(1.0) && blob.radius < ALIKE * own.radius
+            blob.at.distance(&own.at) < (config.part * own.radius).max(config.part_least)
+                && blob.radius < config.part_radius * own.radius
         };
         let mut parts: Vec<BlobId> = blobs.iter().copied().filter(|&blob| is_part(self.state.blob(blob))).collect();
         if parts.is_empty() {
@@ -312,7 +304,7 @@ impl BallTracker {
         }
         for blob in parts {
             self.schedule.queried.insert(blob);
-            self.state.add_evidence(blob, Evidence::of(Some(ball)));
+            self.state.add_evidence(blob, Evidence::of(Some(ball), &config));
         }
     }
 }

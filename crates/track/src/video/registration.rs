@@ -8,31 +8,15 @@
 use nalgebra::{Matrix3, Vector2};
 use rayon::prelude::*;
 
-use super::homography::{NEAR, change_through, consensus};
+use super::config::RegistrationConfig;
+use super::homography::{change_through, consensus};
 use super::patches::{HALF, Patch, REDUCED, Reduced, texture};
 use super::planes::Planes;
 use super::view::{View, displacement, mapped};
 
-/// How far from its predicted place a patch is searched, px; where the camera stood still before, it is searched less far.
-const REACH: i64 = 6;
-const REACH_STILL: i64 = 3;
-/// Cells along the picture's sides in which one patch each is chosen, and px between places that are tried.
-const CELLS: [usize; 2] = [12, 8];
-const STEP: usize = 6;
-/// Least gradient (root mean square, levels a px) in a patch's weakest direction.
-const TEXTURE: f64 = 4.0;
-/// Fewest patches that make a homography, and the fraction of those found, and of those in view, that has to agree.
-const FEWEST: usize = 8;
-const AGREE: f64 = 0.5;
-const AGREE_OF_ALL: f64 = 0.3;
-/// Fraction of a key frame's patches in view, and mean displacement as a fraction of the width, at which another key frame takes over.
-const LEAST_IN_VIEW: f64 = 0.6;
-const FARTHEST: f64 = 0.12;
-/// The same displacement within which an older key frame takes over again.
-const RETURNED: f64 = 0.06;
-
 /// Finds the views of frames that come one after the other.
 pub(super) struct Registration {
+    config: RegistrationConfig,
     keys: Vec<Key>,
     /// Index of the key frame that is in use.
     current: usize,
@@ -52,22 +36,24 @@ struct Key {
 
 impl Registration {
     /// With `first` as the first view; none where it shows too little that can be found again.
-    pub fn of(first: &Planes) -> Option<Self> {
-        let key = Key::of(first, Matrix3::identity())?;
+    pub fn of(first: &Planes, config: RegistrationConfig) -> Option<Self> {
+        let key = Key::of(first, Matrix3::identity(), &config)?;
         let (last, step) = (Matrix3::identity(), Matrix3::identity());
-        Some(Self { keys: vec![key], current: 0, size: [first.width, first.height], last, step })
+        Some(Self { config, keys: vec![key], current: 0, size: [first.width, first.height], last, step })
     }
 
     /// The view of the next frame; none where too little is found again.
     pub fn view(&mut self, now: &Planes) -> Option<View> {
-        let reach = if self.step == Matrix3::identity() { REACH_STILL } else { REACH };
+        let config = &self.config;
+        let reach = if self.step == Matrix3::identity() { config.reach_still } else { config.reach };
         let key = &self.keys[self.current];
-        let tried = key.registered(now, &(self.step * self.last * key.first_from_key), reach);
-        let tried = tried.or_else(|| key.registered(now, &(self.last * key.first_from_key), REACH));
-        let (frame_from_key, sigma) = tried.or_else(|| key.coarse(now, &(self.last * key.first_from_key)))?;
+        let tried = key.registered(now, &(self.step * self.last * key.first_from_key), reach, config);
+        let last = self.last * key.first_from_key;
+        let tried = tried.or_else(|| key.registered(now, &last, config.reach, config));
+        let (frame_from_key, sigma) = tried.or_else(|| key.coarse(now, &last, config))?;
         let frame_from_first = frame_from_key * key.key_from_first;
         let view = View::new(frame_from_first, sigma)?;
-        self.step = if displacement(&frame_from_first, self.size) < f64::from(REACH_STILL as i32) / 2.0 {
+        self.step = if displacement(&frame_from_first, self.size) < config.reach_still as f64 / 2.0 {
             Matrix3::identity()
         } else {
             frame_from_first * self.last.try_inverse()?
@@ -86,16 +72,16 @@ impl Registration {
     fn choose_key(&mut self, now: &Planes, frame_from_key: &Matrix3<f64>) {
         let width = self.size[0] as f64;
         let away = |key: &Key| displacement(&(self.last * key.first_from_key), self.size) / width;
-        if let Some(older) = self.keys[..self.current].iter().position(|key| away(key) < RETURNED) {
+        if let Some(older) = self.keys[..self.current].iter().position(|key| away(key) < self.config.returned) {
             self.current = older;
             return;
         }
         let key = &self.keys[self.current];
         let in_view = key.patches.iter().filter(|patch| self.is_inside(mapped(frame_from_key, patch.xy()))).count();
-        if (in_view as f64) < LEAST_IN_VIEW * key.patches.len() as f64 || away(key) > FARTHEST {
-            if let Some(later) = self.keys.iter().position(|key| away(key) < RETURNED) {
+        if (in_view as f64) < self.config.least_in_view * key.patches.len() as f64 || away(key) > self.config.farthest {
+            if let Some(later) = self.keys.iter().position(|key| away(key) < self.config.returned) {
                 self.current = later;
-            } else if let Some(key) = Key::of(now, self.last) {
+            } else if let Some(key) = Key::of(now, self.last, &self.config) {
                 self.keys.push(key);
                 self.current = self.keys.len() - 1;
             }
@@ -108,21 +94,22 @@ impl Registration {
 }
 
 impl Key {
-    fn of(planes: &Planes, key_from_first: Matrix3<f64>) -> Option<Self> {
+    fn of(planes: &Planes, key_from_first: Matrix3<f64>, config: &RegistrationConfig) -> Option<Self> {
         let (width, height) = (planes.width, planes.height);
+        let ([columns, rows], step) = (config.cells, config.step);
         let mut patches = Vec::new();
-        for row in 0..CELLS[1] {
-            for column in 0..CELLS[0] {
+        for row in 0..rows {
+            for column in 0..columns {
                 let bounds = |cell: usize, cells: usize, side: usize| {
                     let margin = HALF + 1;
                     (side * cell / cells).max(margin)..(side * (cell + 1) / cells).min(side.saturating_sub(margin + 1))
                 };
-                let places = bounds(row, CELLS[1], height)
-                    .step_by(STEP)
-                    .flat_map(|y| bounds(column, CELLS[0], width).step_by(STEP).map(move |x| [x, y]));
+                let places = bounds(row, rows, height)
+                    .step_by(step)
+                    .flat_map(|y| bounds(column, columns, width).step_by(step).map(move |x| [x, y]));
                 let best = places.map(|at| (at, texture(planes, at))).max_by(|a, b| a.1.total_cmp(&b.1));
                 if let Some((at, texture)) = best
-                    && texture >= TEXTURE
+                    && texture >= config.texture
                 {
                     patches.push(Patch::of(planes, at));
                 }
@@ -130,40 +117,55 @@ impl Key {
         }
         let first_from_key = key_from_first.try_inverse()?;
         let reduced = Reduced::of(planes);
-        (patches.len() >= FEWEST).then_some(Self { patches, key_from_first, first_from_key, reduced })
+        (patches.len() >= config.fewest).then_some(Self { patches, key_from_first, first_from_key, reduced })
     }
 
     /// The homography to a frame from this one near a `predicted` one, and the deviation of the places that it maps, px.
-    fn registered(&self, now: &Planes, predicted: &Matrix3<f64>, reach: i64) -> Option<(Matrix3<f64>, f64)> {
+    fn registered(
+        &self,
+        now: &Planes,
+        predicted: &Matrix3<f64>,
+        reach: usize,
+        config: &RegistrationConfig,
+    ) -> Option<(Matrix3<f64>, f64)> {
         let inside = |[x, y]: [f64; 2]| (0.0..now.width as f64).contains(&x) && (0.0..now.height as f64).contains(&y);
         let in_view =
             self.patches.iter().map(|patch| (patch, mapped(predicted, patch.xy()))).filter(|(_, at)| inside(*at));
         let in_view: Vec<(&Patch, [f64; 2])> = in_view.collect();
-        let found: Vec<[Vector2<f64>; 2]> =
-            in_view.par_iter().filter_map(|(patch, at)| patch.found(now, Vector2::from(*at), reach)).collect();
-        if found.len() < FEWEST {
+        let found: Vec<[Vector2<f64>; 2]> = in_view
+            .par_iter()
+            .filter_map(|(patch, at)| patch.found(now, Vector2::from(*at), reach as i64, config))
+            .collect();
+        if found.len() < config.fewest {
             return None;
         }
-        let (motion, agreeing) = consensus(&found)?;
-        let enough = (AGREE * found.len() as f64).max(AGREE_OF_ALL * in_view.len() as f64).max(FEWEST as f64);
+        let (motion, agreeing) = consensus(&found, config)?;
+        let enough = (config.agree * found.len() as f64)
+            .max(config.agree_of_all * in_view.len() as f64)
+            .max(config.fewest as f64);
         if (agreeing as f64) < enough {
             return None;
         }
-        let agree = |[at, moved]: &&[Vector2<f64>; 2]| (motion.of(at) - moved).norm() < 2.0 * NEAR;
+        let agree = |[at, moved]: &&[Vector2<f64>; 2]| (motion.of(at) - moved).norm() < 2.0 * config.near;
         let agreeing: Vec<[Vector2<f64>; 2]> = found.iter().filter(agree).copied().collect();
-        let (change, sigma) = change_through(&agreeing, [now.width, now.height])?;
+        let (change, sigma) = change_through(&agreeing, [now.width, now.height], config)?;
         Some((change * predicted, sigma))
     }
 
     /// The same of a frame that may be far away, by a shift of the whole picture.
-    fn coarse(&self, now: &Planes, predicted: &Matrix3<f64>) -> Option<(Matrix3<f64>, f64)> {
+    fn coarse(
+        &self,
+        now: &Planes,
+        predicted: &Matrix3<f64>,
+        config: &RegistrationConfig,
+    ) -> Option<(Matrix3<f64>, f64)> {
         let reduced = Reduced::of(now);
         let middle = mapped(predicted, [now.width as f64 / 2.0, now.height as f64 / 2.0]);
         let expected = [middle[0] - now.width as f64 / 2.0, middle[1] - now.height as f64 / 2.0];
-        let shift = self.reduced.shift_to(&reduced, expected.map(|px| (px / REDUCED as f64).round() as i64))?;
+        let shift = self.reduced.shift_to(&reduced, expected.map(|px| (px / REDUCED as f64).round() as i64), config)?;
         let shift = shift.map(|cells| (cells * REDUCED as i64) as f64);
         let shifted = Matrix3::new(1.0, 0.0, shift[0], 0.0, 1.0, shift[1], 0.0, 0.0, 1.0);
-        self.registered(now, &shifted, REACH)
+        self.registered(now, &shifted, config.reach, config)
     }
 }
 
@@ -192,7 +194,7 @@ mod tests {
     #[test]
     fn a_slow_pan_and_a_zoom_are_followed_and_the_way_back_too() {
         let still = seen([0.0, 0.0], 1.0, 0);
-        let mut registration = Registration::of(&still).unwrap();
+        let mut registration = Registration::of(&still, RegistrationConfig::default()).unwrap();
         // Largest distance between where a point of the first view is and where the registration puts it, px.
         let off = |view: Option<View>, shift: [f64; 2], zoom: f64| {
             let view = view.unwrap();
@@ -227,7 +229,7 @@ mod tests {
     #[test]
     fn what_moves_before_it_is_no_moving_camera() {
         let still = seen([0.0, 0.0], 1.0, 0);
-        let mut registration = Registration::of(&still).unwrap();
+        let mut registration = Registration::of(&still, RegistrationConfig::default()).unwrap();
         let mut occluded = seen([0.0, 0.0], 1.0, 0);
         let elsewhere = seen([90.0, 40.0], 1.0, 0);
         // Two fifths of the picture are people who walk.
@@ -238,6 +240,6 @@ mod tests {
         assert!(displacement(&registration.view(&occluded).unwrap().frame_from_first, [320, 200]) < 0.2);
         let plain = Planes { width: 320, height: 200, levels: [vec![90; 64_000], vec![90; 64_000]] };
         assert!(registration.view(&plain).is_none());
-        assert!(Registration::of(&plain).is_none());
+        assert!(Registration::of(&plain, RegistrationConfig::default()).is_none());
     }
 }

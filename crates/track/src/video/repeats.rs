@@ -1,17 +1,12 @@
 //! The true times of frames in a video whose rate was raised by showing every n-th frame again.
 
+use super::config::RepeatsConfig;
 use gravisight_geometry::statistics::median;
 
-/// Repeated frames that make a cadence, at least, and by how much of an interval times that are even may differ.
-const FEWEST: usize = 4;
-const UNEVEN: f64 = 0.2;
-
-/// Expected repeats that may go unrecognised in a row: as many as it takes to find a cadence.
-const MOST_UNRECOGNISED: usize = FEWEST;
-
 /// The true times of a video's frames: those in the file, and where a cadence holds, those of the camera.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Clock {
+    config: RepeatsConfig,
     /// Time in the file, s, and whether the frame repeats the one before.
     frames: Vec<(f64, bool)>,
     /// First frame of those that the cadence holds for, or is searched in.
@@ -22,6 +17,11 @@ pub(super) struct Clock {
 }
 
 impl Clock {
+    /// Without any frame yet.
+    pub fn new(config: RepeatsConfig) -> Self {
+        Self { config, frames: vec![], from: 0, cadence: None, confirmed: 0 }
+    }
+
     /// Adds the next frame, by its time in the file, s. Returns the first frame whose true time this changes, its own at the latest.
     pub fn add(&mut self, time: f64, repeated: bool) -> usize {
         let index = self.frames.len();
@@ -29,8 +29,8 @@ impl Clock {
         if let Some(cadence) = self.cadence {
             let interval = time - self.frames[index - 1].0;
             let expected = cadence.is_repeated(index - self.from);
-            let lost = index - self.confirmed > MOST_UNRECOGNISED * cadence.every;
-            if !cadence.is_interval(interval) || repeated && !expected || lost {
+            let lost = index - self.confirmed > self.config.most_unrecognised * cadence.every;
+            if !cadence.is_interval(interval, self.config.uneven) || repeated && !expected || lost {
                 // A cut, another rate: it held up to its last repeat.
                 (self.cadence, self.from) = (None, self.confirmed + 1);
                 return self.from;
@@ -43,13 +43,13 @@ impl Clock {
         if !repeated {
             return index;
         }
-        self.cadence = Cadence::of(&self.frames[self.from..]);
+        self.cadence = Cadence::of(&self.frames[self.from..], &self.config);
         if self.cadence.is_some() {
             self.confirmed = index;
             return self.from;
         }
         let own = &self.frames[self.from..];
-        if own.iter().filter(|frame| frame.1).count() >= FEWEST {
+        if own.iter().filter(|frame| frame.1).count() >= self.config.cadence_repeats {
             // Its first repeat has no part in a cadence.
             self.from += own.iter().position(|frame| frame.1).map_or(0, |first| first + 1);
         }
@@ -78,9 +78,9 @@ struct Cadence {
 
 impl Cadence {
     /// Of frames at these times, s, some of them repeated; none where they are too few, or repeated without a cadence.
-    fn of(frames: &[(f64, bool)]) -> Option<Self> {
+    fn of(frames: &[(f64, bool)], config: &RepeatsConfig) -> Option<Self> {
         let repeated: Vec<usize> = (0..frames.len()).filter(|&index| frames[index].1).collect();
-        if repeated.len() < FEWEST {
+        if repeated.len() < config.cadence_repeats {
             return None;
         }
         let gaps: Vec<usize> = repeated.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -90,12 +90,12 @@ impl Cadence {
         // One that is not recognised makes a gap of two.
         let is_regular = every > 1 && gaps.iter().all(|gap| gap % every == 0);
         let cadence = Self { every, phase: repeated[0] % every.max(1), start: frames[0].0, interval };
-        (is_regular && intervals().all(|interval| cadence.is_interval(interval))).then_some(cadence)
+        (is_regular && intervals().all(|interval| cadence.is_interval(interval, config.uneven))).then_some(cadence)
     }
 
-    /// Whether this is the time from one shown frame to the next, s.
-    fn is_interval(&self, interval: f64) -> bool {
-        (interval - self.interval).abs() < UNEVEN * self.interval
+    /// Whether this is the time from one shown frame to the next, s, to within an `uneven` part.
+    fn is_interval(&self, interval: f64, uneven: f64) -> bool {
+        (interval - self.interval).abs() < uneven * self.interval
     }
 
     /// The first frame that is repeated.
@@ -124,7 +124,7 @@ mod tests {
 
     /// True times of frames at these times, of which some are repeated.
     fn times(shown: impl Iterator<Item = f64>, repeated: &[usize]) -> Vec<f64> {
-        let mut clock = Clock::default();
+        let mut clock = Clock::new(RepeatsConfig::default());
         let mut times = vec![];
         for (index, time) in shown.enumerate() {
             times.push(time);

@@ -7,15 +7,6 @@ use super::state::FrameId;
 use super::view::{CameraMotion, FirstView, Place};
 use gravisight_geometry::camera::{Detection, Outline};
 
-/// A ball that moved less than so many radii since, and more than so many px, hardly moves.
-const SLOW: f64 = 4.0;
-const LEAST_DISPLACEMENT_PX: f64 = 1.0;
-/// Largest ratio of the radii of one ball in two such frames.
-const ALIKE: f64 = 1.3;
-
-/// Most frames between two such frames.
-const MOST_FRAMES: usize = 23;
-
 impl BallTracker {
     /// Where to look for balls that hardly moved between two frames in which the detector found them: in each frame from the `earlier` to
     /// the `later` one, the outline in that frame's pixels. Motion is what is left in the
@@ -26,7 +17,8 @@ impl BallTracker {
         (earlier, before): (FrameId, &[Detection]),
         (later, balls): (FrameId, &[Detection]),
     ) -> Vec<(FrameId, Outline)> {
-        if later.since(earlier) > MOST_FRAMES || !self.are_comparable(earlier, later) {
+        let config = &self.config.slow;
+        if later.since(earlier) > config.most_frames || !self.are_comparable(earlier, later) {
             return vec![];
         }
         let view = |frame: FrameId| &self.state.frame(frame).view;
@@ -35,13 +27,13 @@ impl BallTracker {
             (view(frame).first(&at), found.outline.radius * view(frame).scale(&at))
         };
         let unsure = view(earlier).sigma.hypot(view(later).sigma);
-        let least = LEAST_DISPLACEMENT_PX.max(self.config.gate * unsure);
+        let least = config.least_displacement_px.max(self.config.tracklets.gate * unsure);
         let before: Vec<(Place<FirstView>, f64)> = before.iter().map(|found| first(earlier, found)).collect();
         let mut places = vec![];
         for (at, radius) in balls.iter().map(|found| first(later, found)) {
             let slow = |(other, other_radius): &&(Place<FirstView>, f64)| {
-                let is_alike = (ALIKE.recip()..ALIKE).contains(&(radius / other_radius));
-                is_alike && (least..SLOW * radius).contains(&Vector2::from(at.minus(other)).norm())
+                let is_alike = (config.alike.recip()..config.alike).contains(&(radius / other_radius));
+                is_alike && (least..config.most_displacement * radius).contains(&Vector2::from(at.minus(other)).norm())
             };
             let Some((other, _)) = before.iter().find(slow) else { continue };
             let displacement = Vector2::from(at.minus(other));

@@ -4,18 +4,11 @@ use std::sync::Arc;
 
 use nalgebra::Matrix3;
 
-use super::planes::{FIRST_FRAMES, Planes, Spare};
+use super::config::RegistrationConfig;
+use super::planes::{Planes, Spare};
 use super::registration::Registration;
 use super::state::State;
 use super::view::{CameraMotion, View, displacement, is_still, scale};
-
-/// Mean displacement of the picture from which a frame counts as another view than the first, px.
-const ELSEWHERE_PX: f64 = 1.5;
-/// Displacement, as a fraction of the width, and change of size from which on frames are stabilised about another one.
-const CANVAS_MOVED: f64 = 0.25;
-const CANVAS_SCALED: f64 = 1.3;
-/// Frames between searches for the first view while another one is shown.
-const RETURN_EVERY: usize = 4;
 
 /// A frame in the canvas's pixels.
 #[derive(Clone)]
@@ -27,6 +20,9 @@ pub(super) struct Stabilised {
 
 /// Finds the views of frames, and shows them as the canvas's view would.
 pub(super) struct Stabiliser {
+    config: RegistrationConfig,
+    /// First frames of which one is the first view: the first with something that can be found again.
+    first_frames: usize,
     /// Of the frames to the first view, if that can be found again; and to the first after a cut, while that view is shown.
     registration: Option<Registration>,
     other: Option<Registration>,
@@ -38,13 +34,12 @@ pub(super) struct Stabiliser {
     last: Option<Stabilised>,
 }
 
-impl Default for Stabiliser {
-    fn default() -> Self {
-        Self { registration: None, other: None, is_cut: false, canvas: View::FIRST, last: None }
-    }
-}
-
 impl Stabiliser {
+    /// Without any frame yet.
+    pub fn new(config: RegistrationConfig, first_frames: usize) -> Self {
+        Self { config, first_frames, registration: None, other: None, is_cut: false, canvas: View::FIRST, last: None }
+    }
+
     /// The view of the canvas.
     pub fn canvas(&self) -> &View {
         &self.canvas
@@ -53,15 +48,15 @@ impl Stabiliser {
     /// The view of the next frame, by what stands still in it, and where its camera looks, if not where it did at first.
     pub fn view(&mut self, planes: &Planes, state: &State) -> (View, Option<CameraMotion>) {
         let frames = state.frames();
-        if self.registration.is_none() && frames.len() < FIRST_FRAMES {
-            self.registration = Registration::of(planes);
+        if self.registration.is_none() && frames.len() < self.first_frames {
+            self.registration = Registration::of(planes, self.config);
         }
-        let due = !self.is_cut || frames.len().is_multiple_of(RETURN_EVERY);
+        let due = !self.is_cut || frames.len().is_multiple_of(self.config.return_every);
         let found = self.registration.as_mut().filter(|_| due).and_then(|registration| registration.view(planes));
         if let Some(view) = found {
             (self.is_cut, self.other) = (false, None);
             let moved = displacement(&view.frame_from_first, state.size);
-            return (view, (moved > ELSEWHERE_PX).then_some(CameraMotion::Moved(moved)));
+            return (view, (moved > self.config.elsewhere_px).then_some(CameraMotion::Moved(moved)));
         }
         let last = frames.last().map_or(View::FIRST, |frame| frame.view);
         if self.is_cut {
@@ -69,7 +64,7 @@ impl Stabiliser {
             return (view.unwrap_or(last), Some(CameraMotion::Cut));
         }
         // Too little is found again: of a camera that stood still, because something is before it.
-        let is_still = is_still(&last.frame_from_first, state.size);
+        let is_still = is_still(&last.frame_from_first, state.size, &self.config);
         (last, (!is_still).then_some(CameraMotion::Cut))
     }
 
@@ -79,8 +74,9 @@ impl Stabiliser {
         let size = [planes.width, planes.height];
         let away = view.frame_from_first * self.canvas.first_from_frame;
         let larger = scale(&away, size.map(|side| side as f64 / 2.0));
-        let is_far = displacement(&away, size) > CANVAS_MOVED * size[0] as f64
-            || !(CANVAS_SCALED.recip()..CANVAS_SCALED).contains(&larger);
+        let RegistrationConfig { canvas_moved, canvas_scaled, .. } = self.config;
+        let is_far = displacement(&away, size) > canvas_moved * size[0] as f64
+            || !(canvas_scaled.recip()..canvas_scaled).contains(&larger);
         if !is_far {
             return None;
         }
@@ -102,7 +98,7 @@ impl Stabiliser {
         spare: &mut Spare,
     ) -> (Stabilised, Option<Vec<u8>>) {
         let frame_from_canvas = view.frame_from_first * self.canvas.first_from_frame;
-        let as_taken = is_still(&frame_from_canvas, [planes.width, planes.height]);
+        let as_taken = is_still(&frame_from_canvas, [planes.width, planes.height], &self.config);
         let before = self.last.take();
         let planes = match as_taken {
             true => planes,
@@ -129,7 +125,7 @@ impl Stabiliser {
         let Some(registration) = &mut self.registration else { return false };
         registration.start_again();
         self.is_cut = true;
-        self.other = self.last.as_ref().and_then(|last| Registration::of(&last.planes));
+        self.other = self.last.as_ref().and_then(|last| Registration::of(&last.planes, self.config));
         true
     }
 }

@@ -5,6 +5,7 @@
 
 use super::blobs::Blob;
 use super::clutter::Clutter;
+use super::config::{BlobsConfig, TrackerConfig};
 use super::evidence::Evidence;
 use super::view::{CameraMotion, FirstView, View};
 
@@ -59,15 +60,15 @@ struct Candidate {
 
 impl Candidate {
     /// What it is believed to be, of a frame of this view: as the detector measured it where it did.
-    fn measured(&self, view: &View) -> Blob<FirstView> {
+    fn measured(&self, view: &View, config: &BlobsConfig) -> Blob<FirstView> {
         let balls = self.answers.iter().filter_map(Evidence::ball);
-        balls.fold(self.raw, |blob, ball| blob.measured_as(Blob::of_detection(ball).in_first(view)))
+        balls.fold(self.raw, |blob, ball| blob.measured_as(Blob::of_detection(ball, config).in_first(view), config))
     }
 }
 
 /// All that is known of a video.
-#[derive(Default)]
 pub(super) struct State {
+    config: BlobsConfig,
     /// Of its pictures, px.
     pub size: [usize; 2],
     shown: Vec<Shown>,
@@ -83,6 +84,21 @@ pub(super) struct State {
 }
 
 impl State {
+    /// Without any frame yet.
+    pub fn new(config: &TrackerConfig) -> Self {
+        Self {
+            config: config.blobs,
+            size: [0; 2],
+            shown: vec![],
+            frames: vec![],
+            segmented: 0,
+            candidates: vec![],
+            measured: vec![],
+            clutter: Clutter::new(config.clutter),
+            cuts: vec![],
+        }
+    }
+
     /// Adds the video's next frame, which does not show the one before again.
     pub fn add_frame(&mut self, time: f64, view: View, elsewhere: Option<CameraMotion>) -> FrameId {
         let frame = FrameId(self.frames.len());
@@ -196,7 +212,7 @@ impl State {
     pub fn add_evidence(&mut self, blob: BlobId, evidence: Evidence) {
         let candidate = &mut self.candidates[blob.0];
         candidate.answers.push(evidence);
-        self.measured[blob.0] = candidate.measured(&self.frames[candidate.frame.0].view);
+        self.measured[blob.0] = candidate.measured(&self.frames[candidate.frame.0].view, &self.config);
     }
 
     /// Takes the motion network's log-odds that a candidate is a ball.
@@ -253,7 +269,7 @@ impl BlobSet {
 impl State {
     /// Of a still camera's frames at these times, s, with these candidates.
     pub fn of(size: [usize; 2], frames: impl IntoIterator<Item = (f64, Vec<Blob<FirstView>>)>) -> Self {
-        let mut state = Self { size, ..Self::default() };
+        let mut state = Self { size, ..Self::new(&TrackerConfig::default()) };
         for (time, blobs) in frames {
             state.add_frame(time, View::FIRST, None);
             state.add_candidates(blobs);
@@ -280,11 +296,12 @@ mod tests {
         };
         let mut state = State::of([640, 480], (0..3).map(|frame| (f64::from(frame), vec![raw(0.0), raw(100.0)])));
         let blob = state.frame(FrameId(0)).blobs[1];
+        let of = |ball: Option<Detection>| Evidence::of(ball, &TrackerConfig::default().evidence);
         let ball = |radius: f64| {
             let outline = Outline { centre: [102.0, 51.0].into(), radius };
-            Evidence::of(Some(Detection { outline, log_sigma: 0.1, confidence: 0.9 }))
+            of(Some(Detection { outline, log_sigma: 0.1, confidence: 0.9 }))
         };
-        for evidence in [ball(4.0), ball(5.0), Evidence::of(None)] {
+        for evidence in [ball(4.0), ball(5.0), of(None)] {
             state.add_evidence(blob, evidence);
         }
         let added = state.add_candidate(FrameId(0), raw(200.0));

@@ -7,39 +7,9 @@ use std::ops::Range;
 use nalgebra::{Matrix3, Vector3};
 
 use super::blobs::Blob;
-use super::config::TrackerConfig;
+use super::config::{ClutterConfig, FlightConfig, TrackletsConfig};
 use super::state::{BlobId, BlobSet, FrameId, State};
 use super::view::{FirstView, Place};
-
-/// What a measured step may be off besides: px, and a fraction of it for a streak whose ends are not seen.
-const STEP_PX: f64 = 3.0;
-const STEP_FRACTION: f64 = 0.05;
-/// By how much a blob's radius may be too small, and the least that is assumed, px.
-const RADIUS_SLACK: f64 = 1.4;
-const LEAST_RADIUS: f64 = 1.5;
-/// How far from its line a parabola goes on, of its acceleration times the square of the time from one of three places to the next.
-const BEYOND_LINE: f64 = 5.0 / 3.0;
-/// Largest ratio of the radii of one ball's blobs.
-const ALIKE: f64 = 2.2;
-/// The same to the mean of those before it.
-const USUAL: f64 = 1.8;
-/// What a step adds to the standard deviation of a blob's position, a fraction of the step.
-const PLACE_OF_STEP: f64 = 0.02;
-/// Frames from a tracklet's first or last blob to the next beyond which that one is chance.
-const LONELY: usize = 2;
-/// How far a seed may be from its blob's end, px.
-const SEED_PX: f64 = 6.0;
-/// Blobs that tell where a tracklet leads next.
-const RECENT: usize = 7;
-/// Fewest blobs of a tracklet.
-const FEWEST: usize = 5;
-/// Least displacement of a tracklet from its first blob, in radii and px; and where a network sees a ball in most of its blobs, px.
-const LEAST_DISPLACEMENT: f64 = 3.0;
-const LEAST_DISPLACEMENT_PX: f64 = 8.0;
-const LEAST_BALL_DISPLACEMENT_PX: f64 = 3.0;
-/// Distance (px) and frames within which other blobs count for the density of candidates.
-const DENSITY_PX: f64 = 80.0;
-const DENSITY_FRAMES: usize = 6;
 
 /// Blobs that may be one object in flight.
 #[derive(Debug, Clone)]
@@ -54,7 +24,9 @@ pub(super) struct Tracklet {
 
 /// A search for tracklets in the last frames of a video, or in all.
 pub(super) struct TrackletSearch<'a> {
-    pub config: &'a TrackerConfig,
+    pub config: &'a TrackletsConfig,
+    pub flight: &'a FlightConfig,
+    pub clutter: &'a ClutterConfig,
     pub state: &'a State,
     /// The first frame that is searched.
     pub from: FrameId,
@@ -118,6 +90,7 @@ impl TrackletSearch<'_> {
     fn seeds(&self, frame: usize) -> Vec<[BlobId; 3]> {
         let frames = self.state.frames();
         let end = self.frames().end;
+        let TrackletsConfig { step_px, step_fraction, least_step, radius_slack, least_radius, .. } = *self.config;
         let mut seeds = Vec::new();
         for (a, first) in self.blobs(frame) {
             for second_frame in frame + 1..(frame + 3).min(end) {
@@ -126,9 +99,12 @@ impl TrackletSearch<'_> {
                 for (b, second) in self.blobs(second_frame) {
                     let displacement = second.at.minus(&first.at);
                     let length = (displacement[0] * displacement[0] + displacement[1] * displacement[1]).sqrt();
-                    let radius = RADIUS_SLACK * first.radius.max(second.radius).max(LEAST_RADIUS);
-                    let possible = length <= self.config.max_speed * radius * before && length >= 0.5 * steps;
-                    if !(possible && alike(first, second) && along(first, displacement) && along(second, displacement))
+                    let radius = radius_slack * first.radius.max(second.radius).max(least_radius);
+                    let possible = length <= self.flight.max_speed * radius * before && length >= least_step * steps;
+                    if !(possible
+                        && self.alike(first, second)
+                        && self.along(first, displacement)
+                        && self.along(second, displacement))
                     {
                         continue;
                     }
@@ -136,14 +112,14 @@ impl TrackletSearch<'_> {
                         let after = frames[third_frame].time - frames[second_frame].time;
                         let fraction = after / before;
                         let step = length * fraction;
-                        let bend = self.config.max_acceleration * radius * after * (before + after) / 2.0
-                            + self.config.drag * step * step / radius;
-                        let allowed = STEP_PX + STEP_FRACTION * step + bend;
+                        let bend = self.flight.max_acceleration * radius * after * (before + after) / 2.0
+                            + self.flight.drag * step * step / radius;
+                        let allowed = step_px + step_fraction * step + bend;
                         let [x, y] = second.at.xy;
                         let to = Place::new([x + fraction * displacement[0], y + fraction * displacement[1]]);
                         for (c, third) in self.blobs(third_frame) {
                             let off = third.at.minus(&to);
-                            if off[0] * off[0] + off[1] * off[1] <= allowed * allowed && alike(second, third) {
+                            if off[0] * off[0] + off[1] * off[1] <= allowed * allowed && self.alike(second, third) {
                                 seeds.push([a, b, c]);
                             }
                         }
@@ -166,7 +142,7 @@ impl TrackletSearch<'_> {
             }
         }
         self.trim(&mut members);
-        if members.len() < FEWEST {
+        if members.len() < self.config.fewest {
             return None;
         }
         let [first, last] = [self.blob(members[0]), self.blob(members[members.len() - 1])];
@@ -174,10 +150,13 @@ impl TrackletSearch<'_> {
         let displacement = distances.fold(0.0, f64::max);
         let balls = members.iter().filter(|&&member| self.blob(member).is_ball).count();
         let least = match 2 * balls > members.len() {
-            true => LEAST_BALL_DISPLACEMENT_PX,
+            true => self.config.least_ball_displacement_px,
             false => {
                 self.displacement_fraction
-                    * LEAST_DISPLACEMENT_PX.max(LEAST_DISPLACEMENT * first.radius.max(last.radius))
+                    * self
+                        .config
+                        .least_displacement_px
+                        .max(self.config.least_displacement * first.radius.max(last.radius))
             }
         };
         if displacement < least {
@@ -207,15 +186,16 @@ impl TrackletSearch<'_> {
     /// Whether a blob is where a person saw the ball.
     fn is_at(&self, member: BlobId, seed: &Place<FirstView>) -> bool {
         let blob = self.blob(member);
-        blob.at.distance(seed) <= SEED_PX + blob.reach
+        blob.at.distance(seed) <= self.config.seed_px + blob.reach
     }
 
     /// The blob by which a tracklet goes on.
     fn next(&self, members: &[BlobId], forward: bool) -> Option<BlobId> {
         let recent: Vec<BlobId> = match forward {
-            true => members.iter().rev().take(RECENT).copied().collect(),
-            false => members.iter().take(RECENT).copied().collect(),
+            true => members.iter().rev().take(self.config.recent).copied().collect(),
+            false => members.iter().take(self.config.recent).copied().collect(),
         };
+        let (radius_weight, usual_ratio) = (self.config.radius_weight, self.config.usual);
         let parabola = Parabola::through(self, &recent)?;
         let last = self.blob(recent[0]);
         let logs = recent.iter().map(|&member| self.blob(member).radius.ln());
@@ -228,13 +208,15 @@ impl TrackletSearch<'_> {
                 return None;
             }
             let (to, unsure) = parabola.at(self.state.frames()[frame].time);
-            let fits =
-                |blob: &Blob<FirstView>| alike(last, blob) && (USUAL.recip()..USUAL).contains(&(blob.radius / usual));
+            let fits = |blob: &Blob<FirstView>| {
+                self.alike(last, blob) && (usual_ratio.recip()..usual_ratio).contains(&(blob.radius / usual))
+            };
             let near = self.blobs(frame).filter(|(_, blob)| fits(blob)).filter_map(|(member, blob)| {
                 let off = blob.at.minus(&to);
-                let variance = deviation(blob, step).powi(2) + unsure * unsure;
+                let variance = self.deviation(blob, step).powi(2) + unsure * unsure;
                 let off = ((off[0] * off[0] + off[1] * off[1]) / variance).sqrt();
-                (off <= self.config.gate).then_some((member, off + 2.0 * (blob.radius / last.radius).ln().abs()))
+                (off <= self.config.gate)
+                    .then_some((member, off + radius_weight * (blob.radius / last.radius).ln().abs()))
             });
             if let Some((member, _)) = near.min_by(|a, b| a.1.total_cmp(&b.1)) {
                 return Some(member);
@@ -245,11 +227,12 @@ impl TrackletSearch<'_> {
 
     /// Where a tracklet leads in a frame beyond its ends or between its blobs; how far that may be off, px, and the radius there.
     pub fn leads(&self, tracklet: &Tracklet, frame: FrameId) -> Option<(Place<FirstView>, f64, f64)> {
+        let recent = self.config.recent;
         let after = tracklet.members.partition_point(|&member| self.state.frame_of(member) < frame);
-        let near = after.saturating_sub(RECENT)..(after + RECENT).min(tracklet.members.len());
+        let near = after.saturating_sub(recent)..(after + recent).min(tracklet.members.len());
         let mut near = tracklet.members[near].to_vec();
         near.sort_by_key(|&member| self.state.frame_of(member).0.abs_diff(frame.0));
-        near.truncate(RECENT);
+        near.truncate(recent);
         let (at, unsure) = Parabola::through(self, &near)?.at(self.state.frame(frame).time);
         let logs = near.iter().map(|&member| self.blob(member).radius.ln());
         Some((at, unsure, (logs.sum::<f64>() / near.len() as f64).exp()))
@@ -258,19 +241,20 @@ impl TrackletSearch<'_> {
     /// Log-likelihood ratio of one object over chance, summed over its blobs: the density that a blob's neighbours predict there over the
     /// density of candidates. Frames without a blob lower it.
     fn log_likelihood_ratio(&self, members: &[BlobId]) -> f64 {
+        let beside = self.config.recent / 2;
         let mut ratio = 0.0;
         for (number, &member) in members.iter().enumerate() {
-            let near = number.saturating_sub(RECENT / 2)..(number + RECENT / 2 + 1).min(members.len());
+            let near = number.saturating_sub(beside)..(number + beside + 1).min(members.len());
             let others: Vec<BlobId> = members[near].iter().filter(|&&other| other != member).copied().collect();
             let Some(parabola) = Parabola::through(self, &others) else { continue };
             let (to, unsure) = parabola.at(self.state.time_of(member));
             let blob = self.blob(member);
             let neighbour = self.blob(members[if number == 0 { 1 } else { number - 1 }]);
             let step = blob.at.distance(&neighbour.at);
-            let sigma = deviation(blob, step).hypot(unsure);
+            let sigma = self.deviation(blob, step).hypot(unsure);
             let off = blob.at.distance(&to) / sigma;
             let density = (-0.5 * off * off).exp() / (std::f64::consts::TAU * sigma * sigma);
-            ratio += (density / self.candidate_density(member)).ln().max(-4.0);
+            ratio += (density / self.candidate_density(member)).ln().max(self.config.least_per_blob);
         }
         let [first, last] = [members[0], members[members.len() - 1]].map(|member| self.state.frame_of(member));
         // Any three blobs make a path.
@@ -284,52 +268,59 @@ impl TrackletSearch<'_> {
     }
 
     fn measured_density(&self, member: BlobId) -> f64 {
+        let ClutterConfig { density_px, density_frames, .. } = *self.clutter;
         let own = self.blob(member);
         let at = &own.at;
         let (frame, searched) = (self.state.frame_of(member), self.frames());
-        let frames = frame.0.saturating_sub(DENSITY_FRAMES).max(searched.start)
-            ..(frame.0 + DENSITY_FRAMES + 1).min(searched.end);
+        let frames = frame.0.saturating_sub(density_frames).max(searched.start)
+            ..(frame.0 + density_frames + 1).min(searched.end);
         let count = frames.len() as f64;
         // One blob a frame is the object's own.
         let near = |frame: usize| {
             let near = self.blobs(frame).filter(|(_, blob)| {
                 // Others of another size cannot belong to its path.
                 let off = blob.at.minus(at);
-                off[0] * off[0] + off[1] * off[1] < DENSITY_PX * DENSITY_PX && alike(blob, own)
+                off[0] * off[0] + off[1] * off[1] < density_px * density_px && self.alike(blob, own)
             });
             near.count().saturating_sub(1)
         };
         let others: usize = frames.map(near).sum();
         let always = self.state.clutter().density(self.state, frame, at);
         let [width, height] = self.state.size.map(|side| side as f64);
-        others as f64 / count / (std::f64::consts::PI * DENSITY_PX * DENSITY_PX) + always + 1.0 / (width * height)
+        others as f64 / count / (std::f64::consts::PI * density_px * density_px) + always + 1.0 / (width * height)
+    }
+
+    /// Whether two blobs may be one ball's.
+    fn alike(&self, a: &Blob<FirstView>, b: &Blob<FirstView>) -> bool {
+        alike(a, b, self.config.alike)
+    }
+
+    /// Whether a streak lies along the displacement of the ball.
+    fn along(&self, blob: &Blob<FirstView>, displacement: [f64; 2]) -> bool {
+        blob.reach < self.config.streak * blob.radius
+            || (displacement[1].atan2(displacement[0]) - blob.direction).sin().abs() < self.config.along
+    }
+
+    /// Standard deviation of a blob's position on the path of its ball, px.
+    fn deviation(&self, blob: &Blob<FirstView>, step: f64) -> f64 {
+        blob.sigma + self.config.place_of_step * step
     }
 
     /// Leaves out single blobs at a tracklet's ends that frames without any divide from the others.
     fn trim(&self, members: &mut Vec<BlobId>) {
         let gap = |earlier: BlobId, later: BlobId| self.state.frame_of(later).since(self.state.frame_of(earlier));
-        while members.len() > 2 && gap(members[0], members[1]) > LONELY {
+        while members.len() > 2 && gap(members[0], members[1]) > self.config.lonely {
             members.remove(0);
         }
-        while members.len() > 2 && gap(members[members.len() - 2], members[members.len() - 1]) > LONELY {
+        while members.len() > 2 && gap(members[members.len() - 2], members[members.len() - 1]) > self.config.lonely {
             members.pop();
         }
     }
 }
 
-/// Whether two blobs may be one ball's.
-pub(super) fn alike(a: &Blob<FirstView>, b: &Blob<FirstView>) -> bool {
-    (ALIKE.recip()..=ALIKE).contains(&(a.radius / b.radius))
-}
-
-/// Whether a streak lies along the displacement of the ball.
-fn along(blob: &Blob<FirstView>, displacement: [f64; 2]) -> bool {
-    blob.reach < 2.0 * blob.radius || (displacement[1].atan2(displacement[0]) - blob.direction).sin().abs() < 0.5
-}
-
-/// Standard deviation of a blob's position on the path of its ball, px.
-fn deviation(blob: &Blob<FirstView>, step: f64) -> f64 {
-    blob.sigma + PLACE_OF_STEP * step
+/// Whether two blobs may be one ball's, of radii of this ratio at most.
+pub(super) fn alike(a: &Blob<FirstView>, b: &Blob<FirstView>, most: f64) -> bool {
+    (most.recip()..=most).contains(&(a.radius / b.radius))
 }
 
 /// Where blobs lead: a parabola through them (a line through three), in time.
@@ -342,8 +333,8 @@ struct Parabola {
     /// Of a blob's place, px.
     sigma: f64,
     is_line: bool,
-    /// Standard deviation of the acceleration times the square of the time between two places, px.
-    bend: f64,
+    /// What bends a line that is not yet a flight, px: standard deviation.
+    line_bend: f64,
 }
 
 impl Parabola {
@@ -359,7 +350,7 @@ impl Parabola {
             normal += powers * powers.transpose();
             right[0] += powers * blob.at.xy[0];
             right[1] += powers * blob.at.xy[1];
-            sigma += deviation(blob, 0.0) / count;
+            sigma += search.deviation(blob, 0.0) / count;
         }
         if is_line {
             normal[(2, 2)] = 1.0;
@@ -370,18 +361,19 @@ impl Parabola {
         let (first, last) = (times.clone().fold(f64::INFINITY, f64::min), times.fold(f64::NEG_INFINITY, f64::max));
         let interval = (last - first) / (count - 1.0).max(1.0);
         // The gate admits the largest acceleration.
-        let bend = search.config.max_acceleration / search.config.gate * radius * interval * interval;
-        Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, bend })
+        let config = search.config;
+        let bend = search.flight.max_acceleration / config.gate * radius * interval * interval;
+        // A line is not yet a flight: what bends it is unknown.
+        let line_bend = if is_line { config.step_px.hypot(config.beyond_line * bend) } else { 0.0 };
+        Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, line_bend })
     }
 
     /// Where it is at a time, and how far that may be off, px.
     fn at(&self, time: f64) -> (Place<FirstView>, f64) {
         let powers = powers(time - self.middle, self.is_line);
         let spread = powers.dot(&(self.covariance * powers));
-        // A line is not yet a flight: what bends it is unknown.
-        let bend = if self.is_line { STEP_PX.hypot(BEYOND_LINE * self.bend) } else { 0.0 };
         let at = [0, 1].map(|axis| self.of[axis].dot(&powers));
-        (Place::new(at), (self.sigma * spread.sqrt()).hypot(bend))
+        (Place::new(at), (self.sigma * spread.sqrt()).hypot(self.line_bend))
     }
 }
 

@@ -6,8 +6,8 @@ use std::marker::PhantomData;
 
 use nalgebra::{Matrix3, Point2};
 
-/// Displacement below which a frame shows the first view itself, px: the mean over the picture.
-const STILL_PX: f64 = 0.35;
+use super::config::RegistrationConfig;
+
 /// Points along each side of the picture at which displacements are measured.
 const GRID: usize = 5;
 
@@ -120,6 +120,6 @@ pub(super) fn displacement(homography: &Matrix3<f64>, size: [usize; 2]) -> f64 {
 }
 
 /// Whether a homography leaves a picture of `size` where it is.
-pub(super) fn is_still(homography: &Matrix3<f64>, size: [usize; 2]) -> bool {
-    displacement(homography, size) < STILL_PX
+pub(super) fn is_still(homography: &Matrix3<f64>, size: [usize; 2], config: &RegistrationConfig) -> bool {
+    displacement(homography, size) < config.still_px
 }

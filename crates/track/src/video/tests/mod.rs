@@ -206,7 +206,7 @@ fn pictures_that_are_held_for_longer_change_no_result() {
         let candidates: Vec<Vec<Query>> = (0..80).map(|frame| follower.candidates(FrameId(frame))).collect();
         (frames_of(&follower, &[]), candidates)
     };
-    assert_eq!(found(Pictures::default()), found(Pictures::holding(80)));
+    assert_eq!(found(Pictures::holding(24)), found(Pictures::holding(80)));
 }
 
 #[test]
