@@ -75,15 +75,16 @@ pub mod physics {
 /// A ball through time: from a video to its 2D track ([`VideoTracker`]), from a 2D track to its trajectory in space ([`Fit`]).
 pub mod track {
     pub use gravisight_track::{
-        AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FlightConfig, GravityConfig,
-        QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackletsConfig, WeightsConfig,
+        AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FallConfig, FlightConfig,
+        GravityConfig, QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackletsConfig,
+        WeightsConfig,
     };
     #[doc(hidden)]
     pub use gravisight_track::{BallTracker, FrameId, Query, SOLVER_VERSION, Stack, TrackletFeatures};
     pub use gravisight_track::{
         CameraMotion, Estimate, EstimatorConfig, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, FittedSegment,
-        Flight, FollowedFrame, Hit, Observation, OtherView, Parameter, Track, TrackPoint, TrackedBlob, TrackedFrame,
-        TrackedVideo, TrackerConfig,
+        Flight, FollowedFrame, Hit, Observation, OtherFrame, OtherTrack, OtherView, Parameter, Track, TrackPoint,
+        TrackedBlob, TrackedFrame, TrackedVideo, TrackerConfig,
     };
 }
 pub use gravisight_track::findings;
@@ -131,7 +132,7 @@ pub mod parts {
     pub use crate::physics::{Cuboid, Impact, Potential};
     pub use crate::track::{
         CameraMotion, Estimate, EstimatorConfig, FitSummary, FittedFrame, FittedImpact, FittedSegment, Flight,
-        FollowedFrame, Hit, OtherView, TrackedBlob, TrackedFrame, TrackerConfig,
+        FollowedFrame, Hit, OtherFrame, OtherTrack, OtherView, TrackedBlob, TrackedFrame, TrackerConfig,
     };
     pub use crate::train::{Added, ClipKey, Score, Tuned};
 }

@@ -29,10 +29,10 @@ pub use self::tracked::{FittedSegment, OtherView, TrackedFrame, TrackedVideo};
 #[doc(hidden)]
 pub use self::video::STACK_SIDE;
 pub use self::video::{
-    AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FlightConfig, GravityConfig,
-    QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackerConfig, TrackletsConfig,
-    WeightsConfig,
+    AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FallConfig, FlightConfig,
+    GravityConfig, QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackerConfig,
+    TrackletsConfig, WeightsConfig,
 };
 #[doc(hidden)]
 pub use self::video::{BallTracker, FrameId, Query, Stack, TrackletFeatures};
-pub use self::video::{CameraMotion, FollowedFrame, TrackedBlob};
+pub use self::video::{CameraMotion, FollowedFrame, OtherFrame, OtherTrack, TrackedBlob};

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::file::Track;
 use super::segments::segments;
-use super::video::{CameraMotion, FollowedFrame, Hypotheses, Place, TrackerConfig};
+use super::video::{CameraMotion, FollowedFrame, Hypotheses, OtherTrack, Place, TrackerConfig};
 use crate::config::EstimatorConfig;
 use crate::config::FitOptions;
 use crate::observation::Observation;
@@ -39,6 +39,8 @@ pub struct TrackedVideo {
     pub explained: Option<bool>,
     /// One a frame of the video.
     pub frames: Vec<TrackedFrame>,
+    /// Other balls that may fly beside the one of `frames`, the likeliest first; in pixels only.
+    pub tracks: Vec<OtherTrack>,
     /// From hit to hit, bounces between.
     pub flights: Vec<Flight>,
     /// Where something that the scene does not hold changes the ball's path.
@@ -125,9 +127,10 @@ impl TrackedVideo {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
     #[doc(hidden)]
     pub fn new(hypotheses: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
-        let frames = hypotheses.frames(place).into_iter().enumerate().map(TrackedFrame::new).collect();
+        let (frames, tracks) = hypotheses.frames(place);
+        let frames = frames.into_iter().enumerate().map(TrackedFrame::new).collect();
         let (cuts, config) = (hypotheses.cuts(), hypotheses.config());
-        let mut video = Self { frames, cuts, config, ..Self::default() };
+        let mut video = Self { frames, tracks, cuts, config, ..Self::default() };
         video.elsewhere = video.other_views();
         video.unused_seeds = hypotheses.unused_seeds().to_vec();
         video.verdict = video.verdict_text();
@@ -260,7 +263,11 @@ impl TrackedVideo {
                 format!("{head}: {explained} of {all} segments; {seen}{wrong}")
             }
         };
-        message + &self.cuts_message() + &self.camera_motion_message() + &self.unused_seeds_message()
+        message
+            + &self.other_tracks_message()
+            + &self.cuts_message()
+            + &self.camera_motion_message()
+            + &self.unused_seeds_message()
     }
 
     /// Frames in which the camera looks elsewhere than at first.
@@ -318,6 +325,15 @@ impl TrackedVideo {
             "; no moving object passes through the ball marked at {}: these marks were ignored; mark the ball in a frame in which it flies",
             clicks.join(", ")
         )
+    }
+
+    /// The part of the verdict about other balls.
+    fn other_tracks_message(&self) -> String {
+        match self.tracks.as_slice() {
+            [] => String::new(),
+            [_] => "; another ball may fly at the same time (`tracks`)".into(),
+            tracks => format!("; {} other balls may fly at the same time (`tracks`)", tracks.len()),
+        }
     }
 
     /// The part of the verdict about cuts.

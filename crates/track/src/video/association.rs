@@ -72,6 +72,13 @@ impl TrackletSegment {
         shared.saturating_sub(free) as f64 * each(self).min(each(later))
     }
 
+    /// Whether it shares a candidate with another, or is where that is in most of the frames of both.
+    fn is_beside(&self, other: &Self, state: &State) -> bool {
+        let shared = self.members.iter().filter(|&&member| other.in_frame(state.frame_of(member), state).is_some());
+        let (shared, apart) = (shared.count(), self.apart(other, state));
+        self.members.iter().any(|member| other.members.contains(member)) || shared > 2 * apart
+    }
+
     /// Whether the other, which begins soon after this ends, is as large as this then: a ball is not suddenly nearer.
     fn is_as_large(&self, later: &Self, state: &State, config: &AssociationConfig) -> bool {
         let radius =
@@ -96,16 +103,37 @@ impl TrackletSegment {
     }
 }
 
-/// The segments that one ball can fly: those with the highest total score, ascending. The segments before and after one support it.
-pub(super) fn chain(state: &State, config: &TrackerConfig, mut segments: Vec<TrackletSegment>) -> Vec<TrackletSegment> {
+/// The tracks of balls, each the segments that one ball can fly, ascending: first the one with the highest total score, then the best of what is
+/// left beside it, and so on. The segments before and after one support it.
+pub(super) fn tracks(
+    state: &State,
+    config: &TrackerConfig,
+    mut segments: Vec<TrackletSegment>,
+) -> Vec<Vec<TrackletSegment>> {
     segments.sort_by_key(TrackletSegment::last);
     // Without a motion network a shadow has the log-odds of its ball, and would divide them.
     if state.has_motion() {
-        exclude(state, &mut segments);
+        exclude(state, config.association.second_ball, &mut segments);
     }
     support(state, config, &mut segments);
-    let config = &config.association;
-    segments.retain(|segment| segment.confidence() >= config.min_confidence);
+    segments.retain(|segment| segment.confidence() >= config.association.min_confidence);
+    let mut tracks = vec![];
+    while tracks.len() < config.association.most_tracks {
+        let track = chain(state, &config.association, &segments);
+        if track.is_empty() {
+            break;
+        }
+        segments.retain(|segment| !track.iter().any(|own| segment.is_beside(own, state)));
+        let confirmed = track.chunk_by(|one, next| next.first() <= one.last() + config.association.soon);
+        let confirmed = confirmed.filter(|track| track.iter().any(|segment| segment.confirms)).flatten().cloned();
+        tracks.push(confirmed.collect());
+    }
+    tracks.retain(|track: &Vec<TrackletSegment>| !track.is_empty());
+    tracks
+}
+
+/// The segments (by their last frames, ascending) that one ball can fly with the highest total score.
+fn chain(state: &State, config: &AssociationConfig, segments: &[TrackletSegment]) -> Vec<TrackletSegment> {
     // Of each segment: the score of the best chain that ends with it, and the segment before it there. Of each and those before it:
     // the best end.
     let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(segments.len());
@@ -129,15 +157,13 @@ pub(super) fn chain(state: &State, config: &TrackerConfig, mut segments: Vec<Tra
         chosen.push(place);
         at = best[place].1;
     }
-    chosen.reverse();
-    let chosen: Vec<TrackletSegment> = chosen.into_iter().map(|place| segments[place].clone()).collect();
-    let tracks = chosen.chunk_by(|one, next| next.first() <= one.last() + config.soon);
-    tracks.filter(|track| track.iter().any(|segment| segment.confirms)).flatten().cloned().collect()
+    chosen.into_iter().rev().map(|place| segments[place].clone()).collect()
 }
 
-/// Lowers the log-odds of segments by those of their rivals: one ball flies, in one place. Where several segments are in different places
-/// at once, each is the ball with the odds `eᴸ / (1 + Σ eᴿ)`. In each frame only the greatest rival counts.
-fn exclude(state: &State, segments: &mut [TrackletSegment]) {
+/// Lowers the log-odds of segments by those of their rivals: seldom do two balls fly at once. Where a segment of log-odds `L` and a rival of `R` are
+/// in different places at once, and a `second` ball flies beside one with this probability, its odds are `eᴸ (1 + second eᴿ) / (1 + eᴿ)`. In each
+/// frame only the greatest rival counts.
+fn exclude(state: &State, second: f64, segments: &mut [TrackletSegment]) {
     let mut rivals: Vec<Vec<f64>> =
         segments.iter().map(|segment| vec![f64::NEG_INFINITY; segment.last() - segment.first() + 1]).collect();
     // Of each place in the list, the first frame of all segments from there on.
@@ -164,7 +190,8 @@ fn exclude(state: &State, segments: &mut [TrackletSegment]) {
         }
     }
     for (segment, rivals) in segments.iter_mut().zip(rivals) {
-        let sum: f64 = rivals.iter().map(|&rival| rival.exp().ln_1p()).sum();
+        let factor = |&rival: &f64| rival.exp().ln_1p() - (second * rival.exp()).ln_1p();
+        let sum: f64 = rivals.iter().map(factor).sum();
         segment.log_odds -= sum / rivals.len() as f64;
     }
 }
@@ -222,7 +249,8 @@ mod tests {
             log_odds: 3.0,
             confirms: true,
         };
-        let chosen = chain(&state, &TrackerConfig::default(), segments.iter().map(segment).collect());
+        let tracks = tracks(&state, &TrackerConfig::default(), segments.iter().map(segment).collect());
+        let chosen = tracks.into_iter().next().unwrap_or_default();
         let first = |segment: &TrackletSegment| {
             let frame = segment.first();
             let number = state.frames()[frame].blobs.iter().position(|blob| *blob == segment.members[0]).unwrap();

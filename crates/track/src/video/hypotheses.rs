@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
+use serde::Serialize;
+
 use super::super::file::TrackPoint;
-use super::association::{TrackletSegment, chain};
+use super::association::{TrackletSegment, tracks};
 use super::blobs::Blob;
 use super::config::{RadiiConfig, TrackerConfig};
 use super::evidence::Evidence;
@@ -35,6 +37,32 @@ pub struct TrackletFeatures {
     pub features: [f64; 8],
     /// Frames and places (px) in which it is.
     pub places: Vec<(usize, [f64; 2])>,
+}
+
+/// Another ball that may fly beside the one that is reported.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct OtherTrack {
+    /// Probability that it is a ball: that of its likeliest part.
+    pub probability: f64,
+    /// The frames in which it is seen, ascending.
+    pub frames: Vec<OtherFrame>,
+}
+
+/// A frame of it.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct OtherFrame {
+    /// The frame's index in the video.
+    pub frame: usize,
+    /// Its centre in the picture, px.
+    pub image: [f64; 2],
+    /// Its apparent radius, px.
+    pub radius_px: f64,
+    /// Probability that this part of the track is a ball.
+    pub confidence: f64,
 }
 
 /// A frame of a video that was followed.
@@ -93,8 +121,9 @@ impl<'a> Hypotheses<'a> {
         self.state.cuts().iter().map(|&frame| self.state.frame(frame).number).collect()
     }
 
-    /// The ball, frame by frame. Where the camera (of these pictures) and the scene are known, by how its path bends, too.
-    pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> Vec<FollowedFrame> {
+    /// The ball, frame by frame, and the tracks of other balls. Where the camera (of these pictures) and the scene are known, by how its path bends,
+    /// too.
+    pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> (Vec<FollowedFrame>, Vec<OtherTrack>) {
         let state = self.state;
         let frame = |number: usize| {
             let (time, repeated) = state.shown_at(number);
@@ -107,12 +136,34 @@ impl<'a> Hypotheses<'a> {
         }
         let gravity_test = place.map(|(camera, scene)| GravityTest { config: &self.config.gravity, camera, scene });
         let segments = self.tracklets.iter().flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref()));
-        // Of each frame the likeliest candidate: by the log-odds of its segment and of its own detection.
+        let mut tracks = tracks(state, &self.config, segments.collect()).into_iter();
+        for (frame, (member, confidence)) in self.balls(&tracks.next().unwrap_or_default()) {
+            let frame = &mut frames[state.frame(frame).number];
+            let ball = self.followed(member);
+            frame.point =
+                point(&ball, state.blob(member).sigma, state.evidence(member).ball(), frame.point, &self.config.radii);
+            (frame.ball, frame.confidence) = (Some(ball), confidence);
+        }
+        correlate_radius_errors(&mut frames, &self.config.radii);
+        let other = |track: Vec<TrackletSegment>| OtherTrack {
+            probability: track.iter().map(TrackletSegment::confidence).fold(0.0, f64::max),
+            frames: (self.balls(&track).into_iter())
+                .map(|(frame, (member, confidence))| {
+                    let TrackedBlob { image, radius_px, .. } = self.followed(member);
+                    OtherFrame { frame: state.frame(frame).number, image, radius_px, confidence }
+                })
+                .collect(),
+        };
+        (frames, tracks.map(other).collect())
+    }
+
+    /// The ball of a track in each frame, and its confidence: the likeliest candidate, by the log-odds of its segment and of its own detection.
+    fn balls(&self, track: &[TrackletSegment]) -> BTreeMap<FrameId, (BlobId, f64)> {
         let mut likeliest: BTreeMap<FrameId, (f64, BlobId, f64)> = BTreeMap::new();
-        for segment in chain(state, &self.config, segments.collect()) {
+        for segment in track {
             for &member in &segment.members {
-                let log_odds = segment.log_odds + state.evidence(member).log_odds();
-                let frame = state.frame_of(member);
+                let log_odds = segment.log_odds + self.state.evidence(member).log_odds();
+                let frame = self.state.frame_of(member);
                 if likeliest.get(&frame).is_none_or(|other| log_odds >= other.0) {
                     likeliest.insert(frame, (log_odds, member, segment.confidence()));
                 }
@@ -121,15 +172,7 @@ impl<'a> Hypotheses<'a> {
         let mut balls: BTreeMap<FrameId, (BlobId, f64)> =
             likeliest.into_iter().map(|(frame, (_, member, confidence))| (frame, (member, confidence))).collect();
         self.fill(&mut balls);
-        for (frame, (member, confidence)) in balls {
-            let frame = &mut frames[state.frame(frame).number];
-            let ball = self.followed(member);
-            frame.point =
-                point(&ball, state.blob(member).sigma, state.evidence(member).ball(), frame.point, &self.config.radii);
-            (frame.ball, frame.confidence) = (Some(ball), confidence);
-        }
-        correlate_radius_errors(&mut frames, &self.config.radii);
-        frames
+        balls
     }
 
     /// Adds the balls that the network sees in the few frames between two that are known, where they are between those: a tracklet ends

@@ -40,12 +40,12 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 pub use self::config::{
-    AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FlightConfig, GravityConfig,
-    QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackerConfig, TrackletsConfig,
-    WeightsConfig,
+    AssociationConfig, BackgroundConfig, BlobsConfig, ClutterConfig, EvidenceConfig, FallConfig, FlightConfig,
+    GravityConfig, QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackerConfig,
+    TrackletsConfig, WeightsConfig,
 };
 use self::foreground::{Foreground, Seen};
-pub use self::hypotheses::{FollowedFrame, Hypotheses, TrackedBlob, TrackletFeatures};
+pub use self::hypotheses::{FollowedFrame, Hypotheses, OtherFrame, OtherTrack, TrackedBlob, TrackletFeatures};
 use self::intake::{Intake, NewPicture, Taken};
 use self::pictures::Pictures;
 use self::planes::{Planes, Spare};

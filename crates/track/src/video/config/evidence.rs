@@ -141,7 +141,7 @@ pub struct WeightsConfig {
 impl Default for WeightsConfig {
     fn default() -> Self {
         Self {
-            with_motion: [-2.662, 1.007, 1.179, -0.674, 0.063, 0.0, 0.876, 0.5],
+            with_motion: [-3.457, 0.455, 1.034, 2.062, 0.465, 0.611, 0.770, 1.247],
             without_motion: [-1.103, 0.91, 0.0, -1.365, 1.086, 0.0, 0.769, 0.5],
             usual_gain: 27.0,
             small: 3.0,
@@ -161,6 +161,10 @@ pub struct AssociationConfig {
     pub min_confidence: f64,
     /// Log-odds that one tracklet of a track must have by itself: several that are unsure are no ball. Source: chosen by hand.
     pub confirmed: f64,
+    /// Probability that a second ball flies beside one. Source: chosen by hand.
+    pub second_ball: f64,
+    /// Most tracks of balls that are listed. Source: chosen by hand.
+    pub most_tracks: usize,
     /// What a tracklet that is the ball's adds to the one that continues it, log-odds. Source: chosen by hand.
     pub continuation: f64,
     /// Most frames between a tracklet and its continuation. Source: chosen by hand.
@@ -188,6 +192,8 @@ impl Default for AssociationConfig {
         Self {
             min_confidence: 2.0 / 3.0,
             confirmed: 1.0,
+            second_ball: 0.05,
+            most_tracks: 8,
             continuation: 2.0,
             between: 8,
             meets_px: 12.0,

@@ -107,7 +107,7 @@ fn film(draw: impl Fn(usize, &mut RgbImage)) -> BallTracker {
 
 /// The frames of what was followed, with clicks.
 fn frames_of(follower: &BallTracker, seeds: &[(usize, [f64; 2])]) -> Vec<FollowedFrame> {
-    follower.hypotheses(seeds).unwrap().frames(None)
+    follower.hypotheses(seeds).unwrap().frames(None).0
 }
 
 fn with_ball() -> BallTracker {
@@ -214,7 +214,7 @@ fn a_cut_loses_no_frame() {
     let follower = watched(with_cut());
     let flying = follower.hypotheses(&[]).unwrap();
     assert!(matches!(flying.cuts()[..], [30 | 31]), "{:?}", flying.cuts());
-    let frames = flying.frames(None);
+    let (frames, _) = flying.frames(None);
     let [right, seen, all] = counted(&frames[..70], before_and_after);
     assert!(frames.len() == 80 && right >= 55 && seen - right <= 2, "{right} right of {seen} seen of {all}");
 }
