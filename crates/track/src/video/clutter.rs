@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::blobs::Blob;
 use super::config::ClutterConfig;
-use super::state::{FrameId, State};
+use super::state::{Frame, FrameId, State};
 use super::view::{FirstView, Place};
 
 /// Counts of candidates by place, over all frames so far.
@@ -37,8 +37,8 @@ impl Clutter {
         let frames = frame.0.saturating_sub(own_frames)..(frame.0 + own_frames + 1).min(state.segmented());
         let count = frames.len();
         let is_near = |[x, y]: [i32; 2]| (x - column).abs() <= 1 && (y - row).abs() <= 1;
-        let blobs = state.frames()[frames].iter().flat_map(|frame| &frame.blobs);
-        let own = blobs.filter(|&&blob| is_near(self.cell(&state.blob(blob).at))).count();
+        let blobs = state.frames()[frames].iter().flat_map(Frame::candidates);
+        let own = blobs.filter(|(_, blob)| is_near(self.cell(&blob.at))).count();
         let others = f64::from(all) - own as f64;
         others.max(0.0) / (self.frames.saturating_sub(count).max(own_frames) as f64 * (3.0 * cell).powi(2))
     }

@@ -191,8 +191,7 @@ impl<'a> Hypotheses<'a> {
             let middle = Place::new([from.at.xy[0] + x / 2.0, from.at.xy[1] + y / 2.0]);
             for frame in (before.0 + 1..after.0).map(FrameId) {
                 let off = |blob: &Blob<FirstView>| blob.at.distance(&middle);
-                let blobs = self.state.frame(frame).blobs.iter().map(|&member| (member, self.state.blob(member)));
-                let near = blobs.filter(|(_, blob)| {
+                let near = self.state.frame(frame).candidates().filter(|(_, blob)| {
                     blob.is_ball && alike(blob, from, self.config.tracklets.alike) && off(blob) <= reach
                 });
                 if let Some((member, _)) = near.min_by(|a, b| off(a.1).total_cmp(&off(b.1))) {

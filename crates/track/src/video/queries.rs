@@ -9,7 +9,7 @@ use super::blobs::Blob;
 use super::config::QueriesConfig;
 use super::evidence::{Evidence, log_odds};
 use super::stack::{NEIGHBOURS, Stack};
-use super::state::{BlobId, Frame, FrameId};
+use super::state::{BlobId, FrameId};
 use super::tracklets::{Tracklet, TrackletSearch, alike};
 use super::view::{FirstView, FramePixels, Place};
 use gravisight_geometry::camera::Detection;
@@ -257,13 +257,13 @@ impl BallTracker {
         if frame.0 >= self.state.segmented() {
             return self.schedule.found.push((frame, ball));
         }
-        let Frame { view, blobs, .. } = self.state.frame(frame);
-        let own = Blob::of_detection(&ball, &self.config.blobs).in_first(view);
+        let seen = self.state.frame(frame);
+        let own = Blob::of_detection(&ball, &self.config.blobs).in_first(&seen.view);
         let is_it = |blob: &Blob<FirstView>| {
             let is_near = blob.at.distance(&own.at) < config.same_place * own.radius;
             is_near && alike(blob, &own, self.config.tracklets.alike)
         };
-        let known = blobs.iter().copied().find(|&blob| is_it(self.state.blob(blob)));
+        let known = seen.candidates().find(|(_, blob)| is_it(blob)).map(|(id, _)| id);
         if known.is_some_and(|blob| self.state.evidence(blob).is_queried()) {
             return;
         }
@@ -291,14 +291,15 @@ impl BallTracker {
         if frame.0 >= self.state.segmented() {
             return self.schedule.found.push((frame, ball));
         }
-        let Frame { view, blobs, .. } = self.state.frame(frame);
-        let own = Blob::of_detection(&ball, blobs_config).in_first(view);
+        let seen = self.state.frame(frame);
+        let own = Blob::of_detection(&ball, blobs_config).in_first(&seen.view);
         // What moves within it is a part of it.
         let is_part = |blob: &Blob<FirstView>| {
             blob.at.distance(&own.at) < (config.part * own.radius).max(config.part_least)
                 && blob.radius < config.part_radius * own.radius
         };
-        let mut parts: Vec<BlobId> = blobs.iter().copied().filter(|&blob| is_part(self.state.blob(blob))).collect();
+        let parts = seen.candidates().filter(|(_, blob)| is_part(blob));
+        let mut parts: Vec<BlobId> = parts.map(|(id, _)| id).collect();
         if parts.is_empty() {
             parts.push(self.state.add_candidate(frame, own));
         }

@@ -34,8 +34,9 @@ pub(super) struct Frame {
     pub view: View,
     /// Where the camera looks, if not where it did at first.
     pub elsewhere: Option<CameraMotion>,
-    /// Its candidates, in the order in which they were added.
+    /// Its candidates, in the order in which they were added, and what each is believed to be: side by side, for they are compared often.
     pub blobs: Vec<BlobId>,
+    measured: Vec<Blob<FirstView>>,
 }
 
 /// A frame of the video.
@@ -50,12 +51,21 @@ enum Shown {
 #[derive(Debug)]
 struct Candidate {
     frame: FrameId,
+    /// Its index among the candidates of its frame.
+    place: usize,
     /// As it was segmented, or as a network found it where nothing was.
     raw: Blob<FirstView>,
     /// The detector's answers about it, in the order in which they came: the last one holds.
     answers: Vec<Evidence>,
     /// Log-odds that it is a ball, by the motion network.
     motion: Option<f64>,
+}
+
+impl Frame {
+    /// Its candidates, and what each is believed to be.
+    pub fn candidates(&self) -> impl Iterator<Item = (BlobId, &Blob<FirstView>)> {
+        self.blobs.iter().copied().zip(&self.measured)
+    }
 }
 
 impl Candidate {
@@ -76,8 +86,6 @@ pub(super) struct State {
     /// Frames whose candidates are known: the first so many.
     segmented: usize,
     candidates: Vec<Candidate>,
-    /// [`Candidate::measured`] of each.
-    measured: Vec<Blob<FirstView>>,
     clutter: Clutter,
     /// Frames from which on the background is another.
     cuts: Vec<FrameId>,
@@ -93,7 +101,6 @@ impl State {
             frames: vec![],
             segmented: 0,
             candidates: vec![],
-            measured: vec![],
             clutter: Clutter::new(config.clutter),
             cuts: vec![],
         }
@@ -102,7 +109,7 @@ impl State {
     /// Adds the video's next frame, which does not show the one before again.
     pub fn add_frame(&mut self, time: f64, view: View, elsewhere: Option<CameraMotion>) -> FrameId {
         let frame = FrameId(self.frames.len());
-        self.frames.push(Frame { number: self.shown.len(), time, view, elsewhere, blobs: vec![] });
+        self.frames.push(Frame { number: self.shown.len(), time, view, elsewhere, blobs: vec![], measured: vec![] });
         self.shown.push(Shown::New(frame));
         frame
     }
@@ -172,9 +179,10 @@ impl State {
     /// Adds a candidate to a frame.
     pub fn add_candidate(&mut self, frame: FrameId, raw: Blob<FirstView>) -> BlobId {
         let blob = BlobId(self.candidates.len());
-        self.candidates.push(Candidate { frame, raw, answers: vec![], motion: None });
-        self.measured.push(raw);
-        self.frames[frame.0].blobs.push(blob);
+        let Frame { blobs, measured, .. } = &mut self.frames[frame.0];
+        self.candidates.push(Candidate { frame, place: blobs.len(), raw, answers: vec![], motion: None });
+        blobs.push(blob);
+        measured.push(raw);
         blob
     }
 
@@ -190,7 +198,8 @@ impl State {
 
     /// What a candidate is believed to be.
     pub fn blob(&self, blob: BlobId) -> &Blob<FirstView> {
-        &self.measured[blob.0]
+        let Candidate { frame, place, .. } = &self.candidates[blob.0];
+        &self.frames[frame.0].measured[*place]
     }
 
     /// What the detector answered about a candidate.
@@ -212,7 +221,8 @@ impl State {
     pub fn add_evidence(&mut self, blob: BlobId, evidence: Evidence) {
         let candidate = &mut self.candidates[blob.0];
         candidate.answers.push(evidence);
-        self.measured[blob.0] = candidate.measured(&self.frames[candidate.frame.0].view, &self.config);
+        let frame = &mut self.frames[candidate.frame.0];
+        frame.measured[candidate.place] = candidate.measured(&frame.view, &self.config);
     }
 
     /// Takes the motion network's log-odds that a candidate is a ball.

@@ -52,7 +52,7 @@ impl TrackletSearch<'_> {
 
     /// The candidates of a frame with what they are believed to be, by the frame's index.
     fn blobs(&self, frame: usize) -> impl Iterator<Item = (BlobId, &Blob<FirstView>)> {
-        self.state.frames()[frame].blobs.iter().map(|&blob| (blob, self.blob(blob)))
+        self.state.frames()[frame].candidates()
     }
 
     /// All tracklets that are likelier than chance: seeded ones first, then by log-likelihood ratio. At least half of the blobs of each are
