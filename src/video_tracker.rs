@@ -174,14 +174,12 @@ impl VideoTracker {
         Ok(Answer { motion, ball })
     }
 
-    /// The balls that the detector proposes in a frame, large ones only.
+    /// The large balls that the detector proposes in a frame.
     async fn proposals(&self, frame: FrameId) -> Result<Vec<Detection>> {
-        let Some(picture) = self.follower.held(frame) else { return Ok(vec![]) };
-        let near = async |Outline { centre, radius }: &Outline| {
-            self.localiser.detect_near(picture, self.camera.as_ref(), centre.coords.into(), *radius, *radius).await
-        };
-        let found = self.localiser.find_each(&self.localiser.detect_large(picture).await?, near).await?;
-        Ok(found.into_iter().flatten().collect())
+        match self.follower.held(frame) {
+            Some(picture) => self.localiser.propose(picture, self.camera.as_ref()).await,
+            None => Ok(vec![]),
+        }
     }
 
     /// Searches the whole of the newest picture for large balls. If one has moved since the search before, the pictures between are searched, too;

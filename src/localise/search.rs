@@ -61,11 +61,25 @@ impl Localiser {
         Ok(found.map(|detection| refine_by_edge(picture.rgb(), camera, detection, &self.calibration())))
     }
 
+    /// The large balls that a picture may show, however unlikely: one pass over it, reduced, and a crop about each proposal. `camera` took the picture,
+    /// if that is known.
+    ///
+    /// # Errors
+    /// As [`Self::detect_near`].
+    #[doc(hidden)]
+    pub async fn propose(&self, picture: &Picture, camera: Option<&Camera>) -> Result<Vec<Detection>> {
+        let near = async |Outline { centre, radius }: &Outline| {
+            self.detect_near(picture, camera, centre.coords.into(), *radius, *radius).await
+        };
+        let found = self.find_each(&self.detect_large(picture).await?, near).await?;
+        Ok(found.into_iter().flatten().collect())
+    }
+
     /// Rough outlines of large balls in a picture: one pass over it, reduced.
     ///
     /// # Errors
     /// As [`Self::detect_near`].
-    pub async fn detect_large(&self, picture: &Picture) -> Result<Vec<Outline>> {
+    async fn detect_large(&self, picture: &Picture) -> Result<Vec<Outline>> {
         self.must_read_sizes()?;
         let rgb = picture.rgb();
         let (width, height) = rgb.dimensions();

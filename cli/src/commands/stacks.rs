@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
 use clap::Args;
-use gravisight::Track;
 use gravisight::internal::{BallTracker, FrameId, Query, TrackPoint, stack_record, write_whole};
+use gravisight::parts::Detection;
+use gravisight::{Localiser, Track};
 
 use nalgebra::Point2;
 
@@ -20,6 +21,20 @@ const OTHERS_EVERY: usize = 16;
 /// Of the candidates on such paths that are no ball, one of so many is kept.
 const WANTED_EVERY: usize = 2;
 
+/// Every how manieth frame the detector proposes balls in.
+const PROPOSED_EVERY: usize = 4;
+
+/// What a stack is cut about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    /// A candidate on a path that may be a ball's.
+    Tracklet,
+    /// A ball that the detector proposes.
+    Proposal,
+    /// Any other candidate.
+    Other,
+}
+
 /// Cut labelled footage into the stacks of frames on which a model's motion network is trained.
 #[derive(Args)]
 pub struct Arguments {
@@ -32,6 +47,9 @@ pub struct Arguments {
     /// File to write (`*.stacks`).
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
+    /// Also cut about the balls that this model's detector proposes, as `track` does (path of its card, or `any`).
+    #[arg(long, value_name = "M")]
+    model: Option<PathBuf>,
     /// Frames per second [default: the video's].
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
@@ -42,31 +60,53 @@ pub struct Arguments {
 /// # Errors
 /// What is wrong with the input, in words.
 pub fn run(arguments: Arguments) -> Result<()> {
-    let Arguments { input, labels, out, fps } = arguments;
+    let Arguments { input, labels, out, model, fps } = arguments;
+    let localiser = model.map(|model| crate::model::open(Some(&model), &gravisight::Device::flex())).transpose()?;
     let of_ball = |path: &PathBuf| {
         let points = Track::from_file(path)?.points.into_iter();
         Ok(points.map(|point| (point.frame as usize, point)).collect())
     };
     let labels = labels.iter().map(of_ball).collect::<Result<Vec<HashMap<usize, TrackPoint>>>>()?;
-    let stacks = cut(&input, &labels, fps).with_context(|| input.display().to_string())?;
+    let stacks = cut(&input, &labels, localiser.as_ref(), fps).with_context(|| input.display().to_string())?;
     write_whole(Path::new(&out), &stacks.concat())?;
     Ok(print_line(format_args!("{} stacks in {}", stacks.len(), out.display()))?)
 }
 
 /// The records of the stacks of a video, with the labels of each of its balls by frame.
-fn cut(input: &Path, labels: &[HashMap<usize, TrackPoint>], fps: Option<f64>) -> Result<Vec<Vec<u8>>> {
+fn cut(
+    input: &Path,
+    labels: &[HashMap<usize, TrackPoint>],
+    localiser: Option<&Localiser>,
+    fps: Option<f64>,
+) -> Result<Vec<Vec<u8>>> {
     let footage = Footage::open(&[input.to_path_buf()], fps)?;
     let times = footage.times().to_vec();
     let mut follower = BallTracker::new();
     let (mut stacks, mut done, mut count) = (vec![], 0, 0);
-    let mut take = |follower: &mut BallTracker, stacks: &mut Vec<Vec<u8>>, margin: usize| {
-        let mut queries: Vec<(Query, bool)> = follower.queries().into_iter().map(|query| (query, true)).collect();
+    let mut take = |follower: &mut BallTracker, stacks: &mut Vec<Vec<u8>>, margin: usize| -> Result<()> {
+        let of_tracklets = follower.queries().into_iter();
+        let mut queries: Vec<(Query, Source)> = of_tracklets.map(|query| (query, Source::Tracklet)).collect();
         let newest = follower.newest().map_or(0, |frame| frame.0);
         while done + margin <= newest {
-            queries.extend(follower.candidates(FrameId(done)).into_iter().map(|query| (query, false)));
+            let frame = FrameId(done);
+            let proposals = match (localiser, follower.held(frame)) {
+                (Some(localiser), Some(picture)) if done % PROPOSED_EVERY == 0 => {
+                    pollster::block_on(localiser.propose(picture, None))?
+                }
+                _ => vec![],
+            };
+            proposals.iter().for_each(|ball| follower.propose(frame, *ball));
+            let source = |query: &Query| {
+                let is_it = |ball: &Detection| {
+                    let at = ball.outline.centre;
+                    (at.x - query.image[0]).hypot(at.y - query.image[1]) < ball.outline.radius / 2.0
+                };
+                if proposals.iter().any(is_it) { Source::Proposal } else { Source::Other }
+            };
+            queries.extend(follower.candidates(frame).into_iter().map(|query| (query, source(&query))));
             done += 1;
         }
-        for (query, is_wanted) in queries {
+        for (query, source) in queries {
             let number = follower.number(&query);
             let seen = labels.iter().map(|ball| ball.get(&number)).collect::<Option<Vec<&TrackPoint>>>();
             let (Some(seen), Some(stack)) = (seen, follower.stack(&query)) else { continue };
@@ -80,21 +120,25 @@ fn cut(input: &Path, labels: &[HashMap<usize, TrackPoint>], fps: Option<f64>) ->
             });
             let is_ball = ball.is_some_and(|(_, is_ball)| is_ball);
             count += 1;
-            let every = if is_wanted { WANTED_EVERY } else { OTHERS_EVERY };
-            // The ball's are in the second list anyway.
-            if (is_ball && is_wanted) || (!is_ball && count % every != 0) {
+            let every = match source {
+                Source::Tracklet => WANTED_EVERY,
+                Source::Proposal => 1,
+                Source::Other => OTHERS_EVERY,
+            };
+            // The ball's are among the candidates anyway.
+            if (is_ball && source == Source::Tracklet) || (!is_ball && count % every != 0) {
                 continue;
             }
             stacks.push(stack_record(&stack.pictures, ball.map(|(ball, _)| ball)));
         }
+        Ok(())
     };
     footage.each(0..times.len(), &mut |frame, picture| {
         follower.watch(picture, times[frame])?;
-        take(&mut follower, &mut stacks, MARGIN);
-        Ok(())
+        take(&mut follower, &mut stacks, MARGIN)
     })?;
     follower.end();
-    take(&mut follower, &mut stacks, 0);
+    take(&mut follower, &mut stacks, 0)?;
     Ok(stacks)
 }
 

@@ -1,9 +1,10 @@
 //! The ball in the picture, of a video with or without a camera: how often it was found, and how sure that is.
 
 use gravisight::internal::median;
+use gravisight::parts::OtherTrack;
 use gravisight::{Result, Size, TrackedVideo};
 
-use super::plots::{self, ACCENT, Axis, FOUND, Mark};
+use super::plots::{self, ACCENT, Axis, FOUND, Mark, OTHER};
 use super::{doubts, html};
 
 /// Times between which nothing is drawn are further apart than so many frames.
@@ -46,10 +47,18 @@ pub fn chapter(tracked: &TrackedVideo, size: Size) -> Result<String> {
         tile("Longest gap", format!("{longest} frames"), "between the first and the last frame with the ball".into()),
     ];
     let mut body = html::tiles(&tiles);
+    let others = &tracked.tracks;
+    if let Some(sure) = others.iter().map(|track| track.probability).reduce(f64::max) {
+        let balls = if others.len() == 1 { "Another ball" } else { "Other balls" };
+        let note = format!("the likeliest with a probability of {sure:.2}; see `tracks` in the JSON");
+        body = html::tiles(&[&tiles[..], &[tile(balls, others.len().to_string(), note)]].concat());
+    }
     if found > 0 {
         let y = Axis::new("y, px", f64::from(size.height)..0.0);
         let dots: Vec<(f64, f64)> = seen().map(|(_, at)| (at.x, at.y)).collect();
-        let mut marks = lines(tracked);
+        let of_track = |track: &OtherTrack| track.frames.iter().map(|frame| frame.image.into()).collect();
+        let mut marks: Vec<Mark> = others.iter().map(|track| Mark::Dots(of_track(track), OTHER)).collect();
+        marks.extend(lines(tracked));
         marks.push(Mark::Dots(dots, FOUND));
         let path = plots::chart(&Axis::new("x, px", 0.0..f64::from(size.width)), &y, &marks)?;
         let sure: Vec<(f64, f64)> = seen().map(|(frame, _)| (frame.time, frame.confidence)).collect();
@@ -59,10 +68,12 @@ pub fn chapter(tracked: &TrackedVideo, size: Size) -> Result<String> {
             &Axis::new("confidence", 0.0..1.02),
             &[Mark::Dots(sure, ACCENT)],
         )?;
+        let mut legend = vec![("found", "a frame")];
+        legend.extend((!others.is_empty()).then_some(("other", "another ball")));
         body += &html::row(
             "",
             &[
-                html::figure(&path, "Where the ball was found", &[("found", "a frame")]),
+                html::figure(&path, "Where the ball was found", &legend),
                 html::figure(&sure, "Probability that this is the ball", &[("accent", "a frame")]),
             ],
         );

@@ -150,7 +150,7 @@ impl TrackletSearch<'_> {
         let displacement = distances.fold(0.0, f64::max);
         let balls = members.iter().filter(|&&member| self.blob(member).is_ball).count();
         let least = match 2 * balls > members.len() {
-            true => self.config.least_ball_displacement_px,
+            true => self.config.least_ball_displacement_px.max(first.radius.max(last.radius)),
             false => {
                 self.displacement_fraction
                     * self

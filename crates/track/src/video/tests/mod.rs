@@ -114,6 +114,32 @@ fn with_ball() -> BallTracker {
     film(|frame, rgb| disc(rgb, ball_at(frame), RADIUS, YELLOW))
 }
 
+#[test]
+fn of_two_balls_one_is_reported_and_the_other_is_listed() {
+    let other_at = |frame: usize| {
+        let t = frame as f64;
+        [290.0 - 6.0 * t, 40.0 + 0.36 * t * t / 4.0]
+    };
+    let follower = film(|frame, rgb| {
+        disc(rgb, ball_at(frame), RADIUS, YELLOW);
+        disc(rgb, other_at(frame), RADIUS, YELLOW);
+    });
+    let (frames, others) = follower.hypotheses(&[]).unwrap().frames(None);
+    let [first, second] = [ball_at, other_at].map(|at| counted(&frames, at));
+    let near = |at: fn(usize) -> [f64; 2]| {
+        let is_near = |frame: &&OtherFrame| {
+            let [x, y] = at(frame.frame);
+            (frame.image[0] - x).hypot(frame.image[1] - y) < 1.0
+        };
+        others.iter().map(|track| track.frames.iter().filter(is_near).count()).max().unwrap_or(0)
+    };
+    let [listed_first, listed_second] = [near(ball_at), near(other_at)];
+    // Each ball is in one of the two, and no other track mixes them.
+    assert!(first[0].max(listed_first) > 30 && second[0].max(listed_second) > 25, "{first:?} {second:?} {others:?}");
+    assert!(others.iter().all(|track| (0.0..=1.0).contains(&track.probability) && track.frames.len() > 4));
+    assert!(with_ball().hypotheses(&[]).unwrap().frames(None).1.is_empty());
+}
+
 /// Frames in which the ball is followed to a pixel, those in which anything is, and those in all.
 fn counted(frames: &[FollowedFrame], at: impl Fn(usize) -> [f64; 2]) -> [usize; 3] {
     let off = |frame: usize, ball: &TrackedBlob| {
