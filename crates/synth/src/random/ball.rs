@@ -314,10 +314,12 @@ impl Layer {
     pub fn softened(mut self, weight: f32) -> Self {
         for along in [1, self.width] {
             let before = self.values.clone();
-            for index in along..self.values.len().saturating_sub(along) {
-                for channel in 0..4 {
-                    let sides = before[index - along][channel] + before[index + along][channel];
-                    self.values[index][channel] = (1.0 - 2.0 * weight) * before[index][channel] + weight * sides;
+            for (index, value) in self.values.iter_mut().enumerate().skip(along) {
+                let Some(after) = before.get(index + along) else { break };
+                for ((value, own), sides) in
+                    value.iter_mut().zip(before[index]).zip(before[index - along].iter().zip(after))
+                {
+                    *value = (1.0 - 2.0 * weight) * own + weight * (sides.0 + sides.1);
                 }
             }
         }

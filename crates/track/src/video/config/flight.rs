@@ -98,7 +98,7 @@ pub struct TrackletsConfig {
     pub least_displacement: f64,
     /// The same, px. Source: chosen by hand.
     pub least_displacement_px: f64,
-    /// The same where the detector sees a ball in most of its blobs, px. Source: chosen by hand.
+    /// The same where the detector sees a ball in most of its blobs, px, or its radius if that is larger. Source: chosen by hand.
     pub least_ball_displacement_px: f64,
     /// How far a place in which a person saw the ball may be from its blob's end, px. Source: chosen by hand.
     pub seed_px: f64,
