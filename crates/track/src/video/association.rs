@@ -43,6 +43,11 @@ impl TrackletSegment {
         2.0 * self.confidence() - 1.0
     }
 
+    /// Its frames, weighted by the odds that they show the ball; beyond a hundred to one, odds are not known.
+    fn weight(&self) -> f64 {
+        self.members.len() as f64 * self.log_odds.exp().min(100.0)
+    }
+
     /// Expected number of its frames that show the ball, less those that do not.
     fn score(&self) -> f64 {
         self.members.len() as f64 * self.margin()
@@ -103,8 +108,8 @@ impl TrackletSegment {
     }
 }
 
-/// The tracks of balls, each the segments that one ball can fly, ascending: first the one with the highest total score, then the best of what is
-/// left beside it, and so on. The segments before and after one support it.
+/// The tracks of balls, the likeliest first, each the segments that one ball can fly, ascending: the one with the highest total score, the best of
+/// what is left beside it, and so on. The segments before and after one support it.
 pub(super) fn tracks(
     state: &State,
     config: &TrackerConfig,
@@ -129,6 +134,9 @@ pub(super) fn tracks(
         tracks.push(confirmed.collect());
     }
     tracks.retain(|track: &Vec<TrackletSegment>| !track.is_empty());
+    // A short track that is surely a ball's goes before a long one that may be.
+    let weight = |track: &Vec<TrackletSegment>| track.iter().map(TrackletSegment::weight).sum::<f64>();
+    tracks.sort_by(|a, b| weight(b).total_cmp(&weight(a)));
     tracks
 }
 
