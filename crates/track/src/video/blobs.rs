@@ -68,7 +68,8 @@ impl Blob<FramePixels> {
             reach: radius,
             direction: 0.0,
             is_ball: true,
-            sigma: ball.sigma_px().max(config.detected_sigma),
+            // A large ball is off its path by more than its edge is uncertain: frames are dropped, and blur is uneven.
+            sigma: ball.sigma_px().max(config.detected_sigma).max(config.place_of_reach * radius),
         }
     }
 

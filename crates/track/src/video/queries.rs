@@ -298,14 +298,13 @@ impl BallTracker {
             blob.at.distance(&own.at) < (config.part * own.radius).max(config.part_least)
                 && blob.radius < config.part_radius * own.radius
         };
-        let parts = seen.candidates().filter(|(_, blob)| is_part(blob));
-        let mut parts: Vec<BlobId> = parts.map(|(id, _)| id).collect();
-        if parts.is_empty() {
-            parts.push(self.state.add_candidate(frame, own));
-        }
-        for blob in parts {
-            self.schedule.queried.insert(blob);
-            self.state.add_evidence(blob, Evidence::of(Some(ball), &config));
-        }
+        let mut parts: Vec<(BlobId, f64)> =
+            seen.candidates().filter(|(_, blob)| is_part(blob)).map(|(id, blob)| (id, blob.radius)).collect();
+        parts.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let mut parts = parts.into_iter().map(|(id, _)| id);
+        let blob = parts.next().unwrap_or_else(|| self.state.add_candidate(frame, own));
+        parts.for_each(|part| self.state.absorb(part));
+        self.schedule.queried.insert(blob);
+        self.state.add_evidence(blob, Evidence::of(Some(ball), &config));
     }
 }

@@ -37,6 +37,8 @@ pub(super) struct Frame {
     /// Its candidates, in the order in which they were added, and what each is believed to be: side by side, for they are compared often.
     pub blobs: Vec<BlobId>,
     measured: Vec<Blob<FirstView>>,
+    /// Whether it is a part of another candidate: an edge of a large ball.
+    absorbed: Vec<bool>,
 }
 
 /// A frame of the video.
@@ -62,9 +64,10 @@ struct Candidate {
 }
 
 impl Frame {
-    /// Its candidates, and what each is believed to be.
+    /// Its candidates that are no part of another, and what each is believed to be.
     pub fn candidates(&self) -> impl Iterator<Item = (BlobId, &Blob<FirstView>)> {
-        self.blobs.iter().copied().zip(&self.measured)
+        let all = self.blobs.iter().copied().zip(&self.measured).zip(&self.absorbed);
+        all.filter(|(_, absorbed)| !**absorbed).map(|(candidate, _)| candidate)
     }
 }
 
@@ -109,7 +112,15 @@ impl State {
     /// Adds the video's next frame, which does not show the one before again.
     pub fn add_frame(&mut self, time: f64, view: View, elsewhere: Option<CameraMotion>) -> FrameId {
         let frame = FrameId(self.frames.len());
-        self.frames.push(Frame { number: self.shown.len(), time, view, elsewhere, blobs: vec![], measured: vec![] });
+        self.frames.push(Frame {
+            number: self.shown.len(),
+            time,
+            view,
+            elsewhere,
+            blobs: vec![],
+            measured: vec![],
+            absorbed: vec![],
+        });
         self.shown.push(Shown::New(frame));
         frame
     }
@@ -179,11 +190,18 @@ impl State {
     /// Adds a candidate to a frame.
     pub fn add_candidate(&mut self, frame: FrameId, raw: Blob<FirstView>) -> BlobId {
         let blob = BlobId(self.candidates.len());
-        let Frame { blobs, measured, .. } = &mut self.frames[frame.0];
+        let Frame { blobs, measured, absorbed, .. } = &mut self.frames[frame.0];
         self.candidates.push(Candidate { frame, place: blobs.len(), raw, answers: vec![], motion: None });
         blobs.push(blob);
         measured.push(raw);
+        absorbed.push(false);
         blob
+    }
+
+    /// Declares a candidate a part of another: it is none of its own.
+    pub fn absorb(&mut self, blob: BlobId) {
+        let Candidate { frame, place, .. } = self.candidates[blob.0];
+        self.frames[frame.0].absorbed[place] = true;
     }
 
     /// The frame of a candidate.
