@@ -9,26 +9,31 @@ use super::config::{FallConfig, GravityConfig};
 use super::gravity::{Acceleration, ImagePoint, parts, student};
 use gravisight_geometry::statistics::median;
 
-/// Log-odds that a path (of an upright camera) bends as a ball's does.
-pub(super) fn log_odds(path: &[ImagePoint], config: &FallConfig, gravity_config: &GravityConfig) -> f64 {
+/// Log-odds that a path (of an upright camera) bends as a ball's does; `focal` is about the camera's focal length, px.
+pub(super) fn log_odds(path: &[ImagePoint], focal: f64, config: &FallConfig, gravity_config: &GravityConfig) -> f64 {
     let Some(radius) = median(path.iter().map(|point| point.radius)).filter(|radius| *radius > 0.0) else { return 0.0 };
     let parts = parts(path, gravity_config.part).filter(|part| part.len() >= gravity_config.fewest);
-    let bends = parts.filter_map(Acceleration::of).map(|bend| (bend.along_axes / radius, bend.sigma / radius));
-    let bends: Vec<(Vector2<f64>, f64)> = bends.collect();
+    // A path towards the camera also bends by perspective: by twice the image's speed times the relative change of depth, which is about half the
+    // speed over the focal length.
+    let bend = |Acceleration { speed, along_axes, sigma }| {
+        (along_axes / radius, sigma / radius, speed * speed / (focal * radius))
+    };
+    let bends: Vec<(Vector2<f64>, f64, f64)> = parts.filter_map(Acceleration::of).map(bend).collect();
     if bends.is_empty() {
         return 0.0;
     }
     let student = |value: f64, spread: f64| student(value, spread, gravity_config.freedom);
     let ball = |gravity: f64| {
-        let part = |(bend, sigma): &(Vector2<f64>, f64)| {
+        let part = |(bend, sigma, perspective): &(Vector2<f64>, f64, f64)| {
             let off = bend.y - config.along * gravity;
+            let sigma = sigma.hypot(*perspective);
             let spread = gravity * config.spread[usize::from(off > 0.0)];
-            student(off, spread.hypot(*sigma)) + student(bend.x, (gravity * config.spread_across).hypot(*sigma))
+            student(off, spread.hypot(sigma)) + student(bend.x, (gravity * config.spread_across).hypot(sigma))
         };
         bends.iter().map(part).sum::<f64>()
     };
     let other = |scale: f64| {
-        let part = |(bend, sigma): &(Vector2<f64>, f64)| {
+        let part = |(bend, sigma, _): &(Vector2<f64>, f64, f64)| {
             student(bend.y, scale.hypot(*sigma)) + student(bend.x, scale.hypot(*sigma))
         };
         bends.iter().map(part).sum::<f64>()
@@ -60,7 +65,7 @@ mod tests {
     }
 
     fn of(path: &[ImagePoint]) -> f64 {
-        log_odds(path, &FallConfig::default(), &GravityConfig::default())
+        log_odds(path, 1280.0, &FallConfig::default(), &GravityConfig::default())
     }
 
     #[test]
@@ -68,7 +73,7 @@ mod tests {
         // A tennis ball: 9.81 m/s² over 0.0335 m.
         let falls = of(&path(25, [0.0, 5.0 * 293.0]));
         let others = [[0.0, 0.0], [0.0, -5.0 * 293.0], [5.0 * 293.0, 0.0]].map(|other| of(&path(25, other)));
-        assert!(falls > 1.0 && others.iter().all(|other| *other < -1.0), "{falls} {others:?}");
+        assert!(falls > 3.0 && others[0] < -1.0 && others.iter().all(|other| *other < 0.0), "{falls} {others:?}");
         // In five frames of a small ball nothing can be told.
         let short: Vec<ImagePoint> =
             path(5, [0.0; 2]).into_iter().map(|point| ImagePoint { radius: 0.5, ..point }).collect();

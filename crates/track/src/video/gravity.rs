@@ -41,7 +41,7 @@ impl GravityTest<'_> {
             return None;
         }
         let gravity = self.gravity(part)?;
-        let Acceleration { along_axes: bend, sigma } = Acceleration::of(part)?;
+        let Acceleration { along_axes: bend, sigma, .. } = Acceleration::of(part)?;
         let sigma = sigma / gravity.norm();
         let down = gravity.normalize();
         let [along, across] = [bend.dot(&down), bend.perp(&down)].map(|value| value / gravity.norm());
@@ -68,6 +68,8 @@ impl GravityTest<'_> {
 
 /// How a part of a path through the picture bends.
 pub(super) struct Acceleration {
+    /// px/s, in its middle.
+    pub speed: f64,
     /// px/s².
     pub along_axes: Vector2<f64>,
     /// Standard deviation of that along each axis.
@@ -88,9 +90,10 @@ impl Acceleration {
             right[1] += row * point.at.y;
         }
         let inverse = normal.try_inverse()?;
-        let along_axes = Vector2::new((inverse * right[0])[2], (inverse * right[1])[2]);
+        let [x, y] = right.map(|right| inverse * right);
+        let (speed, along_axes) = (x[1].hypot(y[1]), Vector2::new(x[2], y[2]));
         let sigma = part.iter().map(|point| point.sigma).sum::<f64>() / count * inverse[(2, 2)].sqrt();
-        Some(Self { along_axes, sigma })
+        Some(Self { speed, along_axes, sigma })
     }
 }
 

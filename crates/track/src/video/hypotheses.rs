@@ -294,7 +294,11 @@ impl<'a> Hypotheses<'a> {
         let ratio = (tracklet.log_likelihood_ratio.max(1.0) / self.config.weights.usual_gain).ln();
         let [bend, fall] = match gravity_test {
             Some(gravity_test) => [gravity_test.log_odds(&path), 0.0],
-            None => [0.0, fall::log_odds(&path, &self.config.fall, &self.config.gravity)],
+            None => {
+                // About as wide as a phone's or a broadcast's.
+                let focal = self.state.size[0].max(self.state.size[1]) as f64;
+                [0.0, fall::log_odds(&path, focal, &self.config.fall, &self.config.gravity)]
+            }
         };
         [1.0, ratio, motion, f64::from(u8::from(small)), large, little, bend, fall]
     }

@@ -116,10 +116,8 @@ fn with_ball() -> BallTracker {
 
 #[test]
 fn of_two_balls_one_is_reported_and_the_other_is_listed() {
-    let other_at = |frame: usize| {
-        let t = frame as f64;
-        [290.0 - 6.0 * t, 40.0 + 0.36 * t * t / 4.0]
-    };
+    // It comes from the right, above the first one.
+    let other_at = |frame: usize| [290.0 - 6.0 * frame as f64, ball_at(frame)[1] - 40.0];
     let follower = film(|frame, rgb| {
         disc(rgb, ball_at(frame), RADIUS, YELLOW);
         disc(rgb, other_at(frame), RADIUS, YELLOW);
