@@ -141,7 +141,7 @@ pub struct WeightsConfig {
 impl Default for WeightsConfig {
     fn default() -> Self {
         Self {
-            with_motion: [-3.270, 0.265, 1.115, 1.952, 0.462, 0.684, 0.847, 1.351],
+            with_motion: [-3.338, 0.465, 1.039, 1.672, 0.392, 0.684, 0.717, 1.655],
             without_motion: [-1.103, 0.91, 0.0, -1.365, 1.086, 0.0, 0.769, 0.5],
             usual_gain: 27.0,
             small: 3.0,
