@@ -53,6 +53,7 @@ const CHECKED: [Checked; 13] = [
         ("options::synth_draws_what_its_options_say", &["set", "out", "size", "label-noise", "disturb", "depth", "seed"]),
         ("cli::a_synthetic_set_is_gone_on_with_after_a_kill_and_can_be_read", &["split", "clips", "json"]),
         ("cli::a_build_without_mujoco_says_how_to_get_one", &["engine"]),
+        ("flights::flights_are_drawn_into_a_video_and_cut_into_stacks", &["videos", "balls"]),
     ]),
     ("train", &[
         ("cli::a_training_that_is_killed_goes_on_to_the_same_weights", &["config", "out", "set", "resume"]),

@@ -6,7 +6,7 @@ use std::process::Command;
 use crate::common::root;
 use gravisight::camera::WrongClick;
 use gravisight::findings::{ContactFinding, FlightFinding, Measured, Plan, Reason, Spot};
-use gravisight::parts::{Candidate, ConfidenceKind, Hit, OtherView, TrackedFrame};
+use gravisight::parts::{Candidate, ConfidenceKind, Hit, OtherFrame, OtherTrack, OtherView, TrackedFrame};
 use gravisight::{
     Camera, Findings, Fit, FitOptions, Forecaster, LineSeen, Localisation, Observation, Points, Scene, TrackedVideo,
     Unknowns, calibrate,
@@ -91,6 +91,7 @@ fn fit_and_track_have_the_fields_that_the_docs_list() {
     compare("fit", &fit);
     let mut video = TrackedVideo::default();
     video.frames.push(TrackedFrame::default());
+    video.tracks.push(OtherTrack { probability: 0.9, frames: vec![OtherFrame::default()] });
     video.elsewhere.push(OtherView { from: 1, to: 2, moved_px: None });
     (video.flights, video.hits, video.impacts) = (fit.flights, fit.hits, fit.impacts);
     compare("track", &video);

@@ -198,7 +198,7 @@ impl Default for GravityConfig {
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 #[serde(default, deny_unknown_fields)]
 pub struct FallConfig {
-    /// Gravity, radii/s². Source: physical, 9.81 m/s² over radii from 0.12 m, shown four times as slowly, to 0.02 m.
+    /// Gravity, radii/s². Source: physical, from 1 m/s² of the paper's balls of 0.2 m seen steeply from above, or slow motion, to 9.81 m/s² over 0.02 m.
     pub gravities: [f64; 2],
     /// Accelerations of what does not fly, radii/s². Source: physical, from 1 m/s² of a car of 1 m to 150 m/s² of a hand of 0.05 m.
     pub others: [f64; 2],
@@ -217,7 +217,7 @@ pub struct FallConfig {
 impl Default for FallConfig {
     fn default() -> Self {
         Self {
-            gravities: [5.0, 490.0],
+            gravities: [1.0, 490.0],
             others: [1.0, 3000.0],
             steps: 24,
             along: 1.1,
