@@ -65,9 +65,9 @@ async function clipAdded(clip, heldOut) {
 }
 const checkpoint = await (await tuner()).checkpoint();
 
-/** A tracker that has seen that film. */
-async function watched(given = frames, times = 33, from) {
-  const tracker = localiser.tracker(from);
+/** A tracker that has seen that film; `filmedBy` holds its camera and the tracker's numbers, as JSON. */
+async function watched(given = frames, times = 33, ...filmedBy) {
+  const tracker = localiser.tracker(...filmedBy);
   for (const [frame, { picture }] of given.entries()) await tracker.add(picture, (frame * times) / 1000);
   return tracker;
 }
@@ -94,7 +94,7 @@ const CASES = {
   "Localiser.create": [async (...given) => (await core.Localiser.create(...given)).deviceName, [card, weights, "cpu"], ["{}", weights.subarray(1), "abacus"]],
   "Localiser.localise": [(...given) => localiser.localise(...given), [seen[0], camera, { ballRadius: 0.2 }], [seen[1], farther, { ballRadius: 0.4 }]],
   "Localiser.saliency": [async (...given) => [...(await localiser.saliency(...given)).values].slice(0, 5000), [seen[0]], [seen[1]]],
-  "Localiser.tracker": [async (from) => (await watched(frames.slice(0, 1), 33, from)) && 1, [json(filming)], [json({ ...filming, width: 400 })]],
+  "Localiser.tracker": [async (...given) => (await watched(frames.slice(0, 1), 33, ...given)) && 1, [json(filming), "{}"], [json({ ...filming, width: 400 }), json({ spells: 1 })]],
   "VideoTracker.add": [
     async (picture, time) => {
       const tracker = await watched(frames.slice(0, 8));
