@@ -24,7 +24,7 @@ const FEW: f64 = 0.3;
 const NEWTON_STEPS: usize = 60;
 const RIDGE: f64 = 0.5;
 /// Features that are evidence for a ball: the gain, the networks', the bend.
-const FOR_A_BALL: [usize; 6] = [1, 2, 4, 5, 6, 7];
+const FOR_A_BALL: [usize; 7] = [2, 3, 4, 5, 6, 7, 8];
 
 /// The ball's place and radius by frame, px; none where it is not visible.
 type Labels = HashMap<usize, Option<[f64; 3]>>;

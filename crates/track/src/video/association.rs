@@ -70,6 +70,14 @@ impl TrackletSegment {
         self.members.iter().filter(is_elsewhere).count()
     }
 
+    /// Whether both cannot be one ball's: they are in different places in most of the frames of both.
+    fn is_rival_of(&self, other: &Self, state: &State) -> bool {
+        let both = (self.last().min(other.last()) + 1).saturating_sub(self.first().max(other.first()));
+        let shared = self.members.iter().filter(|&&member| other.in_frame(state.frame_of(member), state).is_some());
+        let goes_on = self.goes_before(other, state) || other.goes_before(self, state);
+        both >= 2 && !goes_on && 2 * self.apart(other, state) >= shared.count()
+    }
+
     /// What the scores of two lose together, since a ball is in one place: the lower of their scores in the frames of both.
     fn overlap_penalty(&self, later: &Self, free: usize) -> f64 {
         let shared = (self.last() + 1).saturating_sub(later.first());
@@ -124,7 +132,7 @@ pub(super) fn tracks(
     segments.retain(|segment| segment.confidence() >= config.association.min_confidence);
     let mut tracks = vec![];
     while tracks.len() < config.association.most_tracks {
-        let track = chain(state, &config.association, &segments);
+        let track = chain(state, config, &segments);
         if track.is_empty() {
             break;
         }
@@ -141,19 +149,23 @@ pub(super) fn tracks(
 }
 
 /// The segments (by their last frames, ascending) that one ball can fly with the highest total score.
-fn chain(state: &State, config: &AssociationConfig, segments: &[TrackletSegment]) -> Vec<TrackletSegment> {
+fn chain(state: &State, config: &TrackerConfig, segments: &[TrackletSegment]) -> Vec<TrackletSegment> {
+    let association = &config.association;
     // Of each segment: the score of the best chain that ends with it, and the segment before it there. Of each and those before it:
     // the best end.
     let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(segments.len());
     let mut ends: Vec<usize> = Vec::with_capacity(segments.len());
     for (place, segment) in segments.iter().enumerate() {
-        let apart = segments[..place].partition_point(|other| other.last() + config.soon < segment.first());
+        let apart = segments[..place].partition_point(|other| other.last() + association.soon < segment.first());
         let near = (apart..place).filter(|&other| {
-            segments[other].goes_before(segment, state) && segments[other].is_as_large(segment, state, config)
+            segments[other].goes_before(segment, state) && segments[other].is_as_large(segment, state, association)
         });
-        let before = near.chain(apart.checked_sub(1).map(|last| ends[last]));
-        let options = before
-            .map(|other| (best[other].0 - segments[other].overlap_penalty(segment, config.free_overlap), Some(other)));
+        let near = near.map(|other| {
+            let jump = if segments[other].meets(segment, state, config) { 0.0 } else { association.jump };
+            (other, jump + segments[other].overlap_penalty(segment, association.free_overlap))
+        });
+        let before = near.chain(apart.checked_sub(1).map(|last| (ends[last], 0.0)));
+        let options = before.map(|(other, cost)| (best[other].0 - cost, Some(other)));
         let (score, from) = options.fold((0.0, None), |best, option| if option.0 > best.0 { option } else { best });
         best.push((score + segment.score(), from));
         let end = ends.last().filter(|&&end| best[end].0 >= best[place].0);
@@ -168,12 +180,11 @@ fn chain(state: &State, config: &AssociationConfig, segments: &[TrackletSegment]
     chosen.into_iter().rev().map(|place| segments[place].clone()).collect()
 }
 
-/// Lowers the log-odds of segments by those of their rivals: seldom do two balls fly at once. Where a segment of log-odds `L` and a rival of `R` are
-/// in different places at once, and a `second` ball flies beside one with this probability, its odds are `eᴸ (1 + second eᴿ) / (1 + eᴿ)`. In each
-/// frame only the greatest rival counts.
+/// Lowers the log-odds of segments by those of their rivals, which are in different places at once: seldom do two balls fly at once. Where a segment is
+/// the ball, its likeliest rival, of log-odds `R`, either is none or is a second ball, which has the probability `second`: that costs the smaller of `R`
+/// and `-ln second`.
 fn exclude(state: &State, second: f64, segments: &mut [TrackletSegment]) {
-    let mut rivals: Vec<Vec<f64>> =
-        segments.iter().map(|segment| vec![f64::NEG_INFINITY; segment.last() - segment.first() + 1]).collect();
+    let mut likeliest = vec![0.0_f64; segments.len()];
     // Of each place in the list, the first frame of all segments from there on.
     let mut earliest: Vec<usize> = segments.iter().map(TrackletSegment::first).collect();
     for place in (1..earliest.len()).rev() {
@@ -184,23 +195,14 @@ fn exclude(state: &State, second: f64, segments: &mut [TrackletSegment]) {
             if earliest[other_place] >= one.last() {
                 break;
             }
-            let both = one.first().max(other.first())..one.last().min(other.last()) + 1;
-            let shared = one.members.iter().filter(|&&member| other.in_frame(state.frame_of(member), state).is_some());
-            if both.len() < 2 || 2 * one.apart(other, state) < shared.count() {
-                continue;
-            }
-            for frame in both {
-                for (own, rival) in [(place, other), (other_place, one)] {
-                    let most = &mut rivals[own][frame - segments[own].first()];
-                    *most = most.max(rival.log_odds);
-                }
+            if one.is_rival_of(other, state) {
+                likeliest[place] = likeliest[place].max(other.log_odds);
+                likeliest[other_place] = likeliest[other_place].max(one.log_odds);
             }
         }
     }
-    for (segment, rivals) in segments.iter_mut().zip(rivals) {
-        let factor = |&rival: &f64| rival.exp().ln_1p() - (second * rival.exp()).ln_1p();
-        let sum: f64 = rivals.iter().map(factor).sum();
-        segment.log_odds -= sum / rivals.len() as f64;
+    for (segment, rival) in segments.iter_mut().zip(likeliest) {
+        segment.log_odds -= rival.min(-second.ln());
     }
 }
 

@@ -1,7 +1,8 @@
 //! Whether a path through the picture bends downwards as a ball's does, where neither the camera nor the ball is known.
 //!
 //! The picture of gravity, in apparent radii a second squared, is the same wherever a ball is: g / R, for an upright camera. It is unknown within
-//! the sizes of balls (and of slow motion), but one number for the whole path. What rolls, drives or glides bends less, a limb anyhow.
+//! the sizes of balls (and of slow motion), but one number for all paths of a video's ball: paths that are surely the ball's tell it for the others.
+//! What rolls, drives or glides bends less, a limb anyhow.
 
 use nalgebra::Vector2;
 
@@ -9,45 +10,97 @@ use super::config::{FallConfig, GravityConfig};
 use super::gravity::{Acceleration, ImagePoint, parts, student};
 use gravisight_geometry::statistics::median;
 
-/// Log-odds that a path (of an upright camera) bends as a ball's does; `focal` is about the camera's focal length, px.
-pub(super) fn log_odds(path: &[ImagePoint], focal: f64, config: &FallConfig, gravity_config: &GravityConfig) -> f64 {
-    let Some(radius) = median(path.iter().map(|point| point.radius)).filter(|radius| *radius > 0.0) else { return 0.0 };
-    let parts = parts(path, gravity_config.part).filter(|part| part.len() >= gravity_config.fewest);
-    // A path towards the camera also bends by perspective: by twice the image's speed times the relative change of depth, which is about half the
-    // speed over the focal length.
-    let bend = |Acceleration { speed, along_axes, sigma }| {
-        (along_axes / radius, sigma / radius, speed * speed / (focal * radius))
-    };
-    let bends: Vec<(Vector2<f64>, f64, f64)> = parts.filter_map(Acceleration::of).map(bend).collect();
-    if bends.is_empty() {
-        return 0.0;
-    }
-    let student = |value: f64, spread: f64| student(value, spread, gravity_config.freedom);
-    let ball = |gravity: f64| {
-        let part = |(bend, sigma, perspective): &(Vector2<f64>, f64, f64)| {
-            let off = bend.y - config.along * gravity;
-            let sigma = sigma.hypot(*perspective);
-            let spread = gravity * config.spread[usize::from(off > 0.0)];
-            student(off, spread.hypot(sigma)) + student(bend.x, (gravity * config.spread_across).hypot(sigma))
-        };
-        bends.iter().map(part).sum::<f64>()
-    };
-    let other = |scale: f64| {
-        let part = |(bend, sigma, _): &(Vector2<f64>, f64, f64)| {
-            student(bend.y, scale.hypot(*sigma)) + student(bend.x, scale.hypot(*sigma))
-        };
-        bends.iter().map(part).sum::<f64>()
-    };
-    let [ball, other] = [marginal(config.gravities, config.steps, ball), marginal(config.others, config.steps, other)];
-    (ball - other).clamp(-config.most, config.most)
+/// How a path bends.
+#[derive(Debug, Clone)]
+pub(super) struct Fall {
+    /// Log-likelihood ratio of a ball under each of [`gravities`] over another thing.
+    log_ratios: Vec<f64>,
 }
 
-/// Logarithm of the mean of a likelihood over a range that is even in the logarithm, by so many values.
-fn marginal([least, most]: [f64; 2], steps: usize, log_likelihood: impl Fn(f64) -> f64) -> f64 {
-    let at = |step: usize| (least.ln() + (most / least).ln() * (step as f64 + 0.5) / steps as f64).exp();
-    let values: Vec<f64> = (0..steps).map(|step| log_likelihood(at(step))).collect();
-    let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    largest + (values.iter().map(|value| (value - largest).exp()).sum::<f64>() / steps as f64).ln()
+impl Fall {
+    /// Of a path before an upright camera; `focal` is about its focal length, px. None for a path that is too short to tell.
+    pub fn of(path: &[ImagePoint], focal: f64, config: &FallConfig, gravity_config: &GravityConfig) -> Option<Self> {
+        let radius = median(path.iter().map(|point| point.radius)).filter(|radius| *radius > 0.0)?;
+        let parts = parts(path, gravity_config.part).filter(|part| part.len() >= gravity_config.fewest);
+        // A path towards the camera also bends by perspective: by twice the image's speed times the relative change of depth, which is about half
+        // the speed over the focal length.
+        let bend = |Acceleration { speed, along_axes, sigma }| {
+            (along_axes / radius, sigma / radius, speed * speed / (focal * radius))
+        };
+        let bends: Vec<(Vector2<f64>, f64, f64)> = parts.filter_map(Acceleration::of).map(bend).collect();
+        if bends.is_empty() {
+            return None;
+        }
+        let student = |value: f64, spread: f64| student(value, spread, gravity_config.freedom);
+        let ball = |gravity: f64| {
+            let part = |(bend, sigma, perspective): &(Vector2<f64>, f64, f64)| {
+                let off = bend.y - gravity_config.along * gravity;
+                let sigma = sigma.hypot(*perspective);
+                let spread = gravity * gravity_config.spread[usize::from(off > 0.0)];
+                let across = gravity * gravity_config.spread_across;
+                student(off, spread.hypot(sigma)) + student(bend.x, across.hypot(sigma))
+            };
+            bends.iter().map(part).sum::<f64>()
+        };
+        let other = |scale: f64| {
+            let part = |(bend, sigma, _): &(Vector2<f64>, f64, f64)| {
+                student(bend.y, scale.hypot(*sigma)) + student(bend.x, scale.hypot(*sigma))
+            };
+            bends.iter().map(part).sum::<f64>()
+        };
+        let others = even(config.others, config.steps).map(|scale| other(scale) - (config.steps as f64).ln());
+        let other = log_sum(&others.collect::<Vec<_>>());
+        Some(Self { log_ratios: gravities(config).map(|(gravity, _)| ball(gravity) - other).collect() })
+    }
+
+    /// Log-likelihood ratio where gravity has these log-probabilities.
+    fn log_ratio(&self, log_probabilities: &[f64]) -> f64 {
+        let both: Vec<f64> = self.log_ratios.iter().zip(log_probabilities).map(|(ratio, log)| ratio + log).collect();
+        log_sum(&both)
+    }
+}
+
+/// Log-odds that each path bends as the ball's does, from how all of them bend and the log-odds of each that it is the ball's before that: a path
+/// either has the gravity of the others that are balls', or one of its own.
+pub(super) fn log_odds(falls: &[(Fall, f64)], config: &FallConfig) -> Vec<f64> {
+    let prior: Vec<f64> = gravities(config).map(|(_, probability)| probability.ln()).collect();
+    // Of each path under each gravity: what it says about gravity, be it the ball's or not.
+    let says = |(fall, log_odds): &(Fall, f64)| -> Vec<f64> {
+        let ball = 1.0 / (1.0 + (-log_odds).exp());
+        let [ball, other] = [ball * (1.0 - config.own_gravity), 1.0 - ball * (1.0 - config.own_gravity)].map(f64::ln);
+        fall.log_ratios.iter().map(|ratio| log_sum(&[other, ball + ratio])).collect()
+    };
+    let said: Vec<Vec<f64>> = falls.iter().map(says).collect();
+    let total = |gravity: usize| prior[gravity] + said.iter().map(|said| said[gravity]).sum::<f64>();
+    let total: Vec<f64> = (0..prior.len()).map(total).collect();
+    let of_path = |((fall, _), said): (&(Fall, f64), &Vec<f64>)| {
+        let by_others: Vec<f64> = total.iter().zip(said).map(|(total, own)| total - own).collect();
+        let sum = log_sum(&by_others);
+        let by_others: Vec<f64> = by_others.iter().map(|log| log - sum).collect();
+        let common = (1.0 - config.own_gravity).ln() + fall.log_ratio(&by_others);
+        let own = config.own_gravity.ln() + fall.log_ratio(&prior);
+        log_sum(&[common, own]).clamp(-config.most, config.most)
+    };
+    falls.iter().zip(&said).map(of_path).collect()
+}
+
+/// Values of gravity, radii/s², and their probabilities before anything is seen.
+fn gravities(config: &FallConfig) -> impl Iterator<Item = (f64, f64)> {
+    let (slowed, steps) = (config.slowed_fraction, config.steps);
+    let of =
+        move |range: [f64; 2], fraction: f64| even(range, steps).map(move |value| (value, fraction / steps as f64));
+    of(config.slowed, slowed).chain(of(config.gravities, 1.0 - slowed))
+}
+
+/// So many values in a range that are even in the logarithm.
+fn even([least, most]: [f64; 2], steps: usize) -> impl Iterator<Item = f64> {
+    (0..steps).map(move |step| (least.ln() + (most / least).ln() * (step as f64 + 0.5) / steps as f64).exp())
+}
+
+/// Logarithm of the sum of values of which the logarithms are given.
+fn log_sum(logarithms: &[f64]) -> f64 {
+    let largest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    largest + logarithms.iter().map(|value| (value - largest).exp()).sum::<f64>().ln()
 }
 
 #[cfg(test)]
@@ -64,8 +117,13 @@ mod tests {
         (0..frames).map(point).collect()
     }
 
+    fn fall(path: &[ImagePoint]) -> Option<Fall> {
+        Fall::of(path, 1280.0, &FallConfig::default(), &GravityConfig::default())
+    }
+
+    /// Of a path alone.
     fn of(path: &[ImagePoint]) -> f64 {
-        log_odds(path, 1280.0, &FallConfig::default(), &GravityConfig::default())
+        log_odds(&[(fall(path).unwrap(), 0.0)], &FallConfig::default())[0]
     }
 
     #[test]
@@ -78,6 +136,21 @@ mod tests {
         let short: Vec<ImagePoint> =
             path(5, [0.0; 2]).into_iter().map(|point| ImagePoint { radius: 0.5, ..point }).collect();
         assert!(of(&short).abs() < 1.0, "{}", of(&short));
-        assert_eq!(of(&[]), 0.0);
+        assert!(fall(&[]).is_none());
+    }
+
+    #[test]
+    fn a_path_that_is_surely_the_balls_tells_gravity_for_the_others() {
+        let [tennis, football, slow] =
+            [293.0, 89.0, 12.0].map(|gravity| fall(&path(25, [0.0, 5.0 * gravity])).unwrap());
+        let together = |others: f64| {
+            let paths = [(tennis.clone(), 8.0), (tennis.clone(), 0.0), (football.clone(), 0.0), (slow.clone(), others)];
+            log_odds(&paths, &FallConfig::default())
+        };
+        let [_, same, nearly, other] = together(0.0)[..] else { unreachable!() };
+        let [alone, nearly_alone, other_alone] =
+            [&tennis, &football, &slow].map(|fall| log_odds(&[(fall.clone(), 0.0)], &FallConfig::default())[0]);
+        assert!(same > alone && other < other_alone - 1.0, "{same} {alone} {other} {other_alone}");
+        assert!(nearly < nearly_alone, "{nearly} {nearly_alone}");
     }
 }

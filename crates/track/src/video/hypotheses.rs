@@ -1,7 +1,6 @@
 //! What flew in a video, and which of it is the ball.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use serde::Serialize;
 
@@ -9,14 +8,12 @@ use super::super::file::TrackPoint;
 use super::association::{TrackletSegment, tracks};
 use super::blobs::Blob;
 use super::config::{RadiiConfig, TrackerConfig};
-use super::evidence::Evidence;
-use super::fall;
-use super::gravity::{GravityTest, ImagePoint};
+use super::gravity::GravityTest;
+use super::parts::{Features, Part, parts};
 use super::state::{BlobId, FrameId, State};
 use super::tracklets::{Tracklet, alike};
 use super::view::{CameraMotion, FirstView, Place, View};
 use gravisight_geometry::camera::{Camera, Detection};
-use gravisight_geometry::statistics::median;
 use gravisight_physics::Scene;
 
 /// Something that flies, in a frame.
@@ -34,7 +31,7 @@ pub struct TrackedBlob {
 #[derive(Debug, Clone)]
 pub struct TrackletFeatures {
     /// What tells whether a path is the ball's, as [`WeightsConfig`](super::config::WeightsConfig) lists it.
-    pub features: [f64; 8],
+    pub features: Features,
     /// Frames and places (px) in which it is.
     pub places: Vec<(usize, [f64; 2])>,
 }
@@ -134,9 +131,8 @@ impl<'a> Hypotheses<'a> {
         for own in state.frames() {
             (frames[own.number].view, frames[own.number].elsewhere) = (Some(own.view), own.elsewhere);
         }
-        let gravity_test = place.map(|(camera, scene)| GravityTest { config: &self.config.gravity, camera, scene });
-        let segments = self.tracklets.iter().flat_map(|tracklet| self.segments(tracklet, gravity_test.as_ref()));
-        let mut tracks = tracks(state, &self.config, segments.collect()).into_iter();
+        let segments = self.parts(place).into_iter().map(|part| self.segment(part)).collect();
+        let mut tracks = tracks(state, &self.config, segments).into_iter();
         for (frame, (member, confidence)) in self.balls(&tracks.next().unwrap_or_default()) {
             let frame = &mut frames[state.frame(frame).number];
             let ball = self.followed(member);
@@ -201,106 +197,31 @@ impl<'a> Hypotheses<'a> {
         }
     }
 
-    /// A tracklet, cut where the detector begins or ceases to see a ball for some frames: a ball's tracklet may go on as its shadow's. It is
-    /// also cut before and after the part with the highest motion log-odds, where those of the rest reject a ball clearly: beyond a hit, a
-    /// tracklet may go on as another object's.
-    fn segments(&self, tracklet: &Tracklet, gravity_test: Option<&GravityTest>) -> Vec<TrackletSegment> {
-        let members = &tracklet.members;
-        let seen: Vec<Evidence> = members.iter().map(|&member| self.state.evidence(member)).collect();
-        let frames = self.config.evidence.run;
-        let lasts = |from: usize| {
-            let run = seen[from..].iter().take(frames);
-            run.len() == frames && run.clone().all(|it| it.agrees_with(&seen[from]))
-        };
-        let is_cut = |end: usize| lasts(end) && seen[end - 1].contradicts(&seen[end]);
-        let mut cuts: Vec<usize> = (1..members.len()).filter(|&end| is_cut(end)).collect();
-        if !tracklet.seeded {
-            let motion: Vec<f64> = members.iter().map(|&member| self.state.motion(member).unwrap_or(0.0)).collect();
-            let part = best_part(&motion);
-            let sum = |values: &[f64]| values.iter().sum::<f64>();
-            // A part of another object's tracklet may look like a ball.
-            let is_other = |values: &[f64]| sum(&motion) > 0.0 && sum(values) <= -self.config.tracklets.min_gain;
-            cuts.extend(is_other(&motion[..part.start]).then_some(part.start));
-            cuts.extend(is_other(&motion[part.end..]).then_some(part.end));
-        }
-        cuts.extend([0, members.len()]);
-        cuts.sort_unstable();
-        let parts = cuts.windows(2).filter(|cut| cut[1] - cut[0] > 1).map(|cut| members[cut[0]..cut[1]].to_vec());
-        let segment = |members: Vec<BlobId>| {
-            let log_odds = self.log_odds(tracklet, &members, gravity_test);
-            let confirms = !self.has_motion || log_odds >= self.config.association.confirmed;
-            let frames = [members[0], members[members.len() - 1]].map(|member| self.state.frame_of(member));
-            TrackletSegment { members, frames, log_odds, confirms }
-        };
-        parts.map(segment).collect()
+    /// The parts of all tracklets.
+    fn parts(&self, place: Option<(&Camera, &Scene)>) -> Vec<Part> {
+        let gravity_test = place.map(|(camera, scene)| GravityTest { config: &self.config.gravity, camera, scene });
+        parts(&self.tracklets, self.state, &self.config, gravity_test.as_ref())
+    }
+
+    fn segment(&self, part: Part) -> TrackletSegment {
+        let log_odds = part.log_odds(&self.config, self.has_motion);
+        let confirms = !self.has_motion || log_odds >= self.config.association.confirmed;
+        let members = part.members;
+        let frames = [members[0], members[members.len() - 1]].map(|member| self.state.frame_of(member));
+        TrackletSegment { members, frames, log_odds, confirms }
     }
 
     /// What tells of all parts of tracklets whether they are the ball's.
     pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>) -> Vec<TrackletFeatures> {
-        let gravity_test = place.map(|(camera, scene)| GravityTest { config: &self.config.gravity, camera, scene });
-        let of_segment = |tracklet: &Tracklet, segment: TrackletSegment| {
-            let features = self.features(tracklet, &segment.members, gravity_test.as_ref());
-            let places = segment
-                .members
-                .iter()
-                .map(|&member| (self.state.frame(self.state.frame_of(member)).number, self.followed(member).image));
-            TrackletFeatures { features, places: places.collect() }
+        let place_of = |&member: &BlobId| {
+            let frame = self.state.frame(self.state.frame_of(member));
+            (frame.number, self.followed(member).image)
         };
-        let features = self.tracklets.iter().flat_map(|tracklet| {
-            let segments = self.segments(tracklet, gravity_test.as_ref());
-            segments.into_iter().map(move |segment| of_segment(tracklet, segment))
-        });
-        features.collect()
-    }
-
-    /// Log-odds that a part of a tracklet is the ball.
-    fn log_odds(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> f64 {
-        if tracklet.seeded {
-            return self.config.weights.seeded;
-        }
-        let config = &self.config.weights;
-        let weights = if self.has_motion { config.with_motion } else { config.without_motion };
-        let features = self.features(tracklet, members, gravity_test);
-        features.iter().zip(weights).map(|(value, weight)| value * weight).sum()
-    }
-
-    /// What tells whether a part of a tracklet is the ball's, as [`WeightsConfig`](super::config::WeightsConfig) lists it.
-    fn features(&self, tracklet: &Tracklet, members: &[BlobId], gravity_test: Option<&GravityTest>) -> [f64; 8] {
-        let (mut queried, mut detected) = (0.0_f64, 0.0);
-        let image_point = |&member: &BlobId| {
-            let blob = self.state.blob(member);
-            let evidence = self.state.evidence(member);
-            queried += f64::from(u8::from(evidence.is_queried()));
-            detected += evidence.log_odds();
-            ImagePoint {
-                time: self.state.time_of(member),
-                at: blob.at.xy.into(),
-                radius: blob.radius,
-                sigma: blob.sigma,
-            }
+        let of_part = |Part { members, features, .. }: Part| TrackletFeatures {
+            features,
+            places: members.iter().map(place_of).collect(),
         };
-        let path: Vec<ImagePoint> = members.iter().map(image_point).collect();
-        // Without an answer of the motion network there is no evidence for a ball.
-        let motion: Vec<f64> = members.iter().filter_map(|&member| self.state.motion(member)).collect();
-        let motion = motion.iter().sum::<f64>() / motion.len().max(1) as f64;
-        let small =
-            median(path.iter().map(|point| point.radius)).is_some_and(|radius| radius < self.config.weights.small);
-        // Without an answer there is no evidence for a ball here either.
-        let detector = match queried > 0.0 {
-            true => detected / queried,
-            false => Evidence::of(None, &self.config.evidence).log_odds(),
-        };
-        let [large, little] = if small { [0.0, detector] } else { [detector, 0.0] };
-        let ratio = (tracklet.log_likelihood_ratio.max(1.0) / self.config.weights.usual_gain).ln();
-        let [bend, fall] = match gravity_test {
-            Some(gravity_test) => [gravity_test.log_odds(&path), 0.0],
-            None => {
-                // About as wide as a phone's or a broadcast's.
-                let focal = self.state.size[0].max(self.state.size[1]) as f64;
-                [0.0, fall::log_odds(&path, focal, &self.config.fall, &self.config.gravity)]
-            }
-        };
-        [1.0, ratio, motion, f64::from(u8::from(small)), large, little, bend, fall]
+        self.parts(place).into_iter().map(of_part).collect()
     }
 
     fn followed(&self, member: BlobId) -> TrackedBlob {
@@ -308,22 +229,6 @@ impl<'a> Hypotheses<'a> {
         let blob = self.state.blob(member).in_frame(view);
         TrackedBlob { image: blob.at.xy, radius_px: blob.radius, reach_px: blob.reach }
     }
-}
-
-/// The range of log-odds with the greatest sum, the longest of several; all of them if no sum is positive.
-fn best_part(log_odds: &[f64]) -> Range<usize> {
-    let mut best = (0.0, 0..log_odds.len());
-    let (mut sum, mut start) = (0.0, 0);
-    for (place, value) in log_odds.iter().enumerate() {
-        if sum < 0.0 {
-            (sum, start) = (0.0, place);
-        }
-        sum += value;
-        if sum > 0.0 && sum >= best.0 {
-            best = (sum, start..place + 1);
-        }
-    }
-    best.1
 }
 
 /// A ball as a line of a 2D track, `sigma` (px) that of its place without a network; `nothing` has the frame's number and time.
@@ -352,18 +257,5 @@ fn correlate_radius_errors(frames: &mut [FollowedFrame], &RadiiConfig { common, 
         let near = sized.partition_point(|&other| other < time + lasting)
             - sized.partition_point(|&other| other < time - lasting);
         *sigma *= (1.0 - common + common * near.max(1) as f64).sqrt();
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::best_part;
-
-    #[test]
-    fn the_best_part_leaves_out_what_speaks_against_it_at_its_ends_alone() {
-        assert_eq!(best_part(&[0.0, -7.0, -7.0, 0.0, 6.0, -1.0, 7.0, 0.0]), 3..8);
-        assert_eq!(best_part(&[5.0, 6.0, -1.0, -8.0]), 0..2);
-        assert_eq!(best_part(&[0.0, 0.0]), 0..2);
-        assert_eq!(best_part(&[-1.0, -2.0]), 0..2);
     }
 }

@@ -21,6 +21,7 @@ mod gravity;
 mod homography;
 mod hypotheses;
 mod intake;
+mod parts;
 mod patches;
 mod pictures;
 mod planes;

@@ -39,8 +39,6 @@ struct Round {
     /// The first frame in which they were searched.
     from: FrameId,
     tracklets: Vec<Tracklet>,
-    /// Queries that are left for those in which no ball is detected yet.
-    probes: usize,
 }
 
 /// A position for the networks to check.
@@ -88,13 +86,12 @@ impl BallTracker {
             let from = self.window();
             self.schedule.predicted.retain(|(frame, _)| *frame >= from);
             let tracklets = self.search_last(from).tracklets();
-            let probes = if self.sees_ball() { self.config.queries.most_probes } else { usize::MAX };
-            self.schedule.round = Some(Round { from, tracklets, probes });
+            self.schedule.round = Some(Round { from, tracklets });
         }
-        let Some(mut round) = self.schedule.round.take() else { return vec![] };
+        let Some(round) = self.schedule.round.take() else { return vec![] };
         let mut queries = Vec::new();
         for tracklet in &round.tracklets {
-            let seen = self.query_members(&tracklet.members, &mut round.probes, &mut queries);
+            let seen = self.query_members(&tracklet.members, &mut queries);
             if seen >= self.config.queries.fewest_seen {
                 let beyond = self.beyond(round.from, tracklet);
                 self.schedule.predicted.extend(beyond.iter().map(|query| (query.frame, Place::new(query.image))));
@@ -109,7 +106,7 @@ impl BallTracker {
     }
 
     /// Adds the queries about a tracklet's candidates; returns in how many of them the detector saw a ball.
-    fn query_members(&mut self, members: &[BlobId], probes: &mut usize, queries: &mut Vec<Query>) -> usize {
+    fn query_members(&mut self, members: &[BlobId], queries: &mut Vec<Query>) -> usize {
         let QueriesConfig { every, most_per_ball, .. } = self.config.queries;
         let answers = || members.iter().map(|&member| self.state.evidence(member)).filter(Evidence::is_queried);
         let seen = answers().filter(Evidence::is_ball).count();
@@ -123,9 +120,8 @@ impl BallTracker {
                 if self.state.motion(member).is_none() && self.schedule.queried_for_motion.insert(member) {
                     queries.push(self.query(member, true));
                 }
-            } else if is_ball || (*probes > 0 && last.is_none_or(|last| number >= last + every)) {
+            } else if is_ball || last.is_none_or(|last| number >= last + every) {
                 last = Some(number);
-                *probes -= usize::from(!is_ball);
                 self.schedule.queried.insert(member);
                 queries.push(self.query(member, false));
             }

@@ -64,8 +64,6 @@ pub struct QueriesConfig {
     pub every: usize,
     /// Answers of which one has to be a ball for all blobs of a tracklet to be queried. Source: chosen by hand.
     pub most_per_ball: usize,
-    /// Most queries of tracklets without a ball while one is known. Source: chosen by hand.
-    pub most_probes: usize,
     /// Blobs in which the detector saw a ball that make one known. Source: chosen by hand.
     pub fewest_seen: usize,
     /// Frames beyond a tracklet's ends in which its predicted positions are queried. Source: chosen by hand.
@@ -86,7 +84,6 @@ impl Default for QueriesConfig {
             displacement: 0.25,
             every: 3,
             most_per_ball: 3,
-            most_probes: 8,
             fewest_seen: 3,
             beyond: 4,
             most_unsure: 4.0,
@@ -118,22 +115,23 @@ impl Default for SlowConfig {
     }
 }
 
-/// The log-odds that a tracklet is the ball's. The weights are those of: a constant; the logarithm of its log-likelihood ratio over a
-/// usual one; the mean of the motion network's log-odds; whether it is small; the mean of the detector's log-odds, of a large ball and of a
-/// small one; the log-odds of how its path bends under gravity, with a camera and without.
+/// The log-odds that a tracklet is the ball's. The weights are those of: a constant; its size, from 0 (small) to 1 (large); the logarithm of its
+/// log-likelihood ratio over a usual one; the mean of the motion network's log-odds, of a small ball and of a large one; the mean of the detector's,
+/// of both; the log-odds of how its path bends under gravity, with a camera and without. A network's weight between the two sizes is between the two.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 #[serde(default, deny_unknown_fields)]
 pub struct WeightsConfig {
     /// Weights where a motion network answers. Source: fitted by scripts/fit-weights tracklets.
-    pub with_motion: [f64; 8],
+    pub with_motion: [f64; 9],
     /// Weights without one. Source: fitted by scripts/fit-weights tracklets.
-    pub without_motion: [f64; 8],
+    pub without_motion: [f64; 9],
     /// Log-odds against chance of a tracklet that are no evidence for or against a ball. Source: chosen by hand.
     pub usual_gain: f64,
-    /// Radius below which a ball is small, px: networks miss those. Source: chosen by hand.
-    pub small: f64,
+    /// Radii up to which a ball is small and from which it is large, px: the detector misses small ones, and large things that move look alike to the
+    /// motion network. Source: chosen by hand.
+    pub sizes: [f64; 2],
     /// Log-odds of a tracklet that a person pointed at. Source: chosen by hand.
     pub seeded: f64,
 }
@@ -141,10 +139,10 @@ pub struct WeightsConfig {
 impl Default for WeightsConfig {
     fn default() -> Self {
         Self {
-            with_motion: [-3.338, 0.465, 1.039, 1.672, 0.392, 0.684, 0.717, 1.655],
-            without_motion: [-1.103, 0.91, 0.0, -1.365, 1.086, 0.0, 0.769, 0.5],
+            with_motion: [-1.666, -1.672, 0.465, 1.039, 1.039, 0.684, 0.392, 0.717, 1.655],
+            without_motion: [-2.468, 1.365, 0.91, 0.0, 0.0, 0.0, 1.086, 0.769, 0.5],
             usual_gain: 27.0,
-            small: 3.0,
+            sizes: [2.0, 32.0],
             seeded: 20.0,
         }
     }
@@ -179,6 +177,8 @@ pub struct AssociationConfig {
     pub as_large: f64,
     /// Blobs at either end that tell. Source: chosen by hand.
     pub at_end: usize,
+    /// What going on elsewhere than where a tracklet ends costs soon after it, frames. Source: chosen by hand.
+    pub jump: f64,
     /// Frames that two tracklets may share at no cost: one's last and the other's first. Source: chosen by hand.
     pub free_overlap: usize,
     /// Most frames between two balls that are filled with what the detector sees there. Source: chosen by hand.
@@ -201,6 +201,7 @@ impl Default for AssociationConfig {
             soon: 12,
             as_large: 2.2,
             at_end: 3,
+            jump: 1.0,
             free_overlap: 1,
             most_filled: 4,
             fill_reach: 1.5,

@@ -192,24 +192,25 @@ impl Default for GravityConfig {
     }
 }
 
-/// Whether a path bends downwards as a ball's does, where neither camera nor ball is known: accelerations in apparent radii a second squared.
+/// Whether a path bends downwards as a ball's does, where neither camera nor ball is known: accelerations in apparent radii a second squared. Their
+/// spreads are those of [`GravityConfig`].
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 #[serde(default, deny_unknown_fields)]
 pub struct FallConfig {
-    /// Gravity, radii/s². Source: physical, from 1 m/s² of the paper's balls of 0.2 m seen steeply from above, or slow motion, to 9.81 m/s² over 0.02 m.
+    /// Gravity, radii/s². Source: physical, from 9.81 m/s² over the 0.12 m of a basketball to that over the 0.02 m of a table tennis ball.
     pub gravities: [f64; 2],
+    /// The same in slow motion, or of larger balls that are seen steeply from above. Source: physical, down to 1 m/s² of the paper's balls of 0.2 m.
+    pub slowed: [f64; 2],
+    /// Probability of these. Source: chosen by hand.
+    pub slowed_fraction: f64,
     /// Accelerations of what does not fly, radii/s². Source: physical, from 1 m/s² of a car of 1 m to 150 m/s² of a hand of 0.05 m.
     pub others: [f64; 2],
     /// Values of each that are tried, evenly in the logarithm. Source: physical, finer than the spreads.
     pub steps: usize,
-    /// A ball's acceleration downwards, in units of gravity. Source: chosen by hand.
-    pub along: f64,
-    /// Spread of that below and above, in the same units. Source: chosen by hand.
-    pub spread: [f64; 2],
-    /// Spread of the acceleration across, in the same units. Source: chosen by hand.
-    pub spread_across: f64,
+    /// Probability that a path of the ball has a gravity of its own: in a replay, or where its radius is wrong. Source: chosen by hand.
+    pub own_gravity: f64,
     /// Largest log-odds of a path, for or against a ball. Source: chosen by hand.
     pub most: f64,
 }
@@ -217,12 +218,12 @@ pub struct FallConfig {
 impl Default for FallConfig {
     fn default() -> Self {
         Self {
-            gravities: [1.0, 490.0],
+            gravities: [80.0, 490.0],
+            slowed: [1.0, 80.0],
+            slowed_fraction: 0.2,
             others: [1.0, 3000.0],
             steps: 24,
-            along: 1.1,
-            spread: [0.4, 0.8],
-            spread_across: 0.6,
+            own_gravity: 0.1,
             most: 8.0,
         }
     }

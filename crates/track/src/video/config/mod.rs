@@ -73,7 +73,7 @@ impl TrackerConfig {
     /// and what may be 0.
     pub fn check(&self) -> Result<()> {
         check_numbers(&serde_json::to_value(self).unwrap_or_default(), "", &|value| value.is_finite(), "finite")?;
-        let Self { association, evidence, tracklets, gravity, weights, .. } = *self;
+        let Self { association, evidence, tracklets, gravity, fall, weights, .. } = *self;
         if !(0.0..1.0).contains(&association.min_confidence) {
             let reason = format!("must be at least 0 and less than 1, not {}", association.min_confidence);
             return Err(Error::value("config", "association.min_confidence", reason));
@@ -84,6 +84,8 @@ impl TrackerConfig {
             ("evidence.measured_from", evidence.measured_from),
             ("evidence.least_probability", 2.0 * evidence.least_probability),
             ("gravity.steady_fraction", gravity.steady_fraction),
+            ("fall.slowed_fraction", fall.slowed_fraction),
+            ("fall.own_gravity", fall.own_gravity),
         ];
         if let Some((name, _)) = probabilities.into_iter().find(|(_, value)| !(*value > 0.0 && *value < 1.0)) {
             return Err(Error::value("config", name, "must be a probability"));
@@ -113,7 +115,7 @@ impl TrackerConfig {
                 ..tracklets
             },
             gravity: GravityConfig { least: 1.0, ..gravity },
-            weights: WeightsConfig { with_motion: [1.0; 8], without_motion: [1.0; 8], ..weights },
+            weights: WeightsConfig { with_motion: [1.0; 9], without_motion: [1.0; 9], ..weights },
             ..*self
         };
         let is_positive = |value: f64| value > 0.0 && value <= MOST;
