@@ -1,14 +1,17 @@
 //! A video's ball: where it is in each frame, and the flights of each segment of them.
 
+mod revise;
+
 use std::ops::Range;
 
 use nalgebra::{Point2, Point3};
 use rayon::prelude::*;
 use serde::Serialize;
 
+use self::revise::{Fitter, Revised};
 use super::file::Track;
 use super::segments::segments;
-use super::video::{CameraMotion, FollowedFrame, Hypotheses, OtherTrack, Place, TrackerConfig};
+use super::video::{Alternatives, CameraMotion, Followed, FollowedFrame, Hypotheses, OtherTrack, TrackerConfig};
 use crate::config::EstimatorConfig;
 use crate::config::FitOptions;
 use crate::observation::Observation;
@@ -59,6 +62,9 @@ pub struct TrackedVideo {
     /// Frames and places (px) in which a person saw the ball, and which no path goes through.
     #[serde(skip)]
     pub(crate) unused_seeds: Vec<(usize, [f64; 2])>,
+    /// What may be the ball beside what was followed.
+    #[serde(skip)]
+    pub(crate) alternatives: Alternatives,
     /// The frames between pauses; none without [`Self::fit`].
     #[serde(skip)]
     pub segments: Vec<FittedSegment>,
@@ -127,10 +133,10 @@ impl TrackedVideo {
     /// The ball in 2D. Where the camera (of these pictures) and the scene are known they help to tell it.
     #[doc(hidden)]
     pub fn new(hypotheses: &Hypotheses<'_>, place: Option<(&Camera, &Scene)>) -> Self {
-        let (frames, tracks) = hypotheses.frames(place);
+        let Followed { frames, tracks, alternatives } = hypotheses.followed(place);
         let frames = frames.into_iter().enumerate().map(TrackedFrame::new).collect();
         let (cuts, config) = (hypotheses.cuts(), hypotheses.config());
-        let mut video = Self { frames, tracks, cuts, config, ..Self::default() };
+        let mut video = Self { frames, tracks, cuts, config, alternatives, ..Self::default() };
         video.elsewhere = video.other_views();
         video.unused_seeds = hypotheses.unused_seeds().to_vec();
         video.verdict = video.verdict_text();
@@ -160,7 +166,7 @@ impl TrackedVideo {
     ) -> Result<()> {
         // Of a rate that was raised, a video's own times are no longer those of the frames.
         let times_known = options.times_known && !self.frames.iter().any(|frame| frame.repeated);
-        let (_, mut observations) = self.track().observations(None)?;
+        let (_, observations) = self.track().observations(None)?;
         let radius = median(observations.iter().filter_map(|seen| Some(seen.radius?[0])));
         let config = options.config.unwrap_or_else(|| {
             let own = EstimatorConfig::of(forecaster.scene(), camera.size());
@@ -170,47 +176,50 @@ impl TrackedVideo {
             }
         });
         let options = FitOptions { times_known, config: Some(config), ..options.clone() };
-        // The camera is that of the first view: so are the rays of what other views show, where those are known.
-        for (observation, frame) in observations.iter_mut().zip(&self.frames) {
-            match (frame.followed.elsewhere, frame.followed.view) {
-                (Some(CameraMotion::Moved(_)), Some(view)) => {
-                    let Some(image) = observation.image else { continue };
-                    let at = Place::new(image.into());
-                    let scale = view.scale(&at);
-                    observation.image = Some(view.first(&at).xy.into());
-                    observation.radius = observation.radius.map(|radius| radius.map(|px| px * scale));
-                }
-                (Some(_), _) => (observation.image, observation.radius) = (None, None),
-                (None, _) => {}
-            }
-        }
+        let observations: Vec<Observation> =
+            self.frames.iter().map(|frame| revise::observation(&frame.followed)).collect();
         let ranges = segments(&observations);
         let count = ranges.len();
         self.forget();
-        let fitted = |frames: &Range<usize>| {
-            let observations = observations[frames.clone()].to_vec();
-            let fit = forecaster.fit(camera, &observations, &options).map_err(|error| error.to_string());
-            FittedSegment { frames: frames.clone(), observations, fit }
-        };
+        let alternatives = std::mem::take(&mut self.alternatives);
         // As many at a time as keep every thread busy, and still tell of the progress.
         for ranges in ranges.chunks(match rayon::current_num_threads() {
             1 => 1,
             threads => SEGMENTS_A_THREAD * threads,
         }) {
-            for segment in ranges.par_iter().map(fitted).collect::<Vec<_>>() {
-                let confidences: Vec<f64> =
-                    self.frames[segment.frames.clone()].iter().map(|frame| frame.confidence).collect();
-                let fit = segment.fit.map(|fit| fit.doubted(&confidences, forecaster.scene()));
-                if let Ok(fit) = &fit {
+            let fitter =
+                Fitter { frames: &self.frames, alternatives: &alternatives, forecaster, camera, options: &options };
+            for revised in ranges.par_iter().map(|range| fitter.revised(range)).collect::<Vec<_>>() {
+                self.revise(&revised);
+                let segment = revised.segment;
+                if let Ok(fit) = &segment.fit {
                     self.add(segment.frames.start, fit);
                 }
-                self.segments.push(FittedSegment { fit, ..segment });
+                self.segments.push(segment);
                 progress(self.segments.len(), count);
             }
         }
+        self.alternatives = alternatives;
+        self.tracks.retain(|track| !track.frames.is_empty());
         self.explained = Some(!self.segments.is_empty() && self.segments.iter().all(FittedSegment::explained));
         self.verdict = self.verdict_text();
         Ok(())
+    }
+
+    /// Takes what physics says is the ball.
+    fn revise(&mut self, revised: &Revised) {
+        for &(number, followed) in &revised.changes {
+            self.frames[number] = TrackedFrame::new((number, followed));
+        }
+        let Some(track) = revised.track else { return };
+        let range = &revised.segment.frames;
+        if let Some(other) = self.tracks.get_mut(track) {
+            other.frames.retain(|frame| !range.contains(&frame.frame));
+        }
+        let (first, last) = (range.start, range.end - 1);
+        self.notes.push(format!(
+            "no flight explains the likeliest path in frames {first} to {last}; a flight explains another one, which is reported instead"
+        ));
     }
 
     /// Takes back what was fitted.

@@ -47,6 +47,17 @@ pub struct OtherTrack {
     pub frames: Vec<OtherFrame>,
 }
 
+impl OtherTrack {
+    fn of(track: &[(usize, Candidate, f64)]) -> Self {
+        let frame = |&(frame, Candidate { ball, .. }, confidence): &(usize, Candidate, f64)| {
+            let TrackedBlob { image, radius_px, .. } = ball;
+            OtherFrame { frame, image, radius_px, confidence }
+        };
+        let probability = track.iter().map(|(.., confidence)| *confidence).fold(0.0, f64::max);
+        Self { probability, frames: track.iter().map(frame).collect() }
+    }
+}
+
 /// A frame of it.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
@@ -79,6 +90,32 @@ pub struct FollowedFrame {
     pub elsewhere: Option<CameraMotion>,
     /// Its view; none of a repeated frame.
     pub(crate) view: Option<View>,
+}
+
+/// The ball through a video, and what may be the ball beside it.
+#[derive(Debug)]
+pub struct Followed {
+    /// One a frame of the video.
+    pub frames: Vec<FollowedFrame>,
+    /// Other balls, the likeliest first.
+    pub tracks: Vec<OtherTrack>,
+    pub(crate) alternatives: Alternatives,
+}
+
+/// What may be the ball beside what is followed: physics chooses from it.
+#[derive(Debug, Default)]
+pub(crate) struct Alternatives {
+    /// Of each frame of the video, the candidates that a ball that is followed may reach.
+    pub candidates: Vec<Vec<Candidate>>,
+    /// Of other tracks, the likeliest first, the frames and the probabilities that it is the ball.
+    pub tracks: Vec<Vec<(usize, Candidate, f64)>>,
+}
+
+/// A candidate, as a line of a 2D track and as it was segmented.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Candidate {
+    pub point: TrackPoint,
+    pub ball: TrackedBlob,
 }
 
 /// All that flew in a video.
@@ -120,7 +157,7 @@ impl<'a> Hypotheses<'a> {
 
     /// The ball, frame by frame, and the tracks of other balls. Where the camera (of these pictures) and the scene are known, by how its path bends,
     /// too.
-    pub fn frames(&self, place: Option<(&Camera, &Scene)>) -> (Vec<FollowedFrame>, Vec<OtherTrack>) {
+    pub fn followed(&self, place: Option<(&Camera, &Scene)>) -> Followed {
         let state = self.state;
         let frame = |number: usize| {
             let (time, repeated) = state.shown_at(number);
@@ -132,25 +169,50 @@ impl<'a> Hypotheses<'a> {
             (frames[own.number].view, frames[own.number].elsewhere) = (Some(own.view), own.elsewhere);
         }
         let segments = self.parts(place).into_iter().map(|part| self.segment(part)).collect();
-        let mut tracks = tracks(state, &self.config, segments).into_iter();
-        for (frame, (member, confidence)) in self.balls(&tracks.next().unwrap_or_default()) {
+        let mut tracks = tracks(state, &self.config, segments).into_iter().map(|track| self.balls(&track));
+        let followed = tracks.next().unwrap_or_default();
+        for (&frame, &(member, confidence)) in &followed {
             let frame = &mut frames[state.frame(frame).number];
-            let ball = self.followed(member);
-            frame.point =
-                point(&ball, state.blob(member).sigma, state.evidence(member).ball(), frame.point, &self.config.radii);
-            (frame.ball, frame.confidence) = (Some(ball), confidence);
+            let Candidate { point, ball } = self.candidate(member, frame.point);
+            (frame.point, frame.ball, frame.confidence) = (point, Some(ball), confidence);
         }
         correlate_radius_errors(&mut frames, &self.config.radii);
-        let other = |track: Vec<TrackletSegment>| OtherTrack {
-            probability: track.iter().map(TrackletSegment::confidence).fold(0.0, f64::max),
-            frames: (self.balls(&track).into_iter())
-                .map(|(frame, (member, confidence))| {
-                    let TrackedBlob { image, radius_px, .. } = self.followed(member);
-                    OtherFrame { frame: state.frame(frame).number, image, radius_px, confidence }
-                })
-                .collect(),
+        let candidate = |(frame, (member, confidence)): (FrameId, (BlobId, f64))| {
+            let number = state.frame(frame).number;
+            (number, self.candidate(member, frames[number].point), confidence)
         };
-        (frames, tracks.map(other).collect())
+        let others: Vec<Vec<(usize, Candidate, f64)>> =
+            tracks.map(|balls| balls.into_iter().map(candidate).collect()).collect();
+        let tracks = others.iter().map(|track| OtherTrack::of(track)).collect();
+        let candidates = if place.is_some() { self.candidates(&followed) } else { vec![] };
+        Followed { frames, tracks, alternatives: Alternatives { candidates, tracks: others } }
+    }
+
+    fn candidate(&self, member: BlobId, nothing: TrackPoint) -> Candidate {
+        let ball = self.followed_blob(member);
+        let evidence = self.state.evidence(member);
+        let point = point(&ball, self.state.blob(member).sigma, evidence.ball(), nothing, &self.config.radii);
+        Candidate { point, ball }
+    }
+
+    /// Of each frame of the video, the candidates that the ball of the nearest frame in which it is followed may reach.
+    fn candidates(&self, followed: &BTreeMap<FrameId, (BlobId, f64)>) -> Vec<Vec<Candidate>> {
+        let state = self.state;
+        let mut candidates = vec![vec![]; state.shown()];
+        for (index, frame) in state.frames().iter().enumerate() {
+            let id = FrameId(index);
+            let beside = [followed.range(..=id).next_back(), followed.range(id..).next()].into_iter().flatten();
+            let Some((&near, &(ball, _))) = beside.min_by_key(|(other, _)| other.0.abs_diff(index)) else { continue };
+            let ball = state.blob(ball);
+            let apart = (state.frame(near).time - frame.time).abs();
+            let reach = (1.0 + self.config.flight.max_speed * apart) * ball.radius;
+            let reached = frame.candidates().filter(|(_, blob)| {
+                alike(blob, ball, self.config.tracklets.alike) && blob.at.distance(&ball.at) <= reach
+            });
+            let nothing = TrackPoint::default();
+            candidates[frame.number] = reached.map(|(member, _)| self.candidate(member, nothing)).collect();
+        }
+        candidates
     }
 
     /// The ball of a track in each frame, and its confidence: the likeliest candidate, by the log-odds of its segment and of its own detection.
@@ -215,7 +277,7 @@ impl<'a> Hypotheses<'a> {
     pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>) -> Vec<TrackletFeatures> {
         let place_of = |&member: &BlobId| {
             let frame = self.state.frame(self.state.frame_of(member));
-            (frame.number, self.followed(member).image)
+            (frame.number, self.followed_blob(member).image)
         };
         let of_part = |Part { members, features, .. }: Part| TrackletFeatures {
             features,
@@ -224,7 +286,7 @@ impl<'a> Hypotheses<'a> {
         self.parts(place).into_iter().map(of_part).collect()
     }
 
-    fn followed(&self, member: BlobId) -> TrackedBlob {
+    fn followed_blob(&self, member: BlobId) -> TrackedBlob {
         let view = &self.state.frame(self.state.frame_of(member)).view;
         let blob = self.state.blob(member).in_frame(view);
         TrackedBlob { image: blob.at.xy, radius_px: blob.radius, reach_px: blob.reach }

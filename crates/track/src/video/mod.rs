@@ -46,7 +46,10 @@ pub use self::config::{
     TrackletsConfig, WeightsConfig,
 };
 use self::foreground::{Foreground, Seen};
-pub use self::hypotheses::{FollowedFrame, Hypotheses, OtherFrame, OtherTrack, TrackedBlob, TrackletFeatures};
+pub(crate) use self::hypotheses::{Alternatives, Candidate};
+pub use self::hypotheses::{
+    Followed, FollowedFrame, Hypotheses, OtherFrame, OtherTrack, TrackedBlob, TrackletFeatures,
+};
 use self::intake::{Intake, NewPicture, Taken};
 use self::pictures::Pictures;
 use self::planes::{Planes, Spare};

@@ -107,7 +107,7 @@ fn film(draw: impl Fn(usize, &mut RgbImage)) -> BallTracker {
 
 /// The frames of what was followed, with clicks.
 fn frames_of(follower: &BallTracker, seeds: &[(usize, [f64; 2])]) -> Vec<FollowedFrame> {
-    follower.hypotheses(seeds).unwrap().frames(None).0
+    follower.hypotheses(seeds).unwrap().followed(None).frames
 }
 
 fn with_ball() -> BallTracker {
@@ -122,7 +122,7 @@ fn of_two_balls_one_is_reported_and_the_other_is_listed() {
         disc(rgb, ball_at(frame), RADIUS, YELLOW);
         disc(rgb, other_at(frame), RADIUS, YELLOW);
     });
-    let (frames, others) = follower.hypotheses(&[]).unwrap().frames(None);
+    let Followed { frames, tracks: others, .. } = follower.hypotheses(&[]).unwrap().followed(None);
     let [first, second] = [ball_at, other_at].map(|at| counted(&frames, at));
     let near = |at: fn(usize) -> [f64; 2]| {
         let is_near = |frame: &&OtherFrame| {
@@ -135,7 +135,7 @@ fn of_two_balls_one_is_reported_and_the_other_is_listed() {
     // Each ball is in one of the two, and no other track mixes them.
     assert!(first[0].max(listed_first) > 30 && second[0].max(listed_second) > 25, "{first:?} {second:?} {others:?}");
     assert!(others.iter().all(|track| (0.0..=1.0).contains(&track.probability) && track.frames.len() > 4));
-    assert!(with_ball().hypotheses(&[]).unwrap().frames(None).1.is_empty());
+    assert!(with_ball().hypotheses(&[]).unwrap().followed(None).tracks.is_empty());
 }
 
 /// Frames in which the ball is followed to a pixel, those in which anything is, and those in all.
@@ -238,7 +238,7 @@ fn a_cut_loses_no_frame() {
     let follower = watched(with_cut());
     let flying = follower.hypotheses(&[]).unwrap();
     assert!(matches!(flying.cuts()[..], [30 | 31]), "{:?}", flying.cuts());
-    let (frames, _) = flying.frames(None);
+    let frames = flying.followed(None).frames;
     let [right, seen, all] = counted(&frames[..70], before_and_after);
     assert!(frames.len() == 80 && right >= 55 && seen - right <= 2, "{right} right of {seen} seen of {all}");
 }
