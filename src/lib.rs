@@ -80,7 +80,7 @@ pub mod track {
         WeightsConfig,
     };
     #[doc(hidden)]
-    pub use gravisight_track::{BallTracker, FrameId, Query, SOLVER_VERSION, Stack, TrackletFeatures};
+    pub use gravisight_track::{BallTracker, FrameId, Hypotheses, Query, SOLVER_VERSION, Stack, TrackletFeatures};
     pub use gravisight_track::{
         CameraMotion, Estimate, EstimatorConfig, Fit, FitOptions, FitSummary, FittedFrame, FittedImpact, FittedSegment,
         Flight, FollowedFrame, Hit, Observation, OtherFrame, OtherTrack, OtherView, Parameter, Track, TrackPoint,
@@ -160,5 +160,5 @@ pub mod internal {
     pub use gravisight_synth::{Compression, Moves, Recording};
     pub use gravisight_synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use gravisight_track::SOLVER_VERSION;
-    pub use gravisight_track::{BallTracker, FrameId, Query, Stack, TrackPoint, TrackletFeatures};
+    pub use gravisight_track::{BallTracker, FrameId, Hypotheses, Query, Stack, TrackPoint, TrackletFeatures};
 }

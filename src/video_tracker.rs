@@ -7,7 +7,7 @@ use gravisight_geometry::camera::{Camera, Detection, Outline};
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 use gravisight_physics::Scene;
-use gravisight_track::{BallTracker, FrameId, Query, TrackedVideo, TrackerConfig, TrackletFeatures};
+use gravisight_track::{BallTracker, FrameId, Hypotheses, Query, TrackedVideo, TrackerConfig};
 
 /// Frames between searches of the whole picture for large balls, while no small one is followed: differences between frames split a large ball
 /// into its edges, and do not show one that hardly moves.
@@ -131,10 +131,13 @@ impl VideoTracker {
         Ok(TrackedVideo::new(&self.follower.hypotheses(seeds)?, place))
     }
 
-    /// What the weights of paths are fitted to.
+    /// All that flew.
+    ///
+    /// # Errors
+    /// None.
     #[doc(hidden)]
-    pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>) -> Vec<TrackletFeatures> {
-        self.follower.hypotheses(&[]).map(|flying| flying.tracklet_features(place)).unwrap_or_default()
+    pub fn hypotheses(&self) -> Result<Hypotheses<'_>> {
+        self.follower.hypotheses(&[])
     }
 
     /// Asks the networks about what the follower wants to know.

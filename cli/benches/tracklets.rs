@@ -1,16 +1,18 @@
 //! Fits the weights by which `track` tells a ball's paths from others (`WeightsConfig` in `crates/track/src/video/config/`; with a model without a motion
-//! network `without_motion`), and prints them: `cargo bench --package gravisight-cli --bench all -- tracklets MODEL.JSON VIDEO LABELS.csv
+//! network `without_motion`) and how paths fall without a camera (`FallConfig`), and prints both: `cargo bench --package gravisight-cli --bench all -- tracklets MODEL.JSON VIDEO LABELS.csv
 //! [VIDEO LABELS.csv …]`, of videos that nothing is reported of. `scripts/fit-weights tracklets` runs it. Camera and scene of `x.mp4` are
 //! `x.camera.json` and `x.scene.json`, where they are.
 //!
 //! A logistic regression on the tracklets of all videos, each video of the same weight, in which no evidence for a ball speaks against one. A tracklet is
-//! the ball's where most of its frames with a label are within the ball's radius, or 4 px.
+//! the ball's where most of its frames with a label are within the ball's radius, or 4 px. The numbers of the fall are those of a list, one after the
+//! other, with the greatest likelihood.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use gravisight::internal::TrackletFeatures;
+use gravisight::internal::{Hypotheses, TrackletFeatures};
+use gravisight::track::{FallConfig, TrackerConfig};
 use gravisight::{Camera, Card, Device, Localiser, Scene, VideoTracker};
 use gravisight_cli::footage::Footage;
 use nalgebra::{DMatrix, DVector};
@@ -43,28 +45,87 @@ fn labels(path: &Path) -> Labels {
     table.records().map(|record| row(record.unwrap())).collect()
 }
 
-/// Features of a video's tracklets, and whether they are the ball.
-fn rows(localiser: &Arc<Localiser>, video: &Path, labels: &Labels, fps: Option<f64>) -> Vec<(DVector<f64>, f64)> {
-    let footage = Footage::open(&[video.to_path_buf()], fps).unwrap();
-    let times = footage.times().to_vec();
-    let beside = |ending: &str| Some(video.with_extension(ending)).filter(|path| path.exists());
-    let camera = beside("camera.json").map(|path| Camera::from_file(&path).unwrap());
-    let scene = beside("scene.json").map(|path| Scene::open(&path).unwrap());
-    let mut tracker = VideoTracker::new(localiser.clone(), camera.clone());
-    let mut add = |frame: usize, picture| Ok(pollster::block_on(tracker.add(picture, times[frame]))?);
-    footage.each(0..times.len(), &mut add).unwrap();
-    pollster::block_on(tracker.end()).unwrap();
-    let of_tracklet = |TrackletFeatures { features, places }: TrackletFeatures| {
-        let known = places.iter().filter_map(|(frame, [x, y])| {
-            let ball = labels.get(frame)?;
-            Some(ball.is_some_and(|[u, v, radius]| (x - u).hypot(y - v) < NEAR_PX.max(radius)))
-        });
-        let known: Vec<bool> = known.collect();
-        let right = known.iter().filter(|&&it| it).count() as f64 / known.len().max(1) as f64;
-        let is_known = 2 * known.len() >= places.len() && !(FEW..MOST).contains(&right);
-        is_known.then(|| (DVector::from_row_slice(&features), f64::from(u8::from(right >= MOST))))
+/// Features of tracklets, and whether they are the ball.
+type Rows = Vec<(DVector<f64>, f64)>;
+
+/// Times that the numbers of the fall are gone through.
+const ROUNDS: usize = 2;
+
+/// A video that was tracked.
+struct Video {
+    name: String,
+    tracker: VideoTracker,
+    place: Option<(Camera, Scene)>,
+    labels: Labels,
+}
+
+impl Video {
+    fn open(localiser: &Arc<Localiser>, video: &Path, labels: Labels, fps: Option<f64>) -> Self {
+        let footage = Footage::open(&[video.to_path_buf()], fps).unwrap();
+        let times = footage.times().to_vec();
+        let beside = |ending: &str| Some(video.with_extension(ending)).filter(|path| path.exists());
+        let camera = beside("camera.json").map(|path| Camera::from_file(&path).unwrap());
+        let scene = beside("scene.json").map(|path| Scene::open(&path).unwrap());
+        let mut tracker = VideoTracker::new(localiser.clone(), camera.clone());
+        let mut add = |frame: usize, picture| Ok(pollster::block_on(tracker.add(picture, times[frame]))?);
+        footage.each(0..times.len(), &mut add).unwrap();
+        pollster::block_on(tracker.end()).unwrap();
+        Self { name: video.display().to_string(), tracker, place: camera.zip(scene), labels }
+    }
+
+    /// The rows of its tracklets.
+    fn rows(&self, hypotheses: &Hypotheses, config: &TrackerConfig) -> Rows {
+        let of_tracklet = |TrackletFeatures { features, places }: TrackletFeatures| {
+            let known = places.iter().filter_map(|(frame, [x, y])| {
+                let ball = self.labels.get(frame)?;
+                Some(ball.is_some_and(|[u, v, radius]| (x - u).hypot(y - v) < NEAR_PX.max(radius)))
+            });
+            let known: Vec<bool> = known.collect();
+            let right = known.iter().filter(|&&it| it).count() as f64 / known.len().max(1) as f64;
+            let is_known = 2 * known.len() >= places.len() && !(FEW..MOST).contains(&right);
+            is_known.then(|| (DVector::from_row_slice(&features), f64::from(u8::from(right >= MOST))))
+        };
+        let place = self.place.as_ref().map(|(camera, scene)| (camera, scene));
+        hypotheses.tracklet_features(place, config).into_iter().filter_map(of_tracklet).collect()
+    }
+}
+
+/// The values of the fall's numbers that are tried.
+fn tried(fall: &FallConfig) -> Vec<FallConfig> {
+    let mut all = vec![];
+    all.extend([0.35, 0.5, 0.6, 0.8].map(|part| FallConfig { part, ..*fall }));
+    all.extend([0.9, 1.0, 1.1, 1.2, 1.3].map(|along| FallConfig { along, ..*fall }));
+    let spreads = [[0.2, 0.4], [0.2, 0.6], [0.3, 0.6], [0.3, 1.0], [0.4, 0.8]];
+    all.extend(spreads.map(|spread| FallConfig { spread, ..*fall }));
+    all.extend([0.2, 0.3, 0.45, 0.6].map(|spread_across| FallConfig { spread_across, ..*fall }));
+    all.extend([0.1, 0.2, 0.3, 0.5].map(|own_gravity| FallConfig { own_gravity, ..*fall }));
+    all
+}
+
+/// Weights, and the mean log-likelihood of a video's tracklets by them.
+fn fitted(videos: &[Rows]) -> Option<(DVector<f64>, f64)> {
+    let videos = || videos.iter().filter(|rows| !rows.is_empty());
+    let weighted = |rows: &Rows| -> Vec<(DVector<f64>, f64, f64)> {
+        rows.iter().map(|(row, ball)| (row.clone(), *ball, 1.0 / rows.len() as f64)).collect()
     };
-    tracker.tracklet_features(camera.as_ref().zip(scene.as_ref())).into_iter().filter_map(of_tracklet).collect()
+    let all: Vec<(DVector<f64>, f64, f64)> = videos().flat_map(weighted).collect();
+    let size = all.first()?.0.len();
+    let scale = all.len() as f64 / videos().count() as f64;
+    // What would speak against a ball, which it is for, has no weight.
+    let mut free = vec![true; size];
+    let weights = loop {
+        let weights = regression(&all, &free, scale);
+        match (0..size).find(|index| FOR_A_BALL.contains(index) && weights[*index] < 0.0) {
+            Some(index) => free[index] = false,
+            None => break weights,
+        }
+    };
+    let log = |(row, ball, weight): &(DVector<f64>, f64, f64)| {
+        let log_odds = weights.dot(row);
+        -weight * (if *ball > 0.5 { -log_odds } else { log_odds }).exp().ln_1p()
+    };
+    let likelihood = all.iter().map(log).sum::<f64>() / videos().count() as f64;
+    Some((weights, likelihood))
 }
 
 pub fn run(arguments: &[String]) {
@@ -81,28 +142,41 @@ pub fn run(arguments: &[String]) {
     };
     let (card, weights) = Card::with_weights(Path::new(model)).unwrap();
     let localiser = Arc::new(Localiser::new(card, weights, &Device::flex()).unwrap());
-    let mut all: Vec<(DVector<f64>, f64, f64)> = vec![];
-    for clip in clips.chunks_exact(2) {
+    let open = |clip: &[String]| {
         let [video, table] = [&clip[0], &clip[1]].map(PathBuf::from);
-        let rows = rows(&localiser, &video, &labels(&table), fps);
-        let balls: f64 = rows.iter().map(|(_, ball)| ball).sum();
-        println!("{}: {} tracklets, {balls} the ball's", video.display(), rows.len());
-        let weight = 1.0 / rows.len().max(1) as f64;
-        all.extend(rows.into_iter().map(|(row, ball)| (row, ball, weight)));
-    }
-    let Some(size) = all.first().map(|(row, ..)| row.len()) else { return println!("no tracklets") };
-    let scale = all.len() as f64 / all.iter().map(|(.., weight)| weight).sum::<f64>();
-    // TrackletFeatures that would speak against a ball, which it is for, has no weight.
-    let mut free = vec![true; size];
-    let weights = loop {
-        let weights = regression(&all, &free, scale);
-        match (0..size).find(|index| FOR_A_BALL.contains(index) && weights[*index] < 0.0) {
-            Some(index) => free[index] = false,
-            None => break weights,
-        }
+        Video::open(&localiser, &video, labels(&table), fps)
     };
+    let videos: Vec<Video> = clips.chunks_exact(2).map(open).collect();
+    let hypotheses: Vec<Hypotheses> = videos.iter().map(|video| video.tracker.hypotheses().unwrap()).collect();
+    let rows = |config: &TrackerConfig| -> Vec<Rows> {
+        let of_video = |(video, hypotheses): (&Video, &Hypotheses)| video.rows(hypotheses, config);
+        videos.iter().zip(&hypotheses).map(of_video).collect()
+    };
+    let mut config = TrackerConfig::default();
+    let found = rows(&config);
+    for (video, rows) in videos.iter().zip(&found) {
+        let balls: f64 = rows.iter().map(|(_, ball)| ball).sum();
+        println!("{}: {} tracklets, {balls} the ball's", video.name, rows.len());
+    }
+    let Some((mut weights, mut best)) = fitted(&found) else { return println!("no tracklets") };
+    let has_motion = localiser.card().motion.is_some();
+    for _ in 0..ROUNDS {
+        // How a path falls depends on the weights of the rest.
+        for index in 0..tried(&config.fall).len() {
+            let mut next = TrackerConfig { fall: tried(&config.fall)[index], ..config };
+            let own: [f64; 9] = std::array::from_fn(|index| weights[index]);
+            if has_motion {
+                next.weights.with_motion = own
+            } else {
+                next.weights.without_motion = own
+            }
+            if let Some((other, likelihood)) = fitted(&rows(&next)).filter(|(_, likelihood)| *likelihood > best) {
+                (config, weights, best) = (next, other, likelihood);
+            }
+        }
+    }
     let listed: Vec<String> = weights.iter().map(|weight| format!("{weight:.3}")).collect();
-    println!("{} tracklets; weights: [{}]", all.len(), listed.join(", "));
+    println!("mean log-likelihood {best:.4}; weights: [{}]; {:?}", listed.join(", "), config.fall);
     if crate::common::is_check() {
         std::fs::remove_dir_all(&clips[0]).unwrap();
     }

@@ -31,14 +31,14 @@ const FOCAL_LENGTHS: [f64; 2] = [0.7, 3.0];
 const HEIGHTS: [f64; 2] = [0.8, 12.0];
 const PITCHES: [f64; 2] = [-0.4, 0.25];
 /// Exposure, fractions of the time from one frame to the next.
-const EXPOSURES: [f64; 2] = [0.02, 0.9];
+const EXPOSURES: [f64; 2] = [0.05, 1.0];
 /// Time in which a flight reaches the point that it is aimed at, s; by what factor that is nearer or farther than its start; and how much longer
 /// than that the flight lasts.
-const DURATIONS: [f64; 2] = [0.25, 1.3];
+const DURATIONS: [f64; 2] = [0.12, 1.3];
 const NEARER: f64 = 1.7;
 const LONGER: [f64; 2] = [0.7, 1.6];
 /// Fastest start, m/s, and the least way of a flight in the picture, radii.
-const FASTEST: f64 = 60.0;
+const FASTEST: f64 = 70.0;
 const LEAST_WAY: f64 = 6.0;
 /// Fraction of the flights that begin where the last one ended, as after a hit; pauses before the others, s.
 const HIT: f64 = 0.7;

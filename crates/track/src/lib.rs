@@ -34,5 +34,5 @@ pub use self::video::{
     TrackletsConfig, WeightsConfig,
 };
 #[doc(hidden)]
-pub use self::video::{BallTracker, FrameId, Query, Stack, TrackletFeatures};
+pub use self::video::{BallTracker, FrameId, Hypotheses, Query, Stack, TrackletFeatures};
 pub use self::video::{CameraMotion, FollowedFrame, OtherFrame, OtherTrack, TrackedBlob};

@@ -21,7 +21,7 @@ impl Fall {
     /// Of a path before an upright camera; `focal` is about its focal length, px. None for a path that is too short to tell.
     pub fn of(path: &[ImagePoint], focal: f64, config: &FallConfig, gravity_config: &GravityConfig) -> Option<Self> {
         let radius = median(path.iter().map(|point| point.radius)).filter(|radius| *radius > 0.0)?;
-        let parts = parts(path, gravity_config.part).filter(|part| part.len() >= gravity_config.fewest);
+        let parts = parts(path, config.part).filter(|part| part.len() >= gravity_config.fewest);
         // A path towards the camera also bends by perspective: by twice the image's speed times the relative change of depth, which is about half
         // the speed over the focal length.
         let bend = |Acceleration { speed, along_axes, sigma }| {
@@ -34,10 +34,10 @@ impl Fall {
         let student = |value: f64, spread: f64| student(value, spread, gravity_config.freedom);
         let ball = |gravity: f64| {
             let part = |(bend, sigma, perspective): &(Vector2<f64>, f64, f64)| {
-                let off = bend.y - gravity_config.along * gravity;
+                let off = bend.y - config.along * gravity;
                 let sigma = sigma.hypot(*perspective);
-                let spread = gravity * gravity_config.spread[usize::from(off > 0.0)];
-                let across = gravity * gravity_config.spread_across;
+                let spread = gravity * config.spread[usize::from(off > 0.0)];
+                let across = gravity * config.spread_across;
                 student(off, spread.hypot(sigma)) + student(bend.x, across.hypot(sigma))
             };
             bends.iter().map(part).sum::<f64>()

@@ -168,7 +168,7 @@ impl<'a> Hypotheses<'a> {
         for own in state.frames() {
             (frames[own.number].view, frames[own.number].elsewhere) = (Some(own.view), own.elsewhere);
         }
-        let segments = self.parts(place).into_iter().map(|part| self.segment(part)).collect();
+        let segments = self.parts(place, &self.config).into_iter().map(|part| self.segment(part)).collect();
         let mut tracks = tracks(state, &self.config, segments).into_iter().map(|track| self.balls(&track));
         let followed = tracks.next().unwrap_or_default();
         for (&frame, &(member, confidence)) in &followed {
@@ -260,9 +260,9 @@ impl<'a> Hypotheses<'a> {
     }
 
     /// The parts of all tracklets.
-    fn parts(&self, place: Option<(&Camera, &Scene)>) -> Vec<Part> {
-        let gravity_test = place.map(|(camera, scene)| GravityTest { config: &self.config.gravity, camera, scene });
-        parts(&self.tracklets, self.state, &self.config, gravity_test.as_ref())
+    fn parts(&self, place: Option<(&Camera, &Scene)>, config: &TrackerConfig) -> Vec<Part> {
+        let gravity_test = place.map(|(camera, scene)| GravityTest { config: &config.gravity, camera, scene });
+        parts(&self.tracklets, self.state, config, gravity_test.as_ref())
     }
 
     fn segment(&self, part: Part) -> TrackletSegment {
@@ -274,7 +274,7 @@ impl<'a> Hypotheses<'a> {
     }
 
     /// What tells of all parts of tracklets whether they are the ball's.
-    pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>) -> Vec<TrackletFeatures> {
+    pub fn tracklet_features(&self, place: Option<(&Camera, &Scene)>, config: &TrackerConfig) -> Vec<TrackletFeatures> {
         let place_of = |&member: &BlobId| {
             let frame = self.state.frame(self.state.frame_of(member));
             (frame.number, self.followed_blob(member).image)
@@ -283,7 +283,7 @@ impl<'a> Hypotheses<'a> {
             features,
             places: members.iter().map(place_of).collect(),
         };
-        self.parts(place).into_iter().map(of_part).collect()
+        self.parts(place, config).into_iter().map(of_part).collect()
     }
 
     fn followed_blob(&self, member: BlobId) -> TrackedBlob {

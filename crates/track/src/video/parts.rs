@@ -12,8 +12,6 @@ use gravisight_geometry::statistics::median;
 
 /// What tells whether a part of a tracklet is the ball's, as [`WeightsConfig`](super::config::WeightsConfig) lists it.
 pub(super) type Features = [f64; 9];
-/// Which of them is how the path falls.
-const FALL: usize = 8;
 
 /// A part of a tracklet that is one object's.
 #[derive(Debug, Clone)]
@@ -63,7 +61,9 @@ pub(super) fn parts(
         }
     }
     for (range, log_odds) in ranges.into_iter().zip(fall::log_odds(&falls, &config.fall)) {
-        parts[range].iter_mut().for_each(|part| part.features[FALL] = log_odds);
+        for Part { features: [.., fall], .. } in &mut parts[range] {
+            *fall = log_odds;
+        }
     }
     parts
 }

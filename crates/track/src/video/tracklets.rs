@@ -45,6 +45,13 @@ impl TrackletSearch<'_> {
         self.state.blob(blob)
     }
 
+    /// What a path bends by perspective in a step, px a squared px of the step: a ball that flies towards the camera or away is about as fast as it
+    /// looks, so that its image's speed changes by twice half of that over the focal length, which is about the picture's longer side.
+    fn perspective(&self) -> f64 {
+        let [width, height] = self.state.size;
+        1.0 / width.max(height) as f64
+    }
+
     /// Indices of the frames that are searched.
     fn frames(&self) -> Range<usize> {
         self.from.0..self.state.segmented()
@@ -113,7 +120,7 @@ impl TrackletSearch<'_> {
                         let fraction = after / before;
                         let step = length * fraction;
                         let bend = self.flight.max_acceleration * radius * after * (before + after) / 2.0
-                            + self.flight.drag * step * step / radius;
+                            + (self.flight.drag / radius + self.perspective()) * step * step;
                         let allowed = step_px + step_fraction * step + bend;
                         let [x, y] = second.at.xy;
                         let to = Place::new([x + fraction * displacement[0], y + fraction * displacement[1]]);
@@ -362,10 +369,13 @@ impl Parabola {
         let interval = (last - first) / (count - 1.0).max(1.0);
         // The gate admits the largest acceleration.
         let config = search.config;
-        let bend = search.flight.max_acceleration / config.gate * radius * interval * interval;
+        let of = right.map(|right| covariance * right);
+        let step = of[0][1].hypot(of[1][1]) * interval;
+        let bend = search.flight.max_acceleration * radius * interval * interval + search.perspective() * step * step;
+        let bend = bend / config.gate;
         // A line is not yet a flight: what bends it is unknown.
         let line_bend = if is_line { config.step_px.hypot(config.beyond_line * bend) } else { 0.0 };
-        Some(Self { middle, of: right.map(|right| covariance * right), covariance, sigma, is_line, line_bend })
+        Some(Self { middle, of, covariance, sigma, is_line, line_bend })
     }
 
     /// Where it is at a time, and how far that may be off, px.

@@ -139,7 +139,7 @@ pub struct WeightsConfig {
 impl Default for WeightsConfig {
     fn default() -> Self {
         Self {
-            with_motion: [-1.666, -1.672, 0.465, 1.039, 1.039, 0.684, 0.392, 0.717, 1.655],
+            with_motion: [-4.935, 1.821, 0.699, 1.764, 0.464, 0.248, 0.595, 0.824, 1.777],
             without_motion: [-2.468, 1.365, 0.91, 0.0, 0.0, 0.0, 1.086, 0.769, 0.5],
             usual_gain: 27.0,
             sizes: [2.0, 32.0],

@@ -192,8 +192,7 @@ impl Default for GravityConfig {
     }
 }
 
-/// Whether a path bends downwards as a ball's does, where neither camera nor ball is known: accelerations in apparent radii a second squared. Their
-/// spreads are those of [`GravityConfig`].
+/// Whether a path bends downwards as a ball's does, where neither camera nor ball is known: accelerations in apparent radii a second squared.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -201,15 +200,26 @@ impl Default for GravityConfig {
 pub struct FallConfig {
     /// Gravity, radii/s². Source: physical, from 9.81 m/s² over the 0.12 m of a basketball to that over the 0.02 m of a table tennis ball.
     pub gravities: [f64; 2],
-    /// The same in slow motion, or of larger balls that are seen steeply from above. Source: physical, down to 1 m/s² of the paper's balls of 0.2 m.
+    /// The same in slow motion, or of larger balls that are seen steeply from above. Source: physical, down to that of a basketball that is
+    /// shown 28 times as slowly.
     pub slowed: [f64; 2],
     /// Probability of these. Source: chosen by hand.
     pub slowed_fraction: f64,
-    /// Accelerations of what does not fly, radii/s². Source: physical, from 1 m/s² of a car of 1 m to 150 m/s² of a hand of 0.05 m.
+    /// Accelerations of what does not fly, radii/s². Source: physical, from 0.1 m/s² of a car of 1 m that keeps its speed to
+    /// 150 m/s² of a hand of 0.05 m.
     pub others: [f64; 2],
     /// Values of each that are tried, evenly in the logarithm. Source: physical, finer than the spreads.
     pub steps: usize,
-    /// Probability that a path of the ball has a gravity of its own: in a replay, or where its radius is wrong. Source: chosen by hand.
+    /// Duration of a part of a path that is one parabola, s. Source: fitted by scripts/fit-weights tracklets.
+    pub part: f64,
+    /// A ball's acceleration downwards, in units of gravity. Source: fitted by scripts/fit-weights tracklets.
+    pub along: f64,
+    /// Spread of that below and above, in the same units. Source: fitted by scripts/fit-weights tracklets.
+    pub spread: [f64; 2],
+    /// Spread of the acceleration across, in the same units. Source: fitted by scripts/fit-weights tracklets.
+    pub spread_across: f64,
+    /// Probability that a path of the ball has a gravity of its own: in a replay, or where its radius is wrong. Source: fitted by
+    /// scripts/fit-weights tracklets.
     pub own_gravity: f64,
     /// Largest log-odds of a path, for or against a ball. Source: chosen by hand.
     pub most: f64,
@@ -219,11 +229,15 @@ impl Default for FallConfig {
     fn default() -> Self {
         Self {
             gravities: [80.0, 490.0],
-            slowed: [1.0, 80.0],
-            slowed_fraction: 0.2,
-            others: [1.0, 3000.0],
+            slowed: [0.1, 80.0],
+            slowed_fraction: 0.1,
+            others: [0.1, 3000.0],
             steps: 24,
-            own_gravity: 0.1,
+            part: 0.8,
+            along: 1.1,
+            spread: [0.3, 0.6],
+            spread_across: 0.45,
+            own_gravity: 0.3,
             most: 8.0,
         }
     }
