@@ -98,6 +98,7 @@ fn tried(fall: &FallConfig) -> Vec<FallConfig> {
     let spreads = [[0.2, 0.4], [0.2, 0.6], [0.3, 0.6], [0.3, 1.0], [0.4, 0.8]];
     all.extend(spreads.map(|spread| FallConfig { spread, ..*fall }));
     all.extend([0.2, 0.3, 0.45, 0.6].map(|spread_across| FallConfig { spread_across, ..*fall }));
+    all.extend([0.02, 0.05, 0.1, 0.2].map(|slowed_fraction| FallConfig { slowed_fraction, ..*fall }));
     all.extend([0.1, 0.2, 0.3, 0.5].map(|own_gravity| FallConfig { own_gravity, ..*fall }));
     all
 }

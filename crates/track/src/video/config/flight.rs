@@ -200,10 +200,9 @@ impl Default for GravityConfig {
 pub struct FallConfig {
     /// Gravity, radii/s². Source: physical, from 9.81 m/s² over the 0.12 m of a basketball to that over the 0.02 m of a table tennis ball.
     pub gravities: [f64; 2],
-    /// The same in slow motion, or of larger balls that are seen steeply from above. Source: physical, down to that of a basketball that is
-    /// shown 28 times as slowly.
+    /// The same in slow motion, or of larger balls that are seen steeply from above. Source: physical, down to 1 m/s² of the paper's balls of 0.2 m.
     pub slowed: [f64; 2],
-    /// Probability of these. Source: chosen by hand.
+    /// Probability of these. Source: fitted by scripts/fit-weights tracklets.
     pub slowed_fraction: f64,
     /// Accelerations of what does not fly, radii/s². Source: physical, from 0.1 m/s² of a car of 1 m that keeps its speed to
     /// 150 m/s² of a hand of 0.05 m.
@@ -229,8 +228,8 @@ impl Default for FallConfig {
     fn default() -> Self {
         Self {
             gravities: [80.0, 490.0],
-            slowed: [0.1, 80.0],
-            slowed_fraction: 0.1,
+            slowed: [1.0, 80.0],
+            slowed_fraction: 0.02,
             others: [0.1, 3000.0],
             steps: 24,
             part: 0.8,
