@@ -394,17 +394,23 @@ fn odd_videos_are_read_and_named() {
     ]);
     command.args(["-map", "0:v", "-map", "1:v", "-map", "1:v", "-map", "2:a"]).arg(&crowded);
     assert!(command.status().unwrap().success());
-    // A phone that was held upright.
-    let turned = folder.join("turned.mp4");
-    // How it is written down is another option since ffmpeg 6.
-    let written =
-        [&["-display_rotation", "90", "-i", text(&plain)][..], &["-i", text(&plain), "-metadata:s:v:0", "rotate=90"]];
-    let turn = |arguments: &&[&str]| {
+    // A phone that was held upright: its pictures lie on their side, and the file says how to turn them.
+    let turned = |transpose: &str| {
+        let [side, turned] = ["side", "turned"].map(|name| folder.join(format!("{name}{transpose}.mp4")));
         let mut command = Command::new("ffmpeg");
-        command.args(["-v", "quiet", "-y"]).args(*arguments).args(["-c", "copy"]).arg(&turned);
-        command.status().unwrap().success()
+        command.args(["-v", "error", "-y", "-i", text(&plain), "-vf", transpose]).args(x264).arg(&side);
+        assert!(command.status().unwrap().success());
+        // How it is written down is another option since ffmpeg 6.
+        let written =
+            [&["-display_rotation", "90", "-i", text(&side)][..], &["-i", text(&side), "-metadata:s:v:0", "rotate=90"]];
+        let turn = |arguments: &&[&str]| {
+            let mut command = Command::new("ffmpeg");
+            command.args(["-v", "quiet", "-y"]).args(*arguments).args(["-c", "copy"]).arg(&turned);
+            command.status().unwrap().success()
+        };
+        assert!(written.iter().any(turn));
+        turned
     };
-    assert!(written.iter().any(turn));
     for (video, word) in
         [(&plain, ""), (&interlaced, "interlaced"), (&hdr, "dynamic range"), (&crowded, "3 video streams")]
     {
@@ -425,17 +431,17 @@ fn odd_videos_are_read_and_named() {
         println!("{}: {share:.2}", video.display());
         assert!(share > 0.8, "{}: {share}", video.display());
     }
-    let output = gravisight(&["track", text(&turned), "--json"]);
-    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
-    let last = f64::from(clip.camera.size().width) - 1.0;
-    // Upright again: turned one way or the other, but all of it alike.
-    let share = |place: &dyn Fn([f64; 2]) -> [f64; 2]| {
+    // One of the two is upright again, the other one upside down.
+    let share = |transpose: &str| {
+        let output = gravisight(&["track", text(&turned(transpose)), "--json"]);
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
         let frames = found["frames"].as_array().unwrap().iter().zip(&clip.frames);
         let right = frames.filter(|(found, frame)| {
-            frame.image.is_some_and(|truth| found["image"].is_array() && distance(&found["image"], place(truth)) < 2.0)
+            frame.image.is_some_and(|truth| found["image"].is_array() && distance(&found["image"], truth) < 2.0)
         });
         right.count() as f64 / clip.frames.len() as f64
     };
-    let [left, right, as_it_was] = [share(&|[x, y]| [y, last - x]), share(&|[x, y]| [last - y, x]), share(&|at| at)];
-    assert!(left.max(right) > 0.7 && as_it_was < 0.2, "{left} {right} {as_it_was}");
+    let [clockwise, counterclockwise] = ["transpose=1", "transpose=2"].map(share);
+    let [upright, upside_down] = [clockwise.max(counterclockwise), clockwise.min(counterclockwise)];
+    assert!(upright > 0.7 && upside_down < 0.2, "{clockwise} {counterclockwise}");
 }

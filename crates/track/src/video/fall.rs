@@ -61,7 +61,7 @@ impl Fall {
 }
 
 /// Log-odds that each path bends as the ball's does, from how all of them bend and the log-odds of each that it is the ball's before that: a path
-/// either has the gravity of the others that are balls', or one of its own.
+/// either has the gravity of the others that are balls', or one of its own, or how it falls tells nothing.
 pub(super) fn log_odds(falls: &[(Fall, f64)], config: &FallConfig) -> Vec<f64> {
     let prior: Vec<f64> = gravities(config).map(|(_, probability)| probability.ln()).collect();
     // Of each path under each gravity: what it says about gravity, be it the ball's or not.
@@ -79,7 +79,8 @@ pub(super) fn log_odds(falls: &[(Fall, f64)], config: &FallConfig) -> Vec<f64> {
         let by_others: Vec<f64> = by_others.iter().map(|log| log - sum).collect();
         let common = (1.0 - config.own_gravity).ln() + fall.log_ratio(&by_others);
         let own = config.own_gravity.ln() + fall.log_ratio(&prior);
-        log_sum(&[common, own]).clamp(-config.most, config.most)
+        let upright = log_sum(&[common, own]) + (1.0 - config.untold).ln();
+        log_sum(&[upright, config.untold.ln()]).min(config.most)
     };
     falls.iter().zip(&said).map(of_path).collect()
 }

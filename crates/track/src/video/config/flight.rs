@@ -220,7 +220,9 @@ pub struct FallConfig {
     /// Probability that a path of the ball has a gravity of its own: in a replay, or where its radius is wrong. Source: fitted by
     /// scripts/fit-weights tracklets.
     pub own_gravity: f64,
-    /// Largest log-odds of a path, for or against a ball. Source: chosen by hand.
+    /// Probability that how a path falls tells nothing: before a camera that lies on its side, or in extreme slow motion. Source: chosen by hand.
+    pub untold: f64,
+    /// Largest log-odds of a path for a ball. Source: chosen by hand.
     pub most: f64,
 }
 
@@ -237,6 +239,7 @@ impl Default for FallConfig {
             spread: [0.3, 0.6],
             spread_across: 0.45,
             own_gravity: 0.3,
+            untold: 0.15,
             most: 8.0,
         }
     }

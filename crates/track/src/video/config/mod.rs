@@ -86,6 +86,7 @@ impl TrackerConfig {
             ("gravity.steady_fraction", gravity.steady_fraction),
             ("fall.slowed_fraction", fall.slowed_fraction),
             ("fall.own_gravity", fall.own_gravity),
+            ("fall.untold", fall.untold),
         ];
         if let Some((name, _)) = probabilities.into_iter().find(|(_, value)| !(*value > 0.0 && *value < 1.0)) {
             return Err(Error::value("config", name, "must be a probability"));
