@@ -1,5 +1,5 @@
 //! Physics revises which candidates are the ball. On an explained flight, a label that the flight contradicts is replaced with a candidate on its
-//! path, or removed, and a frame without a label gets a candidate there; where no flight is explained, another track is tried. Once for each segment.
+//! path, and a frame without a label gets a candidate there; where no flight is explained, another track is tried. Once for each segment.
 
 use std::ops::Range;
 
@@ -114,7 +114,6 @@ impl Fitter<'_> {
             let beside = beside.into_iter().flatten().map(|index| followed[index].confidence).reduce(f64::min);
             match near.zip(beside) {
                 Some((candidate, confidence)) => taken(own, candidate, confidence),
-                None if fitted.outlier => without(own),
                 None => *own,
             }
         };
