@@ -132,7 +132,7 @@ mod tests {
         // A tennis ball: 9.81 m/s² over 0.0335 m.
         let falls = of(&path(25, [0.0, 5.0 * 293.0]));
         let others = [[0.0, 0.0], [0.0, -5.0 * 293.0], [5.0 * 293.0, 0.0]].map(|other| of(&path(25, other)));
-        assert!(falls > 3.0 && others[0] < -1.0 && others.iter().all(|other| *other < 0.0), "{falls} {others:?}");
+        assert!(falls > 3.0 && others[0] < -1.0 && others.iter().all(|other| *other < 0.5), "{falls} {others:?}");
         // In five frames of a small ball nothing can be told.
         let short: Vec<ImagePoint> =
             path(5, [0.0; 2]).into_iter().map(|point| ImagePoint { radius: 0.5, ..point }).collect();
@@ -142,16 +142,15 @@ mod tests {
 
     #[test]
     fn a_path_that_is_surely_the_balls_tells_gravity_for_the_others() {
-        let [tennis, football, slow] =
-            [293.0, 89.0, 12.0].map(|gravity| fall(&path(25, [0.0, 5.0 * gravity])).unwrap());
-        let together = |others: f64| {
-            let paths = [(tennis.clone(), 8.0), (tennis.clone(), 0.0), (football.clone(), 0.0), (slow.clone(), others)];
-            log_odds(&paths, &FallConfig::default())
+        let [tennis, football] = [293.0, 89.0].map(|gravity| fall(&path(25, [0.0, 5.0 * gravity])).unwrap());
+        // Of the last of these paths, beside two that are surely the ball's.
+        let beside = |sure: &Fall, last: &Fall| {
+            let paths = [(sure.clone(), 8.0), (sure.clone(), 8.0), (last.clone(), 0.0)];
+            log_odds(&paths, &FallConfig::default())[2]
         };
-        let [_, same, nearly, other] = together(0.0)[..] else { unreachable!() };
-        let [alone, nearly_alone, other_alone] =
-            [&tennis, &football, &slow].map(|fall| log_odds(&[(fall.clone(), 0.0)], &FallConfig::default())[0]);
-        assert!(same > alone && other < other_alone - 1.0, "{same} {alone} {other} {other_alone}");
-        assert!(nearly < nearly_alone, "{nearly} {nearly_alone}");
+        for (one, other) in [(&tennis, &football), (&football, &tennis)] {
+            let (same, different) = (beside(one, one), beside(other, one));
+            assert!(same > different + 0.4, "{same} {different}");
+        }
     }
 }
