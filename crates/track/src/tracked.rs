@@ -200,6 +200,9 @@ impl TrackedVideo {
             }
         }
         self.alternatives = alternatives;
+        // Both lists hold the same tracks.
+        let mut is_left = self.tracks.iter().map(|track| !track.frames.is_empty());
+        self.alternatives.tracks.retain(|_| is_left.next().unwrap_or(false));
         self.tracks.retain(|track| !track.frames.is_empty());
         self.explained = Some(!self.segments.is_empty() && self.segments.iter().all(FittedSegment::explained));
         self.verdict = self.verdict_text();

@@ -120,7 +120,8 @@ impl Fitter<'_> {
         followed.iter().enumerate().map(corrected).collect()
     }
 
-    /// The likeliest other track that is explained there.
+    /// The likeliest other track that is explained there. A short one is explained easily: it must explain more than half as many labels as were
+    /// followed.
     fn by_another_track(&self, range: &Range<usize>, followed: &[FollowedFrame]) -> Option<Revised> {
         self.alternatives.tracks.iter().enumerate().take(MOST_TRIED).find_map(|(track, frames)| {
             let mut other: Vec<FollowedFrame> = followed.iter().map(without).collect();
@@ -129,7 +130,9 @@ impl Fitter<'_> {
                 *own = taken(own, candidate, *confidence);
             }
             let segment = self.fit(range, &other);
-            let is_explained = segment.fit.as_ref().is_ok_and(|fit| fit.explained);
+            let labels = followed.iter().filter(|frame| frame.ball.is_some()).count();
+            let is_explained =
+                segment.fit.as_ref().is_ok_and(|fit| fit.explained && 2 * explained_labels(fit) > labels);
             is_explained.then(|| Revised { segment, changes: changes(range, followed, &other), track: Some(track) })
         })
     }
