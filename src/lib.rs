@@ -31,7 +31,8 @@
 //!
 //! By subject, a module each; the names that a program begins with are at the top as well:
 //!
-//! - [`camera`]: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`], [`Calibration`]
+//! - [`camera`]: [`Camera`]; from labelled points: [`Points`], [`Court`], [`Unknowns`], [`calibrate`], [`Calibration`]; from a
+//!   picture of a court: [`find_court`]
 //! - [`physics`]: [`Scene`], [`Contact`], [`State`]; [`Forecaster`], [`ForecastOptions`], [`Forecast`], [`Integrator`]
 //! - [`track`]: [`Track`], [`Observation`]; [`Fit`], [`FitOptions`], [`Parameter`]; what [`VideoTracker`] finds in a video: [`TrackedVideo`]; in words for people: [`Findings`]
 //! - [`image`], [`model`], [`localise`]: [`Picture`], [`Size`]; [`Card`], [`Device`]; [`Localiser`], [`LocaliseOptions`],
@@ -48,11 +49,12 @@
 #![deny(unsafe_code)]
 #![recursion_limit = "256"]
 
-/// Cameras: projection, lens models, files, and calibration from labelled points and lines.
+/// Cameras: projection, lens models, files, and calibration from labelled points and lines, or from a picture of a court.
 pub mod camera {
     pub use gravisight_geometry::camera::{
-        Calibration, CalibrationMethod, Camera, CameraSigma, Court, CourtLine, Detection, Distortion, LensModel,
-        LineSeen, Outline, PointSigma, Points, Unknowns, WrongClick, calibrate, calibrate_by_lines,
+        Calibration, CalibrationMethod, Camera, CameraSigma, Court, CourtLine, CourtVerdict, Detection, Distortion,
+        FoundCourt, FoundLine, LensModel, LineSeen, Outline, PointSigma, Points, Unknowns, WrongClick, calibrate,
+        calibrate_by_lines, find_court,
     };
 }
 /// Clips on disk: pictures with their labels, cameras and scenes.
@@ -104,7 +106,8 @@ mod testing;
 pub use burn::tensor::Device;
 
 pub use self::camera::{
-    Calibration, Camera, Court, CourtLine, LineSeen, Points, Unknowns, calibrate, calibrate_by_lines,
+    Calibration, Camera, Court, CourtLine, CourtVerdict, FoundCourt, LineSeen, Points, Unknowns, calibrate,
+    calibrate_by_lines, find_court,
 };
 pub use self::clips::{Clip, Clips, Frame};
 pub use self::evaluate::{Metrics, Sample, score};

@@ -9,6 +9,7 @@ mod courts;
 mod distortion;
 mod doubts;
 mod file;
+mod find;
 mod fold;
 mod projection;
 mod sphere;
@@ -23,6 +24,7 @@ pub use self::calibrate::{
 };
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::{Distortion, LensModel};
+pub use self::find::{CourtVerdict, FoundCourt, FoundLine, find_court};
 use self::fold::Range;
 use self::projection::projected;
 pub use self::sphere::{Detection, Outline};

@@ -17,6 +17,7 @@ mod start;
 use nalgebra::{Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
 use self::doubts::on_a_line;
+pub(in crate::camera) use self::lines::refine_by_lines;
 pub use self::lines::{LineSeen, calibrate_by_lines};
 use self::noise::{ClickNoise, f_tail};
 pub use self::outcome::{Calibration, CalibrationMethod, CameraSigma, PointSigma, WrongClick};

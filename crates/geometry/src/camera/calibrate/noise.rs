@@ -23,9 +23,17 @@ impl ClickNoise {
     /// 0.3 to 1.2 px (`docs/experiments.md`), quick ones are two to three pixels off.
     const PRIOR: Self = Self { sum: 3.0, freedom: 3.0 };
 
+    /// Degrees of freedom of a noise that is known well.
+    const KNOWN: f64 = 100.0;
+
     /// By clicks that the best camera leaves at a sum of squared errors of `cost` px², with `freedom` equations more than unknowns.
     pub(super) fn by(cost: f64, freedom: usize) -> Self {
         Self { sum: Self::PRIOR.sum + cost, freedom: Self::PRIOR.freedom + freedom as f64 }
+    }
+
+    /// Of points that are not clicked, but placed by a camera with a 1-σ of `sigma` px.
+    pub(super) fn known(sigma: f64) -> Self {
+        Self { sum: sigma * sigma * (Self::KNOWN - 2.0), freedom: Self::KNOWN }
     }
 
     /// The mean of the variance, px².
