@@ -3,9 +3,10 @@
 use std::io::Cursor;
 
 use gravisight::parts::{Maps, Saliency};
-use gravisight::{Error, Result};
+use gravisight::{Camera, CourtLine, Error, Result};
 use image::imageops::{self, FilterType};
 use image::{ImageBuffer, ImageFormat, Luma, Rgb, RgbImage};
+use nalgebra::Point3;
 use plotters::style::RGBColor;
 use plotters::style::colors::colormaps::ViridisRGB;
 
@@ -15,6 +16,9 @@ const MARK: Rgb<u8> = Rgb([255, 255, 255]);
 /// Share of the map's colour where the heatmap peaks; everywhere on the depth map.
 const HEAT_OPACITY: f32 = 0.7;
 const DEPTH_OPACITY: f32 = 0.75;
+/// Colour of a court's lines, which no court has, and the points of each: more than a picture has pixels along it.
+const LINE: Rgb<u8> = Rgb([255, 0, 255]);
+const LINE_STEPS: u32 = 8000;
 /// Inner and outer end of the four strokes around the position, px.
 const STROKE: std::ops::Range<i64> = 6..14;
 /// Share of a saliency map's pixels that are below its full colour: a few strong pixels do not dim all others.
@@ -66,6 +70,21 @@ pub fn mark(picture: &mut RgbImage, [x, y]: [f64; 2]) {
                 && let Some(pixel) = picture.get_pixel_mut_checked(px, py)
             {
                 *pixel = MARK;
+            }
+        }
+    }
+}
+
+/// A court's lines as a camera sees them, over its picture.
+pub fn lines(picture: &mut RgbImage, camera: &Camera, lines: &[CourtLine]) {
+    for line in lines {
+        let [from, to] = [line.from, line.to].map(Point3::from);
+        for step in 0..=LINE_STEPS {
+            let at = from + (to - from) * (f64::from(step) / f64::from(LINE_STEPS));
+            let Ok(image) = camera.image_from_world(&at) else { continue };
+            let (x, y) = (image.x.round(), image.y.round());
+            if x >= 0.0 && y >= 0.0 && x < f64::from(picture.width()) && y < f64::from(picture.height()) {
+                picture.put_pixel(x as u32, y as u32, LINE);
             }
         }
     }

@@ -10,9 +10,13 @@ use serde_json::json;
 use super::print_line;
 use gravisight::camera::{CalibrationMethod, PointSigma};
 use gravisight::internal::write_whole;
-use gravisight::{Calibration, Court, Picture, Points, Unknowns, calibrate, calibrate_by_lines};
+use gravisight::{
+    Calibration, Court, CourtLine, CourtVerdict, FoundCourt, Picture, Points, Unknowns, calibrate, calibrate_by_lines,
+    find_court,
+};
 
 use crate::cameras::{self, Intrinsics};
+use crate::draw;
 use crate::footage::Footage;
 use crate::import::is_picture;
 
@@ -24,17 +28,29 @@ pub const EXAMPLE: &str = r#"{
   "image": [[312.5, 905.0], [1630.0, 897.5], [601.0, 322.0], [1297.0, 319.5]]
 }"#;
 
-/// Find a camera from labelled points.
+/// Find a camera from labelled points, or from a court's painted lines.
 #[derive(Args)]
 #[command(after_long_help = format!("\
 points.json gives the points' positions in the picture (`image`, px from the centre of the top left pixel) and identifies them: by `names`
 of a court's points (`gravisight calibrate --list tennis`), or by `world`, their positions in metres. Give at least 4 in one plane, or 6 in
 space:\n\n{EXAMPLE}\n
 `intrinsic` (3 rows of 3) and `distortion` (k1, k2, p1, p2, k3) may be given if known. `lines` are painted lines in addition to
-the court's: {{\"from\": [x,y,z], \"to\": [x,y,z], \"width\": 0.05}}."))]
+the court's: {{\"from\": [x,y,z], \"to\": [x,y,z], \"width\": 0.05}}.\n
+Without points: `gravisight calibrate match.mp4 --court tennis` finds the court's painted lines by itself. The picture must show at least
+five of them and some of their corners. A sure result is right; a probable one prints a warning: check it with --overlay. If there is no
+court, the exit status is 1."))]
 pub struct Arguments {
+    /// With --court: a picture, or a video, whose first frame is used.
+    #[arg(value_name = "PICTURE|VIDEO", requires = "court")]
+    shown: Option<PathBuf>,
+    /// Find the camera from this court's painted lines in a picture, without points (see --list for the names of the courts).
+    #[arg(long, value_name = "COURT", requires = "shown", conflicts_with_all = ["points", "camera", "refine_lines", "list"])]
+    court: Option<String>,
+    /// With --court: draw the court's lines over the picture, as the camera sees them, into this PNG file.
+    #[arg(long, value_name = "PICTURE.PNG", requires = "court")]
+    overlay: Option<PathBuf>,
     /// The points (points.json: width, height, intrinsic if known, image, and world or court and names).
-    #[arg(long, value_name = "POINTS.JSON", required_unless_present = "list")]
+    #[arg(long, value_name = "POINTS.JSON", required_unless_present_any = ["list", "court"])]
     points: Option<PathBuf>,
     /// Take intrinsics and lens from this camera: a camera.json, or another tool's file (see `gravisight camera import --help`).
     #[arg(long, value_name = "CAMERA", conflicts_with = "list")]
@@ -65,6 +81,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     if let Some(court) = &arguments.list {
         return list(court, arguments.json);
     }
+    if let (Some(court), Some(shown)) = (&arguments.court, &arguments.shown) {
+        return by_court(court, shown, &arguments);
+    }
     let path = arguments.points.context("--points is missing")?;
     let points = with_camera(Points::from_file(&path)?, arguments.camera.as_deref())?;
     let unknowns = Unknowns::named(&arguments.estimate)?;
@@ -73,17 +92,67 @@ pub fn run(arguments: Arguments) -> Result<()> {
         None => calibrate(&points, &unknowns),
     };
     let found = found.with_context(|| path.display().to_string())?;
-    if let Some(out) = &arguments.out {
-        write_whole(out, serde_json::to_string_pretty(&found.camera)?.as_bytes())?;
-    }
+    write_camera(&found, arguments.out.as_deref())?;
     match arguments.json {
-        true => {
-            found.doubts.iter().for_each(|doubt| eprintln!("DOUBTFUL: {doubt}"));
-            print_line(serde_json::to_string(&found)?)?;
+        true => print_json(&found, None)?,
+        false => {
+            print_points(&points, &found)?;
+            print_lines(&points.lines, &found)?;
+            print_fit(&points, &found)?;
+            print_camera(&found, arguments.out.is_none())?;
         }
-        false => print(&points, &found, arguments.out.is_none())?,
     }
     Ok(())
+}
+
+/// The camera by a court's painted lines alone.
+fn by_court(court: &str, shown: &Path, arguments: &Arguments) -> Result<()> {
+    let name = shown.display();
+    let frame = if is_picture(shown) { "" } else { ", first frame" };
+    let picture = first_picture(shown)?;
+    let found = find_court(&picture, court)?;
+    let FoundCourt { verdict, reason, .. } = &found;
+    ensure!(
+        *verdict != CourtVerdict::None,
+        "{name}{frame}: no court found: {reason}; try another frame, or click points (`gravisight calibrate --help`)"
+    );
+    let unknowns = Unknowns::named(&arguments.estimate)?;
+    let refined = found.calibrate(&picture, &unknowns);
+    let refined = refined.with_context(|| format!("{name}{frame}: {reason}, but the camera cannot be refined"))?;
+    let lines: Vec<CourtLine> = found.lines.iter().map(|line| line.line.clone()).collect();
+    write_camera(&refined, arguments.out.as_deref())?;
+    if let Some(overlay) = &arguments.overlay {
+        let mut drawn = picture.into_rgb();
+        draw::lines(&mut drawn, &refined.camera, &lines);
+        write_whole(overlay, &draw::png(&drawn)?)?;
+    }
+    if *verdict == CourtVerdict::Probable {
+        eprintln!(
+            "WARNING: the court is probable, not sure: {reason}. Check that the lines drawn by --overlay are the court's."
+        );
+    }
+    match arguments.json {
+        true => print_json(&refined, Some(&found)),
+        false => {
+            print_line(format_args!("{name}{frame}: {reason}"))?;
+            print_lines(&lines, &refined)?;
+            print_camera(&refined, arguments.out.is_none())
+        }
+    }
+}
+
+fn write_camera(found: &Calibration, out: Option<&Path>) -> Result<()> {
+    let Some(out) = out else { return Ok(()) };
+    Ok(write_whole(out, serde_json::to_string_pretty(&found.camera)?.as_bytes())?)
+}
+
+fn print_json(found: &Calibration, court: Option<&FoundCourt>) -> Result<()> {
+    found.doubts.iter().for_each(|doubt| eprintln!("DOUBTFUL: {doubt}"));
+    let mut all = serde_json::to_value(found)?;
+    if let Some(FoundCourt { court, verdict, reason, .. }) = court {
+        all["court"] = json!({"name": court, "verdict": verdict, "reason": reason});
+    }
+    Ok(print_line(all)?)
 }
 
 /// The points, with intrinsics and lens of a camera's file.
@@ -118,22 +187,29 @@ fn list(court: &str, as_json: bool) -> Result<()> {
     Ok(())
 }
 
-fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> {
-    let camera = &found.camera;
+fn print_points(points: &Points, found: &Calibration) -> Result<()> {
     print_line("  x px     y px   residual px   point")?;
     for (index, (image, residual)) in points.image.iter().zip(&found.residuals_px).enumerate() {
         let name = points.names.get(index).cloned().unwrap_or_else(|| format!("{}", points.world[index]));
         let mark = if found.outliers.iter().any(|wrong| wrong.index == index) { "  WRONG CLICK? left out" } else { "" };
         print_line(format_args!("{:7.1} {:8.1} {:9.2}      {name}{mark}", image.x, image.y, residual.norm()))?;
     }
+    Ok(())
+}
+
+fn print_lines(lines: &[CourtLine], found: &Calibration) -> Result<()> {
     for line in found.lines.iter().filter(|line| line.is_expected) {
-        let [from, to] = [points.lines[line.index].from, points.lines[line.index].to];
+        let CourtLine { from, to, .. } = &lines[line.index];
         let seen = match line.share {
             0.0 => "NOT FOUND".into(),
             fraction => format!("{:.0} % found, {:.2} px rms", 100.0 * fraction, line.rms_px),
         };
         print_line(format_args!("line {} from {from:?} to {to:?}: {seen}", line.index))?;
     }
+    Ok(())
+}
+
+fn print_fit(points: &Points, found: &Calibration) -> Result<()> {
     let used = points.image.len() - found.outliers.len();
     print_line(format_args!(
         "{used} points, {:.2} px rms (click noise about {:.2} px per coordinate), initialised by {}",
@@ -144,6 +220,11 @@ fn print(points: &Points, found: &Calibration, with_camera: bool) -> Result<()> 
             CalibrationMethod::Homography => "homography",
         }
     ))?;
+    Ok(())
+}
+
+fn print_camera(found: &Calibration, with_camera: bool) -> Result<()> {
+    let camera = &found.camera;
     let centre = found.centre;
     let [sx, sy, sz] = <[f64; 3]>::from(found.sigma.centre).map(|sigma| 100.0 * sigma);
     print_line(format_args!(

@@ -32,6 +32,7 @@ const CHECKED: [Checked; 13] = [
         ("cameras::a_calibration_takes_intrinsics_and_lens_of_another_tools_file", &["camera"]),
         ("options::calibrate_estimates_what_it_is_told_to", &["estimate"]),
         ("calibrate::a_videos_lines_make_four_clicks_exact", &["refine-lines"]),
+        ("calibrate::a_videos_lines_make_a_camera_without_clicks", &["court", "overlay"]),
     ]),
     ("camera import", &[
         ("cameras::the_cameras_of_kalibr_take_their_pose_from_another_file", &["to"]),

@@ -121,6 +121,43 @@ fn a_videos_lines_make_four_clicks_exact() {
 }
 
 #[test]
+fn a_videos_lines_make_a_camera_without_clicks() {
+    let folder = scratch("court");
+    let made = gravisight(&["synth", "--set", "broadcast", "--split", "val", "--clips", "1", "--out", text(&folder)]);
+    assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+    let truth = Camera::from_file(&folder.join("tennis-000.camera.json")).unwrap();
+    let (video, out, drawn) = (folder.join("tennis-000.mp4"), folder.join("camera.json"), folder.join("overlay.png"));
+    let arguments = ["calibrate", text(&video), "--court", "tennis", "--out", text(&out), "--overlay", text(&drawn)];
+    let found = read(&gravisight(&[&arguments[..], &["--json"]].concat()));
+    assert!(["sure", "probable"].contains(&found["court"]["verdict"].as_str().unwrap()), "{}", found["court"]);
+    // Courts look the same from both ends.
+    let camera = Camera::from_file(&out).unwrap();
+    let off = |sign: f64| {
+        let corners = [[-4.115, -6.4], [4.115, -6.4], [4.115, 6.4], [-4.115, 6.4]];
+        let off = corners.map(|[x, y]| {
+            let at = camera.image_from_world(&Point3::new(sign * x, sign * y, 0.0)).unwrap();
+            (at - truth.image_from_world(&Point3::new(x, y, 0.0)).unwrap()).norm()
+        });
+        off.into_iter().fold(0.0, f64::max)
+    };
+    let off = off(1.0).min(off(-1.0));
+    assert!(off < 0.01 * truth.size().xy()[0], "{off} px");
+    let magenta = image::open(&drawn).unwrap().to_rgb8().pixels().filter(|pixel| pixel.0 == [255, 0, 255]).count();
+    assert!(magenta > 500, "{magenta}");
+    let said = gravisight(&arguments);
+    let said = String::from_utf8_lossy(&said.stdout);
+    assert!(said.contains("first frame") && said.contains("% found") && !said.contains("click"), "{said}");
+    // A picture of something else: one line that says why.
+    let none = gravisight(&["calibrate", text(&folder.join("toss-000.mp4")), "--court", "badminton"]);
+    let errors = String::from_utf8_lossy(&none.stderr);
+    assert_eq!((none.status.code(), errors.lines().count()), (Some(1), 1), "{errors}");
+    assert!(errors.contains("no court found"), "{errors}");
+    for wrong in [&["calibrate", "--court", "tennis"][..], &["calibrate", text(&video)]] {
+        assert_eq!(gravisight(wrong).status.code(), Some(2), "{wrong:?}");
+    }
+}
+
+#[test]
 fn helps_example_is_one_that_works() {
     let help = gravisight(&["calibrate", "--help"]);
     let help = String::from_utf8_lossy(&help.stdout);
