@@ -3,6 +3,7 @@
 
 mod common;
 mod convolution;
+mod courts;
 mod forecast;
 mod numerics;
 mod photographs;
@@ -19,8 +20,9 @@ use mimalloc::MiMalloc;
 static ALLOCATOR: MiMalloc = MiMalloc;
 
 /// By name; whether it has something to run on by itself.
-const ALL: [common::Bench; 9] = [
+const ALL: [common::Bench; 10] = [
     ("convolution", convolution::run, true),
+    ("courts", courts::run, false),
     ("forecast", forecast::run, true),
     ("numerics", numerics::run, true),
     ("photographs", photographs::run, true),
