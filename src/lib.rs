@@ -53,8 +53,8 @@
 pub mod camera {
     pub use gravisight_geometry::camera::{
         Calibration, CalibrationMethod, Camera, CameraSigma, Court, CourtLine, CourtVerdict, Detection, Distortion,
-        FoundCourt, FoundLine, LensModel, LineSeen, Outline, PointSigma, Points, Unknowns, WrongClick, calibrate,
-        calibrate_by_lines, find_court,
+        FoundCourt, FoundLine, LensModel, LineSeen, OtherCourt, Outline, PointSigma, Points, Unknowns, WrongClick,
+        calibrate, calibrate_by_lines, find_court,
     };
 }
 /// Clips on disk: pictures with their labels, cameras and scenes.

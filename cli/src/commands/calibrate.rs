@@ -11,8 +11,8 @@ use super::print_line;
 use gravisight::camera::{CalibrationMethod, PointSigma};
 use gravisight::internal::write_whole;
 use gravisight::{
-    Calibration, Court, CourtLine, CourtVerdict, FoundCourt, Picture, Points, Unknowns, calibrate, calibrate_by_lines,
-    find_court,
+    Calibration, Court, CourtLine, CourtVerdict, FoundCourt, OtherCourt, Picture, Points, Unknowns, calibrate,
+    calibrate_by_lines, find_court,
 };
 
 use crate::cameras::{self, Intrinsics};
@@ -43,7 +43,8 @@ pub struct Arguments {
     /// With --court: a picture, or a video, whose first frame is used.
     #[arg(value_name = "PICTURE|VIDEO", requires = "court")]
     shown: Option<PathBuf>,
-    /// Find the camera from this court's painted lines in a picture, without points (see --list for the names of the courts).
+    /// Find the camera from this court's painted lines in a picture, without points (see --list for the names of the courts); `auto` tries
+    /// every court.
     #[arg(long, value_name = "COURT", requires = "shown", conflicts_with_all = ["points", "camera", "refine_lines", "list"])]
     court: Option<String>,
     /// With --court: draw the court's lines over the picture, as the camera sees them, into this PNG file.
@@ -128,13 +129,19 @@ fn by_court(court: &str, shown: &Path, arguments: &Arguments) -> Result<()> {
     }
     if *verdict == CourtVerdict::Probable {
         eprintln!(
-            "WARNING: the court is probable, not sure: {reason}. Check that the lines drawn by --overlay are the court's."
+            "WARNING: the camera is right with a probability of {:.0} %: {reason}. Check with --overlay that the lines drawn are the court's.",
+            100.0 * found.probability
         );
     }
     match arguments.json {
         true => print_json(&refined, Some(&found)),
         false => {
-            print_line(format_args!("{name}{frame}: {reason}"))?;
+            let (court, percent) = (&found.court, 100.0 * found.probability);
+            print_line(format_args!("{name}{frame}: {court}, probability {percent:.0} %: {reason}"))?;
+            for other in &found.others {
+                let OtherCourt { court, probability, .. } = other;
+                print_line(format_args!("another camera fits: {court}, probability {:.0} %", 100.0 * probability))?;
+            }
             print_lines(&lines, &refined)?;
             print_camera(&refined, arguments.out.is_none())
         }
@@ -149,8 +156,8 @@ fn write_camera(found: &Calibration, out: Option<&Path>) -> Result<()> {
 fn print_json(found: &Calibration, court: Option<&FoundCourt>) -> Result<()> {
     found.doubts.iter().for_each(|doubt| eprintln!("DOUBTFUL: {doubt}"));
     let mut all = serde_json::to_value(found)?;
-    if let Some(FoundCourt { court, verdict, reason, .. }) = court {
-        all["court"] = json!({"name": court, "verdict": verdict, "reason": reason});
+    if let Some(court) = court {
+        all["court"] = serde_json::to_value(court)?;
     }
     Ok(print_line(all)?)
 }

@@ -24,7 +24,9 @@ pub use self::calibrate::{
 };
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::{Distortion, LensModel};
-pub use self::find::{CourtVerdict, FoundCourt, FoundLine, find_court};
+pub use self::find::{CourtVerdict, FoundCourt, FoundLine, OtherCourt, find_court};
+#[doc(hidden)]
+pub use self::find::{FEATURES as COURT_FEATURES, court_evidence};
 use self::fold::Range;
 use self::projection::projected;
 pub use self::sphere::{Detection, Outline};

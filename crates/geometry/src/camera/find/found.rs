@@ -18,6 +18,9 @@ const SIGMA: f64 = 0.002;
 /// They count as so many independent points, however many there are: the camera that places them has seven unknowns.
 const INDEPENDENT: f64 = 4.0;
 
+/// Other cameras less probable than this are not worth a look.
+const LEAST_OTHER: f64 = 0.01;
+
 /// A court that [`find_court`](super::find_court) searched in a picture.
 #[derive(Debug, Clone, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
@@ -25,6 +28,9 @@ const INDEPENDENT: f64 = 4.0;
 pub struct FoundCourt {
     /// How far the camera can be trusted.
     pub verdict: CourtVerdict,
+    /// Probability that the camera puts every point of the court in view within 1 % of the picture's width of its place; 0 where no camera
+    /// fits.
+    pub probability: f64,
     /// Why, in words.
     pub reason: String,
     /// The court's name; `tennis-singles` for a tennis court without the side lines for doubles.
@@ -44,6 +50,22 @@ pub struct FoundCourt {
     pub beyond: f64,
     /// Root mean square distance of the lines from the paint, px of the given picture.
     pub rms_px: f64,
+    /// Other cameras that may be the right one, the likeliest first: another position of the same court, or another court. A half-turn of
+    /// the court is none.
+    pub others: Vec<OtherCourt>,
+}
+
+/// Another camera that the lines of a picture fit.
+#[derive(Debug, Clone, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct OtherCourt {
+    /// The court's name, as in [`FoundCourt::court`].
+    pub court: String,
+    /// The camera, for pictures of the given size.
+    pub camera: Camera,
+    /// Probability that it is the right one, as in [`FoundCourt::probability`].
+    pub probability: f64,
 }
 
 /// A painted line of a court that was searched.
@@ -59,11 +81,28 @@ pub struct FoundLine {
     pub fraction: f64,
 }
 
+impl Candidate {
+    /// The camera of pictures of the `given` size, from the view of the `working` one.
+    ///
+    /// # Errors
+    /// As [`Camera::new`].
+    pub(super) fn camera(&self, working: Size, given: Size) -> Result<Camera> {
+        let Self { view, bend, .. } = self;
+        let unit = f64::from(working.width.max(working.height));
+        let [x, y] = view.centre.into();
+        let intrinsic = Matrix3::new(view.focal, 0.0, x, 0.0, view.focal, y, 0.0, 0.0, 1.0);
+        // In focal lengths instead of widths.
+        let distortion = Distortion { k1: bend * (view.focal / unit).powi(2), ..Distortion::default() };
+        Camera::new(working, intrinsic, distortion, view.rotation, view.translation)?.resized(given)
+    }
+}
+
 impl FoundCourt {
     /// No court, and no camera that fits one.
     pub(super) fn none(court: &str, reason: String) -> Result<Self> {
         Ok(Self {
             verdict: CourtVerdict::None,
+            probability: 0.0,
             reason,
             court: court.into(),
             camera: None,
@@ -73,27 +112,33 @@ impl FoundCourt {
             recall: 0.0,
             beyond: 0.0,
             rms_px: 0.0,
+            others: Vec::new(),
         })
     }
 
-    /// From a camera of the working picture to one of the given picture.
+    /// From cameras of the working picture, the likeliest first, with their probabilities, to those of the given picture.
     ///
     /// # Errors
     /// As [`Camera::new`].
-    pub(super) fn of(best: Candidate, working: Size, given: Size) -> Result<Self> {
-        let Candidate { model, view, bend, features, runner_up, rms, verdict, reason } = best;
-        let unit = f64::from(working.width.max(working.height));
-        let [x, y] = view.centre.into();
-        let intrinsic = Matrix3::new(view.focal, 0.0, x, 0.0, view.focal, y, 0.0, 0.0, 1.0);
-        // In focal lengths instead of widths.
-        let distortion = Distortion { k1: bend * (view.focal / unit).powi(2), ..Distortion::default() };
+    pub(super) fn of(mut all: Vec<(Candidate, f64)>, working: Size, given: Size) -> Result<Self> {
+        let others = all.split_off(1);
+        let [(best, probability)] =
+            <[_; 1]>::try_from(all).map_err(|_| Error::Calibration { reason: String::new() })?;
+        let verdict = best.case().verdict(probability);
         let camera = match verdict {
             CourtVerdict::None => None,
-            _ => Some(Camera::new(working, intrinsic, distortion, view.rotation, view.translation)?.resized(given)?),
+            _ => Some(best.camera(working, given)?),
         };
+        let others = others.into_iter().filter(|(_, probability)| *probability >= LEAST_OTHER);
+        let others = others.map(|(other, probability)| {
+            Ok(OtherCourt { camera: other.camera(working, given)?, court: other.model.name, probability })
+        });
+        let reason = best.case().reason(verdict);
+        let Candidate { model, features, runner_up, rms, .. } = best;
         let lines = model.painted.into_iter().zip(&features.lines);
         Ok(Self {
             verdict,
+            probability,
             reason,
             court: model.name,
             camera,
@@ -103,6 +148,7 @@ impl FoundCourt {
             recall: features.recall,
             beyond: features.beyond,
             rms_px: rms * f64::from(given.width.max(given.height)) / f64::from(WORKING_SIDE),
+            others: others.collect::<Result<_>>()?,
         })
     }
 

@@ -29,19 +29,22 @@ mod vanishing;
 mod verdict;
 mod view;
 
+use std::cmp::Ordering;
+
 use image::RgbImage;
 
 use self::bend::straightened;
 use self::channel::Paint;
 use self::evidence::Evidence;
-pub use self::found::{FoundCourt, FoundLine};
+pub use self::found::{FoundCourt, FoundLine, OtherCourt};
 use self::hypotheses::{Hypothesis, LONGEST, Search};
 use self::judge::{Features, judged};
 use self::model::CourtModel;
 use self::refine::refined;
 use self::score::{Scale, score};
-pub use self::verdict::CourtVerdict;
+pub use self::verdict::{CourtVerdict, FEATURES};
 use self::view::View;
+use crate::camera::Camera;
 use crate::error::Result;
 use crate::image::{Filter, MIN_SIDE, Picture, resized};
 use crate::size::Size;
@@ -103,18 +106,32 @@ struct Candidate {
     runner_up: f64,
     /// Root mean square distance of lines from ridges, px of a picture [`WORKING_SIDE`] wide.
     rms: f64,
-    verdict: CourtVerdict,
-    reason: String,
 }
 
-/// Finds the camera that took a picture by the painted lines of a court. `court` is one of [`Court::names`].
+/// The name that stands for every court whose lines are known.
+const AUTO: &str = "auto";
+
+impl Candidate {
+    fn case(&self) -> verdict::Case<'_> {
+        let Self { model, features, runner_up, rms, .. } = self;
+        verdict::Case { model, features, runner_up: *runner_up, rms: *rms }
+    }
+
+    /// The odds that the camera is right, and then the score.
+    fn rank(&self) -> (f64, f64) {
+        (self.case().odds(), self.features.score)
+    }
+}
+
+/// Finds the camera that took a picture by the painted lines of a court. `court` is one of [`Court::names`], or `auto` for all of them.
 ///
 /// At least five lines of the court and some of their corners must be in view, from an upright camera above the court. The focal length
 /// is estimated. The principal point is assumed in the picture's middle. A strong lens gets one coefficient, roughly.
 /// [`FoundCourt::calibrate`] refines the camera and its lens.
 ///
-/// Name the sport that is played there. On 142 courts with clicks, no camera with the verdict *sure* was more than 1.05 % of the
-/// picture's width off. A *probable* camera needs a person who checks the lines that it draws.
+/// Name the sport that is played there if you know it. [`FoundCourt::probability`] and [`FoundCourt::verdict`] tell how far to trust the
+/// camera. A *probable* camera needs a person who checks the lines that it draws. A court looks the same after a half-turn; the camera
+/// is placed at its near end (y < 0).
 ///
 /// ```no_run
 /// # mod gravisight { pub use gravisight_geometry::{camera, camera::*, error::*, image::*, size::*}; }
@@ -123,7 +140,7 @@ struct Candidate {
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
 /// let picture = Picture::decode(&std::fs::read("tennis.jpg")?)?;
 /// let found = find_court(&picture, "tennis")?;
-/// println!("{:?}: {}", found.verdict, found.reason);
+/// println!("{:?}, probability {:.2}: {}", found.verdict, found.probability, found.reason);
 /// if found.verdict == CourtVerdict::Sure {
 ///     println!("{}", found.calibrate(&picture, &Unknowns::default())?.camera.intrinsic());
 /// }
@@ -137,52 +154,94 @@ struct Candidate {
 ///
 /// [`Court::names`]: crate::camera::Court::names
 pub fn find_court(picture: &Picture, court: &str) -> Result<FoundCourt> {
-    let models = CourtModel::of(court)?;
-    let [width, height] = picture.size().xy();
-    let scale = (f64::from(WORKING_SIDE) / width.max(height)).min(1.0);
-    let working = Size::new((width * scale).round() as u32, (height * scale).round() as u32);
+    let courts = match court {
+        AUTO => CourtModel::all(),
+        court => vec![CourtModel::of(court)?],
+    };
+    let (rgb, working) = worked(picture);
     if working.width.min(working.height) < MIN_SIDE {
         return FoundCourt::none(court, "the picture is too small or too narrow to show a court".into());
     }
-    let rgb = match scale < 1.0 {
-        true => &resized(picture.rgb(), [0, 0], picture.size(), working, Filter::Bilinear),
-        false => picture.rgb(),
-    };
-    let best = best(rgb, &models);
-    match best {
-        Some(best) => FoundCourt::of(best, working, picture.size()),
-        None => {
-            let reason = format!("no lines in the picture form a {court} court as a camera above it would see it");
-            FoundCourt::none(court, reason)
-        }
+    let found = likeliest(&rgb, &courts);
+    if found.is_empty() {
+        let what = if court == AUTO { "any court" } else { &format!("a {court} court") };
+        return FoundCourt::none(
+            court,
+            format!("no lines in the picture form {what} as a camera above it would see it"),
+        );
     }
+    FoundCourt::of(found, working, picture.size())
 }
 
-/// The best camera over the stages: the better verdict, then the higher score.
-fn best(rgb: &RgbImage, models: &[CourtModel]) -> Option<Candidate> {
+/// What `scripts/fit-weights courts` fits the log-odds to: of each stage the best cameras of a court, and what speaks for each of them.
+///
+/// # Errors
+/// As [`find_court`].
+#[doc(hidden)]
+pub fn court_evidence(picture: &Picture, court: &str) -> Result<Vec<(Camera, [f64; FEATURES])>> {
+    let models = CourtModel::of(court)?;
+    let (rgb, working) = worked(picture);
+    let mut all = Vec::new();
+    for stage in STAGES {
+        let seen = match stage.bend != 0.0 {
+            false => Evidence::of(&rgb, stage.paint),
+            true => Evidence::of(&straightened(&rgb, stage.bend), stage.paint),
+        };
+        for found in models.iter().flat_map(|model| candidates(&seen, model, stage)) {
+            if found.case().is_enough() {
+                all.push((found.camera(working, picture.size())?, found.case().row()));
+            }
+        }
+    }
+    Ok(all)
+}
+
+/// The picture as it is searched, and its size.
+fn worked(picture: &Picture) -> (RgbImage, Size) {
+    let [width, height] = picture.size().xy();
+    let scale = (f64::from(WORKING_SIDE) / width.max(height)).min(1.0);
+    let working = Size::new((width * scale).round() as u32, (height * scale).round() as u32);
+    let rgb = match scale < 1.0 && working.width.min(working.height) > 0 {
+        true => resized(picture.rgb(), [0, 0], picture.size(), working, Filter::Bilinear),
+        false => picture.rgb().clone(),
+    };
+    (rgb, working)
+}
+
+/// The best camera of each court over the stages, and its runner-up, with their probabilities, the likeliest first. `courts` are the
+/// variants of each.
+fn likeliest(rgb: &RgbImage, courts: &[Vec<CourtModel>]) -> Vec<(Candidate, f64)> {
     let white = Evidence::of(rgb, Paint::White);
-    let mut best: Option<Candidate> = None;
+    let mut best: Vec<Vec<Candidate>> = courts.iter().map(|_| Vec::new()).collect();
     for stage in STAGES {
         let seen = match (stage.paint, stage.bend != 0.0) {
             (Paint::White, false) => &white,
             (paint, false) => &Evidence::of(rgb, paint),
             (paint, true) => &Evidence::of(&straightened(rgb, stage.bend), paint),
         };
-        for candidate in models.iter().filter_map(|model| candidate(seen, model, stage)) {
-            let rank = |of: &Candidate| (of.verdict, of.features.score);
-            if best.as_ref().is_none_or(|best| rank(&candidate) > rank(best)) {
-                best = Some(candidate);
+        for (best, variants) in best.iter_mut().zip(courts) {
+            for found in variants.iter().map(|model| candidates(seen, model, stage)).filter(|found| !found.is_empty()) {
+                if best.first().is_none_or(|best| found[0].rank() > best.rank()) {
+                    *best = found;
+                }
             }
         }
-        if best.as_ref().is_some_and(|best| best.verdict == CourtVerdict::Sure) {
+        let is_sure = |found: &Vec<Candidate>| found.first().is_some_and(|best| best.case().is_sure());
+        if best.iter().any(is_sure) {
             break;
         }
     }
-    best
+    // One of them is right, or none.
+    let all = || best.iter().flatten().map(Candidate::case).map(|case| case.odds());
+    let sum = 1.0 + all().sum::<f64>();
+    let probabilities: Vec<f64> = all().map(|odds| odds / sum).collect();
+    let mut all: Vec<(Candidate, f64)> = best.into_iter().flatten().zip(probabilities).collect();
+    all.sort_by(|a, b| (b.1, b.0.features.score).partial_cmp(&(a.1, a.0.features.score)).unwrap_or(Ordering::Equal));
+    all
 }
 
-/// The best camera of a court in what one stage sees.
-fn candidate(evidence: &Evidence, model: &CourtModel, stage: Stage) -> Option<Candidate> {
+/// The best camera of a court in what one stage sees, and its runner-up.
+fn candidates(evidence: &Evidence, model: &CourtModel, stage: Stage) -> Vec<Candidate> {
     let mut starts = Vec::new();
     if stage.corners {
         starts.extend(Search::new(evidence, model).by_corners());
@@ -198,13 +257,18 @@ fn candidate(evidence: &Evidence, model: &CourtModel, stage: Stage) -> Option<Ca
     };
     let mut all: Vec<(View, f64, Features)> = refinable(evidence, model, &starts).iter().filter_map(fine).collect();
     all.sort_by(|a, b| b.2.score.total_cmp(&a.2.score));
-    let mut all = all.into_iter();
-    let (view, rms, features) = all.next()?;
-    let other = all.find(|(other, _, _)| apart(&view, other, model) > RUNNER_UP * unit);
-    let runner_up = other.map_or(0.0, |(_, _, features)| features.score);
-    let case = verdict::Case { court: &model.name, is_table: model.is_table, features: &features, runner_up, rms };
-    let (verdict, reason) = case.verdict();
-    Some(Candidate { model: model.clone(), view, bend: stage.bend, runner_up, rms, verdict, reason, features })
+    let other = all.iter().skip(1).position(|(other, _, _)| apart(&all[0].0, other, model) > RUNNER_UP * unit);
+    let pair = all.first().into_iter().chain(other.map(|index| &all[index + 1]));
+    let scores: Vec<f64> = pair.clone().map(|(_, _, features)| features.score).collect();
+    let candidate = |(index, (view, rms, features)): (usize, &(View, f64, Features))| Candidate {
+        model: model.clone(),
+        view: *view,
+        bend: stage.bend,
+        features: features.clone(),
+        runner_up: scores.get(1 - index).copied().unwrap_or(0.0),
+        rms: *rms,
+    };
+    pair.enumerate().map(candidate).collect()
 }
 
 /// The hypotheses after a rough refinement: the best of those that differ.

@@ -45,8 +45,6 @@ pub(super) struct CourtModel {
     pub height: f64,
     /// Its larger extent, m.
     pub size: f64,
-    /// Whether it is a table, whose few lines have to meet narrower limits.
-    pub is_table: bool,
 }
 
 impl ModelLine {
@@ -78,10 +76,15 @@ impl CourtModel {
             }
             "table-tennis" => {
                 let with_tape = lines.iter().cloned().chain([tape()]).collect();
-                vec![Self { is_table: true, ..Self::with(court, with_tape) }]
+                vec![Self::with(court, with_tape)]
             }
             _ => vec![Self::with(court, lines.clone())],
         })
+    }
+
+    /// The models of every court whose lines are known.
+    pub(super) fn all() -> Vec<Vec<Self>> {
+        Court::names().into_iter().filter_map(|court| Self::of(court).ok()).collect()
     }
 
     fn with(name: &str, painted: Vec<CourtLine>) -> Self {
@@ -97,7 +100,7 @@ impl CourtModel {
         });
         let extent = |axis: usize| crossings[axis].last().unwrap_or(&0.0) - crossings[axis].first().unwrap_or(&0.0);
         let size = extent(0).max(extent(1));
-        Self { name: name.into(), painted, lines, crossings, height, size, is_table: false }
+        Self { name: name.into(), painted, lines, crossings, height, size }
     }
 
     /// The points of a 3×3 grid over the court, by which two cameras are compared.

@@ -90,7 +90,7 @@ pub(super) fn drawn(
             let is_on_tape = tape.iter().any(|strip| is_within(strip, image));
             let is_there = way.z < 0.0;
             let is_paint = is_there && flat.iter().any(|line| is_painted(line, [at.x, at.y]));
-            let is_floor = model.is_table && !(is_there && at.x.abs() < reach[0] && at.y.abs() < reach[1]);
+            let is_floor = model.height > 0.0 && !(is_there && at.x.abs() < reach[0] && at.y.abs() < reach[1]);
             share += f64::from(u8::from(is_on_tape || is_paint)) / f64::from(RAYS * RAYS);
             floor += f64::from(u8::from(is_floor)) / f64::from(RAYS * RAYS);
         }

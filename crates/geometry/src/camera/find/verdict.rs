@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::judge::Features;
+use super::model::CourtModel;
 
 /// How far a found court can be trusted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -11,43 +12,33 @@ use super::judge::Features;
 pub enum CourtVerdict {
     /// No court was found.
     None,
-    /// Show it and let the user check it: of 14 such courts 3 were 1 to 3 % of the picture's width off.
+    /// Show it and let the user check it.
     Probable,
-    /// The camera is right: of 16 such courts none was more than 1.05 % of the picture's width off.
+    /// The camera is right with a probability of at least 0.95.
     Sure,
-}
-
-/// Limits of a verdict.
-struct Limits {
-    /// Least score, units.
-    score: f64,
-    /// Least fraction of the lines' length that is seen.
-    recall: f64,
-    /// Least fraction of the lines in view that are seen.
-    seen: f64,
-    /// Most score of the runner-up, relative to the best.
-    runner_up: f64,
-    /// Most fraction of what is seen beyond the lines' ends.
-    beyond: f64,
-    /// Most distance of the lines from their ridges, root mean square, px of a picture 1280 px wide.
-    rms: f64,
 }
 
 /// Lines that must be seen, and those along and across the court: four fix a camera, so a fifth has to agree.
 const FEWEST: usize = 5;
 const FEWEST_OF_EACH: usize = 2;
-/// Set on six tennis courts, two tables and a badminton court; on 142 courts with clicks 16 were sure and right, none sure and wrong.
-const SURE: Limits = Limits { score: 0.8, recall: 0.88, seen: 0.8, runner_up: 0.8, beyond: 0.25, rms: 1.3 };
-/// A table has few and short lines.
-const SURE_TABLE: Limits = Limits { score: 0.35, recall: 0.93, seen: 0.8, runner_up: 0.92, beyond: 0.12, rms: 1.3 };
-/// On the same 142 courts, 11 were probable and right, and 3 wrong by 1 to 3 %.
-const PROBABLE: Limits = Limits { score: 0.35, recall: 0.8, seen: 0.75, runner_up: 0.95, beyond: 0.3, rms: 1.5 };
+/// Numbers that the log-odds are linear in; the first is 1.
+#[doc(hidden)]
+pub const FEATURES: usize = 8;
+/// Log-odds that a camera is right: weights of [`Case::row`]. Fitted by `scripts/fit-weights courts`.
+const LOG_ODDS: [f64; FEATURES] = [-14.0, 20.0, -8.0, -6.0, -1.0, 1.0, 4.0, 0.2];
+/// Their means over the right cameras that it was fitted to: what a court is usually like.
+const GOOD: [f64; FEATURES] = [1.0, 0.97, 0.05, 0.5, 0.5, 0.7, 1.0, 8.0];
+/// Most odds: there is always a chance that a court of another size is painted.
+const MOST_ODDS: f64 = 1e4;
+/// Score below which a court counts as of this score, units.
+const LEAST_SCORE: f64 = 0.05;
+/// Probability from which on a camera is sure, and from which on it is shown.
+const SURE: f64 = 0.95;
+const PROBABLE: f64 = 0.3;
 
 /// What a verdict depends on.
 pub(super) struct Case<'a> {
-    /// The court's name.
-    pub court: &'a str,
-    pub is_table: bool,
+    pub model: &'a CourtModel,
     pub features: &'a Features,
     pub runner_up: f64,
     /// px of a picture 1280 px wide.
@@ -55,51 +46,95 @@ pub(super) struct Case<'a> {
 }
 
 impl Case<'_> {
-    /// The verdict and the reason for it, in words.
-    pub(super) fn verdict(&self) -> (CourtVerdict, String) {
-        let (visible, seen) = (self.features.visible, self.features.seen);
-        let found = format!("{seen} of the {visible} lines in view of a {} court were found", self.court);
-        match (self.refusal(if self.is_table { &SURE_TABLE } else { &SURE }), self.refusal(&PROBABLE)) {
-            (None, _) => (CourtVerdict::Sure, found),
-            (Some(reason), None) => (CourtVerdict::Probable, format!("{found}, but {reason}")),
-            (_, Some(reason)) => (CourtVerdict::None, reason),
+    /// What the log-odds are linear in.
+    pub(super) fn row(&self) -> [f64; FEATURES] {
+        let Features { recall, beyond, score, visible, seen, .. } = *self.features;
+        let score = score.max(LEAST_SCORE);
+        let rival = (self.runner_up / score).clamp(0.0, 2.0);
+        [1.0, recall, beyond, rival, self.rms, score.ln(), seen as f64 / visible.max(1) as f64, seen as f64]
+    }
+
+    /// Whether enough is seen to fix a camera.
+    pub(super) fn is_enough(&self) -> bool {
+        self.refusal().is_none()
+    }
+
+    /// The odds that the camera is right.
+    pub(super) fn odds(&self) -> f64 {
+        if !self.is_enough() {
+            return 0.0;
+        }
+        let log_odds: f64 = self.row().iter().zip(LOG_ODDS).map(|(value, weight)| value * weight).sum();
+        log_odds.exp().min(MOST_ODDS)
+    }
+
+    /// Whether nothing else has to be tried.
+    pub(super) fn is_sure(&self) -> bool {
+        let odds = self.odds();
+        odds / (1.0 + odds) >= SURE
+    }
+
+    /// The verdict of a camera that is right with this probability.
+    pub(super) fn verdict(&self, probability: f64) -> CourtVerdict {
+        match probability {
+            _ if !self.is_enough() => CourtVerdict::None,
+            probability if probability >= SURE => CourtVerdict::Sure,
+            probability if probability >= PROBABLE => CourtVerdict::Probable,
+            _ => CourtVerdict::None,
         }
     }
 
-    /// Why the limits are not met; [`None`] if they are.
-    fn refusal(&self, limits: &Limits) -> Option<String> {
-        let Self { court, features, .. } = self;
-        let percent = |fraction: f64| (100.0 * fraction).round();
+    /// The reason for it, in words.
+    pub(super) fn reason(&self, verdict: CourtVerdict) -> String {
+        let Self { model, features, .. } = self;
+        if let Some(refusal) = self.refusal() {
+            return refusal;
+        }
+        let found =
+            format!("{} of the {} lines in view of a {} court were found", features.seen, features.visible, model.name);
+        match verdict {
+            CourtVerdict::Sure => found,
+            _ => format!("{found}, but {}", self.doubt()),
+        }
+    }
+
+    /// Why too little is seen to fix a camera; [`None`] if it is enough.
+    fn refusal(&self) -> Option<String> {
+        let (court, features) = (&self.model.name, self.features);
         if features.visible < FEWEST {
             return Some(format!("{} lines of a {court} court are in view; {FEWEST} are needed", features.visible));
         }
-        let needed = FEWEST.max((limits.seen * features.visible as f64).ceil() as usize);
-        if features.seen < needed {
+        if features.seen < FEWEST {
             return Some(format!(
-                "{} of the {} lines in view of a {court} court were found; {needed} are needed",
+                "{} of the {} lines in view of a {court} court were found; {FEWEST} are needed",
                 features.seen, features.visible
             ));
         }
-        if features.along < FEWEST_OF_EACH || features.across < FEWEST_OF_EACH {
-            return Some(format!(
+        (features.along < FEWEST_OF_EACH || features.across < FEWEST_OF_EACH).then(|| {
+            format!(
                 "{} lines along a {court} court and {} across it were found; {FEWEST_OF_EACH} of each are needed",
                 features.along, features.across
-            ));
-        }
-        if features.recall <= limits.recall {
-            let (seen, least) = (percent(features.recall), percent(limits.recall));
-            return Some(format!("{seen} % of the lines of a {court} court are seen; more than {least} % are needed"));
-        }
-        if features.score.is_nan() || features.score <= limits.score {
-            return Some(format!("what is seen of a {court} court is too small or too unlike one"));
-        }
-        if self.runner_up >= limits.runner_up * features.score {
-            return Some(format!("the lines also fit a {court} court in another position"));
-        }
-        if features.beyond >= limits.beyond {
-            return Some(format!("lines continue beyond where those of a {court} court end"));
-        }
-        (self.rms >= limits.rms || self.rms.is_nan())
-            .then(|| format!("the lines are {:.1} px from those of a {court} court on average", self.rms))
+            )
+        })
+    }
+
+    /// What speaks most against it, in words.
+    fn doubt(&self) -> String {
+        let court = &self.model.name;
+        let percent = (100.0 * self.features.recall).round();
+        let doubts = [
+            format!("only {percent} % of their length is seen"),
+            "lines continue beyond where those of the court end".into(),
+            format!("they also fit a {court} court in another position"),
+            format!("they are {:.1} px from those of the court on average", self.rms),
+            "the court is small in the picture".into(),
+            "others are missing".into(),
+            "they are few".into(),
+        ];
+        let against =
+            self.row().into_iter().zip(GOOD).zip(LOG_ODDS).map(|((value, good), weight)| weight * (value - good));
+        let against: Vec<f64> = against.skip(1).collect();
+        let worst = (0..doubts.len()).min_by(|&a, &b| against[a].total_cmp(&against[b]));
+        worst.map_or_else(String::new, |worst| doubts[worst].clone())
     }
 }
