@@ -19,8 +19,8 @@ mod volume;
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector3};
 
 pub use self::calibrate::{
-    Calibration, CalibrationMethod, CameraSigma, LineSeen, PointSigma, Points, Unknowns, WrongClick, calibrate,
-    calibrate_by_lines,
+    Calibration, CalibrationMethod, CameraSigma, CourtFollower, FollowedCamera, LineSeen, PointSigma, Points, Unknowns,
+    WrongClick, calibrate, calibrate_by_lines, camera_by_homography, homography_between,
 };
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::{Distortion, LensModel};
@@ -148,6 +148,15 @@ impl Camera {
         let (rotation, translation) = (by * self.rotation, by * self.translation);
         let rotation_inverse = self.rotation_inverse * by.inverse();
         Self { rotation, translation, rotation_inverse, ..self.clone() }
+    }
+
+    /// This camera with another intrinsic matrix.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn with_intrinsic(self, intrinsic: Matrix3<f64>) -> Result<Self> {
+        let camera = Self::new(self.size, intrinsic, self.distortion, self.rotation, self.translation)?;
+        Ok(Self { readout: self.readout, readout_start: self.readout_start, ..camera })
     }
 
     /// Rotation of world into camera coordinates.

@@ -22,9 +22,8 @@ use crate::size::Size;
 
 /// How often lines are searched and the camera moved.
 const ROUNDS: usize = 6;
-/// Distance of samples along a line, px; and at most so many.
-const EVERY: f64 = 3.0;
-const MOST_SAMPLES: usize = 250;
+/// Samples of a line.
+const SPACING: Spacing = Spacing { every: 3.0, most: 250 };
 /// A line with fewer is too short.
 const LEAST_SAMPLES: usize = 12;
 /// Steps in which a line's length in the picture is measured.
@@ -185,10 +184,31 @@ fn by_lines(points: &Points, noise: Option<ClickNoise>, unknowns: &Unknowns, pic
     result.concluded(points)
 }
 
+/// How a line is sampled.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spacing {
+    /// Distance of samples, px.
+    pub every: f64,
+    /// Most samples of a line.
+    pub most: usize,
+}
+
+/// A world point's image, px, and its derivatives.
+pub(super) type Look<'a, D> = dyn Fn(&Point3<f64>) -> Option<(Point2<f64>, D)> + 'a;
+
+/// A line that is expected in the picture.
+pub(super) struct Line {
+    /// Its index in the court's lines.
+    pub index: usize,
+    /// How wide the paint is, m.
+    pub width: f64,
+    pub samples: Vec<LineSample>,
+}
+
 /// A line that was found.
-struct Painted {
+pub(super) struct Painted {
     index: usize,
-    seen: Vec<Seen>,
+    pub seen: Vec<Seen>,
     share: f64,
     /// 1-σ of all its samples alike, px.
     sigma: f64,
@@ -210,7 +230,8 @@ impl Painted {
 
 /// A sample of a line: what the rules measure to, m; where it and the paint's middle are expected; 1-σ of the latter, px; pixels a
 /// metre across the line.
-struct LineSample {
+#[derive(Debug)]
+pub(super) struct LineSample {
     world: Point3<f64>,
     image: Point2<f64>,
     expected: Expected,
@@ -218,46 +239,24 @@ struct LineSample {
     scale: f64,
 }
 
-impl Problem<'_> {
-    /// The lines as the picture shows them, `stretch` times as unsure as usual.
-    fn searched(&self, camera: &Refined, stretch: f64, grey: &Grey) -> Vec<Painted> {
-        let lines = self.points.lines.iter().enumerate();
-        lines.filter_map(|(index, line)| self.search(camera, index, line, stretch, grey)).collect()
-    }
-
-    fn search(&self, camera: &Refined, index: usize, line: &CourtLine, stretch: f64, grey: &Grey) -> Option<Painted> {
-        let samples = self.samples(camera, line)?;
-        let unsure = samples.iter().map(|sample| sample.sigma).fold(0.0, f64::max);
-        let reach = SIGMAS * unsure + LEAST_SEARCH;
-        if reach > MOST_SEARCH {
-            return None;
-        }
-        let expected: Vec<Expected> = samples.iter().map(|sample| sample.expected).collect();
-        let found = find(grey, &expected, reach)?;
-        let scale = samples.iter().map(|sample| sample.scale).sum::<f64>() / samples.len() as f64;
-        let sigma = stretch * LINE_SIGMA.hypot(PAINTED_SIGMA * scale * line.width);
-        let weight = 1.0 / SAMPLE_SIGMA.hypot(sigma * (found.len() as f64 / PER_LINE).sqrt());
-        let seen = found.iter().map(|&(number, offset)| {
-            let LineSample { world, image, expected: Expected { across, .. }, .. } = samples[number];
-            Seen { world, image: image + across * offset, across: Some(across), weight }
-        });
-        Some(Painted { index, seen: seen.collect(), share: found.len() as f64 / samples.len() as f64, sigma })
-    }
-
-    /// Samples of what the picture shows of a line; [`None`] of one that is too short or thin there.
-    fn samples(&self, camera: &Refined, line: &CourtLine) -> Option<Vec<LineSample>> {
-        let guess = &camera.guess;
-        let covariance = camera.covariance.as_ref()?;
-        let range = Range::of(&guess.distortion);
+impl LineSample {
+    /// Samples of what a picture shows of a line; [`None`] of one that is too short or thin there. `look` tells a point's image, px, and its
+    /// derivatives; `unsure` how far off (1-σ, px) it may be across the line.
+    pub(super) fn of<D>(
+        line: &CourtLine,
+        size: Size,
+        spacing: Spacing,
+        look: &Look<'_, D>,
+        unsure: &dyn Fn(&Vector2<f64>, &D) -> f64,
+    ) -> Option<Vec<Self>> {
         let by_edge = line.paint.is_some();
-        let look = |world: &Point3<f64>| guess.error(&range, &self.unknowns, world, &Point2::origin());
-        let image = |world: &Point3<f64>| Some(Point2::from(look(world)?.0));
+        let image = |world: &Point3<f64>| Some(look(world)?.0);
         // What the rules measure to.
         let place = |share: f64| {
             let edges = line.edges(share)?;
             Some(if by_edge { edges[0] } else { nalgebra::center(&edges[0], &edges[1]) })
         };
-        let shares = spaced(&|share| image(&place(share)?).filter(|at| within(at, self.points.size)))?;
+        let shares = spaced(&|share| image(&place(share)?).filter(|at| within(at, size)), spacing)?;
         let sample = |share: f64| {
             let world = place(share)?;
             let edges = line.edges(share)?;
@@ -266,14 +265,63 @@ impl Problem<'_> {
             let across = Vector2::new(-along.y, along.x).try_normalize(0.0)?;
             let width = across.dot(&(image(&edges[1])? - image(&edges[0])?));
             let across = across * width.signum();
-            let row = DVector::from_iterator(derivatives.len(), derivatives.iter().map(|by| across.dot(by)));
-            let expected = Expected { share, middle: middle.into(), across, half: width.abs() / 2.0, by_edge };
-            let sigma = row.dot(&(covariance * &row)).max(0.0).sqrt();
-            Some(LineSample { world, image: image(&world)?, expected, sigma, scale: width.abs() / line.width })
+            let expected = Expected { share, middle, across, half: width.abs() / 2.0, by_edge };
+            let sigma = unsure(&across, &derivatives);
+            Some(Self { world, image: image(&world)?, expected, sigma, scale: width.abs() / line.width })
         };
-        let samples: Vec<LineSample> = shares.into_iter().filter_map(sample).collect();
+        let samples: Vec<Self> = shares.into_iter().filter_map(sample).collect();
         let width = samples.iter().map(|sample| 2.0 * sample.expected.half).sum::<f64>() / samples.len().max(1) as f64;
         (samples.len() >= LEAST_SAMPLES && width >= LEAST_WIDTH).then_some(samples)
+    }
+}
+
+impl Line {
+    /// The line as the picture shows it, `stretch` times as unsure as usual.
+    pub(super) fn found(&self, grey: &Grey, stretch: f64) -> Option<Painted> {
+        let samples = &self.samples;
+        let unsure = samples.iter().map(|sample| sample.sigma).fold(0.0, f64::max);
+        let reach = SIGMAS * unsure + LEAST_SEARCH;
+        if reach > MOST_SEARCH {
+            return None;
+        }
+        let expected: Vec<Expected> = samples.iter().map(|sample| sample.expected).collect();
+        let found = find(grey, &expected, reach)?;
+        let scale = samples.iter().map(|sample| sample.scale).sum::<f64>() / samples.len() as f64;
+        let sigma = stretch * LINE_SIGMA.hypot(PAINTED_SIGMA * scale * self.width);
+        let weight = 1.0 / SAMPLE_SIGMA.hypot(sigma * (found.len() as f64 / PER_LINE).sqrt());
+        let seen = found.iter().map(|&(number, offset)| {
+            let LineSample { world, image, expected: Expected { across, .. }, .. } = samples[number];
+            Seen { world, image: image + across * offset, across: Some(across), weight }
+        });
+        let share = found.len() as f64 / samples.len() as f64;
+        Some(Painted { index: self.index, seen: seen.collect(), share, sigma })
+    }
+}
+
+impl Problem<'_> {
+    /// The lines as the picture shows them, `stretch` times as unsure as usual.
+    fn searched(&self, camera: &Refined, stretch: f64, grey: &Grey) -> Vec<Painted> {
+        let lines = self.points.lines.iter().enumerate();
+        let expected = |(index, line): (usize, &CourtLine)| {
+            Some(Line { index, width: line.width, samples: self.samples(camera, line)? })
+        };
+        lines.filter_map(expected).filter_map(|line| line.found(grey, stretch)).collect()
+    }
+
+    /// Samples of what the picture shows of a line; [`None`] of one that is too short or thin there.
+    fn samples(&self, camera: &Refined, line: &CourtLine) -> Option<Vec<LineSample>> {
+        let guess = &camera.guess;
+        let covariance = camera.covariance.as_ref()?;
+        let range = Range::of(&guess.distortion);
+        let look = |world: &Point3<f64>| {
+            let (image, derivatives) = guess.error(&range, &self.unknowns, world, &Point2::origin())?;
+            Some((image.into(), derivatives))
+        };
+        let unsure = |across: &Vector2<f64>, derivatives: &Vec<Vector2<f64>>| {
+            let row = DVector::from_iterator(derivatives.len(), derivatives.iter().map(|by| across.dot(by)));
+            row.dot(&(covariance * &row)).max(0.0).sqrt()
+        };
+        LineSample::of(line, self.points.size, SPACING, &look, &unsure)
     }
 }
 
@@ -283,13 +331,13 @@ fn within(at: &Point2<f64>, size: Size) -> bool {
 }
 
 /// Places along a line (0 to 1) evenly spaced in the picture, where it shows them; [`None`] where that is too little.
-fn spaced(image: &dyn Fn(f64) -> Option<Point2<f64>>) -> Option<Vec<f64>> {
+fn spaced(image: &dyn Fn(f64) -> Option<Point2<f64>>, spacing: Spacing) -> Option<Vec<f64>> {
     let share = |step: usize| step as f64 / STEPS as f64;
     let places: Vec<Option<Point2<f64>>> = (0..=STEPS).map(|step| image(share(step))).collect();
     let lengths: Vec<f64> =
         (places.windows(2)).map(|pair| if let [Some(a), Some(b)] = pair { (b - a).norm() } else { 0.0 }).collect();
     let length: f64 = lengths.iter().sum();
-    let count = ((length / EVERY) as usize).min(MOST_SAMPLES);
+    let count = ((length / spacing.every) as usize).min(spacing.most);
     if count < LEAST_SAMPLES {
         return None;
     }

@@ -5,6 +5,7 @@
 //! steps and gives the covariance.
 
 mod doubts;
+mod follow;
 mod lens;
 mod lines;
 mod noise;
@@ -17,6 +18,7 @@ mod start;
 use nalgebra::{Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
 use self::doubts::on_a_line;
+pub use self::follow::{CourtFollower, FollowedCamera, camera_by_homography, homography_between};
 pub(in crate::camera) use self::lines::refine_by_lines;
 pub use self::lines::{LineSeen, calibrate_by_lines};
 use self::noise::{ClickNoise, f_tail};

@@ -40,6 +40,11 @@ impl Grey {
         Self { values, width: rgb.width() as usize, height: rgb.height() as usize }
     }
 
+    /// Of brightness, rows from the top.
+    pub(super) fn of_levels(levels: &[u8], width: usize, height: usize) -> Self {
+        Self { values: levels.iter().map(|&level| f32::from(level)).collect(), width, height }
+    }
+
     /// Between pixels; [`None`] outside.
     fn at(&self, at: Point2<f64>) -> Option<f32> {
         let (left, top) = (at.x.floor(), at.y.floor());
