@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::localise::Localiser;
-use gravisight_geometry::camera::{Camera, Detection, Outline};
+use gravisight_geometry::camera::{Camera, CourtFollower, Detection, Outline};
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 use gravisight_physics::Scene;
@@ -37,6 +37,8 @@ const SEARCH_EVERY: usize = 8;
 pub struct VideoTracker {
     localiser: Arc<Localiser>,
     camera: Option<Camera>,
+    /// The court by which the camera is followed; taken with the first frame.
+    court: Option<CourtFollower>,
     follower: BallTracker,
     /// The last search of a whole picture.
     searched: Option<Search>,
@@ -64,7 +66,7 @@ impl VideoTracker {
     /// Without any frame yet; `localiser` reads sizes, as `any` does. The `camera` that films, if it is known, tells how balls
     /// away from the middle are drawn out.
     pub fn new(localiser: Arc<Localiser>, camera: Option<Camera>) -> Self {
-        Self { localiser, camera, follower: BallTracker::new(), searched: None, ended: false }
+        Self { localiser, camera, court: None, follower: BallTracker::new(), searched: None, ended: false }
     }
 
     /// The same, with numbers of one's own: before the first frame.
@@ -74,6 +76,16 @@ impl VideoTracker {
     pub fn with_config(mut self, config: TrackerConfig) -> Result<Self> {
         config.check()?;
         self.follower = BallTracker::with_config(config);
+        Ok(self)
+    }
+
+    /// The same where the video shows a court ([`Court::names`](crate::camera::Court::names)) whose lines tell how a camera turns and zooms: before
+    /// the first frame. Without a camera nothing follows from it.
+    ///
+    /// # Errors
+    /// [`Error::Calibration`] for an unknown court, or one whose lines are not known.
+    pub fn with_court(mut self, court: &str) -> Result<Self> {
+        self.court = Some(CourtFollower::new(court)?);
         Ok(self)
     }
 
@@ -92,6 +104,9 @@ impl VideoTracker {
             && camera.size() != picture.size()
         {
             self.camera = Some(camera.for_picture(picture.size())?);
+        }
+        if let (Some(court), Some(camera)) = (self.court.take(), &self.camera) {
+            self.follower.see_court(court, camera.clone());
         }
         self.follower.watch(picture, time)?;
         let newest = self.follower.newest();

@@ -73,9 +73,24 @@ impl Footage {
     /// # Errors
     /// What it cannot be read for.
     pub fn first(video: &Path) -> Result<Picture> {
+        Ok(Self::beginning(video, 1)?.swap_remove(0))
+    }
+
+    /// The first frames of a video, so many or fewer, whatever it says of its times.
+    ///
+    /// # Errors
+    /// As [`Self::first`].
+    pub fn beginning(video: &Path, count: usize) -> Result<Vec<Picture>> {
         ensure!(video.exists(), "{}: no such video", video.display());
-        let first = VideoStream::open(video)?.read()?;
-        first.map(Picture::from_rgb).with_context(|| format!("{}: has no frames", video.display()))
+        let mut stream = VideoStream::open(video)?;
+        let mut pictures = Vec::new();
+        while pictures.len() < count
+            && let Some(rgb) = stream.read()?
+        {
+            pictures.push(Picture::from_rgb(rgb));
+        }
+        ensure!(!pictures.is_empty(), "{}: has no frames", video.display());
+        Ok(pictures)
     }
 
     /// Its name, for people.

@@ -7,6 +7,7 @@ mod ball;
 pub mod cameras;
 mod choice;
 mod commands;
+mod court;
 mod device;
 mod draw;
 mod export;

@@ -8,14 +8,14 @@ use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
 
 use super::print_line;
-use gravisight::camera::{CalibrationMethod, PointSigma};
+use gravisight::camera::{CalibrationMethod, OtherCourt, PointSigma};
 use gravisight::internal::write_whole;
 use gravisight::{
-    Calibration, Court, CourtLine, CourtVerdict, FoundCourt, OtherCourt, Picture, Points, Unknowns, calibrate,
-    calibrate_by_lines, find_court,
+    Calibration, Court, CourtLine, CourtVerdict, FoundCourt, Picture, Points, Unknowns, calibrate, calibrate_by_lines,
 };
 
 use crate::cameras::{self, Intrinsics};
+use crate::court;
 use crate::draw;
 use crate::footage::Footage;
 use crate::import::is_picture;
@@ -40,7 +40,7 @@ Without points: `gravisight calibrate match.mp4 --court tennis` finds the court'
 five of them and some of their corners. A sure result is right; a probable one prints a warning: check it with --overlay. If there is no
 court, the exit status is 1."))]
 pub struct Arguments {
-    /// With --court: a picture, or a video, whose first frame is used.
+    /// With --court: a picture, or a video, whose first frames are used.
     #[arg(value_name = "PICTURE|VIDEO", requires = "court")]
     shown: Option<PathBuf>,
     /// Find the camera from this court's painted lines in a picture, without points (see --list for the names of the courts); `auto` tries
@@ -109,13 +109,12 @@ pub fn run(arguments: Arguments) -> Result<()> {
 /// The camera by a court's painted lines alone.
 fn by_court(court: &str, shown: &Path, arguments: &Arguments) -> Result<()> {
     let name = shown.display();
-    let frame = if is_picture(shown) { "" } else { ", first frame" };
-    let picture = first_picture(shown)?;
-    let found = find_court(&picture, court)?;
+    let frame = if is_picture(shown) { "" } else { ", first frames" };
+    let (found, picture) = court::search(court::first_frames(shown)?, court)?;
     let FoundCourt { verdict, reason, .. } = &found;
     ensure!(
         *verdict != CourtVerdict::None,
-        "{name}{frame}: no court found: {reason}; try another frame, or click points (`gravisight calibrate --help`)"
+        "{name}{frame}: no court found: {reason}; try another picture, or mark points (`gravisight calibrate --help`)"
     );
     let unknowns = Unknowns::named(&arguments.estimate)?;
     let refined = found.calibrate(&picture, &unknowns);

@@ -16,7 +16,7 @@ use crate::config::EstimatorConfig;
 use crate::config::FitOptions;
 use crate::observation::Observation;
 use crate::result::{Fit, FittedImpact, Flight, Hit};
-use gravisight_geometry::camera::Camera;
+use gravisight_geometry::camera::{Camera, camera_by_homography};
 use gravisight_geometry::error::Result;
 use gravisight_geometry::statistics::median;
 use gravisight_physics::{Forecaster, Scene};
@@ -92,6 +92,9 @@ pub struct TrackedFrame {
     pub world: Option<Point3<f64>>,
     /// Root mean square error of that to expect, m.
     pub sigma: Option<f64>,
+    /// 1-σ of where the frame's view puts a point, px of the first view; 0 of a camera that stands still. Null where the view is not related to
+    /// the first one; then there are no metres.
+    pub camera_sigma_px: Option<f64>,
     /// m/s.
     pub speed: Option<f64>,
     /// Index of the flight that it belongs to.
@@ -141,6 +144,23 @@ impl TrackedVideo {
         video.unused_seeds = hypotheses.unused_seeds().to_vec();
         video.verdict = video.verdict_text();
         video
+    }
+
+    /// The camera of each frame, by that of the first one (of these pictures): turned and zoomed about its centre. None where the view is not
+    /// related to the first one.
+    pub fn cameras(&self, first: &Camera) -> Vec<Option<Camera>> {
+        let mut last = None;
+        let camera = |frame: &TrackedFrame| {
+            if !frame.repeated {
+                last = match (frame.followed.elsewhere, frame.followed.view) {
+                    (Some(CameraMotion::Cut), _) | (_, None) => None,
+                    (None, _) => Some(first.clone()),
+                    (Some(CameraMotion::Moved(_)), Some(view)) => camera_by_homography(first, &view.frame_from_first),
+                };
+            }
+            last.clone()
+        };
+        self.frames.iter().map(camera).collect()
     }
 
     /// The 2D track.
@@ -316,7 +336,12 @@ impl TrackedVideo {
         let lost: Vec<String> = lost.map(|OtherView { from, to, .. }| format!("{from} to {to}")).collect();
         let mut message = String::new();
         if !moved.is_empty() {
-            let hold = if self.explained.is_some() { ", which is accounted for" } else { "" };
+            let hold = match self.camera_sigmas() {
+                Some([middle, most]) if self.explained.is_some() => {
+                    format!(", which is accounted for (to ± {middle:.1} px, at worst ± {most:.1} px)")
+                }
+                _ => String::new(),
+            };
             message += &format!("; the camera moves in frames {}{hold}", listed(&moved, ", "));
         }
         if !lost.is_empty() {
@@ -324,6 +349,13 @@ impl TrackedVideo {
             message += &format!("; a different view from the first is shown in frames {}{hold}", listed(&lost, ", "));
         }
         message
+    }
+
+    /// 1-σ of the views while the camera moves, px: the median, and the greatest.
+    fn camera_sigmas(&self) -> Option<[f64; 2]> {
+        let moved = self.frames.iter().filter(|frame| matches!(frame.followed.elsewhere, Some(CameraMotion::Moved(_))));
+        let sigmas: Vec<f64> = moved.filter_map(|frame| frame.camera_sigma_px).collect();
+        Some([median(sigmas.iter().copied())?, sigmas.iter().copied().fold(0.0, f64::max)])
     }
 
     /// The part of the verdict about clicks that no tracklet goes through.
@@ -370,7 +402,12 @@ impl TrackedFrame {
     fn new((frame, followed): (usize, FollowedFrame)) -> Self {
         let FollowedFrame { point, repeated, confidence, .. } = followed;
         let (time, image, radius_px) = (point.time.unwrap_or_default(), point.image(), point.radius);
-        Self { frame, time, repeated, image, radius_px, confidence, followed, ..Self::default() }
+        let camera_sigma_px = match (followed.elsewhere, followed.view) {
+            (Some(CameraMotion::Cut), _) | (_, None) => None,
+            (None, _) => Some(0.0),
+            (Some(CameraMotion::Moved(_)), Some(view)) => Some(view.sigma),
+        };
+        Self { frame, time, repeated, image, radius_px, confidence, camera_sigma_px, followed, ..Self::default() }
     }
 }
 

@@ -17,6 +17,7 @@ use super::fit::{Hits, PARTLY, config, hits, one_sigma};
 use super::print_line;
 use crate::ball::with_ball;
 use crate::cameras;
+use crate::court;
 use crate::device::DeviceChoice;
 use crate::footage::Footage;
 use crate::model;
@@ -26,22 +27,27 @@ use crate::report::{Flights, doubts, track2d, write_flights};
 
 /// Follow the ball through a video: its flights, bounces and hits in metres.
 ///
-/// The camera must stay in one place; it may turn and zoom. Without --camera and --scene the result is the 2D track only. Exit status: 0
+/// The camera must stay in one place; it may turn and zoom. Without --camera, the court of --scene is searched in the first frames. Without
+/// --scene the result is the 2D track only. Exit status: 0
 /// if every flight is explained, 3 if some are not (the output is written anyway), 1 if there is no result.
 #[derive(Args)]
 pub struct Arguments {
     /// A video (needs ffmpeg), a folder of frames, or frames in order.
     #[arg(required = true, value_name = "VIDEO|FRAMES")]
     input: Vec<PathBuf>,
-    /// The camera that took it (camera.json).
+    /// The camera that took it (camera.json) [default: found by the lines of the court].
     #[arg(long, value_name = "CAMERA.JSON", requires = "scene")]
     camera: Option<PathBuf>,
     /// Output of `calibrate --json` for this camera; its uncertainty is added to σ.
     #[arg(long, value_name = "CALIBRATION.JSON", requires = "camera")]
     camera_sigma: Option<PathBuf>,
     /// The scene and its ball: scene.json, or the name of a sport (`gravisight scene` lists them).
-    #[arg(long, value_name = "SCENE.JSON|NAME", requires = "camera")]
+    #[arg(long, value_name = "SCENE.JSON|NAME")]
     scene: Option<PathBuf>,
+    /// The court whose painted lines show where the camera is and how it turns and zooms [default: that of the --scene's name, if its lines are
+    /// known].
+    #[arg(long, value_name = "COURT", requires = "scene")]
+    court: Option<String>,
     /// Ball to use instead of the scene's: the name of a sport, or a radius in metres.
     #[arg(long, value_name = "NAME|M")]
     ball: Option<String>,
@@ -66,6 +72,9 @@ pub struct Arguments {
     /// Write the 2D track (CSV: Frame,Visibility,X,Y,Time,Radius,RadiusSigma,Sigma), which `fit` takes.
     #[arg(long, value_name = "TRACK.CSV")]
     out: Option<PathBuf>,
+    /// Write the camera of each frame: a JSON list of cameras (as camera.json), `null` where it is not known.
+    #[arg(long, value_name = "CAMERAS.JSON", requires = "scene")]
+    cameras: Option<PathBuf>,
     /// Write the video with the ball marked.
     #[arg(long, value_name = "OUT.MP4")]
     overlay: Option<PathBuf>,
@@ -95,16 +104,17 @@ fn seed(text: &str) -> Result<SeedArgument, String> {
 }
 
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
-    let mut place = place(&arguments)?;
+    let scene = scene(&arguments)?;
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     let footage = Footage::open(&arguments.input, arguments.fps)?;
-    if let (Some(place), Some(size)) = (&mut place, footage.size()) {
-        place.camera = place.camera.for_picture(size)?;
-    }
     let name = || footage.name();
+    let place = scene.map(|scene| place(&arguments, &scene, &footage)).transpose().with_context(name)?;
     let mut progress = Progress::new();
     let camera = place.as_ref().map(|place| place.camera.clone());
     let mut tracker = VideoTracker::new(Arc::new(localiser), camera);
+    if let Some(court) = place.as_ref().and_then(|place| place.court.as_deref()) {
+        tracker = tracker.with_court(court)?;
+    }
     if let Some(path) = &arguments.config {
         tracker = tracker.with_config(config(path, "track")?)?;
     }
@@ -120,6 +130,9 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     let mut tracked = tracker.track(&seeds, known)?;
     if let Some(out) = &arguments.out {
         write_whole(out, tracked.track().to_csv()?.as_bytes())?;
+    }
+    if let (Some(out), Some(place)) = (&arguments.cameras, &place) {
+        write_whole(out, serde_json::to_string(&tracked.cameras(&place.camera))?.as_bytes())?;
     }
     if let Some(place) = &place {
         let options = FitOptions {
@@ -166,19 +179,40 @@ struct SceneOfTrack {
     camera: Camera,
     cameras: Vec<Camera>,
     forecaster: Forecaster,
+    /// The court whose lines are known.
+    court: Option<String>,
 }
 
-fn place(arguments: &Arguments) -> Result<Option<SceneOfTrack>> {
-    let (Some(camera), Some(scene)) = (&arguments.camera, &arguments.scene) else {
-        ensure!(arguments.ball.is_none(), "--ball needs --camera and --scene");
+fn scene(arguments: &Arguments) -> Result<Option<Scene>> {
+    let Some(scene) = &arguments.scene else {
+        ensure!(arguments.ball.is_none(), "--ball needs --scene");
         return Ok(None);
     };
-    let mut scene = Scene::open(scene)?;
-    if let Some(ball) = &arguments.ball {
-        scene = with_ball(scene, ball)?;
+    let scene = Scene::open(scene)?;
+    Ok(Some(match &arguments.ball {
+        Some(ball) => with_ball(scene, ball)?,
+        None => scene,
+    }))
+}
+
+fn place(arguments: &Arguments, scene: &Scene, footage: &Footage) -> Result<SceneOfTrack> {
+    let forecaster = Forecaster::new(scene)?;
+    let court = match &arguments.court {
+        Some(court) => Some(court.clone()),
+        None => arguments.scene.as_deref().and_then(court::of_scene),
+    };
+    if let Some(camera) = &arguments.camera {
+        let camera = cameras::open(camera)?;
+        let camera = footage.size().map_or(Ok(camera.clone()), |size| camera.for_picture(size))?;
+        let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
+        return Ok(SceneOfTrack { camera, cameras, forecaster, court });
     }
-    let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
-    Ok(Some(SceneOfTrack { camera: cameras::open(camera)?, cameras, forecaster: Forecaster::new(&scene)? }))
+    let court = court.context("--scene needs --camera, or --court with the name of the court that the video shows")?;
+    let (found, calibration) = court::camera(footage, &court)?;
+    eprintln!("gravisight: camera found: {}, probability {:.0} %", found.reason, 100.0 * found.probability);
+    calibration.doubts.iter().for_each(|doubt| eprintln!("gravisight: DOUBTFUL: {doubt}"));
+    let court = if court == court::AUTO { found.court } else { court };
+    Ok(SceneOfTrack { camera: calibration.camera, cameras: calibration.one_sigma, forecaster, court: Some(court) })
 }
 
 /// Once through the footage.

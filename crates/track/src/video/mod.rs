@@ -14,6 +14,7 @@ mod association;
 mod blobs;
 mod clutter;
 mod config;
+mod court;
 mod evidence;
 mod fall;
 mod foreground;
@@ -45,6 +46,7 @@ pub use self::config::{
     GravityConfig, QueriesConfig, RadiiConfig, RegistrationConfig, RepeatsConfig, SlowConfig, TrackerConfig,
     TrackletsConfig, WeightsConfig,
 };
+use self::court::CourtViews;
 use self::foreground::{Foreground, Seen};
 pub(crate) use self::hypotheses::{Alternatives, Candidate};
 pub use self::hypotheses::{
@@ -67,6 +69,7 @@ use self::view::FirstView;
 pub(crate) use self::view::Place;
 use nalgebra::Matrix3;
 
+use gravisight_geometry::camera::{Camera, CourtFollower};
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 
@@ -111,6 +114,11 @@ impl BallTracker {
             spare: Spare::default(),
             config,
         }
+    }
+
+    /// Finds the camera of each frame by a court's lines, too: before the first frame. `camera` is that of the first frame.
+    pub fn see_court(&mut self, court: CourtFollower, camera: Camera) {
+        self.stabiliser.see_court(CourtViews::new(court, camera));
     }
 
     /// Takes the next frame, of `time` s.

@@ -42,8 +42,8 @@ impl Registration {
         Some(Self { config, keys: vec![key], current: 0, size: [first.width, first.height], last, step })
     }
 
-    /// The view of the next frame; none where too little is found again.
-    pub fn view(&mut self, now: &Planes) -> Option<View> {
+    /// The view of the next frame; none where too little is found again. It holds once it is accepted.
+    pub fn view(&self, now: &Planes) -> Option<View> {
         let config = &self.config;
         let reach = if self.step == Matrix3::identity() { config.reach_still } else { config.reach };
         let key = &self.keys[self.current];
@@ -51,16 +51,31 @@ impl Registration {
         let last = self.last * key.first_from_key;
         let tried = tried.or_else(|| key.registered(now, &last, config.reach, config));
         let (frame_from_key, sigma) = tried.or_else(|| key.coarse(now, &last, config))?;
-        let frame_from_first = frame_from_key * key.key_from_first;
-        let view = View::new(frame_from_first, sigma)?;
-        self.step = if displacement(&frame_from_first, self.size) < config.reach_still as f64 / 2.0 {
-            Matrix3::identity()
-        } else {
-            frame_from_first * self.last.try_inverse()?
+        View::new(frame_from_key * key.key_from_first, sigma)
+    }
+
+    /// Takes the view of the next frame. `is_lost`: what the key frame in use shows is not found in it.
+    pub fn accept(&mut self, now: &Planes, frame_from_first: &Matrix3<f64>, is_lost: bool) {
+        let config = &self.config;
+        let moved = displacement(frame_from_first, self.size);
+        self.step = match self.last.try_inverse() {
+            Some(first_from_last) if moved >= config.reach_still as f64 / 2.0 => frame_from_first * first_from_last,
+            _ => Matrix3::identity(),
         };
-        self.last = frame_from_first;
-        self.choose_key(now, &frame_from_key);
-        Some(view)
+        self.last = *frame_from_first;
+        if is_lost {
+            self.add_key(now);
+        } else {
+            self.choose_key(now);
+        }
+    }
+
+    /// Makes a key frame of this one.
+    fn add_key(&mut self, now: &Planes) {
+        if let Some(key) = Key::of(now, self.last, &self.config) {
+            self.keys.push(key);
+            self.current = self.keys.len() - 1;
+        }
     }
 
     /// Another picture came in between: patches are searched where they were at first.
@@ -69,7 +84,7 @@ impl Registration {
     }
 
     /// Lets another key frame take over where the camera has left this one, or is back at an older one.
-    fn choose_key(&mut self, now: &Planes, frame_from_key: &Matrix3<f64>) {
+    fn choose_key(&mut self, now: &Planes) {
         let width = self.size[0] as f64;
         let away = |key: &Key| displacement(&(self.last * key.first_from_key), self.size) / width;
         if let Some(older) = self.keys[..self.current].iter().position(|key| away(key) < self.config.returned) {
@@ -77,13 +92,13 @@ impl Registration {
             return;
         }
         let key = &self.keys[self.current];
-        let in_view = key.patches.iter().filter(|patch| self.is_inside(mapped(frame_from_key, patch.xy()))).count();
+        let frame_from_key = self.last * key.first_from_key;
+        let in_view = key.patches.iter().filter(|patch| self.is_inside(mapped(&frame_from_key, patch.xy()))).count();
         if (in_view as f64) < self.config.least_in_view * key.patches.len() as f64 || away(key) > self.config.farthest {
             if let Some(later) = self.keys.iter().position(|key| away(key) < self.config.returned) {
                 self.current = later;
-            } else if let Some(key) = Key::of(now, self.last, &self.config) {
-                self.keys.push(key);
-                self.current = self.keys.len() - 1;
+            } else {
+                self.add_key(now);
             }
         }
     }
@@ -173,6 +188,13 @@ impl Key {
 mod tests {
     use super::*;
 
+    /// The view of the next frame, which is taken.
+    fn taken(registration: &mut Registration, now: &Planes) -> Option<View> {
+        let view = registration.view(now)?;
+        registration.accept(now, &view.frame_from_first, false);
+        Some(view)
+    }
+
     /// A picture of noise that is smooth over some pixels, seen by a camera that has turned, moved and zoomed a little.
     fn seen(shift: [f64; 2], zoom: f64, brighter: i32) -> Planes {
         let (width, height) = (320, 200);
@@ -207,23 +229,24 @@ mod tests {
             });
             off.into_iter().fold(0.0, f64::max)
         };
-        assert!(off(registration.view(&still), [0.0; 2], 1.0) < 0.1);
+        assert!(off(taken(&mut registration, &still), [0.0; 2], 1.0) < 0.1);
         // A cloud before the sun.
-        assert!(off(registration.view(&seen([0.4, -0.3], 1.0, -20)), [0.4, -0.3], 1.0) < 0.3);
+        assert!(off(taken(&mut registration, &seen([0.4, -0.3], 1.0, -20)), [0.4, -0.3], 1.0) < 0.3);
         for step in 1..=20 {
             let shift = [4.0 * f64::from(step), f64::from(step)];
-            let error = off(registration.view(&seen(shift, 1.0, 0)), shift, 1.0);
+            let error = off(taken(&mut registration, &seen(shift, 1.0, 0)), shift, 1.0);
             assert!(error < 0.7, "{error} px at step {step}");
         }
         for step in (0..20).rev() {
-            registration.view(&seen([4.0 * f64::from(step), f64::from(step)], 1.0, 0));
+            taken(&mut registration, &seen([4.0 * f64::from(step), f64::from(step)], 1.0, 0));
         }
-        assert!(off(registration.view(&still), [0.0; 2], 1.0) < 0.15);
-        let zoomed = (1..=5).map(|step| registration.view(&seen([0.0, 0.0], 1.0 + 0.01 * f64::from(step), 0))).last();
+        assert!(off(taken(&mut registration, &still), [0.0; 2], 1.0) < 0.15);
+        let zoomed =
+            (1..=5).map(|step| taken(&mut registration, &seen([0.0, 0.0], 1.0 + 0.01 * f64::from(step), 0))).last();
         assert!(off(zoomed.unwrap(), [0.0; 2], 1.05) < 0.5);
         // A sudden swing.
-        registration.view(&seen([0.0, 0.0], 1.0, 0));
-        assert!(off(registration.view(&seen([25.0, 14.0], 1.0, 0)), [25.0, 14.0], 1.0) < 0.5);
+        taken(&mut registration, &seen([0.0, 0.0], 1.0, 0));
+        assert!(off(taken(&mut registration, &seen([25.0, 14.0], 1.0, 0)), [25.0, 14.0], 1.0) < 0.5);
     }
 
     #[test]
@@ -237,9 +260,9 @@ mod tests {
             let part = row * occluded.width..row * occluded.width + 128;
             occluded.levels[0][part.clone()].copy_from_slice(&elsewhere.levels[0][part]);
         }
-        assert!(displacement(&registration.view(&occluded).unwrap().frame_from_first, [320, 200]) < 0.2);
+        assert!(displacement(&taken(&mut registration, &occluded).unwrap().frame_from_first, [320, 200]) < 0.2);
         let plain = Planes { width: 320, height: 200, levels: [vec![90; 64_000], vec![90; 64_000]] };
-        assert!(registration.view(&plain).is_none());
+        assert!(taken(&mut registration, &plain).is_none());
         assert!(Registration::of(&plain, RegistrationConfig::default()).is_none());
     }
 }

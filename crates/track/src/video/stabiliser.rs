@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::Matrix3;
 
 use super::config::RegistrationConfig;
+use super::court::CourtViews;
 use super::planes::{Planes, Spare};
 use super::registration::Registration;
 use super::state::State;
@@ -26,6 +27,8 @@ pub(super) struct Stabiliser {
     /// Of the frames to the first view, if that can be found again; and to the first after a cut, while that view is shown.
     registration: Option<Registration>,
     other: Option<Registration>,
+    /// The court that is seen, if the camera is known.
+    court: Option<CourtViews>,
     /// Whether another view than the registered one is shown, since a cut.
     is_cut: bool,
     /// In whose pixels frames are stabilised: those of the first view, until the camera has moved far.
@@ -37,7 +40,21 @@ pub(super) struct Stabiliser {
 impl Stabiliser {
     /// Without any frame yet.
     pub fn new(config: RegistrationConfig, first_frames: usize) -> Self {
-        Self { config, first_frames, registration: None, other: None, is_cut: false, canvas: View::FIRST, last: None }
+        Self {
+            config,
+            first_frames,
+            registration: None,
+            other: None,
+            court: None,
+            is_cut: false,
+            canvas: View::FIRST,
+            last: None,
+        }
+    }
+
+    /// Finds the views of frames by this court, too.
+    pub fn see_court(&mut self, court: CourtViews) {
+        self.court = Some(court);
     }
 
     /// The view of the canvas.
@@ -50,22 +67,54 @@ impl Stabiliser {
         let frames = state.frames();
         if self.registration.is_none() && frames.len() < self.first_frames {
             self.registration = Registration::of(planes, self.config);
+            if self.registration.is_some()
+                && let Some(court) = &mut self.court
+            {
+                court.begin(planes, &self.config);
+            }
         }
         let due = !self.is_cut || frames.len().is_multiple_of(self.config.return_every);
-        let found = self.registration.as_mut().filter(|_| due).and_then(|registration| registration.view(planes));
-        if let Some(view) = found {
+        if let Some(view) = due.then(|| self.registered(planes)).flatten() {
             (self.is_cut, self.other) = (false, None);
             let moved = displacement(&view.frame_from_first, state.size);
             return (view, (moved > self.config.elsewhere_px).then_some(CameraMotion::Moved(moved)));
         }
         let last = frames.last().map_or(View::FIRST, |frame| frame.view);
         if self.is_cut {
-            let view = self.other.as_mut().and_then(|other| other.view(planes));
+            let view = self.other.as_mut().and_then(|other| {
+                let view = other.view(planes)?;
+                other.accept(planes, &view.frame_from_first, false);
+                Some(view)
+            });
             return (view.unwrap_or(last), Some(CameraMotion::Cut));
         }
         // Too little is found again: of a camera that stood still, because something is before it.
         let is_still = is_still(&last.frame_from_first, state.size, &self.config);
         (last, (!is_still).then_some(CameraMotion::Cut))
+    }
+
+    /// The view of a frame that shows the first one's surroundings: by what stands still, and where the camera moves, by the court's lines.
+    fn registered(&mut self, planes: &Planes) -> Option<View> {
+        let registration = self.registration.as_mut()?;
+        let found = registration.view(planes);
+        let size = [planes.width, planes.height];
+        let moved = |view: &View| displacement(&view.frame_from_first, size) > self.config.elsewhere_px;
+        let view = match (&mut self.court, &found) {
+            (Some(court), found) if found.as_ref().is_none_or(moved) => {
+                let seen = court.view(planes, found.as_ref(), &self.config);
+                if let (None, Some(found)) = (&seen, found) {
+                    court.accept(found);
+                }
+                seen.or(*found)?
+            }
+            (court, found) => {
+                let view = (*found)?;
+                court.iter_mut().for_each(|court| court.accept(&view));
+                view
+            }
+        };
+        registration.accept(planes, &view.frame_from_first, found.is_none());
+        Some(view)
     }
 
     /// Stabilises about a frame of this view from now on, if it is far from the canvas's: returns the homography from its pixels to those of

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix4, Point2, Point3, Rotation3, Vector2, Vector3, Vector4};
 
-use super::lines::{Line, LineSample, Spacing};
+use super::lines::{Line, LineSample, Spacing, found};
 use super::paint::Grey;
 use crate::camera::court::CourtLine;
 use crate::camera::{Camera, Court};
@@ -73,7 +73,7 @@ impl CourtFollower {
             let camera = turned(predicted, &moved)?;
             let covariance = information.try_inverse()?;
             let lines = self.expected(&camera, &covariance);
-            let found: Vec<_> = lines.iter().filter_map(|line| line.found(&grey, 1.0)).collect();
+            let found = found(&lines, &grey, 1.0);
             fraction = found.len() as f64 / lines.len().max(1) as f64;
             if found.len() < FEWEST_LINES {
                 return None;

@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use super::lens::{NO_LENS, two_sided};
 use super::noise::ClickNoise;
-use super::paint::{Expected, Grey, find};
+use super::paint::{Expected, Grey, SIGNS, find};
 use super::refine::{Guess, Refined, Seen, refine};
 use super::{Calibration, Points, Problem, Unknowns, check_lens, refuse};
 use crate::camera::court::CourtLine;
@@ -276,8 +276,8 @@ impl LineSample {
 }
 
 impl Line {
-    /// The line as the picture shows it, `stretch` times as unsure as usual.
-    pub(super) fn found(&self, grey: &Grey, stretch: f64) -> Option<Painted> {
+    /// The line as the picture shows it, `stretch` times as unsure as usual; `sign` is one of [`SIGNS`].
+    fn found(&self, grey: &Grey, stretch: f64, sign: f32) -> Option<Painted> {
         let samples = &self.samples;
         let unsure = samples.iter().map(|sample| sample.sigma).fold(0.0, f64::max);
         let reach = SIGMAS * unsure + LEAST_SEARCH;
@@ -285,7 +285,7 @@ impl Line {
             return None;
         }
         let expected: Vec<Expected> = samples.iter().map(|sample| sample.expected).collect();
-        let found = find(grey, &expected, reach)?;
+        let found = find(grey, &expected, reach, sign)?;
         let scale = samples.iter().map(|sample| sample.scale).sum::<f64>() / samples.len() as f64;
         let sigma = stretch * LINE_SIGMA.hypot(PAINTED_SIGMA * scale * self.width);
         let weight = 1.0 / SAMPLE_SIGMA.hypot(sigma * (found.len() as f64 / PER_LINE).sqrt());
@@ -298,6 +298,16 @@ impl Line {
     }
 }
 
+/// Those of the lines that the picture shows, `stretch` times as unsure as usual: all bright or all dark, since they are of the same paint.
+/// Beside a bright line, the ground between it and something else that is bright looks like a dark one.
+pub(super) fn found(lines: &[Line], grey: &Grey, stretch: f64) -> Vec<Painted> {
+    let of_sign =
+        |sign: f32| -> Vec<Painted> { lines.iter().filter_map(|line| line.found(grey, stretch, sign)).collect() };
+    let samples = |found: &Vec<Painted>| found.iter().map(|line| line.seen.len()).sum::<usize>();
+    let [bright, dark] = SIGNS.map(of_sign);
+    if samples(&dark) > samples(&bright) { dark } else { bright }
+}
+
 impl Problem<'_> {
     /// The lines as the picture shows them, `stretch` times as unsure as usual.
     fn searched(&self, camera: &Refined, stretch: f64, grey: &Grey) -> Vec<Painted> {
@@ -305,7 +315,7 @@ impl Problem<'_> {
         let expected = |(index, line): (usize, &CourtLine)| {
             Some(Line { index, width: line.width, samples: self.samples(camera, line)? })
         };
-        lines.filter_map(expected).filter_map(|line| line.found(grey, stretch)).collect()
+        found(&lines.filter_map(expected).collect::<Vec<_>>(), grey, stretch)
     }
 
     /// Samples of what the picture shows of a line; [`None`] of one that is too short or thin there.

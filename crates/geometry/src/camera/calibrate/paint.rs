@@ -136,13 +136,12 @@ impl Expected {
     }
 }
 
-/// The straight line beside the expected one (offsets at either end) for which most samples speak; [`None`] where too few do or
-/// two such lines might be meant.
-pub(super) fn find(grey: &Grey, expected: &[Expected], search: f64) -> Option<Found> {
-    [1.0, -1.0].into_iter().filter_map(|sign| find_signed(grey, expected, search, sign)).max_by_key(Vec::len)
-}
+/// Paint brighter than the ground, and darker.
+pub(super) const SIGNS: [f32; 2] = [1.0, -1.0];
 
-fn find_signed(grey: &Grey, expected: &[Expected], search: f64, sign: f32) -> Option<Found> {
+/// The straight line beside the expected one (offsets at either end) for which most samples speak; [`None`] where too few do or
+/// two such lines might be meant. `sign` is one of [`SIGNS`].
+pub(super) fn find(grey: &Grey, expected: &[Expected], search: f64, sign: f32) -> Option<Found> {
     let samples: Vec<(f64, Vec<PaintCandidate>)> =
         expected.iter().map(|place| (place.share, place.candidates(grey, search, sign))).collect();
     let vote = |from: f64, to: f64| -> f64 {

@@ -102,6 +102,12 @@ pub struct RegistrationConfig {
     pub elsewhere_px: f64,
     /// Frames between searches for the first view while another one is shown. Source: chosen by hand.
     pub return_every: usize,
+    /// How far off (1-σ) the first view's camera is from where a court's lines show it, px. Source: chosen by hand.
+    pub court_first_sigma: f64,
+    /// The same of later frames as they are registered. Source: chosen by hand.
+    pub court_registered_sigma: f64,
+    /// The same of a frame that is not registered, after the one before. Source: chosen by hand.
+    pub court_lost_sigma: f64,
     /// Displacement, as a fraction of the width, from which frames are stabilised about another one. Source: chosen by hand.
     pub canvas_moved: f64,
     /// Change of size from which frames are stabilised about another one. Source: chosen by hand.
@@ -135,6 +141,9 @@ impl Default for RegistrationConfig {
             still_px: 0.35,
             elsewhere_px: 1.5,
             return_every: 4,
+            court_first_sigma: 2.0,
+            court_registered_sigma: 1.5,
+            court_lost_sigma: 9.0,
             canvas_moved: 0.25,
             canvas_scaled: 1.3,
         }
