@@ -161,6 +161,7 @@ pub mod internal {
     pub use gravisight_synth::{Apparent, Film, Filmed, Kind, LabelledPhotograph, RandomScenes};
     pub use gravisight_synth::{Balls, Drawn, Flights};
     pub use gravisight_synth::{Compression, Moves, Recording};
+    pub use gravisight_synth::{CourtPicture, courts};
     pub use gravisight_synth::{Disturbance, Engine, Set, Shot, Site, Split, Studio};
     pub use gravisight_track::SOLVER_VERSION;
     pub use gravisight_track::{BallTracker, FrameId, Hypotheses, Query, Stack, TrackPoint, TrackletFeatures};

@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde_json::{Value, json};
 
-use super::{film, flights, print_line};
+use super::{courts, film, flights, print_line};
 use crate::choice::{Choice, one_of};
 use crate::progress::Progress;
 use gravisight::internal::{Claim, NewFolder, write_whole};
@@ -25,12 +25,14 @@ const SETTINGS: &str = "synth.json";
 const LINE: &str = "clip.json";
 /// Clips of each kind of footage.
 const FILMS: usize = 100;
+/// Pictures of each court.
+const COURTS: usize = 20;
 /// Clips of each video with flights.
 const FLIGHTS: usize = 2;
 /// Sides that a picture may have, px.
 const SIDES: RangeInclusive<u32> = 16..=4096;
 
-/// Render the paper's synthetic data sets, a room like the one in its real data set, or footage of sports.
+/// Render the paper's synthetic data sets, a room like the one in its real data set, footage of sports, or pictures of courts.
 #[derive(Args)]
 pub struct Arguments {
     /// Which set: sd-s is a part of sd-m, and sd-m of sd-l.
@@ -81,9 +83,10 @@ enum Made {
     Films,
     Footage,
     Flights,
+    Courts,
 }
 
-const SETS: [Choice<Made>; 8] = [
+const SETS: [Choice<Made>; 9] = [
     ("sd-s", "", Made::Clips(Set::SdS)),
     ("sd-m", "", Made::Clips(Set::SdM)),
     ("sd-l", "", Made::Clips(Set::SdL)),
@@ -109,6 +112,11 @@ const SETS: [Choice<Made>; 8] = [
         "Simulated flights of balls cut out of photographs, drawn into real videos (needs ffmpeg, --videos and --balls); --clips sets how many of \
          each video",
         Made::Flights,
+    ),
+    (
+        "courts",
+        "Pictures of courts by random cameras, with the exact cameras, and pictures without a court; --clips sets how many of each court",
+        Made::Courts,
     ),
 ];
 const SPLITS: [Choice<Split>; 3] = [("train", "", Split::Train), ("val", "", Split::Val), ("test", "", Split::Test)];
@@ -157,14 +165,14 @@ pub fn run(arguments: Arguments) -> Result<()> {
     ensure!(!has_material || matches!(arguments.set, Made::Flights), "--videos and --balls need --set flights");
     let set = match arguments.set {
         Made::Clips(set) => set,
-        made @ (Made::Films | Made::Footage | Made::Flights) => {
+        made @ (Made::Films | Made::Footage | Made::Flights | Made::Courts) => {
             let plain = arguments.size.is_none()
                 && !arguments.depth
                 && arguments.disturb.is_none()
                 && arguments.label_noise.is_none();
             ensure!(
                 plain,
-                "--set broadcast, footage and flights cannot be combined with --size, --depth, --label-noise or --disturb"
+                "--set broadcast, footage, flights and courts cannot be combined with --size, --depth, --label-noise or --disturb"
             );
             if let Made::Flights = made {
                 let (Some(videos), Some(balls)) = (&arguments.videos, &arguments.balls) else {
@@ -172,6 +180,10 @@ pub fn run(arguments: Arguments) -> Result<()> {
                 };
                 let clips = arguments.clips.map_or(FLIGHTS, |clips| clips as usize);
                 return flights::run(&arguments.out, split, clips, arguments.seed, (videos, balls), arguments.json);
+            }
+            if let Made::Courts = made {
+                let count = arguments.clips.map_or(COURTS, |clips| clips as usize);
+                return courts::run(&arguments.out, split, count, arguments.seed, arguments.json);
             }
             let clips = arguments.clips.map_or(FILMS, |clips| clips as usize);
             let make = if matches!(made, Made::Films) { film::run } else { film::run_footage };

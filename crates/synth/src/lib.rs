@@ -13,6 +13,8 @@
 #[cfg(not(target_arch = "wasm32"))]
 mod broadcast;
 #[cfg(not(target_arch = "wasm32"))]
+mod courts;
+#[cfg(not(target_arch = "wasm32"))]
 mod flights;
 #[cfg(not(target_arch = "wasm32"))]
 mod footage;
@@ -33,6 +35,8 @@ use nalgebra::{Point3, Vector2};
 
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::broadcast::{Film, Filmed, Kind};
+#[cfg(not(target_arch = "wasm32"))]
+pub use self::courts::{CourtPicture, courts};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::flights::{Balls, Drawn, Flights};
 #[cfg(not(target_arch = "wasm32"))]

@@ -39,7 +39,7 @@ struct Advert {
 
 /// A board that stands upright.
 #[derive(Debug, Clone)]
-pub(super) struct Board {
+pub(crate) struct Board {
     from: Vector3<f64>,
     along: Vector3<f64>,
     length: f64,

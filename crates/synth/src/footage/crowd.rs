@@ -40,7 +40,7 @@ struct Spectator {
 
 /// All of them, the far ones first.
 #[derive(Debug, Clone)]
-pub(super) struct Crowd {
+pub(crate) struct Crowd {
     still: Vec<Spectator>,
     restless: Vec<Spectator>,
     /// Flashes a second.

@@ -14,7 +14,7 @@ const CHROMA_GRAIN: usize = 3;
 
 /// How a clip's camera develops its pictures.
 #[derive(Debug)]
-pub(super) struct Developing {
+pub(crate) struct Developing {
     normals: Normals,
     /// Standard deviation of the noise of brightness and of colour, fractions of full scale.
     noise: [f32; 2],

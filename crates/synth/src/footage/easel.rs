@@ -18,7 +18,7 @@ const FOLDS: f32 = 0.07;
 
 /// The rays of a camera's pixels.
 #[derive(Debug, Clone)]
-pub(super) struct Rays {
+pub(crate) struct Rays {
     /// The camera's centre, m.
     pub eye: [f64; 3],
     columns: [Vector3<f64>; 3],
@@ -41,7 +41,7 @@ impl Rays {
 }
 
 /// A canvas before a camera. It notes whether a ball that was drawn is hidden by what is drawn after it.
-pub(super) struct Easel<'a> {
+pub(crate) struct Easel<'a> {
     pub canvas: Canvas,
     pub camera: &'a Camera,
     /// Width of edges, px.

@@ -3,18 +3,18 @@
 //!
 //! A clip is drawn from (kind, empty, seed) alone. Its plays are those of the still set beside it.
 
-mod boards;
+pub(super) mod boards;
 mod cast;
 mod clock;
-mod crowd;
-mod develop;
-mod easel;
+pub(super) mod crowd;
+pub(super) mod develop;
+pub(super) mod easel;
 mod filming;
 mod lettering;
 mod motion;
-mod person;
-mod place;
-mod props;
+pub(super) mod person;
+pub(super) mod place;
+pub(super) mod props;
 #[cfg(test)]
 mod tests;
 mod view;

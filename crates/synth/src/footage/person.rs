@@ -27,7 +27,7 @@ const WHITE: f64 = 0.6;
 
 /// What somebody wears, and how tall they are.
 #[derive(Debug, Clone)]
-pub(super) struct Look {
+pub(crate) struct Look {
     shirt: PaintColour,
     trousers: PaintColour,
     skin: PaintColour,
@@ -42,7 +42,7 @@ pub(super) struct Look {
 
 /// What somebody holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Held {
+pub(crate) enum Held {
     Nothing,
     Racket,
     Bat,
@@ -50,7 +50,7 @@ pub(super) enum Held {
 
 /// A body at a time.
 #[derive(Debug, Clone)]
-pub(super) struct Body {
+pub(crate) struct Body {
     /// Between the feet, m.
     pub feet: Point3<f64>,
     /// Where it looks, radians in the ground's plane.

@@ -36,7 +36,7 @@ const TREES: f64 = 7.0;
 
 /// What is around the ground.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Style {
+pub(crate) enum Style {
     /// Boards and stands full of people.
     Stadium,
     /// Walls and a ceiling.
@@ -47,8 +47,10 @@ pub(super) enum Style {
 
 /// A ground with its surroundings.
 #[derive(Debug, Clone)]
-pub(super) struct Place {
+pub(crate) struct Place {
     pub kind: Kind,
+    /// Half the width and length of what has the inner colour, m.
+    pub court: [f64; 2],
     pub style: Style,
     /// Half its width and length, m.
     pub room: [f64; 2],
@@ -58,7 +60,7 @@ pub(super) struct Place {
     pub rise: f64,
     pub depth: f64,
     pub inner: PaintColour,
-    outer: PaintColour,
+    pub outer: PaintColour,
     wall: PaintColour,
     sky: [PaintColour; 2],
     /// Brightness of the stands.
@@ -66,7 +68,7 @@ pub(super) struct Place {
     /// Strength of the ground's texture, and size of its grain, px.
     grain: [f32; 2],
     /// Where `a·x + b·y > c` the ground lies in the shade.
-    shade: Option<[f64; 3]>,
+    pub shade: Option<[f64; 3]>,
     pub boards: Vec<Board>,
     /// Where the umpire's chair stands, m.
     pub chair: [f64; 2],
@@ -90,7 +92,20 @@ impl Place {
             (false, _) if random.random_bool(0.75) => Style::Park,
             _ => Style::Hall,
         };
+        let court = if kind == Kind::Toss { [0.0; 2] } else { kind.court() };
         let room = room(kind, random);
+        Self::around(court, kind, style, room, paint, random)
+    }
+
+    /// A place of a style around a court, inside walls; half their widths and lengths, m. `paint` is seen before its ground.
+    pub fn around(
+        court: [f64; 2],
+        kind: Kind,
+        style: Style,
+        room: [f64; 2],
+        paint: PaintColour,
+        random: &mut Random,
+    ) -> Self {
         let (inner, outer) = grounds(paint, random);
         let fence = match style {
             Style::Stadium => random.random_range(0.8..1.4),
@@ -99,6 +114,7 @@ impl Place {
         };
         let mut place = Self {
             kind,
+            court,
             style,
             room,
             fence,
@@ -112,7 +128,7 @@ impl Place {
             grain: [random.random_range(0.03..0.22), random.random_range(2.0..9.0)],
             shade: None,
             boards: vec![],
-            chair: chair(kind, room, random),
+            chair: chair(kind, court, room, random),
         };
         if style != Style::Hall && random.random_bool(SHADOW) {
             let (sin, cos) = random.random_range(0.0..std::f64::consts::TAU).sin_cos();
@@ -213,8 +229,8 @@ impl Place {
         let worn = 0.92 + 0.16 * texture + strength * (grain - 0.5);
         match *met {
             Met::Ground(x, y) => {
-                let [half_width, half_length] = self.kind.court();
-                let inside = self.kind != Kind::Toss && x.abs() < half_width && y.abs() < half_length;
+                let [half_width, half_length] = self.court;
+                let inside = x.abs() < half_width && y.abs() < half_length;
                 let shaded = self.shade.is_some_and(|[a, b, c]| a * x + b * y > c);
                 let of = if inside { self.inner } else { self.outer };
                 of.map(|value| value * worn * if shaded { SHADED } else { 1.0 })
@@ -267,9 +283,9 @@ fn room(kind: Kind, random: &mut Random) -> [f64; 2] {
 }
 
 /// Beside the net, inside the boards, m.
-fn chair(kind: Kind, [wide, _]: [f64; 2], random: &mut Random) -> [f64; 2] {
+fn chair(kind: Kind, court: [f64; 2], [wide, _]: [f64; 2], random: &mut Random) -> [f64; 2] {
     let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
-    let beside = if kind == Kind::TableTennis { 2.5 } else { kind.court()[0] + 2.0 };
+    let beside = if kind == Kind::TableTennis { 2.5 } else { court[0] + 2.0 };
     [side * beside.min(wide - 0.8), 0.05]
 }
 

@@ -25,9 +25,9 @@ const POINTS: f64 = 54.0;
 const CLOCKS: f64 = 68.0;
 
 /// Puts them before a still picture of the place; `lying` is a ball's radius, m, and colour, where others may lie about.
-pub(super) fn paint(easel: &mut Easel, place: &Place, lying: Option<(f64, PaintColour)>, random: &mut Random) {
+pub(crate) fn paint(easel: &mut Easel, place: &Place, lying: Option<(f64, PaintColour)>, random: &mut Random) {
     let [wide, long] = place.room;
-    let [half_width, _] = place.kind.court();
+    let [half_width, _] = place.court;
     let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
     if random.random_bool(LAMPS) {
         lamps(easel, place, random);
@@ -149,7 +149,7 @@ struct Caption {
 
 /// What is written over a picture.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Captions(Vec<Caption>);
+pub(crate) struct Captions(Vec<Caption>);
 
 impl Captions {
     pub fn draw([width, height]: [f64; 2], random: &mut Random) -> Self {
