@@ -3,6 +3,7 @@
 mod batch;
 mod calibrate;
 mod camera;
+mod courts;
 mod evaluate;
 mod film;
 mod fit;

@@ -205,11 +205,15 @@ impl Furniture {
             let along = (0..=10).map(|number| post(side * wide, f64::from(number) * GLASS_POSTS - long));
             let across = (1..5).map(|number| post(f64::from(number) * GLASS_POSTS - wide, side * long));
             posts.extend(along.chain(across));
-            let corner = |x: f64, y: f64| Point3::new(x, y, GLASS);
-            easel.limb(&corner(side * wide, -long), &corner(side * wide, long), FRAME, self.metal);
-            easel.limb(&corner(-wide, side * long), &corner(wide, side * long), FRAME, self.metal);
         }
         posts.iter().for_each(|[foot, top]| easel.limb(foot, top, FRAME, self.metal));
+        // The upper rails, from post to post.
+        let rails = posts.iter().flat_map(|[_, top]| posts.iter().map(move |[_, next]| (top, next)));
+        let is_rail = |(top, next): &(&Point3<f64>, &Point3<f64>)| {
+            let way: Vector3<f64> = *next - *top;
+            way.x + way.y > 0.0 && (way.norm() - GLASS_POSTS).abs() < POST
+        };
+        rails.filter(is_rail).for_each(|(top, next)| easel.limb(top, next, FRAME, self.metal));
     }
 }
 

@@ -4,7 +4,7 @@ use nalgebra::Point3;
 use rand::RngExt;
 
 use super::super::footage::easel::Easel;
-use super::super::random::canvas::{Canvas, Ellipse, PaintColour};
+use super::super::random::canvas::{Canvas, PaintColour};
 use super::piece::Piece;
 use gravisight_geometry::camera::Camera;
 use gravisight_geometry::error::Result;
@@ -24,11 +24,13 @@ const SHADED: [f32; 2] = [0.45, 0.85];
 /// Width of a shadow, m: a mast's to a stand's; and of its blurred edge.
 const SHADOW_WIDTH: [f64; 2] = [0.1, 12.0];
 const SHADOW_EDGE: [f64; 2] = [0.02, 0.5];
-/// Reflections of lamps: how many, their size in the picture as a fraction of its width, how much longer they are than wide, how bright.
+/// Reflections of lamps: how many, their radius across the view, m, how much longer they are along it, how bright.
 const MOST_LAMPS: u32 = 8;
-const LAMP: [f32; 2] = [0.005, 0.05];
-const LAMP_LONGER: [f32; 2] = [1.0, 6.0];
+const LAMP: [f64; 2] = [0.1, 0.7];
+const LAMP_LONGER: [f64; 2] = [1.5, 6.0];
 const LAMP_OPACITY: [f32; 2] = [0.1, 0.7];
+/// How many radii a reflection reaches: beyond, less than a thousandth of it is left.
+const LAMP_REACH: f64 = 2.7;
 /// Their colour: of lamps and of windows, as fractions of full scale.
 const LAMP_COLOUR: PaintColour = [0.97, 0.97, 0.94];
 
@@ -147,16 +149,7 @@ impl Ground {
                 ([0.0; 3], 1.0 - left)
             })?;
         }
-        for _ in 0..self.lamps {
-            let at = room.map(|half| random.random_range(-half..half));
-            let size = between(LAMP, random) * easel.canvas.width as f32;
-            let longer = between(LAMP_LONGER, random);
-            let opacity = between(LAMP_OPACITY, random);
-            let Some((centre, _)) = easel.seen(&Point3::new(at[0], at[1], 0.0)) else { continue };
-            let disc = Ellipse { centre, semi: [size, size * longer], axis: [1.0, 0.0] };
-            easel.canvas.fill(&disc, 2.0 * size, opacity, |_, _| LAMP_COLOUR);
-        }
-        Ok(())
+        (0..self.lamps).try_for_each(|_| reflection(easel, room, random))
     }
 }
 
@@ -180,4 +173,24 @@ impl Shadow {
         let within = (at - self.from).min(self.to - at) / self.edge + 0.5;
         1.0 - (1.0 - self.left) * within.clamp(0.0, 1.0) as f32
     }
+}
+
+/// Lays the reflection of a lamp over a floor, m: a streak towards the camera.
+fn reflection(easel: &mut Easel, room: [f64; 2], random: &mut Random) -> Result<()> {
+    let at = room.map(|half| random.random_range(0.0..2.0 * half));
+    let (radius, longer) = (between(LAMP, random), between(LAMP_LONGER, random));
+    let opacity = between(LAMP_OPACITY, random);
+    let camera = easel.camera;
+    let eye = camera.world_from_camera(&Point3::origin());
+    let [x, y] = [eye.x + room[0] - at[0], eye.y + room[1] - at[1]];
+    let away = x.hypot(y).max(f64::MIN_POSITIVE);
+    let view = [x / away, y / away];
+    Piece::floor(room).paint(&mut easel.canvas, camera, |spot| {
+        let [dx, dy] = [spot.at[0] - at[0], spot.at[1] - at[1]];
+        let along = (dx * view[0] + dy * view[1]) / (radius * longer);
+        let across = (dx * view[1] - dy * view[0]) / radius;
+        let squared = along * along + across * across;
+        let left = if squared < LAMP_REACH * LAMP_REACH { (-squared).exp() as f32 } else { 0.0 };
+        (LAMP_COLOUR, opacity * left)
+    })
 }

@@ -21,10 +21,10 @@ use gravisight_geometry::camera::Camera;
 use gravisight_geometry::error::Result;
 use gravisight_geometry::random::Random;
 
-/// White paint and the others that lines have (blue, red, yellow, black), fractions of full scale, and how often it is white.
+/// White paint and the others that lines have (blue, red, yellow; in halls black), fractions of full scale, and how often it is white.
 const WHITE: PaintColour = [0.93, 0.93, 0.9];
 const PAINTS: [PaintColour; 4] = [[0.1, 0.2, 0.6], [0.7, 0.12, 0.12], [0.9, 0.75, 0.15], [0.08, 0.08, 0.08]];
-const IS_WHITE: f64 = 0.75;
+const IS_WHITE: f64 = 0.8;
 /// Colours of table tops: ITTF tables are dark blue or green, a few grey.
 const TABLES: [PaintColour; 3] = [[0.08, 0.2, 0.42], [0.08, 0.28, 0.2], [0.2, 0.22, 0.25]];
 /// Opacity of paint, and of worn paint; how often it is worn, and from which level of the noise on it is gone.
@@ -111,10 +111,11 @@ fn held(court: &str) -> Held {
     }
 }
 
-fn paint(random: &mut Random) -> PaintColour {
+fn paint(is_hall: bool, random: &mut Random) -> PaintColour {
+    let coloured = if is_hall { PAINTS.len() } else { PAINTS.len() - 1 };
     match random.random_bool(IS_WHITE) {
         true => WHITE,
-        false => PAINTS[random.random_range(0..PAINTS.len())],
+        false => PAINTS[random.random_range(0..coloured)],
     }
 }
 
@@ -134,9 +135,10 @@ impl Scenery {
     /// # Errors
     /// As [`super::CourtPicture::draw`].
     pub fn draw(court: Option<&'static str>, random: &mut Random) -> Result<Self> {
-        let colour = if court == Some("table-tennis") { WHITE } else { paint(random) };
         let sport = court.unwrap_or_else(|| markings::courts()[random.random_range(0..markings::courts().len())]);
         let style = style(sport, random);
+        let is_hall = style == Style::Hall;
+        let colour = if sport == "table-tennis" { WHITE } else { paint(is_hall, random) };
         let ([wide, long], height) = markings::extent(sport)?;
         let mut inner = if sport == "table-tennis" { TABLE_AREA } else { [wide, long] };
         let mut room = [0, 1].map(|axis| inner[axis] + random.random_range(BEYOND[0]..BEYOND[1]));
@@ -147,7 +149,6 @@ impl Scenery {
         let mut place = Place::around(inner, kind(sport), style, room, colour, random);
         // Shadows lie on paint as well: the ground's own are laid over it.
         place.shade = None;
-        let is_hall = style == Style::Hall;
         if is_hall && random.random_bool(ONE_COLOUR) {
             place.outer = place.inner;
         }
@@ -160,7 +161,7 @@ impl Scenery {
         if let Some(court) = court
             && random.random_bool(if is_hall { SHARED } else { SHARED_OUTSIDE })
         {
-            let others = shared(court, room, random)?;
+            let others = shared(court, is_hall, room, random)?;
             painted.splice(0..0, others);
         }
         let camera = viewpoint::draw([wide, long], height, random)?;
@@ -286,11 +287,11 @@ fn lines(court: &str, colour: PaintColour, random: &mut Random) -> Result<(Vec<P
 }
 
 /// Another sport's lines on the same floor, along it or across; none where they do not fit.
-fn shared(court: &str, room: [f64; 2], random: &mut Random) -> Result<Vec<Painted>> {
+fn shared(court: &str, is_hall: bool, room: [f64; 2], random: &mut Random) -> Result<Vec<Painted>> {
     let others: Vec<&str> =
         markings::courts().into_iter().filter(|other| *other != court && *other != "table-tennis").collect();
     let other = others[random.random_range(0..others.len())];
-    let colour = paint(random);
+    let colour = paint(is_hall, random);
     let is_across = random.random_bool(0.5);
     let ([wide, long], _) = markings::extent(other)?;
     let [wide, long] = if is_across { [long, wide] } else { [wide, long] };

@@ -37,7 +37,7 @@ const ROLL: [f64; 2] = [1.5, 5.0];
 const IN_VIEW: f64 = 0.35;
 const GRID: u32 = 9;
 /// Least width and height of that part, as fractions of the picture's: less is a court in the distance that nobody calibrates by.
-const LEAST: [f64; 2] = [0.2, 0.08];
+const LEAST: [f64; 2] = [0.3, 0.12];
 /// Strength of a lens as a fraction of the bend at which the picture's corner would fold over: hardly visible, to action cameras.
 const BENT: [f64; 2] = [0.03, 0.8];
 /// The same above a focal length of [`LONG`] picture widths: long lenses hardly bend.
