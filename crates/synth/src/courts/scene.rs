@@ -27,10 +27,11 @@ const PAINTS: [PaintColour; 4] = [[0.1, 0.2, 0.6], [0.7, 0.12, 0.12], [0.9, 0.75
 const IS_WHITE: f64 = 0.8;
 /// Colours of table tops: ITTF tables are dark blue or green, a few grey.
 const TABLES: [PaintColour; 3] = [[0.08, 0.2, 0.42], [0.08, 0.28, 0.2], [0.2, 0.22, 0.25]];
-/// Opacity of paint, and of worn paint; how often it is worn, and from which level of the noise on it is gone.
-const OPACITY: [f32; 2] = [0.65, 1.0];
+/// Opacity of paint; how often it is worn, and from which level of the noise on it is gone: at the least about half of it, so that people
+/// still see the court.
+const OPACITY: [f32; 2] = [0.7, 1.0];
 const WORN: f64 = 0.35;
-const GONE: [f32; 2] = [0.35, 0.9];
+const GONE: [f32; 2] = [0.48, 0.9];
 /// Size of worn places in the finer picture, px, octaves and falloff of their noise, and how steep their edges are.
 const WORN_SIZE: f32 = 24.0;
 const WORN_OCTAVES: u32 = 3;
