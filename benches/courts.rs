@@ -6,14 +6,19 @@
 //!
 //! *Error*: the greatest distance of a point of the court in view, as a share of the picture's width, from where the true camera puts it. A
 //! camera at the other end of the court counts as the same. A camera is *right* up to an error of 1 %.
+//!
+//! `cargo bench --bench all -- courts fit FOLDER …` (`scripts/fit-weights courts FOLDER …`) prints the log-odds that a camera is right (`LOG_ODDS` and
+//! `GOOD` in crates/geometry/src/camera/find/verdict.rs): a logistic regression on the best two cameras of each way to search. Pictures whose camera
+//! is known count, and those without the court, both together as much; each picture is also searched for another court.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use gravisight::internal::median;
+use gravisight::internal::{COURT_FEATURES, court_evidence, median};
 use gravisight::{Camera, Court, CourtVerdict, FoundCourt, Picture, Points, Unknowns, calibrate, find_court};
-use nalgebra::{Point2, Point3};
+use nalgebra::{Point2, Point3, SMatrix, SVector};
+use rayon::prelude::*;
 
 /// What a picture without the court has in place of clicks.
 const NO_COURT: &str = "-";
@@ -26,6 +31,10 @@ const LINES: usize = 5;
 /// Places of a line at which is measured whether it is in view, and the fraction of them that has to be.
 const PLACES: u32 = 20;
 const IN_VIEW: f64 = 0.25;
+
+/// Newton's steps of the logistic regression, and the strength of its prior.
+const NEWTON_STEPS: usize = 30;
+const RIDGE: f64 = 1e-2;
 
 #[derive(serde::Deserialize)]
 struct Row {
@@ -195,9 +204,103 @@ fn print_verdicts(title: &str, by_court: &BTreeMap<String, Vec<Outcome>>, is_one
     }
 }
 
+/// What speaks for a camera, whether it is right, and how much it counts.
+struct Example {
+    row: SVector<f64, COURT_FEATURES>,
+    is_right: bool,
+    weight: f64,
+}
+
+/// The cameras of a picture that may be a court's; `truth` is the right one, if it is in view.
+fn examples(picture: &Picture, court: &str, truth: Option<&Camera>) -> Vec<Example> {
+    let points = Court::named(court).expect("a court");
+    let all = court_evidence(picture, court).expect("a court whose lines are known");
+    let count = all.len();
+    let example = |(camera, row): (Camera, [f64; COURT_FEATURES])| Example {
+        row: row.into(),
+        is_right: truth.is_some_and(|truth| error(&camera, truth, points) <= RIGHT),
+        weight: 1.0 / count as f64,
+    };
+    all.into_iter().map(example).collect()
+}
+
+/// Pictures of folders, and what is right in them.
+fn all_examples(folders: &[String]) -> Vec<Example> {
+    let courts: Vec<&str> =
+        Court::names().into_iter().filter(|name| !Court::named(name).expect("a court").lines.is_empty()).collect();
+    let mut rows: Vec<(PathBuf, Row)> = vec![];
+    for folder in folders {
+        let mut table = csv::Reader::from_path(Path::new(folder).join("courts.csv")).expect("courts.csv");
+        rows.extend(table.deserialize().map(|row| (folder.into(), row.expect("a row"))));
+    }
+    let of = |(number, (folder, row)): (usize, &(PathBuf, Row))| {
+        let picture = Picture::decode(&std::fs::read(folder.join(&row.file)).expect("a picture")).expect("a picture");
+        let other = courts[number % courts.len()];
+        let other = if other == row.court { vec![] } else { examples(&picture, other, None) };
+        let own = match Truth::read(folder, &row.points) {
+            Truth::Unknown => vec![],
+            Truth::NoCourt => examples(&picture, &row.court, None),
+            Truth::Known(camera) => examples(&picture, &row.court, Some(&camera)),
+        };
+        own.into_iter().chain(other).collect::<Vec<Example>>()
+    };
+    rows.par_iter().enumerate().flat_map(of).collect()
+}
+
+/// Weights of a logistic regression, by Newton's method.
+fn fitted(examples: &[Example]) -> SVector<f64, COURT_FEATURES> {
+    let mut weights = SVector::<f64, COURT_FEATURES>::zeros();
+    for _ in 0..NEWTON_STEPS {
+        let mut hessian = SMatrix::<f64, COURT_FEATURES, COURT_FEATURES>::identity() * RIDGE;
+        let mut gradient = weights * -RIDGE;
+        for Example { row, is_right, weight } in examples {
+            let probability = 1.0 / (1.0 + (-weights.dot(row)).exp());
+            gradient += row * (weight * (f64::from(u8::from(*is_right)) - probability));
+            hessian += row * row.transpose() * (weight * probability * (1.0 - probability));
+        }
+        weights += hessian.cholesky().expect("a prior").solve(&gradient);
+    }
+    weights
+}
+
+fn fit(folders: &[String]) {
+    let mut examples = all_examples(folders);
+    let total = |right: bool| examples.iter().filter(|it| it.is_right == right).map(|it| it.weight).sum::<f64>();
+    let totals = [total(false), total(true)];
+    examples.iter_mut().for_each(|it| it.weight *= (totals[0] + totals[1]) / 2.0 / totals[usize::from(it.is_right)]);
+    let weights = fitted(&examples);
+    let list = |values: SVector<f64, COURT_FEATURES>| {
+        values.iter().map(|value| format!("{value:.2}")).collect::<Vec<_>>().join(", ")
+    };
+    println!("LOG_ODDS: [{}]", list(weights));
+    let right = || examples.iter().filter(|it| it.is_right);
+    let mean = right().map(|it| it.row * it.weight).sum::<SVector<f64, COURT_FEATURES>>()
+        / right().map(|it| it.weight).sum::<f64>();
+    println!("GOOD: [{}]", list(mean));
+    println!("{} right and {} wrong cameras", right().count(), examples.len() - right().count());
+    for least in [0.5, 0.9, 0.95, 0.99] {
+        let reaches = |it: &&Example| weights.dot(&it.row) >= f64::ln(least / (1.0 - least));
+        let share = |right: bool| {
+            let all = || examples.iter().filter(|it| it.is_right == right);
+            100.0 * all().filter(reaches).count() as f64 / all().count().max(1) as f64
+        };
+        println!(
+            "probability ≥ {least}: {:.1} % of the right ones, {:.2} % of the wrong ones",
+            share(true),
+            share(false)
+        );
+    }
+}
+
 pub fn run(arguments: &[String]) {
+    if let [what, folders @ ..] = arguments
+        && what == "fit"
+        && !folders.is_empty()
+    {
+        return fit(folders);
+    }
     let Some(folder) = arguments.first().map(Path::new) else {
-        println!("usage: cargo bench --bench all -- courts FOLDER");
+        println!("usage: cargo bench --bench all -- courts FOLDER | courts fit FOLDER …");
         return;
     };
     let mut rows = csv::Reader::from_path(folder.join("courts.csv")).expect("courts.csv");

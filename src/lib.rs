@@ -150,6 +150,7 @@ pub mod internal {
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
     pub use crate::train::{Photographs, read_photographs, stack_record};
     pub use crate::train::{Supervision, TrainProgress, Validation};
+    pub use gravisight_geometry::camera::{COURT_FEATURES, court_evidence};
     pub use gravisight_geometry::files::{Claim, NewFolder, read, read_text, write_whole};
     pub use gravisight_geometry::image::Normalisation;
     pub use gravisight_geometry::random::{Random, mixed, normal_pair};
