@@ -26,6 +26,7 @@ fn clicked(camera: &Camera, world: &[[f64; 3]], known: bool, noise: f64, seed: u
         names: Vec::new(),
         image: world.iter().map(&mut click).collect(),
         lines: Vec::new(),
+        sigma: None,
         world,
     }
 }
@@ -76,6 +77,7 @@ fn the_optimum_is_the_references() {
         let matrix = |rows: &[Vec<f64>]| Matrix3::from_fn(|i, j| rows[i][j]);
         let points = Points {
             lines: Vec::new(),
+            sigma: None,
             size: Size::new(384, 224),
             intrinsic: Some(matrix(&read(&case["M_int"]))),
             distortion: Distortion::default(),
@@ -416,6 +418,7 @@ fn files_are_read_with_their_errors() {
         (text.replace("960", "0"), "width"),
         (text.replace("\"names\"", "\"nmes\""), "nmes"),
         (text.replace("[3, 4]", "[3, NaN]"), "points.json"),
+        (text.replace("\"image\"", "\"sigma_px\": 0, \"image\""), "sigma_px"),
     ] {
         let error = Points::from_json(&text, "points.json").unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
@@ -435,7 +438,7 @@ proptest! {
     ) {
         let (world, image): (Vec<_>, Vec<_>) = points.into_iter().map(|(w, i)| (Point3::from(w), Point2::from(i))).unzip();
         let intrinsic = known.then(|| Matrix3::new(800.0, 0.0, 320.0, 0.0, 800.0, 240.0, 0.0, 0.0, 1.0));
-        let points = Points { size: Size::new(640, 480), intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image, lines: Vec::new() };
+        let points = Points { size: Size::new(640, 480), intrinsic, distortion: Distortion::default(), names: Vec::new(), world, image, lines: Vec::new(), sigma: None };
         if let Ok(found) = calibrate(&points, &Unknowns { focal, principal_point, distortion }) {
             prop_assert!(found.rms_px.is_finite() && found.sigma.centre.iter().all(|sigma| sigma.is_finite()));
         }

@@ -119,6 +119,7 @@ fn clicks(camera: &Camera, court: &str, names: &[&str], noise: f64, random: &mut
         image: world.iter().map(&mut click).collect(),
         world,
         lines: court.lines.clone(),
+        sigma: None,
     }
 }
 

@@ -10,10 +10,9 @@ use nalgebra::{DVector, Point2, Point3, Vector2};
 use serde::Serialize;
 
 use super::lens::{NO_LENS, two_sided};
-use super::noise::ClickNoise;
 use super::paint::{Expected, Grey, SIGNS, find};
 use super::refine::{Guess, Refined, Seen, refine};
-use super::{Calibration, Points, Problem, Unknowns, check_lens, refuse};
+use super::{Calibration, Points, Problem, Unknowns, check_lens, refuse, with_found_lens};
 use crate::camera::court::CourtLine;
 use crate::camera::fold::Range;
 use crate::error::Result;
@@ -71,23 +70,6 @@ pub struct LineSeen {
 /// As [`calibrate`](super::calibrate()); [`Error::Calibration`](crate::error::Error::Calibration) where [`Points::lines`] is empty, too few
 /// lines are found, they disagree with the clicks, or the picture has another size than the points.
 pub fn calibrate_by_lines(points: &Points, unknowns: &Unknowns, picture: &Picture) -> Result<Calibration> {
-    by_lines(points, None, unknowns, picture)
-}
-
-/// [`calibrate_by_lines`] from points that are not clicked, but placed by a camera with a 1-σ of `sigma` px.
-///
-/// # Errors
-/// As [`calibrate_by_lines`].
-pub(in crate::camera) fn refine_by_lines(
-    points: &Points,
-    sigma: f64,
-    unknowns: &Unknowns,
-    picture: &Picture,
-) -> Result<Calibration> {
-    by_lines(points, Some(ClickNoise::known(sigma)), unknowns, picture)
-}
-
-fn by_lines(points: &Points, noise: Option<ClickNoise>, unknowns: &Unknowns, picture: &Picture) -> Result<Calibration> {
     if points.lines.is_empty() {
         return Err(refuse("there is no painted line to look for: give a `court` whose lines are known, or `lines`"));
     }
@@ -97,12 +79,13 @@ fn by_lines(points: &Points, noise: Option<ClickNoise>, unknowns: &Unknowns, pic
             "the picture with the lines is {shown} px, but the clicks are for a picture of {clicked} px"
         )));
     }
+    let unknowns = &with_found_lens(points, unknowns);
     check_lens(points, unknowns)?;
     let whole = Problem::new(points, unknowns);
     // First what the clicks can tell.
     let clicked = Problem::new(points, &Unknowns { focal: unknowns.focal, ..Unknowns::default() });
     let (mut problem, ((start, method), outliers)) = clicked.by_clicks_and_lens()?;
-    let noise = noise.unwrap_or_else(|| problem.noise(&start, &outliers));
+    let noise = problem.noise(&start, &outliers);
     let click = |index| Seen {
         weight: noise.variance().sqrt().recip(),
         ..Seen::click(points.world[index], points.image[index])

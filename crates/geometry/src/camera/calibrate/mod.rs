@@ -19,7 +19,6 @@ use nalgebra::{Matrix3, Matrix3x4, Point2, Point3, Vector2, Vector3};
 
 use self::doubts::on_a_line;
 pub use self::follow::{CourtFollower, FollowedCamera, camera_by_homography, homography_between};
-pub(in crate::camera) use self::lines::refine_by_lines;
 pub use self::lines::{LineSeen, calibrate_by_lines};
 use self::noise::{ClickNoise, f_tail};
 pub use self::outcome::{Calibration, CalibrationMethod, CameraSigma, PointSigma, WrongClick};
@@ -75,6 +74,7 @@ pub fn calibrate(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
 
 /// The same without what follows from it.
 fn calibrated(points: &Points, unknowns: &Unknowns) -> Result<Calibration> {
+    let unknowns = &with_found_lens(points, unknowns);
     check_lens(points, unknowns)?;
     let (problem, (solution, outliers)) = Problem::new(points, unknowns).by_clicks_and_lens()?;
     let noise = problem.noise(&solution.0, &outliers);
@@ -91,6 +91,12 @@ struct Problem<'a> {
 
 fn refuse(reason: impl Into<String>) -> Error {
     Error::Calibration { reason: reason.into() }
+}
+
+/// The lens of a camera that has placed points is a rough one: it is estimated as well.
+fn with_found_lens(points: &Points, unknowns: &Unknowns) -> Unknowns {
+    let is_rough = points.sigma.is_some() && !points.distortion.is_none() && !points.distortion.is_fisheye();
+    Unknowns { distortion: unknowns.distortion.max(usize::from(is_rough)), ..*unknowns }
 }
 
 /// Refuses to estimate a fisheye, whose coefficients are others.
@@ -128,8 +134,11 @@ impl<'a> Problem<'a> {
         Ok((found.map_err(|error| self.without(&outside, error))?, outliers))
     }
 
-    /// How far the clicks are off, by what the best camera by them leaves.
+    /// How far the clicks are off, by what the best camera by them leaves; of points that were placed, by what is known of them.
     fn noise(&self, by_clicks: &Refined, outliers: &[usize]) -> ClickNoise {
+        if let Some(sigma) = self.points.sigma {
+            return ClickNoise::placed(sigma, self.points.image.len());
+        }
         let freedom = (2 * (self.points.image.len() - outliers.len())).saturating_sub(self.unknowns.count());
         ClickNoise::by(by_clicks.cost, freedom)
     }
@@ -292,7 +301,9 @@ impl<'a> Problem<'a> {
         let (wrong, better) =
             choices.iter().filter_map(without).min_by(|(_, (a, _)), (_, (b, _))| a.cost.total_cmp(&b.cost))?;
         let freedom = freedom as f64;
-        let variance = (better.0.cost / freedom).max(BEST_CLICK * BEST_CLICK);
+        // Points that a camera has placed fit each other, however far off they are.
+        let best = self.points.sigma.unwrap_or(0.0).max(BEST_CLICK);
+        let variance = (better.0.cost / freedom).max(best * best);
         let added = found.map_or(f64::INFINITY, |(found, _)| found.cost) - better.0.cost;
         let chance = f_tail(count, freedom, added / (2 * count) as f64 / variance);
         (chance * (choices.len() as f64) < FALSE_ALARM).then_some((wrong, better))

@@ -31,9 +31,13 @@ impl ClickNoise {
         Self { sum: Self::PRIOR.sum + cost, freedom: Self::PRIOR.freedom + freedom as f64 }
     }
 
-    /// Of points that are not clicked, but placed by a camera with a 1-σ of `sigma` px.
-    pub(super) fn known(sigma: f64) -> Self {
-        Self { sum: sigma * sigma * (Self::KNOWN - 2.0), freedom: Self::KNOWN }
+    /// As many independent points as those that one camera has placed count for: it has seven unknowns.
+    const INDEPENDENT: f64 = 4.0;
+
+    /// Of so many points that are not clicked, but placed by a camera with a 1-σ of `sigma` px.
+    pub(super) fn placed(sigma: f64, points: usize) -> Self {
+        let variance = sigma * sigma * (points as f64 / Self::INDEPENDENT).max(1.0);
+        Self { sum: variance * (Self::KNOWN - 2.0), freedom: Self::KNOWN }
     }
 
     /// The mean of the variance, px².

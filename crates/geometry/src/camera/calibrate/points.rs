@@ -31,6 +31,10 @@ pub struct Points {
     pub image: Vec<Point2<f64>>,
     /// What is painted where, for [`calibrate_by_lines`](crate::camera::calibrate_by_lines).
     pub lines: Vec<CourtLine>,
+    /// 1-σ of the points, px, if they were not clicked, but placed by a camera that was found
+    /// ([`FoundCourt::points`](crate::camera::FoundCourt::points)). Its errors are in all of them: they count as four, however many they are. Its lens is a
+    /// start, and estimated.
+    pub sigma: Option<f64>,
 }
 
 /// The file's fields.
@@ -47,13 +51,23 @@ struct PointsFile {
     names: Option<Vec<String>>,
     image: Vec<[f64; 2]>,
     lines: Option<Vec<CourtLine>>,
+    sigma_px: Option<f64>,
 }
 
 impl Points {
     /// None yet, in a picture of this size; of a camera of which nothing is known.
     pub fn new(size: Size) -> Self {
         let distortion = Distortion::default();
-        Self { size, intrinsic: None, distortion, names: vec![], world: vec![], image: vec![], lines: vec![] }
+        Self {
+            size,
+            intrinsic: None,
+            distortion,
+            names: vec![],
+            world: vec![],
+            image: vec![],
+            lines: vec![],
+            sigma: None,
+        }
     }
 
     /// Reads the text of a `points.json`; `what` names it in errors. World coordinates are in the file (`world`), or
@@ -84,6 +98,9 @@ impl Points {
             let reason = "is not a valid line: it needs two distinct ends, a width above 0 and, if `paint` is given, a unit vector across the line";
             return Err(Error::value(what, format!("lines[{index}]"), reason));
         }
+        if file.sigma_px.is_some_and(|sigma| !(sigma.is_finite() && sigma > 0.0)) {
+            return Err(Error::value(what, "sigma_px", "must be positive"));
+        }
         let intrinsic = file.intrinsic.map(|rows| Matrix3::from_fn(|row, column| rows[row][column]));
         let size = Size::new(file.width, file.height);
         // Refused as a camera's would be.
@@ -98,6 +115,7 @@ impl Points {
             world: world.into_iter().map(Point3::from).collect(),
             image: file.image.into_iter().map(Point2::from).collect(),
             lines,
+            sigma: file.sigma_px,
         })
     }
 

@@ -3,11 +3,11 @@
 use nalgebra::{Matrix3, Point3};
 use serde::Serialize;
 
+use super::judge::IS_SEEN;
 use super::model::SINGLES;
 use super::verdict::CourtVerdict;
 use super::{Candidate, WORKING_SIDE};
-use crate::camera::calibrate::refine_by_lines;
-use crate::camera::{Calibration, Camera, Court, CourtLine, Distortion, Points, Unknowns};
+use crate::camera::{Calibration, Camera, Court, CourtLine, Distortion, Points, Unknowns, calibrate_by_lines};
 use crate::error::{Error, Result};
 use crate::image::Picture;
 use crate::size::Size;
@@ -15,8 +15,6 @@ use crate::size::Size;
 /// 1-σ of where a found camera puts the court's points, as a fraction of the picture's width. Measured on 29 scenes with clicks: most are
 /// within 0.1 to 0.5 % at their worst point.
 const SIGMA: f64 = 0.002;
-/// They count as so many independent points, however many there are: the camera that places them has seven unknowns.
-const INDEPENDENT: f64 = 4.0;
 
 /// Other cameras less probable than this are not worth a look.
 const LEAST_OTHER: f64 = 0.01;
@@ -50,6 +48,8 @@ pub struct FoundCourt {
     pub beyond: f64,
     /// Root mean square distance of the lines from the paint, px of the given picture.
     pub rms_px: f64,
+    /// 1-σ of where the camera puts the court's points, px of the given picture; 0 where no camera fits.
+    pub sigma_px: f64,
     /// Other cameras that may be the right one, the likeliest first: another position of the same court, or another court. A half-turn of
     /// the court is none.
     pub others: Vec<OtherCourt>,
@@ -77,6 +77,8 @@ pub struct FoundLine {
     pub line: CourtLine,
     /// Whether the best camera has it in view.
     pub is_expected: bool,
+    /// Whether it was found there.
+    pub is_seen: bool,
     /// Fraction of it in the picture that is seen, 0 to 1.
     pub fraction: f64,
 }
@@ -112,6 +114,7 @@ impl FoundCourt {
             recall: 0.0,
             beyond: 0.0,
             rms_px: 0.0,
+            sigma_px: 0.0,
             others: Vec::new(),
         })
     }
@@ -136,18 +139,24 @@ impl FoundCourt {
         let reason = best.case().reason(verdict);
         let Candidate { model, features, runner_up, rms, .. } = best;
         let lines = model.painted.into_iter().zip(&features.lines);
+        let found_line = |(line, &(is_expected, fraction)): (CourtLine, &(bool, f64))| {
+            let is_seen = is_expected && fraction > IS_SEEN;
+            FoundLine { line, is_expected, is_seen, fraction }
+        };
+        let longer_side = f64::from(given.width.max(given.height));
         Ok(Self {
             verdict,
             probability,
             reason,
             court: model.name,
             camera,
-            lines: lines.map(|(line, &(is_expected, fraction))| FoundLine { line, is_expected, fraction }).collect(),
+            lines: lines.map(found_line).collect(),
             score: features.score,
             runner_up,
             recall: features.recall,
             beyond: features.beyond,
-            rms_px: rms * f64::from(given.width.max(given.height)) / f64::from(WORKING_SIDE),
+            rms_px: rms * longer_side / f64::from(WORKING_SIDE),
+            sigma_px: SIGMA * longer_side,
             others: others.collect::<Result<_>>()?,
         })
     }
@@ -158,6 +167,7 @@ impl FoundCourt {
         let camera = self.camera.as_ref()?;
         let mut points = Points::new(camera.size());
         points.distortion = *camera.distortion();
+        points.sigma = Some(self.sigma_px);
         points.lines = self.lines.iter().map(|found| found.line.clone()).collect();
         let court = self.court.strip_suffix(SINGLES).unwrap_or(&self.court);
         let [width, height] = camera.size().xy();
@@ -173,17 +183,12 @@ impl FoundCourt {
     }
 
     /// The camera refined by the court's lines in the same picture, as
-    /// [`calibrate_by_lines`](crate::camera::calibrate_by_lines()) does from clicks. A lens that was found is estimated as well.
+    /// [`calibrate_by_lines`] does from clicks. A lens that was found is estimated as well.
     ///
     /// # Errors
-    /// [`Error::Calibration`] with [`Self::reason`] where no court was found, else as
-    /// [`calibrate_by_lines`](crate::camera::calibrate_by_lines()).
+    /// [`Error::Calibration`] with [`Self::reason`] where no court was found, else as [`calibrate_by_lines`].
     pub fn calibrate(&self, picture: &Picture, unknowns: &Unknowns) -> Result<Calibration> {
         let points = self.points().ok_or_else(|| Error::Calibration { reason: self.reason.clone() })?;
-        let lens = usize::from(!points.distortion.is_none());
-        let unknowns = Unknowns { distortion: unknowns.distortion.max(lens), ..*unknowns };
-        let [width, height] = points.size.xy();
-        let sigma = SIGMA * width.max(height) * (points.image.len() as f64 / INDEPENDENT).sqrt();
-        refine_by_lines(&points, sigma, &unknowns, picture)
+        calibrate_by_lines(&points, unknowns, picture)
     }
 }

@@ -21,7 +21,7 @@ const BEYOND_SAMPLES: usize = 12;
 const SHORTEST: f64 = 0.015;
 const THINNEST: f64 = 0.3;
 /// Fraction of a line from which on it counts as seen.
-const IS_SEEN: f64 = 0.5;
+pub(super) const IS_SEEN: f64 = 0.5;
 /// Parts of a line's own length beyond its ends, and how long each has to be in the picture, px.
 const BEYOND: [[f64; 2]; 2] = [[-0.14, -0.03], [1.03, 1.14]];
 const BEYOND_SHORTEST: f64 = 6.0;

@@ -12,7 +12,7 @@ use super::segments::segments;
 use super::testing::{WIDTH, drawn, view_of};
 use super::view::View;
 use super::*;
-use crate::camera::{Court, Unknowns};
+use crate::camera::{Court, Points, Unknowns, calibrate};
 use crate::random::{Random, Stream, normal_pair};
 
 const GROUND: [f64; 3] = [70.0, 105.0, 120.0];
@@ -181,6 +181,31 @@ fn a_tennis_court_for_singles_is_found_as_such() {
     assert_eq!((found.verdict, found.court.as_str()), (CourtVerdict::Sure, "tennis-singles"), "{}", found.reason);
     let refined = found.calibrate(&Picture::from_rgb(rgb), &Unknowns::default()).unwrap();
     assert!(refined.doubts.is_empty() && worst(&refined.camera, &truth, "tennis") < 0.01, "{:?}", refined.doubts);
+}
+
+#[test]
+fn points_that_a_found_camera_placed_count_as_four_and_may_be_moved() {
+    let mut random = Stream::Scene.of(9);
+    let model = &CourtModel::of("tennis").unwrap()[0];
+    let rgb = drawn(model, &view(model, &mut random), GROUND, WHITE, &mut random);
+    let found = found_in(&rgb, "tennis");
+    let seen: Vec<&FoundLine> = found.lines.iter().filter(|line| line.is_seen).collect();
+    assert!(seen.len() >= 5 && seen.iter().all(|line| line.is_expected && line.fraction > 0.5), "{}", found.reason);
+
+    let placed = found.points().unwrap();
+    assert_eq!(placed.sigma, Some(found.sigma_px));
+    let clicked = Points { sigma: None, ..placed.clone() };
+    let sigma = |points: &Points| calibrate(points, &Unknowns::default()).unwrap().sigma.centre.norm();
+    let of_four = found.sigma_px * (placed.image.len() as f64 / 4.0).sqrt();
+    assert!(sigma(&placed) > 0.5 * of_four * sigma(&clicked), "{} m, {} m", sigma(&placed), sigma(&clicked));
+
+    // By less than they may be off.
+    let moved = |points: &Points| {
+        let mut points = points.clone();
+        points.image[0].x += 1.5 * found.sigma_px;
+        calibrate(&points, &Unknowns::default()).unwrap().outliers.len()
+    };
+    assert_eq!([moved(&placed), moved(&clicked)], [0, 1]);
 }
 
 #[test]
