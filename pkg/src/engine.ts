@@ -56,6 +56,7 @@ export class Engine {
     scene: ({ name }) => this.#core.scene(name),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),
     calibrate: ({ points, estimate, picture }) => this.#core.calibrate(points, estimate, picture),
+    findCourt: ({ picture, court, estimate }) => this.#core.findCourt(picture, court, estimate),
     courts: () => this.#core.courts(),
     court: ({ name }) => this.#core.court(name),
     project: ({ camera, points }) => this.#core.project(camera, Float64Array.from(points)),

@@ -31,6 +31,7 @@ export interface Calls {
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];
   calibrate: [{ points: string; estimate: string[]; picture: PictureMessage | undefined }, Core.Calibration];
+  findCourt: [{ picture: PictureMessage; court: string; estimate: string[] }, Core.CourtSearch];
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];

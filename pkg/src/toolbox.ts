@@ -9,10 +9,13 @@ import type {
   Camera,
   CoreOptions,
   Court,
+  CourtSearch,
+  FindCourtOptions,
   Fit,
   FitTrackOptions,
   Forecast,
   Observation,
+  Picture,
   Pixels,
   Scene,
   SimulatedClip,
@@ -51,6 +54,16 @@ export class Toolbox {
     const sent = options.picture && (await pictureToSend(options.picture));
     const request = () => ({ points: jsonOf(points, "points"), estimate: [...(options.estimate ?? [])], picture: sent?.picture });
     return this.#call("calibrate", request, options.signal, sent?.transfer);
+  }
+
+  /**
+   * Finds a court's camera by its painted lines, without clicks. `court` is the sport played there ({@link Toolbox.courts}), or `"auto"` for any.
+   * A picture without the court is no error: `found.verdict` is `"none"`. At `"probable"`, let a person check the lines.
+   */
+  async findCourt(picture: Picture, court: string, options: FindCourtOptions = {}): Promise<CourtSearch> {
+    const sent = await pictureToSend(picture);
+    const request = () => ({ picture: sent.picture, court, estimate: [...(options.estimate ?? [])] });
+    return this.#call("findCourt", request, options.signal, sent.transfer);
   }
 
   /** Names of the courts whose points are known. */

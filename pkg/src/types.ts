@@ -23,6 +23,8 @@ export type {
   ContactFinding,
   Court,
   CourtLine,
+  CourtSearch,
+  CourtVerdict,
   Cuboid,
   DetectionCalibration,
   Distortion,
@@ -42,6 +44,8 @@ export type {
   FloatMap,
   Floor,
   Forecast,
+  FoundCourt,
+  FoundLine,
   GravityConfig,
   Hit,
   Impact,
@@ -52,6 +56,7 @@ export type {
   Model,
   Normalisation,
   Observation,
+  OtherCourt,
   OtherFrame,
   OtherTrack,
   OtherView,
@@ -222,6 +227,8 @@ export interface CalibrationPoints {
   names?: string[];
   /** What is painted; without it, what is known of the court. */
   lines?: CourtLine[];
+  /** 1-σ of the points, pixels, if a camera that was found has placed them ({@link FoundCourt.sigmaPx}); missing if they were clicked. */
+  sigma_px?: number;
 }
 
 /** What a calibration can estimate besides the pose (and the focal length, where no intrinsic matrix is given). */
@@ -260,6 +267,14 @@ export interface CalibrateOptions {
   estimate?: CalibrationUnknown[];
   /** A picture of the court, whose painted lines are used. */
   picture?: Picture;
+  /** Drops the result; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+}
+
+/** Options of {@link Toolbox.findCourt}. */
+export interface FindCourtOptions {
+  /** What to estimate besides the pose and the focal length. */
+  estimate?: CalibrationUnknown[];
   /** Drops the result; the promise rejects with the signal's reason. */
   signal?: AbortSignal;
 }

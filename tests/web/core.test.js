@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import * as core from "../../pkg/wasm/cpu/gravisight.js";
+import { drawnCourt } from "./support/court.js";
 import { pictureOf, samples } from "./support/demo.js";
 import { film, filming } from "./support/throw.js";
 
@@ -23,6 +24,7 @@ const farther = json(away(samples[0].camera));
 const floor = core.scene("floor");
 const bad = json({ ...floor, gravity: "down" });
 const tennis = { width: 1920, height: 1080, court: "tennis", names: ["near doubles corner left", "near doubles corner right", "far doubles corner left", "far doubles corner right"], image: [[312.5, 905], [1630, 897.5], [601, 322], [1297, 319.5]] };
+const court = drawnCourt(core.court("tennis").lines);
 const times = Array.from({ length: 20 }, (_, frame) => frame / 40);
 const start = [-0.5, 0, 1, 0.5, 0.2, 2];
 const pixels = core.project(json(filming), core.forecast(json(floor), start, times).states.flatMap(([x, y, z]) => [x, y, z]));
@@ -82,6 +84,7 @@ let heard;
 /** By the name of the declaration: a call, its arguments, and for each another one. */
 const CASES = {
   calibrate: [core.calibrate, [json(tennis), [], undefined], [json({ ...tennis, width: 1930 }), ["colour"], seen[0]]],
+  findCourt: [core.findCourt, [court, "tennis", []], [seen[0], "badminton", ["colour"]]],
   court: [core.court, ["tennis"], ["padel"]],
   scene: [core.scene, ["tennis"], ["padel"]],
   project: [(...given) => [...core.project(...given)], [json(filming), [0, 0, 2]], [json(away(filming)), [0, 0, 1]]],

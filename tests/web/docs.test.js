@@ -8,6 +8,7 @@ import { Localiser, Toolbox } from "gravisight";
 import { build, createServer } from "vite";
 import { launch, open } from "./support/browser.js";
 import { gravisight } from "./support/command.js";
+import { drawnCourt, pngOf, seatedCamera } from "./support/court.js";
 import { pictureOf, pngFile, samples } from "./support/demo.js";
 import { film } from "./support/film.js";
 import { copyModel, install } from "./support/installed.js";
@@ -263,9 +264,11 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
     "package/main": `${written.package.get("main.js").replace("0.0335", String(clip.scene.ball.radius))}\nconsole.log("ready");`,
     "package/track": `${given}${shownVideo}\n${written.package.get("track.js")}\nvideo.play();`,
     "package/tracker": `${given}${allFrames}\n${ownScene}`,
+    "package/court": written.package.get("court.js"),
     "package/tune": `${given}${twoClips}\n${fewSteps}\nconsole.log(JSON.parse(card).name, weights.length);`,
   };
   write(join(folder, "public/clip.webm"), video);
+  write(join(folder, "public/court.png"), await drawnTennisCourt());
   for (const [name, code] of Object.entries(pages)) {
     write(join(folder, `${name}.js`), code);
     write(join(folder, `${name}.html`), `<!doctype html><input type="file"><video muted></video><script type="module" src="/${name}.js"></script>`);
@@ -305,6 +308,13 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
   run.package.push("tracker.js");
   await through.close();
 
+  const finding = await open(browser, "about:blank", complaints);
+  const [found] = await Promise.all([logged(finding, /^camera:/), finding.goto(`${url}package/court.html`)]);
+  const { intrinsic } = await found.args()[1].jsonValue();
+  isNear([intrinsic[0][0]], [seatedCamera.intrinsic[0][0]], 10);
+  run.package.push("court.js");
+  await finding.close();
+
   const tuning = await open(browser, "about:blank", complaints);
   const said = Promise.all([/^\d.* px before$/, /^1 \d/, /^2 \d/, /^\d.* px after$/, /^sd-l-tuned \d{6,}$/].map((words) => logged(tuning, words)));
   await Promise.all([said, tuning.goto(`${url}package/tune.html`)]);
@@ -323,6 +333,13 @@ test("nothing was reported to the console", () => {
 /** The blocks that have a file's name after their language. */
 function blocksOf(markdown) {
   return new Map([...markdown.matchAll(/^```\w+ (\S+)\n(.*?)^```$/gms)].map(([, name, code]) => [name, code]));
+}
+
+async function drawnTennisCourt() {
+  const toolbox = await Toolbox.create();
+  const { lines } = await toolbox.court("tennis");
+  toolbox.dispose();
+  return pngOf(drawnCourt(lines));
 }
 
 function write(path, content) {

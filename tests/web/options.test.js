@@ -4,6 +4,7 @@ import { readdirSync, readFileSync } from "node:fs";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
 import { coreFiles, FineTuner, Localiser, Toolbox, Track, VideoTracker } from "gravisight";
+import { drawnCourt, seatedCamera } from "./support/court.js";
 import { pictureOf, samples } from "./support/demo.js";
 import { writeStubBuilds } from "./support/stub-builds.js";
 import { film, filming } from "./support/throw.js";
@@ -278,7 +279,12 @@ test("Toolbox", async () => {
     picture: async () => (await code(toolbox.calibrate(POINTS, { picture }))) !== "none",
     signal: () => aborted(toolbox.calibrate(POINTS, { signal: enough })),
   });
-  const { points } = await toolbox.court("tennis");
+  const { points, lines } = await toolbox.court("tennis");
+  await each(fieldsOf("FindCourtOptions"), {
+    estimate: async () => (await code(toolbox.findCourt(picture, "tennis", { estimate: ["colour"] }))) === "value",
+    signal: () => aborted(toolbox.findCourt(picture, "tennis", { signal: enough })),
+  });
+  await findsCourts(toolbox, drawnCourt(lines));
   const intrinsic = [[1700, 0, 959.5], [0, 1700, 539.5], [0, 0, 1]];
   await each(fieldsOf("CalibrationPoints"), {
     width: async () => (await calibrated({ width: 1930 })).width === 1930,
@@ -294,6 +300,7 @@ test("Toolbox", async () => {
     court: async () => (await code(calibrated({ court: "quidditch" }))) === "calibration",
     names: async () => (await code(calibrated({ names: ["goal", ...POINTS.names.slice(1)] }))) === "value",
     lines: async () => (await code(calibrated({ lines: [{ from: [0, 0, 0] }] }))) === "format",
+    sigma_px: async () => (await toolbox.calibrate({ ...POINTS, sigma_px: 20 })).sigma.focalPx > 3 * plain.sigma.focalPx,
   });
   const scene = await toolbox.scene("floor");
   const frames = await thrown(toolbox);
@@ -315,6 +322,29 @@ test("Toolbox", async () => {
   toolbox.dispose();
   assert.match((await coreFiles("cpu", { wasm: `file://${writeStubBuilds()}` })).join(), /gravisight-stub-/);
 });
+
+/** A drawn court is found, its camera comes again from its points, and a picture without one is no error. */
+async function findsCourts(toolbox, picture) {
+  const { found, calibration, reason } = await toolbox.findCourt(picture, "tennis");
+  assert.deepEqual([found.verdict, found.court, reason], ["sure", "tennis", ""]);
+  assert.ok(found.probability > 0.95 && found.lines.every(({ isSeen }) => isSeen), found.reason);
+  assert.ok(Math.abs(calibration.camera.intrinsic[0][0] / seatedCamera.intrinsic[0][0] - 1) < 0.01);
+  const [any, blank] = [await toolbox.findCourt(picture, "auto"), { ...picture, data: new Uint8ClampedArray(picture.data.length).fill(90) }];
+  assert.equal(any.found.court, "tennis");
+
+  const places = Object.entries((await toolbox.court("tennis")).points);
+  const images = await toolbox.project(found.camera, places.map(([, place]) => place));
+  const isShown = ([x, y]) => x >= 0 && y >= 0 && x < picture.width && y < picture.height;
+  const placed = places.map(([name], index) => ({ name, at: images[index] })).filter(({ at }) => at && isShown(at));
+  const { width, height } = picture;
+  const points = { width, height, court: "tennis", names: placed.map(({ name }) => name), image: placed.map(({ at }) => at), sigma_px: found.sigmaPx };
+  const again = await toolbox.calibrate(points, { picture });
+  for (const [a, b] of [[again.centre, calibration.centre], [again.sigma.centre, calibration.sigma.centre]]) assert.ok(!far(a, b, 1e-5), `${a} is not ${b}`);
+
+  const none = await toolbox.findCourt(blank, "tennis");
+  assert.deepEqual([none.found.verdict, none.found.camera, none.calibration], ["none", null, null]);
+  assert.ok(none.reason.length > 10 && none.reason.endsWith(none.found.reason), none.reason);
+}
 
 test("FineTuner", async () => {
   const create = (options) => FineTuner.create({ model: ANY, ...options });

@@ -1,11 +1,15 @@
 //! Cameras without a network: calibration, courts, projection.
 
-use tsify::Ts;
+use serde::Serialize;
+use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
-use gravisight_geometry::camera::{Calibration, Camera, Court, Points, Unknowns, calibrate, calibrate_by_lines};
+use gravisight_geometry::camera::{
+    Calibration, Camera, Court, FoundCourt, Points, Unknowns, calibrate, calibrate_by_lines, find_court,
+};
+use gravisight_geometry::error::Error;
 
 /// A camera from the labelled points of a `points.json`; where `picture` is given, with the court's painted lines as it shows
 /// them.
@@ -22,6 +26,39 @@ pub async fn calibrate_points(
             None => calibrate(&points, &unknowns)?,
             Some(picture) => calibrate_by_lines(&points, &unknowns, &picture::read(&picture).await?)?,
         })
+    };
+    run().await.map_err(js_error)
+}
+
+/// A court that was searched in a picture, and its camera, refined by the court's painted lines.
+#[derive(Serialize, Tsify)]
+#[tsify(missing_as_null)]
+pub struct CourtSearch {
+    /// The court, how far it can be trusted, and a first camera.
+    pub found: FoundCourt,
+    /// The camera to use; null where no court was found, or where its camera cannot be refined.
+    pub calibration: Option<Calibration>,
+    /// Why there is no `calibration`; empty where there is one.
+    pub reason: String,
+}
+
+/// Finds a court's camera in a picture without clicks. `court` is one of `courts()`, or `auto`.
+#[wasm_bindgen(js_name = findCourt)]
+pub async fn find_court_in(
+    picture: AnyPicture,
+    court: String,
+    estimate: Vec<String>,
+) -> std::result::Result<Ts<CourtSearch>, JsValue> {
+    let run = async || {
+        let unknowns = Unknowns::named(&estimate)?;
+        let picture = picture::read(&picture).await?;
+        let found = find_court(&picture, &court)?;
+        let (calibration, reason) = match found.calibrate(&picture, &unknowns) {
+            Ok(calibration) => (Some(calibration), String::new()),
+            Err(Error::Calibration { reason }) => (None, reason),
+            Err(other) => return Err(other),
+        };
+        object_of(&CourtSearch { found, calibration, reason })
     };
     run().await.map_err(js_error)
 }
