@@ -46,7 +46,7 @@ export async function calibrated(state: State, { width, height }: { width: numbe
 async function byLinesOrClicks(toolbox: Toolbox, state: State, { width, height }: { width: number; height: number }): Promise<{ found: CalibrationResult; withoutLines: string }> {
   const points = state.asFile(width, height);
   const estimate = state.lens.distortion ? (["distortion"] as const) : [];
-  const hasLines = state.given.court !== "" && ((await toolbox.court(state.given.court)).lines?.length ?? 0) > 0;
+  const hasLines = (await linesOf(toolbox, state)).length > 0;
   if (!hasLines || !state.picture) return { found: await toolbox.calibrate(points, { estimate: [...estimate] }), withoutLines: "" };
   try {
     return { found: await toolbox.calibrate(points, { estimate: [...estimate], picture: state.picture }), withoutLines: "" };
@@ -57,8 +57,13 @@ async function byLinesOrClicks(toolbox: Toolbox, state: State, { width, height }
   }
 }
 
-async function drawnLines(toolbox: Toolbox, { given }: State, { camera, lines: seen }: CalibrationResult): Promise<Calibration["lines"]> {
-  const lines = given.court ? ((await toolbox.court(given.court)).lines ?? []) : [];
+/** The lines that are looked for. */
+async function linesOf(toolbox: Toolbox, { given, placing }: State): Promise<CourtLine[]> {
+  return given.court ? (placing?.lines ?? (await toolbox.court(given.court)).lines ?? []) : [];
+}
+
+async function drawnLines(toolbox: Toolbox, state: State, { camera, lines: seen }: CalibrationResult): Promise<Calibration["lines"]> {
+  const lines = await linesOf(toolbox, state);
   const runs = await Promise.all(lines.map((line) => toolbox.project(camera, placesAlong(line))));
   return runs.map((run, index) => ({ run: run.filter((at) => at !== null), isFound: (seen[index]?.share ?? 0) > 0 }));
 }

@@ -5,11 +5,13 @@ import { tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, isVideo, readJson, save } from "../shared/files";
 import { Film } from "../shared/film";
+import { findableCourt } from "../shared/find-court";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { PictureView } from "../shared/picture-view";
 import { workspace } from "../shared/workspace";
 import { calibrated, type Calibration } from "./calibration";
 import { Clicks } from "./clicks";
+import { Finder } from "./finder";
 import { PointList } from "./list";
 import { paint } from "./marks";
 import markup from "./panel.html?raw";
@@ -35,6 +37,7 @@ class Step {
   readonly #result: Result;
   readonly #state = new State();
   readonly #clicks: Clicks;
+  readonly #finder: Finder;
   #calibration: Calibration | undefined;
   #timer = 0;
   /** The step that requested a camera. */
@@ -55,7 +58,7 @@ class Step {
     }));
     this.#view = new PictureView(this.#part("cal-frame"), "cal-picture", "cal-keys", {
       paint: (context, toCanvas) =>
-        paint(context, toCanvas, { points: this.#points, moved: clicks.moved, cross: clicks.cross, calibration: this.#calibration }),
+        paint(context, toCanvas, { points: this.#points, moved: clicks.moved, cross: clicks.cross, calibration: this.#calibration, isAsked: this.#state.isAsked }),
       press: (at, reach, event) => {
         if (!clicks.press(at, event.altKey ? 0 : reach)) this.#part("cal-next").replaceChildren("First choose a court, or add a point of your own.");
       },
@@ -69,6 +72,11 @@ class Step {
       rename: (index, name) => this.#edit(index, (point) => (point.name = name)),
       place: (index, axis, metres) => this.#edit(index, (point) => (point.world[axis] = metres)),
       remove: (index) => this.#remove(index),
+    });
+    this.#finder = new Finder(this.#part, this.#state, {
+      change: (given) => this.#change(() => (this.#state.given = given)),
+      size: () => clicks.size,
+      answered: () => this.#view.overlay.focus({ preventScroll: true }),
     });
     this.#listen();
   }
@@ -101,7 +109,7 @@ class Step {
     for (const name of ["cal-file", "cal-load"]) listenForChosen(this.#part<HTMLInputElement>(name), take);
     listenForDropped(this.#panel, this.#part("cal-drop"), take);
     on("cal-sample", () => void this.#alert.during(() => this.#takeSample()));
-    on("cal-own", () => this.#change(() => (this.#state.given.court = "")));
+    on("cal-own", () => this.#change(() => (this.#state.given = { court: "", points: this.#points })));
     on("cal-add", () => {
       this.#change(() => this.#points.push({ name: "", world: [null, null, null], click: null }));
       this.#choose(this.#points.length - 1);
@@ -157,6 +165,7 @@ class Step {
     } else if (picture) {
       await this.#takePicture(picture, picture.name);
     }
+    if (picture && !json && (await findableCourt(this.#state.given.court))) void this.#finder.find();
     if (json) {
       const content = await readJson(json);
       const { given, focal, leftOut } = await pointsFrom(content, json.name, this.#clicks.size, async (name) => (await (await tools()).court(name)).points);
@@ -176,7 +185,8 @@ class Step {
     this.#state.pictureName = name;
     void this.#state.keepPicture();
     // The camera may have moved: clicks of the last picture say nothing about this one.
-    if (this.#points.some((point) => point.click)) this.#change(() => this.#points.forEach((point) => (point.click = null)));
+    const { court } = this.#state.given;
+    if (this.#points.some((point) => point.click)) this.#change(() => (this.#state.given = { court, points: this.#points.map((point) => ({ ...point, click: null })) }));
     else this.#changed();
   }
 
@@ -189,6 +199,8 @@ class Step {
     const court = [...this.#part<HTMLSelectElement>("cal-court").options].map(({ value }) => value).find((name) => name !== "" && name.startsWith(wish.sport));
     if (wish.sport && court && court !== this.#state.given.court) await this.#takeCourt(court);
     this.#showBack(wish.back);
+    if (wish.search) await this.#finder.take(wish.search);
+    else if (wish.sport && (await findableCourt(this.#state.given.court))) void this.#finder.find();
   }
 
   #showBack(step: string): void {
@@ -217,6 +229,7 @@ class Step {
     this.#part("cal-picture-name").textContent = `${name}, ${bitmap.width} × ${bitmap.height} pixels`;
     this.#view.show(bitmap, `${name}: click the known points in it`);
     this.#clicks.open({ width: bitmap.width, height: bitmap.height });
+    void this.#showFindable(this.#state.given.court);
   }
 
   // What is changed.
@@ -238,9 +251,18 @@ class Step {
     this.#part("cal-add").hidden = !own;
     this.#part("cal-about").textContent = own ? "In metres; z points up. You choose the origin and the direction of x." : "";
     if (!own) void tools().then(async (toolbox) => (this.#part("cal-about").textContent = (await toolbox.court(court)).about), () => undefined);
+    void this.#showFindable(court);
     this.#clicks.restart();
     this.#list.reveal(this.#clicks.current);
     this.#changed();
+  }
+
+  /** Courts can be found whose lines are known. */
+  async #showFindable(court: string): Promise<void> {
+    const isFindable = court === "" || (await findableCourt(court).catch(() => undefined)) !== undefined;
+    if (court !== this.#state.given.court) return;
+    this.#part<HTMLButtonElement>("cal-find").disabled = !isFindable || !this.#clicks.size;
+    this.#part("cal-find-not").hidden = isFindable;
   }
 
   #choose(index: number): void {
@@ -275,6 +297,7 @@ class Step {
     // The last camera's residuals are of other clicks.
     this.#calibration?.residuals.clear();
     this.#say("");
+    this.#finder.stop();
     this.#refresh();
     void this.#state.keep();
     clearTimeout(this.#timer);
@@ -291,7 +314,7 @@ class Step {
     }));
     this.#view.redraw();
     const usable = this.#state.usable().length;
-    this.#part("cal-count").textContent = points.length > 0 ? `Points: ${usable} of ${points.length} clicked` : "Points";
+    this.#part("cal-count").textContent = points.length > 0 ? `Points: ${usable} of ${points.length} ${this.#state.placing ? "placed" : "clicked"}` : "Points";
     this.#part<HTMLButtonElement>("cal-undo").disabled = !this.#state.canUndo;
     this.#part<HTMLButtonElement>("cal-save-points").disabled = !this.#clicks.size || usable === 0;
     this.#part("cal-next").replaceChildren(...this.#nextStep());
@@ -301,7 +324,7 @@ class Step {
     const next = this.#points[this.#clicks.current];
     if (!this.#clicks.size) return [];
     if (!next) return [make("span", { text: "Now choose a court, or add points of your own." })];
-    const nodes: Node[] = [make("span", { text: next.click ? "A click moves " : "Next click: " }), make("strong", { text: this.#nameOf(this.#clicks.current) })];
+    const nodes: Node[] = [make("span", { text: next.click ? "A click moves " : this.#state.placing ? "A click adds " : "Next click: " }), make("strong", { text: this.#nameOf(this.#clicks.current) })];
     const moved = this.#clicks.moved;
     if (moved !== undefined && moved !== this.#clicks.current) nodes.push(make("span", { text: ` · arrow keys move ${this.#nameOf(moved)}` }));
     return nodes;
@@ -316,7 +339,7 @@ class Step {
       const calibration = await calibrated(this.#state, size);
       if (run !== this.#run) return;
       this.#calibration = calibration;
-      this.#result.show(calibration, (index) => this.#nameOf(index));
+      this.#result.show(calibration, (index) => this.#nameOf(index), this.#state.isAsked);
       this.#refresh();
     } catch (thrown) {
       if (run === this.#run) this.#showNone(sentence(messageOf(thrown)));

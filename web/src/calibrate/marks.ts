@@ -16,26 +16,37 @@ export interface Scene {
   /** Where keys would place the next point. */
   cross: Pixel | undefined;
   calibration: Calibration | undefined;
+  /** Whether a person is to look whether the lines are right. */
+  isAsked: boolean;
 }
 
+/** Numbers closer than this to one another could not be read, CSS pixels. */
+const ROOM = 18;
+
 export function paint(context: CanvasRenderingContext2D, toCanvas: PixelMap, scene: Scene): void {
-  for (const { run, isFound } of scene.calibration?.lines ?? []) drawLine(context, run.map(toCanvas), isFound);
+  for (const { run, isFound } of scene.calibration?.lines ?? []) drawLine(context, run.map(toCanvas), isFound, scene.isAsked ? 2.5 : 1);
   for (const [index, point] of scene.points.entries()) {
     const put = scene.calibration?.put[index];
     if (put) drawPut(context, toCanvas(put), point.click ? toCanvas(point.click) : undefined);
   }
+  const numbered: Pixel[] = [];
   for (const [index, { click }] of scene.points.entries()) {
-    if (click) drawClick(context, toCanvas(click), String(index + 1), index === scene.moved, scene.calibration?.outliers.has(index) ?? false);
+    if (!click) continue;
+    const at = toCanvas(click);
+    const isWrong = scene.calibration?.outliers.has(index) ?? false;
+    const isRead = index === scene.moved || isWrong || numbered.every(([x, y]) => Math.hypot(x - at[0], y - at[1]) > ROOM);
+    if (isRead) numbered.push(at);
+    drawClick(context, at, isRead ? String(index + 1) : "", index === scene.moved, isWrong);
   }
   if (scene.cross) drawCross(context, toCanvas(scene.cross));
 }
 
 /** A court's line where the camera puts it; one that the picture was not seen to show is dashed. */
-function drawLine(context: CanvasRenderingContext2D, run: Pixel[], isFound: boolean): void {
+function drawLine(context: CanvasRenderingContext2D, run: Pixel[], isFound: boolean, width: number): void {
   const path = new Path2D();
   for (const at of run) path.lineTo(...at);
   context.setLineDash(isFound ? [] : [3, 7]);
-  stroke(context, path, PUT, 1);
+  stroke(context, path, PUT, width);
   context.setLineDash([]);
 }
 

@@ -21,8 +21,9 @@ export class Result {
     this.#enable(false);
   }
 
-  show({ found: { camera, rmsPx, sigma, pointSigma, centre, doubts, lines }, outliers, withoutLines }: Calibration, nameOf: (index: number) => string): void {
-    this.hint("");
+  /** `isAsked`: a person has to confirm it first. */
+  show({ found: { camera, rmsPx, sigma, pointSigma, centre, doubts, lines }, outliers, withoutLines }: Calibration, nameOf: (index: number) => string, isAsked: boolean): void {
+    this.hint(isAsked ? "Do the lines lie on the court’s? Answer below the picture to use this camera." : "");
     this.#part("cal-found").hidden = false;
     const [[focal = NaN] = []] = camera.intrinsic;
     this.#number("cal-rms", [rmsPx], (value) => value.toFixed(2));
@@ -46,7 +47,7 @@ export class Result {
         return item;
       }),
     );
-    this.#enable(true);
+    this.#enable(!isAsked);
   }
 
   hint(text: string): void {

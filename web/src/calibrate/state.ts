@@ -2,6 +2,7 @@
 import type { CalibrationPoints, Vector } from "gravisight";
 import { get, set } from "idb-keyval";
 import type { Pixel } from "../shared/canvas";
+import { placingOf, type Placing, type Proposal } from "./placed";
 
 export interface Point {
   name: string;
@@ -14,6 +15,10 @@ export interface Given {
   /** A court's name, or nothing for own points. */
   court: string;
   points: Point[];
+  /** Of points that a found camera has placed. */
+  placing?: Placing;
+  /** What was found, for people. */
+  proposal?: Proposal;
 }
 
 export interface Lens {
@@ -63,6 +68,16 @@ export class State {
     return last !== undefined;
   }
 
+  /** What holds of points that a found camera has placed. */
+  get placing(): Placing | undefined {
+    return placingOf(this.given);
+  }
+
+  /** Whether a person has yet to say that the court was found. */
+  get isAsked(): boolean {
+    return this.placing !== undefined && this.given.proposal?.isAsked === true;
+  }
+
   /** Indices of the points that a calibration can use. */
   usable(): number[] {
     return this.given.points.flatMap((point, index) => (point.click && wholeOf(point) ? [index] : []));
@@ -77,7 +92,18 @@ export class State {
     const { focal } = this.lens;
     const known = focal === null ? {} : { intrinsic: [[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]] };
     const world = points.map(wholeOf).filter((place) => place !== undefined);
-    return { width, height, ...known, image, names, ...(court ? { court } : { world }) };
+    return { width, height, ...known, image, names, ...(court ? { court, ...this.#placed() } : { world }) };
+  }
+
+  /**
+   * Points that were placed are calibrated as clicks are, with their own uncertainty: this gives the calibration of `Toolbox.findCourt`
+   * again, and goes on when a point is moved, the court is turned or another camera is chosen.
+   */
+  #placed(): Partial<CalibrationPoints> {
+    const { placing } = this;
+    if (!placing) return {};
+    const { sigmaPx, lines, distortion } = placing;
+    return { sigma_px: sigmaPx, ...(lines && { lines }), ...(distortion && { distortion }) };
   }
 
   async keep(): Promise<void> {
@@ -123,7 +149,10 @@ export async function pointsFrom(
     const unknown = (names ?? []).find((each) => !places.some(([known]) => known === each));
     if (unknown !== undefined) throw new Error(`${name} has a point “${unknown}” that the court ${court} does not have.`);
     const clickOf = (each: string) => image[(names ?? []).indexOf(each)] ?? null;
-    return { given: { court, points: places.map(([each, place]) => ({ name: each, world: place, click: clickOf(each) })) }, focal, leftOut };
+    const points = places.map(([each, place]) => ({ name: each, world: place, click: clickOf(each) }));
+    const { sigma_px: sigmaPx, lines, distortion } = file;
+    const placing = sigmaPx === undefined ? {} : { placing: { sigmaPx, lines, distortion, at: points.map(({ click }) => click) } };
+    return { given: { court, points, ...placing }, focal, leftOut: leftOut && sigmaPx === undefined };
   }
   if (!Array.isArray(world) || world.length !== image.length || !world.every(isVector)) {
     throw new Error(`${name} needs as many \`world\` points ([x, y, z] in metres) as \`image\` points.`);

@@ -1,5 +1,5 @@
 /** What the steps hand to each other: camera, scene, clips. Kept in this browser; survives a reload. */
-import type { Camera, Scene } from "gravisight";
+import type { Camera, CourtSearch, Scene } from "gravisight";
 import { del, get, keys, set } from "idb-keyval";
 
 /** A clip: its pictures as files, and what was labelled so far. */
@@ -26,6 +26,8 @@ export interface CalibrationWish {
   name: string;
   /** A sport whose court it may show; empty where none is known. */
   sport: string;
+  /** What was already found in the picture. */
+  search?: CourtSearch;
   /** The step to go back to with the camera. */
   back: string;
 }
