@@ -25,16 +25,18 @@ export class Film {
     return this.#video.duration;
   }
 
-  /** The picture that is shown at `seconds`, at the video's size, as a file. */
-  async frame(seconds: number): Promise<Blob> {
+  /**
+   * The picture that is shown at `seconds`, at the video's size, as a file. By default PNG where it is small, so that nothing is lost; WebP
+   * else, for the browser's room.
+   */
+  async frame(seconds: number, type?: "image/png"): Promise<Blob> {
     this.#video.currentTime = seconds;
     await until(this.#video, "seeked", this.#message);
     const canvas = make("canvas");
     canvas.width = this.#video.videoWidth;
     canvas.height = this.#video.videoHeight;
     contextOf(canvas).drawImage(this.#video, 0, 0);
-    // PNG where it is small, so that nothing is lost; WebP else, for the browser's room.
-    return blobOf(canvas, canvas.width * canvas.height <= 640 * 480 ? "image/png" : "image/webp");
+    return blobOf(canvas, type ?? (canvas.width * canvas.height <= 640 * 480 ? "image/png" : "image/webp"));
   }
 
   close(): void {

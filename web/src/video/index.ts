@@ -10,6 +10,7 @@ import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { View3d } from "../shared/view3d";
 import { workspace } from "../shared/workspace";
+import { Court } from "./court";
 import type { Curve, FrameDetection } from "./detections";
 import { makeExample, rallyExample, realExample, type Example } from "./example";
 import { fitted } from "./fit";
@@ -50,6 +51,7 @@ class Step {
   readonly #frameSearch: FrameSearch;
   readonly #sceneChoice = new SceneChoice();
   readonly #model = new Model();
+  readonly #court: Court;
   /** What the positions are of; stays when the source is closed. */
   #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
   #loading: Promise<void> | undefined;
@@ -92,6 +94,7 @@ class Step {
       { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job },
       { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
     );
+    this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
     this.#listen();
     this.#showSceneChoice();
   }
@@ -121,6 +124,8 @@ class Step {
     onClick("video-stop", () => this.#close());
     onClick("video-track", () => this.#following.start());
     onClick("video-calibrate", () => this.#calibrate());
+    onClick("video-find", () => this.#court.find());
+    onClick("video-check", () => this.#court.check());
     onClick("video-fit", () => this.#fitNow());
     onClick("video-clear", () => this.#forget());
     onClick("video-csv", () => save(`${this.#fileName}.csv`, csvOf(this.#frameSearch.detections.all, this.#fit), "text/csv"));
@@ -205,6 +210,7 @@ class Step {
   /** Takes a source in place of the last one, and searches its first frame. */
   async #use(source: Source): Promise<void> {
     this.#close();
+    this.#court.forget();
     const { name, kind, width, height, durationMs } = source;
     this.#about = { name, kind, width, height, durationMs };
     this.#frameSearch.open(source);
@@ -400,6 +406,7 @@ class Step {
     const { camera, scene, sport, summary } = this.#sceneChoice;
     this.#part("video-place").textContent = summary;
     for (const name of ["video-needs-camera", "video-empty-camera"]) this.#part(name).hidden = camera !== undefined;
+    void this.#alert.during(() => this.#court.showWhether());
     this.#part("video-needs-ball").hidden = camera === undefined || scene !== undefined;
     this.#part<HTMLSelectElement>("video-sport").value = sport;
     const ball = this.#part<HTMLInputElement>("video-ball");
