@@ -101,6 +101,8 @@ export class Finder {
     if (given) this.#listener.change(given);
     else this.#inVain = search.found.reason;
     this.show();
+    // On a phone, it is below what was pressed.
+    this.#part("cal-find-about").scrollIntoView({ block: "nearest" });
   }
 
   #answer(isCourt: boolean): void {
