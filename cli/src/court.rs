@@ -14,13 +14,7 @@ pub const AUTO: &str = "auto";
 
 /// The court of a sport's name, if its lines are known.
 pub fn of_scene(scene: &Path) -> Option<String> {
-    let name = scene.to_str()?;
-    let name = match name {
-        "basketball" => "basketball-fiba",
-        name => name,
-    };
-    let court = Court::named(name).ok()?;
-    (!court.lines.is_empty()).then(|| name.to_string())
+    Court::with_lines(scene.to_str()?).map(String::from)
 }
 
 /// Frames of a video of which each pixel's median is searched where the first frame does not show enough: people move in half a second. The

@@ -37,8 +37,9 @@ export class Engine {
     },
     localise: (request) => this.#localise(request),
     saliency: async ({ picture }) => (await this.#onCpu()).saliency(picture),
-    addFrame: async ({ picture, time, camera, config }) => {
-      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(camera, config));
+    addFrame: async ({ picture, time, camera, config, court, sport }) => {
+      const known = court ?? (sport === undefined ? undefined : this.#core.courtWithLines(sport));
+      const tracker = (this.#tracker ??= present(this.#loaded).core.tracker(camera, config, known));
       await tracker.add(picture, time);
       return "data" in picture && picture.data instanceof Uint8Array ? (picture.data as Uint8Array<ArrayBuffer>) : null;
     },

@@ -22,7 +22,7 @@ export interface Calls {
   saliency: [{ picture: PictureMessage }, Core.FloatMap];
 
   /** Answers with the memory of the frame's pixels, where it was sent as such: the next frame's may be written there. */
-  addFrame: [{ picture: PictureMessage; time: number; camera: string | undefined; config: string | undefined }, Uint8Array<ArrayBuffer> | null];
+  addFrame: [{ picture: PictureMessage; time: number; camera: string | undefined; config: string | undefined; court: string | undefined; sport: string | undefined }, Uint8Array<ArrayBuffer> | null];
   trackVideo: [{ known: string; config: string | undefined }, Core.ToldVideo];
 
   open: [Source, null];

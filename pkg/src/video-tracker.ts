@@ -18,6 +18,11 @@ export interface VideoTrackerOptions extends ModelOptions {
   scene?: Scene | string;
   /** The ball in place of the scene's. */
   ball?: Ball;
+  /**
+   * The court that the video shows ({@link Toolbox.courts}): its painted lines tell how the camera turns and zooms. Default: that of the sport that
+   * `scene` names, if its lines are known. Without a camera nothing follows from it.
+   */
+  court?: string;
   /** Numbers of the tracker that are not the usual ones: parts of the `config` of a result, or of what `gravisight track --json` prints. */
   config?: TrackerConfig;
 }
@@ -53,16 +58,18 @@ export class VideoTracker {
   readonly #transport: Transport;
   readonly #setup: SceneSetup;
   readonly #config: string | undefined;
+  readonly #court: string | undefined;
   #last = -Infinity;
   /** Of the last frame's pixels, which the engine has read; of one frame at a time. */
   #memory: Uint8Array<ArrayBuffer> | undefined;
   /** Settles when the frames so far were added. */
   #added: Promise<unknown> = Promise.resolve();
 
-  private constructor(transport: Transport, setup: SceneSetup, config: string | undefined) {
+  private constructor(transport: Transport, setup: SceneSetup, config: string | undefined, court: string | undefined) {
     this.#transport = transport;
     this.#setup = setup;
     this.#config = config;
+    this.#court = court;
   }
 
   /**
@@ -78,7 +85,7 @@ export class VideoTracker {
     const transport = connect(options);
     try {
       await transport.call("create", request, { signal, onProgress });
-      return new VideoTracker(transport, whole<SceneSetup>({ camera, scene, ball }), config);
+      return new VideoTracker(transport, whole<SceneSetup>({ camera, scene, ball }), config, options.court);
     } catch (thrown) {
       transport.close(disposed("VideoTracker"));
       throw thrown;
@@ -114,8 +121,9 @@ export class VideoTracker {
       throw new GravisightError("timestamp-order", `Timestamps must increase: got ${timestampMs} ms${last}.`);
     }
     const { picture, transfer } = await copied;
-    const { camera } = this.#setup;
-    const request = { picture, time: timestampMs / 1000, camera: camera && jsonOf(camera, "camera"), config: this.#config };
+    const { camera, scene } = this.#setup;
+    const sport = typeof scene === "string" ? scene : undefined;
+    const request = { picture, time: timestampMs / 1000, camera: camera && jsonOf(camera, "camera"), config: this.#config, court: this.#court, sport };
     this.#memory = (await this.#transport.call("addFrame", request, { transfer })) ?? undefined;
     this.#last = timestampMs;
   }

@@ -86,6 +86,7 @@ const CASES = {
   calibrate: [core.calibrate, [json(tennis), [], undefined], [json({ ...tennis, width: 1930 }), ["colour"], seen[0]]],
   findCourt: [core.findCourt, [court, "tennis", []], [seen[0], "badminton", ["colour"]]],
   court: [core.court, ["tennis"], ["padel"]],
+  courtWithLines: [core.courtWithLines, ["tennis"], ["basketball"]],
   scene: [core.scene, ["tennis"], ["padel"]],
   project: [(...given) => [...core.project(...given)], [json(filming), [0, 0, 2]], [json(away(filming)), [0, 0, 1]]],
   forecast: [core.forecast, [json(floor), start, times], [json({ ...floor, gravity: [0, 0, -3] }), start.with(0, 1), times.slice(3)]],
@@ -97,7 +98,7 @@ const CASES = {
   "Localiser.create": [async (...given) => (await core.Localiser.create(...given)).deviceName, [card, weights, "cpu"], ["{}", weights.subarray(1), "abacus"]],
   "Localiser.localise": [(...given) => localiser.localise(...given), [seen[0], camera, { ballRadius: 0.2 }], [seen[1], farther, { ballRadius: 0.4 }]],
   "Localiser.saliency": [async (...given) => [...(await localiser.saliency(...given)).values].slice(0, 5000), [seen[0]], [seen[1]]],
-  "Localiser.tracker": [async (...given) => (await watched(frames.slice(0, 1), 33, ...given)) && 1, [json(filming), "{}"], [json({ ...filming, width: 400 }), json({ spells: 1 })]],
+  "Localiser.tracker": [async (...given) => (await watched(frames.slice(0, 1), 33, ...given)) && 1, [json(filming), "{}", "tennis"], [json({ ...filming, width: 400 }), json({ spells: 1 }), "squash"]],
   "VideoTracker.add": [
     async (picture, time) => {
       const tracker = await watched(frames.slice(0, 8));

@@ -178,6 +178,11 @@ test("VideoTracker: every option, frames that are not awaited, frames that fail"
       const wrong = await create({ config: { tracklets: { gate: 0 } } });
       return own.tracklets.minGain === 9 && (await code(wrong.add(frames[0].picture, 0))) === "value";
     },
+    court: async () => {
+      const added = async (options) => code((await create(options)).add(frames[0].picture, 0));
+      // That of a scene is none where its lines are not known.
+      return (await added({ court: "squash" })) === "calibration" && (await added({ scene: "squash" })) === "none" && (await added({ court: "tennis" })) === "none";
+    },
   });
   const place = { camera: filming, scene: "floor", ball: { radius: 0.1 } };
   const inMetres = await tracker.track(place);

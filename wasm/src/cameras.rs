@@ -63,6 +63,12 @@ pub async fn find_court_in(
     run().await.map_err(js_error)
 }
 
+/// The court on which a sport is played, if its painted lines are known.
+#[wasm_bindgen(js_name = courtWithLines)]
+pub fn court_with_lines(sport: &str) -> Option<String> {
+    Court::with_lines(sport).map(String::from)
+}
+
 /// Names of the courts whose points are known.
 #[wasm_bindgen]
 pub fn courts() -> Vec<String> {

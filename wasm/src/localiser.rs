@@ -128,15 +128,18 @@ impl JsLocaliser {
     }
 
     /// Follows the ball through a video with this model, which lives as long as the tracker does; `camera` (JSON) films it, if
-    /// that is known. `config` (JSON) holds the tracker's numbers that are not the usual ones.
+    /// that is known. `config` (JSON) holds the tracker's numbers that are not the usual ones. The lines of a `court` tell how the camera turns and
+    /// zooms.
     pub fn tracker(
         &self,
         camera: Option<String>,
         config: Option<String>,
+        court: Option<String>,
     ) -> std::result::Result<JsVideoTracker, JsValue> {
         let camera = camera.map(|camera| Camera::from_json(&camera, "camera")).transpose().map_err(js_error)?;
         let config = config.map(|config| TrackerConfig::from_json(&config)).transpose().map_err(js_error)?;
-        JsVideoTracker::new(Arc::clone(&self.localiser), camera, config.unwrap_or_default()).map_err(js_error)
+        JsVideoTracker::new(Arc::clone(&self.localiser), camera, config.unwrap_or_default(), court.as_deref())
+            .map_err(js_error)
     }
 
     /// The device, in words.

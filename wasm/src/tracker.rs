@@ -78,8 +78,18 @@ impl JsVideoTracker {
 }
 
 impl JsVideoTracker {
-    pub(super) fn new(localiser: Arc<Localiser>, camera: Option<Camera>, config: TrackerConfig) -> Result<Self> {
-        Ok(Self { tracker: VideoTracker::new(localiser, camera).with_config(config)?, size: None })
+    pub(super) fn new(
+        localiser: Arc<Localiser>,
+        camera: Option<Camera>,
+        config: TrackerConfig,
+        court: Option<&str>,
+    ) -> Result<Self> {
+        let tracker = VideoTracker::new(localiser, camera).with_config(config)?;
+        let tracker = match court {
+            Some(court) => tracker.with_court(court)?,
+            None => tracker,
+        };
+        Ok(Self { tracker, size: None })
     }
 
     async fn watch(&mut self, picture: Result<Picture>, time: f64) -> Result<()> {

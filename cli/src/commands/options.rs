@@ -26,6 +26,7 @@ const CHECKED: [Checked; 13] = [
         ("track::of_several_labels_for_a_frame_the_last_counts", &["seed-label"]),
         ("track::a_film_is_read_and_one_with_the_ball_marked_written", &["overlay"]),
         ("track::without_a_camera_there_is_a_track_alone", &["json"]),
+        ("calibrate::a_videos_lines_make_a_camera_without_clicks", &["court", "cameras"]),
     ]),
     ("calibrate", &[
         ("calibrate::clicks_on_a_court_become_a_camera_that_localises", &["points", "out", "json", "list"]),

@@ -147,6 +147,28 @@ fn a_videos_lines_make_a_camera_without_clicks() {
     let said = gravisight(&arguments);
     let said = String::from_utf8_lossy(&said.stdout);
     assert!(said.contains("first frame") && said.contains("% found") && !said.contains("click"), "{said}");
+    // Any court, and then half a second of the video by itself.
+    let any = read(&gravisight(&["calibrate", text(&video), "--court", "auto", "--json"]));
+    assert_eq!(any["court"]["court"], "tennis", "{}", any["court"]);
+    let short = folder.join("short.mp4");
+    let cut = ["-v", "error", "-y", "-i", text(&video), "-frames:v", "15", text(&short)];
+    assert!(std::process::Command::new("ffmpeg").args(cut).status().unwrap().success());
+    let cameras = folder.join("cameras.json");
+    for court in ["tennis", "auto"] {
+        let by_court = ["--scene", "tennis", "--court", court, "--cameras", text(&cameras), "--json"];
+        let tracked = gravisight(&[&["track", text(&short)], &by_court[..]].concat());
+        let told = String::from_utf8_lossy(&tracked.stderr);
+        assert!(told.contains("camera found"), "{told}");
+        let cameras: Vec<Option<Camera>> = serde_json::from_str(&std::fs::read_to_string(&cameras).unwrap()).unwrap();
+        assert_eq!(cameras.len(), 15);
+        let moved = (cameras[14].as_ref().unwrap().intrinsic() - camera.intrinsic()).norm();
+        assert!(moved < 0.01 * camera.intrinsic()[(0, 0)], "{moved}");
+        std::fs::remove_file(folder.join("cameras.json")).unwrap();
+    }
+    let none = gravisight(&["track", text(&folder.join("toss-000.mp4")), "--scene", "tennis"]);
+    let errors = String::from_utf8_lossy(&none.stderr);
+    assert_eq!(none.status.code(), Some(1), "{errors}");
+    assert!(errors.contains("no camera") && errors.contains("--camera"), "{errors}");
     // A picture of something else: one line that says why.
     let none = gravisight(&["calibrate", text(&folder.join("toss-000.mp4")), "--court", "badminton"]);
     let errors = String::from_utf8_lossy(&none.stderr);

@@ -1,5 +1,6 @@
 /** The ball followed through a whole video: to begin, to correct by a click, to end. */
 import { MODELS } from "../shared/core";
+import { findableCourt } from "../shared/find-court";
 import type { Job, Watch } from "../shared/job";
 import type { Overlay } from "../shared/overlay";
 import type { Parts } from "../shared/panel";
@@ -46,7 +47,7 @@ export class Following {
   /** Gives the whole source to a tracker. */
   async start(): Promise<void> {
     const { frameSearch, sceneChoice, job, overlay, transport } = this.#with;
-    const { camera, cameraSigma, scene } = sceneChoice;
+    const { camera, cameraSigma, scene, sport } = sceneChoice;
     const { source } = frameSearch;
     if (!source) throw new Error("Tracking needs a video.");
     source.pause();
@@ -56,7 +57,8 @@ export class Following {
       await job.run("Loading the model…", async (watch) => {
         // The one that reads sizes, whatever the step Try shows.
         const which = { model: MODELS.any, device: chosenDevice() };
-        this.#tracking = await Tracking.through(source, { camera, cameraSigma, scene }, which, watch, ({ image, timeMs }) => {
+        const court = await findableCourt(sport);
+        this.#tracking = await Tracking.through(source, { camera, cameraSigma, scene, court }, which, watch, ({ image, timeMs }) => {
           overlay.showPlain(image, "The frame being processed");
           transport.showTime(timeMs);
         });

@@ -23,6 +23,8 @@ export interface Known {
   /** How unsure that is: `oneSigma` of its calibration. */
   cameraSigma: Camera[];
   scene: Scene | undefined;
+  /** Whose lines the video shows. */
+  court: string | undefined;
 }
 
 export class Tracking {
@@ -44,7 +46,7 @@ export class Tracking {
 
   /** Gives all frames of a source; `shown` sees each. */
   static async through(source: Source, known: Known, { model, device }: { model: string; device: DeviceChoice }, { signal, progress }: Watch, shown: (frame: Frame) => void): Promise<Tracking> {
-    const tracker = await VideoTracker.create({ threads: "auto", ...(known.camera && { camera: known.camera }), model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
+    const tracker = await VideoTracker.create({ threads: "auto", ...(known.camera && { camera: known.camera }), ...(known.court && { court: known.court }), model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
     const tracking = new Tracking(tracker, known);
     signal.addEventListener("abort", () => tracker.dispose(), { once: true });
     try {

@@ -97,6 +97,13 @@ impl Court {
         COURTS.keys().copied().collect()
     }
 
+    /// The court on which a sport is played, such as `basketball`, if its painted lines are known: the first whose name begins so.
+    pub fn with_lines(sport: &str) -> Option<&'static str> {
+        let is_of_sport =
+            |name: &str| name == sport || name.strip_prefix(sport).is_some_and(|rest| rest.starts_with('-'));
+        COURTS.iter().find(|(name, court)| is_of_sport(name) && !court.lines.is_empty()).map(|(name, _)| *name)
+    }
+
     /// The court of a name.
     ///
     /// # Errors
@@ -111,6 +118,12 @@ impl Court {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_sport_is_played_on_a_court_of_its_name() {
+        let courts = ["tennis", "basketball", "table-tennis", "squash", "table", ""].map(Court::with_lines);
+        assert_eq!(courts, [Some("tennis"), Some("basketball-fiba"), Some("table-tennis"), None, None, None]);
+    }
 
     #[test]
     fn every_court_has_its_own_name_and_points_of_their_own_names_and_lines_that_can_be_painted() {

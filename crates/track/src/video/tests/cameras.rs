@@ -1,6 +1,10 @@
 //! Cameras that turn.
 
+use nalgebra::{Rotation3, Vector3};
+
 use super::*;
+use gravisight_geometry::camera::{Court, Distortion, homography_between};
+use gravisight_geometry::size::Size;
 
 #[test]
 fn a_slow_pan_is_another_view_until_it_is_back() {
@@ -84,5 +88,51 @@ fn a_still_ball_before_a_panning_camera_does_not_move() {
     for (FrameId(frame), outline) in places {
         let off = (outline.centre - found(frame, rolling(frame)).outline.centre).norm();
         assert!(off < 0.5 && (outline.radius - 6.0).abs() < 0.1, "frame {frame}: {off} px, {outline:?}");
+    }
+}
+
+#[test]
+fn a_courts_lines_hold_the_views_of_a_camera_that_pans_before_a_moving_crowd() {
+    let (width, height) = (640_u32, 360_u32);
+    let intrinsic = Matrix3::new(760.0, 0.0, 319.5, 0.0, 760.0, 179.5, 0.0, 0.0, 1.0);
+    let level = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
+    let rotation = Rotation3::from_axis_angle(&Vector3::x_axis(), 0.3).into_inner() * level;
+    let translation = -rotation * Vector3::new(0.5, -24.0, 9.0);
+    let lens = Distortion::default();
+    let first = Camera::new(Size::new(width, height), intrinsic, lens, rotation, translation).unwrap();
+    let camera = |frame: usize| first.turned(&Rotation3::new(Vector3::new(0.0, -0.004 * frame as f64, 0.0)));
+    let picture = |frame: usize| {
+        let camera = camera(frame);
+        let mut rgb = RgbImage::from_fn(width, height, |x, y| {
+            // The crowd is another one in each frame.
+            let noise = (x / 3 * 7919 + y / 3 * 104_729 + frame as u32 * 1_299_709) % 97;
+            Rgb(if y < 90 { [60 + noise as u8; 3] } else { [70, 100, 90] })
+        });
+        for line in &Court::named("tennis").unwrap().lines {
+            let corner = |share: f64, edge: usize| camera.image_from_world(&line.edges(share).unwrap()[edge]).unwrap();
+            let corners = [corner(0.0, 0), corner(0.0, 1), corner(1.0, 1), corner(1.0, 0)];
+            let side = |at: &Point2<f64>, index: usize| {
+                let (from, to) = (corners[index], corners[(index + 1) % 4]);
+                (to - from).perp(&(at - from)) / (to - from).norm()
+            };
+            let turn = side(&corners[2], 0).signum();
+            for (x, y, pixel) in rgb.enumerate_pixels_mut() {
+                let at = Point2::new(f64::from(x), f64::from(y));
+                let inside: f64 = (0..4).map(|edge| (turn * side(&at, edge) + 0.5).clamp(0.0, 1.0)).product();
+                pixel.0.iter_mut().for_each(|level| *level += ((230.0 - f64::from(*level)) * inside) as u8);
+            }
+        }
+        Picture::from_rgb(rgb)
+    };
+    let mut tracker = BallTracker::new();
+    tracker.see_court(CourtFollower::new("tennis").unwrap(), first.clone());
+    (0..16).for_each(|frame| tracker.watch(picture(frame), frame as f64 / FPS).unwrap());
+    tracker.end();
+    for (frame, frame_from_first) in tracker.views_from_first().iter().enumerate() {
+        let truth = homography_between(&first, &camera(frame)).unwrap();
+        for at in [Point2::new(100.0, 150.0), Point2::new(320.0, 180.0), Point2::new(600.0, 330.0)] {
+            let off = (frame_from_first.transform_point(&at) - truth.transform_point(&at)).norm();
+            assert!(off < 0.6, "frame {frame}: {off} px at {at}");
+        }
     }
 }
