@@ -5,7 +5,7 @@ use std::path::PathBuf;
 /// Numbers of the tracker that were chosen, by hand or on something, and not fitted or physical. It may only fall.
 const CHOSEN: usize = 145;
 /// The three forms of a source.
-const FORMS: [&str; 4] = ["physical, ", "fitted by scripts/", "chosen on ", "chosen by hand"];
+const FORMS: [&str; 5] = ["physical, ", "measured on ", "fitted by scripts/", "chosen on ", "chosen by hand"];
 /// Constants that are no numbers of the tracker: sizes of a network's input, of a patch and of samples, and how work is divided.
 const STRUCTURAL: [&str; 17] = [
     "BAND",

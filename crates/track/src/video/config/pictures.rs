@@ -102,11 +102,13 @@ pub struct RegistrationConfig {
     pub elsewhere_px: f64,
     /// Frames between searches for the first view while another one is shown. Source: chosen by hand.
     pub return_every: usize,
-    /// How far off (1-σ) the first view's camera is from where a court's lines show it, px. Source: chosen by hand.
+    /// How far off (1-σ) the first view's camera is from where a court's lines show it, px. Source: measured on clicks, 0.3 to 3 px
+    /// (`docs/experiments.md`).
     pub court_first_sigma: f64,
-    /// The same of later frames as they are registered. Source: chosen by hand.
+    /// The same of later frames as they are registered. Source: measured on two simulated pans, median along an axis.
     pub court_registered_sigma: f64,
-    /// The same of a frame that is not registered, after the one before. Source: chosen by hand.
+    /// The same of a frame that is not registered, after the one before. Source: measured on seven simulated pans, which move by up to 9.5 px a
+    /// frame along an axis.
     pub court_lost_sigma: f64,
     /// Displacement, as a fraction of the width, from which frames are stabilised about another one. Source: chosen by hand.
     pub canvas_moved: f64,
