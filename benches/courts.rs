@@ -9,7 +9,7 @@
 //!
 //! `cargo bench --bench all -- courts fit FOLDER …` (`scripts/fit-weights courts FOLDER …`) prints the log-odds that a camera is right (`LOG_ODDS` and
 //! `GOOD` in crates/geometry/src/camera/find/verdict.rs): a logistic regression on the best two cameras of each way to search. Pictures whose camera
-//! is known count, and those without the court, both together as much; each picture is also searched for another court.
+//! is known count, and those without the court, both together as much; each picture is also searched for two other courts.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -34,6 +34,10 @@ const LINES: usize = 5;
 const PLACES: u32 = 20;
 const IN_VIEW: f64 = 0.25;
 
+/// Largest relative difference of the cameras' heights and focal lengths of two courts on one ground, as they are found.
+const AGREES: f64 = 0.05;
+/// By their numbers, less the picture's, the other courts for which it is searched.
+const OTHERS: [usize; 2] = [0, 3];
 /// Newton's steps of the logistic regression, and the strength of its prior.
 const NEWTON_STEPS: usize = 30;
 const RIDGE: f64 = 1e-2;
@@ -213,10 +217,17 @@ struct Example {
     weight: f64,
 }
 
-/// The cameras of a picture that may be a court's; `truth` is the right one, if it is in view.
-fn examples(picture: &Picture, court: &str, truth: Option<&Camera>) -> Vec<Example> {
+/// Whether two cameras agree about how high they stand and their focal length: one may be of another court that is painted on the same ground.
+fn do_agree(a: &Camera, b: &Camera) -> bool {
+    let numbers = |camera: &Camera| [camera.intrinsic()[(0, 0)], camera.world_from_camera(&Point3::origin()).z];
+    numbers(a).into_iter().zip(numbers(b)).all(|(a, b)| (a / b - 1.0).abs() < AGREES)
+}
+
+/// The cameras of a picture that may be a court's; `truth` is the right one, if it is in view. If another court is, `other` is its camera.
+fn examples(picture: &Picture, court: &str, truth: Option<&Camera>, other: Option<&Camera>) -> Vec<Example> {
     let points = Court::named(court).expect("a court");
-    let all = court_evidence(picture, court).expect("a court whose lines are known");
+    let mut all = court_evidence(picture, court).expect("a court whose lines are known");
+    all.retain(|(camera, _)| !other.is_some_and(|other| do_agree(camera, other)));
     let count = all.len();
     let example = |(camera, row): (Camera, [f64; COURT_FEATURES])| Example {
         row: row.into(),
@@ -237,14 +248,13 @@ fn all_examples(folders: &[String]) -> Vec<Example> {
     }
     let of = |(number, (folder, row)): (usize, &(PathBuf, Row))| {
         let picture = Picture::decode(&std::fs::read(folder.join(&row.file)).expect("a picture")).expect("a picture");
-        let other = courts[number % courts.len()];
-        let other = if other == row.court { vec![] } else { examples(&picture, other, None) };
-        let own = match Truth::read(folder, &row.points) {
-            Truth::Unknown => vec![],
-            Truth::NoCourt => examples(&picture, &row.court, None),
-            Truth::Known(camera) => examples(&picture, &row.court, Some(&camera)),
-        };
-        own.into_iter().chain(other).collect::<Vec<Example>>()
+        let truth = Truth::read(folder, &row.points);
+        let camera = if let Truth::Known(camera) = &truth { Some(camera.as_ref()) } else { None };
+        let others = OTHERS.map(|step| courts[(number + step) % courts.len()]);
+        let others = others.into_iter().filter(|other| *other != row.court);
+        let others = others.flat_map(|other| examples(&picture, other, None, camera));
+        let own = if matches!(truth, Truth::Unknown) { vec![] } else { examples(&picture, &row.court, camera, None) };
+        own.into_iter().chain(others).collect::<Vec<Example>>()
     };
     rows.par_iter().enumerate().flat_map(of).collect()
 }

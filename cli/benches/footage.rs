@@ -48,12 +48,15 @@ fn numbers(value: &Value) -> Vec<f64> {
     value.as_array().into_iter().flatten().filter_map(Value::as_f64).collect()
 }
 
-fn score(video: &Path, score: &mut Score) {
+fn score(video: &Path, kind: &str, score: &mut Score) {
     let file = |ending: &str| video.with_extension(ending);
     let [camera, scene] = ["camera.json", "scene.json"].map(file);
     let began = std::time::Instant::now();
     let mut command = Command::new(env!("CARGO_BIN_EXE_gravisight"));
     command.arg("track").arg(video).arg("--camera").arg(&camera).arg("--scene").arg(&scene).arg("--json");
+    if let Some(court) = gravisight::Court::with_lines(kind) {
+        command.args(["--court", court]);
+    }
     let output = command.output().unwrap();
     score.seconds += began.elapsed().as_secs_f64();
     // Of a run that failed nothing is found, and what there was to be found counts all the same.
@@ -127,11 +130,11 @@ pub fn run(arguments: &[String]) {
     let mut scores: BTreeMap<String, Score> = BTreeMap::new();
     for video in &videos {
         let stem = video.file_stem().unwrap().to_string_lossy();
-        let kind = stem.rsplit_once('-').map_or(&*stem, |(kind, _)| kind);
+        let sport = stem.rsplit_once('-').map_or(&*stem, |(kind, _)| kind);
         let truth: Value = serde_json::from_slice(&std::fs::read(video.with_extension("truth.json")).unwrap()).unwrap();
         let moves = truth["moves"].as_str().filter(|moves| *moves != "still");
-        let kind = moves.map_or(kind.to_string(), |moves| format!("{kind}, {moves}"));
-        score(video, scores.entry(kind).or_default());
+        let kind = moves.map_or(sport.to_string(), |moves| format!("{sport}, {moves}"));
+        score(video, sport, scores.entry(kind).or_default());
     }
     let failed: usize = scores.values().map(|score| score.failed).sum();
     if failed > 0 {

@@ -89,6 +89,6 @@ pub fn camera(footage: &Footage, court: &str) -> Result<(FoundCourt, Calibration
         found.reason
     );
     let calibration = found.calibrate(&picture, &Unknowns::default());
-    let calibration = calibration.with_context(|| format!("no camera: {}, but it cannot be refined", found.reason))?;
+    let calibration = calibration.with_context(|| format!("no camera: it cannot be refined ({})", found.reason))?;
     Ok((found, calibration))
 }

@@ -160,7 +160,7 @@ test("a picture without a court has none, with the reason, and points can be cli
   await page.getByTestId("cal-court").selectOption("tennis");
   await page.getByTestId("cal-file").setInputFiles([pictures.plain]);
   await said(/^Looking for the tennis court…$/);
-  await said(/^No court found: no lines in the picture form a tennis court.*\. Click its points instead\.$/);
+  await said(/^No court found: no lines in the picture form a tennis court.*\. Click points of the court instead\.$/);
   assert.equal(await page.getByTestId("cal-alert").textContent(), "");
   assert.match(await page.getByTestId("cal-hint").textContent(), /4 more points/);
 });

@@ -34,17 +34,17 @@ pub const EXAMPLE: &str = r#"{
 points.json gives the points' positions in the picture (`image`, px from the centre of the top left pixel) and identifies them: by `names`
 of a court's points (`gravisight calibrate --list tennis`), or by `world`, their positions in metres. Give at least 4 in one plane, or 6 in
 space:\n\n{EXAMPLE}\n
-`intrinsic` (3 rows of 3) and `distortion` (k1, k2, p1, p2, k3) may be given if known. `lines` are painted lines in addition to
+`intrinsic` (3 rows of 3) and `distortion` (k1, k2, p1, p2, k3) may be given if known. `lines` are painted lines that replace
 the court's: {{\"from\": [x,y,z], \"to\": [x,y,z], \"width\": 0.05}}.\n
 Without points: `gravisight calibrate match.mp4 --court tennis` finds the court's painted lines by itself. The picture must show at least
-five of them and some of their corners. A sure result is right; a probable one prints a warning: check it with --overlay. If there is no
-court, the exit status is 1."))]
+five of them and some of their corners. A sure result is right with a probability of at least 95 %. A probable one prints a warning: check it
+with --overlay. If no court is found, the exit status is 1."))]
 pub struct Arguments {
     /// With --court: a picture, or a video, whose first frames are used.
     #[arg(value_name = "PICTURE|VIDEO", requires = "court")]
     shown: Option<PathBuf>,
-    /// Find the camera from this court's painted lines in a picture, without points (see --list for the names of the courts); `auto` tries
-    /// every court.
+    /// Find the camera from this court's painted lines in a picture, without points (see --list for the names of the courts; not every court can
+    /// be found); `auto` tries every court whose lines are known.
     #[arg(long, value_name = "COURT", requires = "shown", conflicts_with_all = ["points", "camera", "refine_lines", "list"])]
     court: Option<String>,
     /// With --court: draw the court's lines over the picture, as the camera sees them, into this PNG file.
@@ -118,7 +118,7 @@ fn by_court(court: &str, shown: &Path, arguments: &Arguments) -> Result<()> {
     );
     let unknowns = Unknowns::named(&arguments.estimate)?;
     let refined = found.calibrate(&picture, &unknowns);
-    let refined = refined.with_context(|| format!("{name}{frame}: {reason}, but the camera cannot be refined"))?;
+    let refined = refined.with_context(|| format!("{name}{frame}: the camera cannot be refined ({reason})"))?;
     let lines: Vec<CourtLine> = found.lines.iter().map(|line| line.line.clone()).collect();
     write_camera(&refined, arguments.out.as_deref())?;
     if let Some(overlay) = &arguments.overlay {
@@ -128,7 +128,7 @@ fn by_court(court: &str, shown: &Path, arguments: &Arguments) -> Result<()> {
     }
     if *verdict == CourtVerdict::Probable {
         eprintln!(
-            "WARNING: the camera is right with a probability of {:.0} %: {reason}. Check with --overlay that the lines drawn are the court's.",
+            "WARNING: the camera is right with a probability of {:.0} %: {reason}. Check with --overlay that the drawn lines lie on the court's lines.",
             100.0 * found.probability
         );
     }

@@ -89,7 +89,7 @@ export class Finder {
     this.#part("cal-find-about").dataset.tone = isPlaced && !isAsked ? "good" : "";
     if (this.#running) return;
     if (isPlaced && proposal) this.#say(isAsked ? `Perhaps found: ${proposal.text}. Is this the court?` : `Found: ${proposal.text}. Drag a point if a line is off.`);
-    else this.#say(this.#inVain && `No court found: ${this.#inVain}. Click its points instead.`);
+    else this.#say(this.#inVain && `No court found: ${this.#inVain}. Click points of the court instead.`);
   }
 
   async #take(search: CourtSearch, run: AbortController): Promise<void> {

@@ -6,6 +6,8 @@ import { tools } from "./core";
 const ANY = "auto";
 /** The end of the names of tennis courts without the side lines for doubles. */
 const SINGLES = /-singles$/;
+/** A court with fewer lines cannot be found. */
+const FEWEST_LINES = 5;
 /** Nothing is certain: there may be another court of another size. */
 const MOST_PERCENT = 99;
 
@@ -14,7 +16,7 @@ export async function findableCourt(sport: string): Promise<string | undefined> 
   if (!sport) return undefined;
   const toolbox = await tools();
   const court = (await toolbox.courts()).find((name) => name.startsWith(sport));
-  return court && (await toolbox.court(court)).lines?.length ? court : undefined;
+  return court && ((await toolbox.court(court)).lines?.length ?? 0) >= FEWEST_LINES ? court : undefined;
 }
 
 /**

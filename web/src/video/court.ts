@@ -47,7 +47,7 @@ export class Court {
     part("video-find").textContent = `Find the court in this ${source()?.kind === "pictures" ? "picture" : "video"}`;
     part("video-calibrate").classList.toggle("primary", !isFindable);
     const hint = sport ? "" : "Choose the place above: the page can find many courts by their painted lines.";
-    part("video-find-note").textContent = isFindable ? "The page can find this court by its painted lines." : hint;
+    part("video-find-note").textContent = isFindable ? "The page can look for this court’s painted lines." : hint;
   }
 
   /** Finds the court. A sure one's camera is used; about everything else the step Calibrate asks. */

@@ -27,8 +27,8 @@ use crate::report::{Flights, doubts, track2d, write_flights};
 
 /// Follow the ball through a video: its flights, bounces and hits in metres.
 ///
-/// The camera must stay in one place; it may turn and zoom. Without --camera, the court of --scene is searched in the first frames. Without
-/// --scene the result is the 2D track only. Exit status: 0
+/// The camera must stay in one place; it may turn and zoom. Without --camera, the camera is computed from the court's lines in the first
+/// frames. Without --scene, the result is only the 2D track. Exit status: 0
 /// if every flight is explained, 3 if some are not (the output is written anyway), 1 if there is no result.
 #[derive(Args)]
 pub struct Arguments {
@@ -44,8 +44,8 @@ pub struct Arguments {
     /// The scene and its ball: scene.json, or the name of a sport (`gravisight scene` lists them).
     #[arg(long, value_name = "SCENE.JSON|NAME")]
     scene: Option<PathBuf>,
-    /// The court whose painted lines show where the camera is and how it turns and zooms [default: that of the --scene's name, if its lines are
-    /// known].
+    /// The court in the video; its painted lines give the camera's position and movement [default: the court of the sport in --scene, if its lines
+    /// are known]; `auto` tries all courts whose lines are known.
     #[arg(long, value_name = "COURT", requires = "scene")]
     court: Option<String>,
     /// Ball to use instead of the scene's: the name of a sport, or a radius in metres.
@@ -78,7 +78,7 @@ pub struct Arguments {
     /// Write the video with the ball marked.
     #[arg(long, value_name = "OUT.MP4")]
     overlay: Option<PathBuf>,
-    /// Write a page with the verdict, the track and doubtful frames, with --camera also flights and contacts; one HTML file without
+    /// Write a page with the verdict, the track and doubtful frames, with --scene also flights and contacts; one HTML file without
     /// external files.
     #[arg(long, value_name = "OUT.HTML")]
     report: Option<PathBuf>,
@@ -88,8 +88,8 @@ pub struct Arguments {
 }
 
 /// What a report without metres says of them.
-const FLAT: &str = "In pixels only. For metres, speeds and bounces, give the camera and the scene: --camera camera.json (from `gravisight \
-                    calibrate`, four clicks on a court) and --scene NAME.";
+const FLAT: &str = "In pixels only. For metres, speeds and bounces, give the scene: --scene NAME. If the video shows no court whose lines are \
+                    known, also give --camera camera.json (from `gravisight calibrate`).";
 
 /// A frame and a place in it, px.
 #[derive(Debug, Clone, Copy)]

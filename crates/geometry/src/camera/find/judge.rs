@@ -48,6 +48,8 @@ pub(super) struct Features {
     pub recall: f64,
     /// Fraction of what lies beyond the ends of the lines that is seen as well: 0 where they end as they should.
     pub beyond: f64,
+    /// Fraction of the length of all segments of the paint's colour, anywhere in the picture, that the lines explain.
+    pub explained: f64,
     /// Of each line, whether it is in view, and the fraction of it that is seen, 0 to 1.
     pub lines: Vec<(bool, f64)>,
     /// Lines in view, and those seen; of the latter, lines along the court and across.
@@ -76,7 +78,7 @@ pub(super) fn judged(evidence: &Evidence, model: &CourtModel, view: &View) -> Fe
         found += fraction * shown.length;
         total += shown.length.min(LONGEST * unit) * (fraction - UNSEEN * (1.0 - fraction));
     }
-    let [explained, unexplained] = explained(evidence, model, view);
+    let [explained, unexplained, all_painted] = explained(evidence, model, view);
     let (beyond, ends) = beyond(evidence, model, view, &seen);
     let mean = seen.iter().map(|&index| shown_lines[index].length).sum::<f64>() / seen.len().max(1) as f64;
     let cost = UNEXPLAINED * unexplained.min(MOST_UNEXPLAINED * explained) + BEYOND_COST * beyond * mean * ends as f64;
@@ -84,6 +86,7 @@ pub(super) fn judged(evidence: &Evidence, model: &CourtModel, view: &View) -> Fe
     Features {
         score: (total - cost) / unit,
         recall: found / f64::max(all, 1.0),
+        explained: explained / f64::max(explained + all_painted, 1.0),
         beyond,
         visible: lines.iter().filter(|(is_visible, _)| *is_visible).count(),
         lines,
@@ -133,28 +136,29 @@ fn beyond(evidence: &Evidence, model: &CourtModel, view: &View, seen: &[usize]) 
     (found / f64::max(all, 1.0), count)
 }
 
-/// Length of the segments that the court's lines explain, px. Then that of the unexplained segments inside the court that have the
-/// colour of its paint, px.
-fn explained(evidence: &Evidence, model: &CourtModel, view: &View) -> [f64; 2] {
+/// Length of the segments that the court's lines explain, px. Then that of the unexplained segments that have the colour of its paint: inside the
+/// court, and anywhere, px.
+fn explained(evidence: &Evidence, model: &CourtModel, view: &View) -> [f64; 3] {
     let segments = &evidence.segments.all;
     let images: Vec<[Point2<f64>; 2]> = model.lines.iter().filter_map(|line| clipped_ends(view, &line.ends)).collect();
     let is_explained: Vec<bool> =
         segments.iter().map(|segment| images.iter().any(|line| explains(line, segment))).collect();
     let lengths = || segments.iter().zip(&is_explained);
     let explained = lengths().filter(|(_, is)| **is).map(|(segment, _)| segment.length()).sum();
-    let Some(paint) = paint(evidence, &is_explained) else { return [0.0; 2] };
-    let Some(ground) = ground_from_image(model, view) else { return [explained, 0.0] };
+    let Some(paint) = paint(evidence, &is_explained) else { return [0.0; 3] };
+    let Some(ground) = ground_from_image(model, view) else { return [explained, 0.0, 0.0] };
     let is_painted = |colour: &[f32; 3]| {
         let square = |channel: usize| COLOUR_WEIGHTS[channel] * (colour[channel] - paint[channel]).powi(2);
         (0..3).map(square).sum::<f32>().sqrt() < SAME_COLOUR
     };
-    let unexplained = (lengths().zip(&evidence.colours))
-        .filter(|((segment, is_explained), colour)| {
-            !**is_explained && is_painted(colour) && is_inside(model, &ground, view, segment)
-        })
-        .map(|((segment, _), _)| segment.length())
-        .sum();
-    [explained, unexplained]
+    let (mut inside, mut anywhere) = (0.0, 0.0);
+    for ((segment, is_explained), colour) in lengths().zip(&evidence.colours) {
+        if !is_explained && is_painted(colour) {
+            anywhere += segment.length();
+            inside += if is_inside(model, &ground, view, segment) { segment.length() } else { 0.0 };
+        }
+    }
+    [explained, inside, anywhere]
 }
 
 /// Whether a segment lies on a line's image.
