@@ -24,8 +24,8 @@ before(async () => {
   toolbox.dispose();
   const court = drawnCourt(lines);
   pictures.court = pngFile("court.png", pngOf(court));
-  pictures.worn = pngFile("worn.png", pngOf(drawnCourt(lines.filter((_, index) => ![0, 2, 8].includes(index)))));
-  pictures.doubtful = pngFile("doubtful.png", pngOf(drawnCourt(badminton.filter((_, index) => ![2, 3].includes(index)))));
+  pictures.worn = pngFile("worn.png", pngOf(drawnCourt(lines.filter((_, index) => ![2, 3, 6].includes(index)))));
+  pictures.doubtful = pngFile("doubtful.png", pngOf(drawnCourt(badminton.filter((_, index) => ![4, 5].includes(index)))));
   pictures.plain = pngFile("plain.png", pngOf(drawnCourt([])));
   const file = join(mkdtempSync(join(tmpdir(), "gravisight-court-")), "court.webm");
   stillVideoOf(court, file);

@@ -23,7 +23,7 @@ const KNOWN: [&str; 5] = ["track", "label", "localise", "evaluate", "fit"];
 const INPUT: &str = "{}";
 const STEM: &str = "{out}";
 /// Options whose files a subcommand writes; all others that name a file or a folder read it.
-const WRITTEN: [&str; 4] = ["out", "overlay", "report", "plot"];
+const WRITTEN: [&str; 5] = ["cameras", "out", "overlay", "report", "plot"];
 /// File of the results' folder that says which subcommand made it.
 const MANIFEST: &str = "batch.json";
 /// Hexadecimal digits of the hash of an input's path in the name of its results: one collision in 4 million lists of a thousand.
