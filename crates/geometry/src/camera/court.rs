@@ -121,7 +121,7 @@ mod tests {
 
     #[test]
     fn a_sport_is_played_on_a_court_of_its_name() {
-        let courts = ["tennis", "basketball", "table-tennis", "squash", "table", ""].map(Court::with_lines);
+        let courts = ["tennis", "basketball", "table-tennis", "squash", "cards", ""].map(Court::with_lines);
         assert_eq!(courts, [Some("tennis"), Some("basketball-fiba"), Some("table-tennis"), None, None, None]);
     }
 
