@@ -48,7 +48,7 @@ export class Finder {
       const search = await findCourt(picture, given.court, run.signal, lens.distortion ? ["distortion"] : []);
       await this.#take(search, run);
     } catch (thrown) {
-      if (!run.signal.aborted) this.#inVain = messageOf(thrown);
+      if (!run.signal.aborted) this.#inVain = `The search failed: ${messageOf(thrown).replace(/\.$/, "")}`;
     } finally {
       if (this.#running === run) this.#end();
     }
@@ -89,7 +89,7 @@ export class Finder {
     this.#part("cal-find-about").dataset.tone = isPlaced && !isAsked ? "good" : "";
     if (this.#running) return;
     if (isPlaced && proposal) this.#say(isAsked ? `Perhaps found: ${proposal.text}. Is this the court?` : `Found: ${proposal.text}. Drag a point if a line is off.`);
-    else this.#say(this.#inVain && `No court found: ${this.#inVain}. Click points of the court instead.`);
+    else this.#say(this.#inVain && `${this.#inVain}. Click points of the court instead.`);
   }
 
   async #take(search: CourtSearch, run: AbortController): Promise<void> {
@@ -99,7 +99,7 @@ export class Finder {
     // Not before: a change ends a search.
     this.#running = undefined;
     if (given) this.#listener.change(given);
-    else this.#inVain = search.found.reason;
+    else this.#inVain = `No court found: ${search.found.reason}`;
     this.show();
     // On a phone, it is below what was pressed.
     this.#part("cal-find-about").scrollIntoView({ block: "nearest" });

@@ -76,7 +76,7 @@ export function canTurn(given: Given): boolean {
   return given.placing !== undefined && partners(given.points) !== undefined;
 }
 
-/** The same places in the picture, named as from the other end: no metre changes, but near and far do. */
+/** The same places in the picture, named as from the other end: x and y change their signs; distances stay. */
 export function turned(given: Given): Given {
   const { points, placing } = given;
   const partner = partners(points);

@@ -25,7 +25,7 @@ const FEWEST_OF_EACH: usize = 2;
 #[doc(hidden)]
 pub const FEATURES: usize = 9;
 /// Log-odds that a camera is right: weights of [`Case::row`]. Fitted by `scripts/fit-weights courts` to
-/// `synth --set courts --split train`, 60 pictures.
+/// every other court of `synth --set courts --split train --clips 16`.
 const LOG_ODDS: [f64; FEATURES] = [-3.62, 2.40, -1.32, -6.13, -1.05, 1.70, 4.08, 0.79, 2.62];
 /// Their means over the right cameras that it was fitted to: what a court is usually like.
 const GOOD: [f64; FEATURES] = [1.0, 0.90, 0.06, 0.58, 0.55, 0.40, 0.95, 6.93, -0.25];
