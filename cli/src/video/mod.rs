@@ -3,6 +3,7 @@
 mod encoder;
 mod probe;
 
+use std::collections::HashMap;
 use std::ffi::{OsStr, OsString};
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::path::Path;
@@ -15,6 +16,9 @@ use image::RgbImage;
 
 pub use self::encoder::Encoder;
 use self::probe::Probe;
+
+/// Rows from which on browsers read a video that names no colour matrix as BT.709 (Chromium, `media/ffmpeg/ffmpeg_common.cc`).
+const HIGH_DEFINITION: u32 = 720;
 
 /// Longest line of a picture's header.
 const HEADER: u64 = 64;
@@ -67,7 +71,7 @@ fn shown_times(video: &Path) -> Result<Vec<Option<f64>>> {
 
 /// Writes the frames from the first to the last, both included, as `NUMBER.png`, each once.
 pub fn extract(video: &Path, [first, last]: [u64; 2], folder: &Path) -> Result<()> {
-    let select = format!("select=between(n\\,{first}\\,{last})");
+    let select = format!("select=between(n\\,{first}\\,{last}),{}", Oddities::of(video)?.to_rgb);
     let start = first.to_string();
     let mut command = Command::new("ffmpeg");
     // Run where the frames go: a `%` in a folder's name would count.
@@ -168,6 +172,8 @@ pub struct Oddities {
     pub hdr: bool,
     /// Streams of pictures besides the first.
     pub others: usize,
+    /// ffmpeg's filter from its colours to RGB, within a level of what browsers show; the default is up to 2 levels too dark.
+    pub to_rgb: String,
 }
 
 impl Oddities {
@@ -189,6 +195,7 @@ impl Oddities {
             interlaced: is("field_order", &["tt", "bb", "tb", "bt"]),
             hdr: is("color_transfer", &["smpte2084", "arib-std-b67"]),
             others: films.count().saturating_sub(1),
+            to_rgb: format!("scale=in_color_matrix={}:flags=accurate_rnd+full_chroma_int", matrix_of(&probe.streams)),
         })
     }
 
@@ -206,6 +213,16 @@ impl Oddities {
         ];
         all.into_iter().flatten().collect()
     }
+}
+
+/// The colour matrix of the first stream, as ffmpeg names it. Where the file names none, browsers take BT.709 from 720 rows on, and
+/// ffmpeg BT.601: a frame would not be the same picture in both.
+fn matrix_of(streams: &[HashMap<String, String>]) -> &'static str {
+    let first = streams.first();
+    let value = |name: &str| first.and_then(|stream| stream.get(name)).map(String::as_str);
+    let is_unknown = value("color_space").is_none_or(|space| matches!(space, "unknown" | "unspecified" | "N/A"));
+    let rows = value("height").and_then(|rows| rows.parse::<u32>().ok()).unwrap_or_default();
+    if is_unknown && rows >= HIGH_DEFINITION { "bt709" } else { "auto" }
 }
 
 /// The pictures of a video, one after the other: none is kept.
@@ -230,9 +247,9 @@ impl VideoStream {
         command.args(["-v", "error", "-nostdin", "-i"]).arg(file_url(video)?);
         // Each frame once; pictures with a header of their own: of a film that is turned, they are turned.
         command.args(["-map", "0:v:0"]).args(passthrough(video)?);
-        if Oddities::of(video)?.interlaced {
-            command.args(["-vf", "bwdif=mode=send_frame"]);
-        }
+        let oddities = Oddities::of(video)?;
+        let fields = if oddities.interlaced { "bwdif=mode=send_frame," } else { "" };
+        command.args(["-vf", &format!("{fields}{}", oddities.to_rgb)]);
         command.args(["-f", "image2pipe", "-c:v", "ppm", "-pix_fmt", "rgb24", "-"]);
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut program = command.spawn().map_err(|error| cannot_run("ffmpeg", &error, video))?;
@@ -300,5 +317,23 @@ impl Drop for VideoStream {
         // Whoever stops before the end needs no more of it.
         let _ = self.program.kill();
         let _ = self.program.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn stream(fields: &[(&str, &str)]) -> [HashMap<String, String>; 1] {
+        [fields.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect()]
+    }
+
+    #[test]
+    fn a_high_definition_video_without_a_colour_matrix_is_read_as_bt_709() {
+        assert_eq!(matrix_of(&stream(&[("height", "1080"), ("color_space", "unknown")])), "bt709");
+        assert_eq!(matrix_of(&stream(&[("height", "720")])), "bt709");
+        assert_eq!(matrix_of(&stream(&[("height", "576"), ("color_space", "unknown")])), "auto");
+        assert_eq!(matrix_of(&stream(&[("height", "1080"), ("color_space", "smpte170m")])), "auto");
+        assert_eq!(matrix_of(&[]), "auto");
     }
 }

@@ -48,7 +48,7 @@ impl Probe {
     }
 
     fn asked(video: &Path) -> Result<Self> {
-        let entries = "format=format_name:stream=index,r_frame_rate,field_order,color_transfer\
+        let entries = "format=format_name:stream=index,height,r_frame_rate,field_order,color_space,color_transfer\
                        :stream_disposition=attached_pic:packet=stream_index,pts_time,dts_time";
         let mut command = Command::new("ffprobe");
         command.args(["-v", "error", "-select_streams", "v", "-show_entries", entries, "-of", "compact"]);
