@@ -100,6 +100,26 @@ fn what_people_get_wrong_is_not_explained_and_named() {
     assert!(high[1] >= 11, "the table's height: {} explained, {} named", high[0], high[1]);
 }
 
+/// Sizes that somebody gives may be diameters; those that were measured in the video's frames are radii.
+#[test]
+fn sizes_twice_too_large_question_the_labels_and_where_they_were_measured_the_ball() {
+    let mut observations = shot(3, true).1;
+    // Up to the bounce: nothing but the sizes tells the distance.
+    observations.truncate(25);
+    observations.iter_mut().for_each(|seen| seen.radius = seen.radius.map(|[px, sigma]| [2.0 * px, 2.0 * sigma]));
+    let scene = Scene::from_json(SCENE, "scene").unwrap().with_ball("table-tennis").unwrap();
+    let forecaster = Forecaster::new(&scene).unwrap();
+    let [given, measured] = [false, true].map(|sizes_measured| {
+        let options = FitOptions { sizes_measured, ..FitOptions::default() };
+        match forecaster.fit(&rolled(), &observations, &options) {
+            Ok(fit) => format!("{} {}", fit.verdict, fit.notes.join(" ")),
+            Err(error) => error.to_string(),
+        }
+    });
+    assert!(given.contains("are they diameters?"), "{given}");
+    assert!(measured.contains("check the ball's radius") && !measured.contains("diameters"), "{measured}");
+}
+
 #[test]
 fn the_larger_part_of_a_track_of_two_balls_is_fitted() {
     let (world, mut observations) = shot(3, false);

@@ -169,4 +169,7 @@ pub struct FitOptions {
     pub config: Option<EstimatorConfig>,
     /// Whether the observations' times are right, as a video's own are: no lost frames are looked for then.
     pub times_known: bool,
+    /// Whether the observations' sizes were measured in the pictures by this library: they are radii then, and a size that does not fit
+    /// questions the scene's ball.
+    pub sizes_measured: bool,
 }

@@ -194,7 +194,7 @@ impl TrackedVideo {
                 ..own
             }
         });
-        let options = FitOptions { times_known, config: Some(config), ..options.clone() };
+        let options = FitOptions { times_known, config: Some(config), sizes_measured: true, ..options.clone() };
         let observations: Vec<Observation> =
             self.frames.iter().map(|frame| revise::observation(&frame.followed)).collect();
         let ranges = segments(&observations);

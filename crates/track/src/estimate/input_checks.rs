@@ -89,7 +89,8 @@ impl Check {
         !matches!(self, Self::Size(_)) || labels.iter().any(|label| label.radius.is_some())
     }
 
-    fn message(self, labels: &[Label]) -> String {
+    fn message(self, part: &Part) -> String {
+        let labels = part.labels;
         match self {
             Self::Mirrored => {
                 "the track fits far better when mirrored: is the video mirrored, or the camera's x axis?".into()
@@ -101,6 +102,10 @@ impl Check {
             Self::Resolution(factor) => format!(
                 "the track fits far better when {factor:.2} times as large: was it made from a video of \
                  another resolution?"
+            ),
+            Self::Size(factor) if part.options.sizes_measured => format!(
+                "the track fits far better if the ball is {} as large as the scene's: check the ball's radius",
+                if factor > 1.0 { "twice" } else { "half" }
             ),
             Self::Size(factor) => format!(
                 "the track fits far better if its radii are {factor} times the ball's radius: are they {}?",
@@ -156,5 +161,5 @@ pub fn suspected(part: &Part, given: Option<&Outcome>) -> Option<String> {
         (found.fit.explained && found.cost < limit).then_some((cost, check))
     };
     let found = Check::all(doubtful, single).into_iter().filter_map(tried).min_by(|a, b| a.0.total_cmp(&b.0));
-    found.map(|(_, check)| check.message(part.labels))
+    found.map(|(_, check)| check.message(part))
 }

@@ -217,6 +217,7 @@ impl Findings {
             0 => format!("None of the {all} flights is explained: no positions in metres"),
             1 if all == 1 => format!("The flight is explained{parts}"),
             _ if explained == all => format!("All {all} flights are explained{parts}"),
+            1 => format!("1 of {all} flights is explained{parts}"),
             _ => format!("{explained} of {all} flights are explained{parts}"),
         }
     }
