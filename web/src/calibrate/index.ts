@@ -118,7 +118,8 @@ class Step {
     on("cal-undo", () => this.#undo());
     on("cal-use", () => {
       if (!this.#calibration) return;
-      workspace.setCamera(this.#calibration.found.camera, this.#calibration.found.oneSigma);
+      const { pictureName, pictureOf } = this.#state;
+      workspace.setCamera(this.#calibration.found.camera, this.#calibration.found.oneSigma, { from: `calibrated on ${pictureName}`, of: [pictureOf] });
       this.#say("The other steps now use this camera. It is kept in this browser.");
       if (this.#back) location.hash = this.#back;
       this.#showBack("");
@@ -179,10 +180,10 @@ class Step {
     }
   }
 
-  async #takePicture(picture: Blob, name: string): Promise<void> {
+  async #takePicture(picture: Blob, name: string, of = name): Promise<void> {
     await this.#show(picture, name);
     this.#state.picture = picture;
-    this.#state.pictureName = name;
+    [this.#state.pictureName, this.#state.pictureOf] = [name, of];
     void this.#state.keepPicture();
     // The camera may have moved: clicks of the last picture say nothing about this one.
     const { court } = this.#state.given;
@@ -195,7 +196,7 @@ class Step {
     const { wish } = workspace;
     if (!wish) return;
     workspace.wish = undefined;
-    await this.#takePicture(wish.picture, wish.name);
+    await this.#takePicture(wish.picture, wish.name, wish.of);
     const court = [...this.#part<HTMLSelectElement>("cal-court").options].map(({ value }) => value).find((name) => name !== "" && name.startsWith(wish.sport));
     if (wish.sport && court && court !== this.#state.given.court) await this.#takeCourt(court);
     this.#showBack(wish.back);

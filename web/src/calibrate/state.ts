@@ -31,6 +31,7 @@ interface Kept {
   given: Given;
   lens: Lens;
   pictureName: string;
+  pictureOf?: string;
 }
 
 const STATE = "calibrate";
@@ -44,6 +45,8 @@ export class State {
   lens: Lens = { focal: null, distortion: false };
   picture: Blob | undefined;
   pictureName = "";
+  /** The file that it is of: a video's, where it is a frame. */
+  pictureOf = "";
   readonly #past: string[] = [];
   #lastMove = { what: "", at: 0 };
 
@@ -107,7 +110,7 @@ export class State {
   }
 
   async keep(): Promise<void> {
-    const kept: Kept = { given: this.given, lens: this.lens, pictureName: this.pictureName };
+    const kept: Kept = { given: this.given, lens: this.lens, pictureName: this.pictureName, pictureOf: this.pictureOf };
     await set(STATE, kept).catch(() => undefined);
   }
 
@@ -117,7 +120,7 @@ export class State {
 
   async restore(): Promise<void> {
     const [kept, picture] = await Promise.all([get<Kept>(STATE), get<Blob>(PICTURE)]).catch(() => [undefined, undefined]);
-    if (kept) ({ given: this.given, lens: this.lens, pictureName: this.pictureName } = kept);
+    if (kept) ({ given: this.given, lens: this.lens, pictureName: this.pictureName, pictureOf: this.pictureOf = kept.pictureName } = kept);
     this.picture = picture;
   }
 }

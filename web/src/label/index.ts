@@ -91,7 +91,7 @@ class Step {
   async #take(files: File[]): Promise<void> {
     await this.#working(async (watch) => {
       const json = files.find(isJson);
-      if (json) workspace.camera = await cameraFrom(json);
+      if (json) workspace.setCamera(await cameraFrom(json), [], { from: `${json.name}, dropped in the step Label`, of: [] });
       const rest = files.filter((file) => file !== json);
       if (rest.length === 0) return;
       const { camera } = workspace;

@@ -39,13 +39,23 @@ const PADDING = 16;
 export class Chart {
   readonly #place: HTMLElement;
   readonly #box: HTMLElement;
+  /** Hears where on x a click is. */
+  onPick: (x: number) => void = () => {};
+  readonly #now = make("div", { class: "chart-now" });
   #content: Content | undefined;
   #plot: uPlot | undefined;
+  #nowAt: number | undefined;
 
   constructor(place: HTMLElement, name: string) {
     this.#place = place;
     this.#box = make("div", { part: name });
-    place.append(this.#box);
+    this.#now.hidden = true;
+    place.classList.add("chart");
+    place.append(this.#box, this.#now);
+    this.#box.addEventListener("click", (event) => {
+      const plot = this.#plot;
+      if (plot) this.onPick(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
+    });
     new ResizeObserver(() => this.#fit()).observe(place);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#plot?.redraw());
   }
@@ -56,6 +66,25 @@ export class Chart {
     this.#box.setAttribute("aria-label", described(content));
     if (this.#plot) this.#plot.setData(dataOf(content));
     else this.#fit();
+    this.#placeNow();
+  }
+
+  /** Marks a place on x. */
+  showNow(x: number): void {
+    this.#nowAt = x;
+    this.#placeNow();
+  }
+
+  #placeNow(): void {
+    const plot = this.#plot;
+    const { from = 0, to = 0 } = this.#content ?? {};
+    const isShown = plot !== undefined && this.#nowAt !== undefined && this.#nowAt >= from && this.#nowAt <= to;
+    this.#now.hidden = !isShown;
+    if (!isShown) return;
+    const { offsetLeft, offsetTop, clientHeight } = plot.over;
+    this.#now.style.setProperty("--x", `${offsetLeft + plot.valToPos(this.#nowAt ?? 0, "x")}px`);
+    this.#now.style.setProperty("--y", `${this.#box.offsetTop + offsetTop}px`);
+    this.#now.style.setProperty("--height", `${clientHeight}px`);
   }
 
   /** The chart as it would be at another size. */
@@ -77,6 +106,7 @@ export class Chart {
     const size = { width, height: Math.round(Math.min(300, Math.max(190, width * 0.42))) };
     if (this.#plot) this.#plot.setSize(size);
     else this.#plot = new uPlot(this.#options(size), dataOf(this.#content), this.#box);
+    this.#placeNow();
   }
 
   #options(size: { width: number; height: number }): uPlot.Options {

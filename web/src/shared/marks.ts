@@ -24,6 +24,30 @@ export function drawTruth(context: CanvasRenderingContext2D, at: Pixel): void {
   stroke(context, path, TRUTH, 2.5);
 }
 
+/** Four lines around the place that is aimed at. */
+export function drawCross(context: CanvasRenderingContext2D, at: Pixel): void {
+  const path = new Path2D();
+  addTicks(path, at, 4, 14);
+  stroke(context, path, TRUTH, 2);
+}
+
+/** Where the ball was: a line through all places, the older the paler. */
+export function drawTrail(context: CanvasRenderingContext2D, places: Pixel[]): void {
+  context.lineCap = "round";
+  // All edges first: they would cut through the line where it turns.
+  for (const [style, width] of [[EDGE, 4.5], [FOUND, 2]] as const) {
+    context.strokeStyle = style;
+    context.lineWidth = width;
+    for (const [index, to] of places.entries()) {
+      const from = places[index - 1];
+      if (!from) continue;
+      context.globalAlpha = index / places.length;
+      context.stroke(new Path2D(`M${from.join(" ")}L${to.join(" ")}`));
+    }
+  }
+  context.globalAlpha = 1;
+}
+
 export function addRing(path: Path2D, [x, y]: Pixel, radius: number): void {
   path.moveTo(x + radius, y);
   path.arc(x, y, radius, 0, 2 * Math.PI);

@@ -3,7 +3,7 @@ import type { Localisation } from "gravisight";
 import { contextOf, make } from "../dom";
 import { overlayOf, type Pixel } from "./canvas";
 import { drawMap, mapOf, type ColouredMap, type Layer } from "./maps";
-import { drawFound, drawTruth } from "./marks";
+import { drawCross, drawFound, drawTrail, drawTruth } from "./marks";
 import { ScaleBar } from "./scale";
 
 /** No picture is kept larger than this: no screen shows more. In pixels. */
@@ -16,6 +16,8 @@ export interface Shown {
   /** Whether the position is to be trusted. */
   sure?: boolean;
   truth?: Pixel | undefined;
+  /** Where the ball was shortly before, in order; the last one is where it is now. */
+  trail?: Pixel[];
 }
 
 export class Overlay {
@@ -28,6 +30,8 @@ export class Overlay {
   #size = { width: 1, height: 1 };
   #ring: { at: Pixel; sure: boolean; truth: Pixel | undefined } | undefined;
   #map: ColouredMap | undefined;
+  #trail: Pixel[] = [];
+  #cross: Pixel | undefined;
   #opacity = 0.7;
 
   constructor(frame: HTMLElement, picture: HTMLCanvasElement, overlay: HTMLCanvasElement, scale: HTMLElement) {
@@ -61,15 +65,23 @@ export class Overlay {
   }
 
   /** Shows a picture about which nothing is known. */
-  showPlain(image: CanvasImageSource, label: string): void {
+  showPlain(image: CanvasImageSource, label: string, trail: Pixel[] = []): void {
     this.hold(image);
     this.#flip();
-    this.clear(label);
+    this.clear(label, trail);
+  }
+
+  /** A cross that a person moves; none where `at` is undefined. */
+  aim(at: Pixel | undefined): void {
+    if (!at && !this.#cross) return;
+    this.#cross = at;
+    this.#draw();
   }
 
   /** Shows the picture that is held, and what was found in it. */
-  show(found: { image: Pixel; depth: number | null } & Omit<Partial<Localisation>, "depth" | "world">, { layer, sure = true, truth }: Shown): void {
+  show(found: { image: Pixel; depth: number | null } & Omit<Partial<Localisation>, "depth" | "world">, { layer, sure = true, truth, trail = [] }: Shown): void {
     this.#flip();
+    this.#trail = trail;
     this.#ring = { at: found.image, sure, truth };
     this.#map = mapOf(found, layer);
     const [u, v] = found.image.map((x) => x.toFixed(0));
@@ -78,7 +90,8 @@ export class Overlay {
     this.#draw();
   }
 
-  clear(label: string): void {
+  clear(label: string, trail: Pixel[] = []): void {
+    this.#trail = trail;
     this.#ring = this.#map = undefined;
     this.#overlay.setAttribute("aria-label", label);
     this.#draw();
@@ -92,6 +105,8 @@ export class Overlay {
     const { context, width, height, toCanvas } = overlayOf(this.#overlay, this.#size);
     this.#scale.show(this.#map?.scale ?? null);
     if (this.#map) drawMap(context, this.#map, width, height, this.#opacity);
+    drawTrail(context, this.#trail.map(toCanvas));
+    if (this.#cross) drawCross(context, toCanvas(this.#cross));
     if (!this.#ring) return;
     const { at, sure, truth } = this.#ring;
     context.globalAlpha = sure ? 1 : DIM;

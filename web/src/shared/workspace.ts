@@ -20,10 +20,22 @@ export interface StoredClip {
   heldOut: boolean;
 }
 
+/** What a camera is of. */
+export interface CameraAbout {
+  /** Where it comes from, such as `calibrated on a frame of rally.mp4`. */
+  from: string;
+  /** Names of the videos and pictures that it is the camera of; empty where nobody knows. */
+  of: string[];
+  /** When it was set, ISO 8601. */
+  at: string;
+}
+
 /** A picture to calibrate on, and who asks. */
 export interface CalibrationWish {
   picture: Blob;
   name: string;
+  /** The video or picture that it is of. */
+  of: string;
   /** A sport whose court it may show; empty where none is known. */
   sport: string;
   /** What was already found in the picture. */
@@ -58,14 +70,23 @@ class Workspace extends EventTarget {
     return parsed("gravisight.camera");
   }
 
-  set camera(camera: Camera | undefined) {
-    this.setCamera(camera, []);
+  /** Sets the camera, how unsure it is (`oneSigma` of its calibration), and what it is of. */
+  setCamera(camera: Camera | undefined, oneSigma: Camera[], about?: Omit<CameraAbout, "at">): void {
+    store("gravisight.camera", camera);
+    store("gravisight.camera-sigma", camera && oneSigma);
+    store("gravisight.camera-about", camera && about && { ...about, at: new Date().toISOString() });
+    this.dispatchEvent(new Event("camera"));
   }
 
-  /** The same with how unsure it is: `oneSigma` of its calibration. */
-  setCamera(camera: Camera | undefined, oneSigma: Camera[]): void {
-    store("gravisight.camera", camera);
-    store("gravisight.camera-sigma", oneSigma);
+  /** Undefined of one that an earlier version of the page kept. */
+  get cameraAbout(): CameraAbout | undefined {
+    return parsed("gravisight.camera-about");
+  }
+
+  /** The camera is also the one of another video. */
+  cameraIsOf(name: string): void {
+    const about = this.cameraAbout ?? { from: "the step Calibrate", of: [], at: new Date().toISOString() };
+    store("gravisight.camera-about", { ...about, of: [...new Set([...about.of, name])] });
     this.dispatchEvent(new Event("camera"));
   }
 

@@ -23,6 +23,8 @@ interface Found {
   search: CourtSearch;
   picture: Blob;
   name: string;
+  /** The video's or picture's own. */
+  of: string;
   sport: string;
 }
 
@@ -62,11 +64,11 @@ export class Court {
       const picture = await firstFrame(opened);
       return { picture, search: await findCourt(picture, court, signal) };
     });
-    const found = { search, picture, name: `the first frame of ${opened.name}`, sport };
+    const found = { search, picture, name: `the first frame of ${opened.name}`, of: opened.name, sport };
     const { found: { verdict }, calibration } = search;
     if (verdict !== "sure" || !calibration) return this.#ask(found);
     this.#used = found;
-    workspace.setCamera(calibration.camera, calibration.oneSigma);
+    workspace.setCamera(calibration.camera, calibration.oneSigma, { from: `found by its court in ${found.name}`, of: [opened.name] });
     this.#show();
   }
 
@@ -81,8 +83,8 @@ export class Court {
     this.#show();
   }
 
-  #ask({ picture, name, sport, search }: Found): void {
-    workspace.calibrate({ picture, name, sport, search, back: "video" });
+  #ask({ picture, name, of, sport, search }: Found): void {
+    workspace.calibrate({ picture, name, of, sport, search, back: "video" });
   }
 
   #show(): void {

@@ -2,7 +2,10 @@
 import type { Fit, FittedFrame, Localisation, Vector } from "gravisight";
 
 export interface FrameDetection {
+  /** When the video shows it. */
   timeMs: number;
+  /** When it was filmed, s; where that is not known, when the video shows it. */
+  filmed: number;
   image: [number, number];
   /** Null, as the position, where it is not known. */
   depth: number | null;
@@ -20,7 +23,7 @@ export interface FrameDetection {
 }
 
 /** Flights: of a fit to detections, or of a tracked video. */
-export interface Curve extends Pick<Fit, "explained" | "findings" | "impacts" | "hits"> {
+export interface Curve extends Pick<Fit, "explained" | "findings" | "flights" | "impacts" | "hits"> {
   frames: Pick<FittedFrame, "time" | "world" | "speed" | "sigma" | "outlier" | "explained">[];
   /** Whether it is in pixels alone: the camera or the place is not known. */
   flat: boolean;
@@ -46,7 +49,7 @@ export class FrameDetections {
 
   add(timeMs: number, { image, depth, world, covariance, confidence, dtg }: Localisation, truth?: Vector): FrameDetection {
     const sigma = covariance ? Math.sqrt(covariance.reduce((sum, row, axis) => sum + (row[axis] ?? 0), 0)) : null;
-    const detection: FrameDetection = { timeMs, image, depth, world, sigma, confidence, ...(truth && { truth }), ...(dtg !== undefined && { dtg }) };
+    const detection: FrameDetection = { timeMs, filmed: timeMs / 1000, image, depth, world, sigma, confidence, ...(truth && { truth }), ...(dtg !== undefined && { dtg }) };
     const index = this.#index(timeMs);
     const again = this.at(timeMs) !== undefined;
     this.all.splice(index, again ? 1 : 0, detection);

@@ -19,12 +19,12 @@ export class FitResult {
     this.#place = place;
   }
 
-  show({ findings, explained, flat, frames }: Curve): void {
+  show({ findings, explained, flat, frames, flights }: Curve): void {
     this.#verdict.hidden = false;
     this.#verdict.dataset.tone = flat ? "plain" : explained ? "good" : "bad";
     this.#verdict.replaceChildren(make("p", { text: findings.headline, part: "video-fit-words" }));
-    const left = make("div", { class: "video-told" }, ...this.#remarks(findings, flat, frames.filter(({ outlier }) => outlier).length), ...tables(findings));
-    const plan = findings.plan?.bounces.length ? [figure(findings.plan)] : [];
+    const left = make("div", { class: "video-told" }, ...this.#remarks(findings, flat, frames.filter(({ outlier }) => outlier).length), ...tables(findings, flights.map(({ start }) => start)));
+    const plan = findings.plan?.bounces.length ? [figure(findings.plan, new Map(findings.contacts.flatMap(({ bounce, time }) => (bounce === null ? [] : [[bounce, time]]))))] : [];
     const stale = make("p", { text: "New frames were added after this fit: fit again to include them.", part: "video-fit-stale" });
     stale.hidden = true;
     this.#place.hidden = left.childElementCount + plan.length === 0;
@@ -61,10 +61,10 @@ export class FitResult {
 }
 
 /** Flights, bounces and hits of which something is known. */
-function tables({ flights, contacts }: Findings): HTMLElement[] {
+function tables({ flights, contacts }: Findings, starts: number[]): HTMLElement[] {
   const spinning = flights.some(({ spin }) => spin);
   const known = flights.flatMap(({ when, speed, spin, explained }, index) =>
-    explained ? [{ part: "video-flight", cells: [String(index + 1), when, measured(speed), ...(spinning ? [spin ? measured(spin) : ""] : [])] }] : [],
+    explained ? [{ part: "video-flight", cells: [String(index + 1), moment(when, starts[index] ?? 0), measured(speed), ...(spinning ? [spin ? measured(spin) : ""] : [])] }] : [],
   );
   const placed = contacts.filter(({ place }) => place);
   const lined = placed.some(({ withinLines }) => withinLines !== null);
@@ -72,7 +72,7 @@ function tables({ flights, contacts }: Findings): HTMLElement[] {
     part: bounce === null ? "video-hit" : "video-bounce",
     cells: [
       bounce === null ? what : what.replace(" ", ` ${bounce} `),
-      inSeconds(time),
+      moment(inSeconds(time), time),
       measured(place),
       speed === null ? "" : `${speed.toFixed(1)}\u00a0m/s`,
       ...(lined ? [withinLines === null ? "" : `${(100 * withinLines).toFixed(0)}\u00a0%`] : []),
@@ -85,9 +85,9 @@ function tables({ flights, contacts }: Findings): HTMLElement[] {
   return made;
 }
 
-function figure(plan: NonNullable<Findings["plan"]>): HTMLElement {
+function figure(plan: NonNullable<Findings["plan"]>, times: Map<number, number>): HTMLElement {
   const caption = "Top view, bounces by number (x to the right, y up). The ellipse contains the bounce with a probability of 86 % (2 σ).";
-  return make("figure", { class: "video-plan", part: "video-plan" }, planOf(plan), make("figcaption", { class: "quiet", text: caption }));
+  return make("figure", { class: "video-plan", part: "video-plan" }, planOf(plan, times), make("figcaption", { class: "quiet", text: caption }));
 }
 
 type Cell = string | HTMLElement;
@@ -106,6 +106,15 @@ function tableOf(part: string, caption: string, head: string[], rows: { part: st
   box.setAttribute("role", "region");
   box.setAttribute("aria-label", caption);
   return box;
+}
+
+/** A moment that the video can be sent to. */
+function moment(text: string, seconds: number): HTMLElement {
+  const button = make("button", { class: "text-button", text, part: "video-moment" });
+  button.type = "button";
+  button.dataset.time = String(seconds);
+  button.title = "Show this moment in the video";
+  return button;
 }
 
 /** A number with its uncertainty: bold where it may be read as a fact. */

@@ -17,10 +17,10 @@ export interface FitOptions {
 
 export async function fitted(all: FrameDetection[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Curve> {
   const track = await Track.create({ camera, cameraSigma, scene, toolbox: await tools(), leastConfidence: threshold });
-  for (const { timeMs, image: [u, v], confidence } of all) {
+  for (const { filmed, image: [u, v], confidence } of all) {
     // In the pixels that the camera speaks of, which need not be the video's; an integer is a pixel's centre.
     const image: [number, number] = [((u + 0.5) * camera.width) / size.width - 0.5, ((v + 0.5) * camera.height) / size.height - 0.5];
-    track.add({ timestampMs: timeMs, image, confidence });
+    track.add({ timestampMs: 1000 * filmed, image, confidence });
   }
   const fit = await track.fit({ signal }).catch((thrown: unknown) => {
     if (!(thrown instanceof GravisightError) || thrown.code !== "fit") throw thrown;

@@ -1,14 +1,16 @@
 /** The ball followed through a whole video: to begin, to correct by a click, to end. */
+import type { Camera, Scene } from "gravisight";
 import { MODELS } from "../shared/core";
 import { findableCourt } from "../shared/find-court";
 import type { Job, Watch } from "../shared/job";
 import type { Overlay } from "../shared/overlay";
 import type { Parts } from "../shared/panel";
-import type { Curve } from "./detections";
+import { Corrections } from "./corrections";
 import type { FrameSearch } from "./frame-search";
 import { chosenDevice } from "./model";
 import type { SceneChoice } from "./scene-choice";
-import { curveOf, detectionsOf, Tracking } from "./tracking";
+import type { TrackResult } from "./track-result";
+import { Tracking, type Correction, type Known } from "./tracking";
 import type { Transport } from "./transport";
 
 interface With {
@@ -23,45 +25,57 @@ interface With {
 interface FollowingListener {
   /** What was found before is to be forgotten. */
   begin: () => void;
-  found: (curve: Curve) => void;
+  found: (result: TrackResult) => void;
   /** What a person should know of the video. */
   warn: (message: string) => void;
 }
 
+/** What the positions were made with. */
+type Used = Pick<Known, "camera" | "cameraSigma" | "scene" | "court">;
+
 export class Following {
+  readonly corrections: Corrections;
   readonly #with: With;
   readonly #listener: FollowingListener;
-  /** Of the source that is open, once it was tracked. */
+  /** Of the source that is open, once it was tracked in this page. */
   #tracking: Tracking | undefined;
+  #used: Used | undefined;
 
   constructor(uses: With, listener: FollowingListener) {
     this.#with = uses;
     this.#listener = listener;
+    this.corrections = new Corrections(uses, () => this.revise());
   }
 
-  /** Frames watched and missed; undefined where nothing was tracked. */
-  get counts(): { watched: number; missed: number } | undefined {
-    return this.#tracking;
+  /** Whose lines the last track used. */
+  get court(): string | undefined {
+    return this.#used?.court;
   }
 
-  /** Gives the whole source to a tracker. */
+  get result(): TrackResult | undefined {
+    return this.#with.frameSearch.result;
+  }
+
+  /** Gives the whole source to a tracker; corrections that were made stay. */
   async start(): Promise<void> {
-    const { frameSearch, sceneChoice, job, overlay, transport } = this.#with;
-    const { camera, cameraSigma, scene, sport } = sceneChoice;
+    const { frameSearch, job, overlay, transport } = this.#with;
     const { source } = frameSearch;
     if (!source) throw new Error("Tracking needs a video.");
     source.pause();
+    const { all } = this.corrections;
     this.#listener.begin();
-    frameSearch.tracked = true;
+    this.corrections.restore(all);
+    frameSearch.isTracking = true;
     try {
       await job.run("Loading the model…", async (watch) => {
         // The one that reads sizes, whatever the step Try shows.
         const which = { model: MODELS.any, device: chosenDevice() };
-        const court = await findableCourt(sport);
-        this.#tracking = await Tracking.through(source, { camera, cameraSigma, scene, court }, which, watch, ({ image, timeMs }) => {
+        const used = await this.#current();
+        this.#tracking = await Tracking.through(source, used, which, watch, ({ image, timeMs }) => {
           overlay.showPlain(image, "The frame being processed");
           transport.showTime(timeMs);
         });
+        this.#used = used;
         await this.#show(watch);
         if (this.#tracking.broken) this.#listener.warn(this.#tracking.broken);
       });
@@ -71,40 +85,62 @@ export class Following {
     }
   }
 
-  async #show(watch: Watch): Promise<void> {
-    const { frameSearch, sceneChoice } = this.#with;
-    if (!this.#tracking) return;
-    const found = await this.#tracking.track(watch);
-    frameSearch.detections.replace(detectionsOf(found, sceneChoice.camera));
-    this.#listener.found(curveOf(found));
-    frameSearch.source?.seek(frameSearch.detections.all[0]?.timeMs ?? 0);
-  }
-
-  /** A person says where the ball is, after the track was made: it is made anew. */
-  async correct(event: MouseEvent): Promise<void> {
-    const { frameSearch, job, part } = this.#with;
+  /** Makes the track anew: after a correction, or with another camera or place. What was watched is not watched again, if the camera stays. */
+  async revise(): Promise<void> {
+    const { frameSearch, job } = this.#with;
     const { source } = frameSearch;
-    const current = source?.current;
-    if (!this.#tracking || !source || !current || job.isRunning) return;
-    const { left, top, width, height } = ((event.currentTarget as HTMLElement | null) ?? part("video-overlay")).getBoundingClientRect();
-    const at = (fraction: number, all: number) => fraction * all - 0.5;
-    const { timeMs } = current;
-    this.#tracking.mark(timeMs, [at((event.clientX - left) / width, source.width), at((event.clientY - top) / height, source.height)]);
+    const now = await this.#current();
+    const isWatched = this.#tracking && this.#used && same(this.#used.camera, now.camera) && this.#used.court === now.court;
+    if (!isWatched || !source) return this.start();
+    const timeMs = source.current?.timeMs ?? 0;
+    source.pause();
+    this.#tracking?.use(now);
+    this.#used = now;
     await job.run("Finding the flights…", (watch) => this.#show(watch));
     source.seek(timeMs);
   }
 
+  async #current(): Promise<Used> {
+    const { camera, cameraSigma, scene, sport } = this.#with.sceneChoice;
+    return { camera, cameraSigma, scene, court: await findableCourt(sport) };
+  }
+
+  async #show(watch: Watch): Promise<void> {
+    const tracking = this.#tracking;
+    if (!tracking) return;
+    tracking.seeds = this.corrections.all;
+    const result = await tracking.track(watch);
+    this.show(result);
+    this.#with.frameSearch.source?.seek(result.detections[0]?.timeMs ?? 0);
+  }
+
+  /** Shows a track: one that was just made, or one that was kept. */
+  show(result: TrackResult): void {
+    const { frameSearch } = this.#with;
+    frameSearch.isTracking = false;
+    frameSearch.showResult(result);
+    this.#listener.found(result);
+    frameSearch.source?.setFrames?.(result.record.timesMs);
+  }
+
+  /** Takes what a kept track was made with. */
+  restore(used: { camera: Camera | undefined; cameraSigma: Camera[]; scene: Scene | undefined; court: string | undefined }, corrections: Correction[]): void {
+    this.#used = used;
+    this.corrections.restore(corrections);
+  }
+
   end(): void {
     this.#tracking?.dispose();
-    this.#tracking = undefined;
-    this.#with.frameSearch.tracked = false;
+    this.#tracking = this.#used = undefined;
+    this.corrections.restore([]);
+    this.#with.frameSearch.isTracking = false;
   }
 
   /** Whether the source can be tracked, and why not. */
-  showWhether(): void {
+  async showWhether(): Promise<void> {
     const { part, sceneChoice, frameSearch } = this.#with;
     const { camera, scene } = sceneChoice;
-    const { source } = frameSearch;
+    const { source, result } = frameSearch;
     const reason = !source
       ? "No video is open: choose one to track it."
       : source.kind === "webcam"
@@ -114,13 +150,23 @@ export class Following {
           : "";
     const missing = !camera ? "its camera" : !scene ? "the place and the ball" : "";
     part<HTMLButtonElement>("video-track").disabled = reason !== "";
-    part("video-overlay").dataset.marking = String(this.#tracking !== undefined);
+    part("video-track").textContent = result ? "Track the ball again" : "Track the ball through the video";
+    const canMark = result !== undefined && source !== undefined;
+    part("video-overlay").dataset.marking = String(canMark);
+    part("video-overlay").tabIndex = canMark ? 0 : -1;
     part("video-track-why").textContent =
       reason ||
-      (this.#tracking
+      (result
         ? "Is the ring not on the ball in some frame? Click the ball there: the track is recomputed."
         : missing
           ? `In pixels, because ${missing} ${missing.includes(" and ") ? "are" : "is"} not known; with ${missing.includes(" and ") ? "them" : "it"}, in metres. Tracking takes several times the length of the video.`
           : "Processes every frame, then fits the flights: this takes several times the length of the video.");
+    const used = this.#used;
+    const now = await this.#current();
+    part("video-stale").hidden = !source || !result || !used || (same(used.camera, now.camera) && same(used.scene, now.scene) && same(used.cameraSigma, now.cameraSigma));
   }
+}
+
+function same(a: unknown, b: unknown): boolean {
+  return JSON.stringify(a) === JSON.stringify(b);
 }

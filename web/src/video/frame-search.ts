@@ -7,9 +7,12 @@ import { average, FrameDetections, type FrameDetection } from "./detections";
 import type { Model } from "./model";
 import type { SceneChoice } from "./scene-choice";
 import type { Frame, Source } from "./sources";
+import type { TrackResult } from "./track-result";
 
 /** Frames over which the time for a frame is averaged. */
 const AVERAGED = 30;
+/** How far back the ball's way is drawn, ms. */
+const TRAIL = 1000;
 /** So many frames in a row that cannot be read are an error. */
 const MOST_UNREADABLE = 30;
 
@@ -27,8 +30,10 @@ export class FrameSearch {
   source: Source | undefined;
   layer: Layer = "none";
   skipped = 0;
-  /** Whether the whole source was tracked: what was not found then is not there. */
-  tracked = false;
+  /** Whether the source is being tracked. */
+  isTracking = false;
+  /** Of the whole source, once it was tracked: what was not found then is not there. */
+  result: TrackResult | undefined;
   readonly #with: { model: Model; sceneChoice: SceneChoice; overlay: Overlay; job: Job };
   readonly #listener: FrameSearchListener;
   #busy = false;
@@ -55,10 +60,22 @@ export class FrameSearch {
   /** Forgets all positions. */
   forget(): void {
     this.detections.clear();
-    this.tracked = false;
+    this.result = undefined;
     this.skipped = 0;
     this.#times = [];
     this.#with.overlay.clear("No position yet");
+  }
+
+  /** Whether all that will be found comes from a track. */
+  get tracked(): boolean {
+    return this.isTracking || this.result !== undefined;
+  }
+
+  /** Shows a track in place of all positions. */
+  showResult(result: TrackResult): void {
+    this.result = result;
+    this.detections.replace(result.detections);
+    this.search();
   }
 
   /** Searches the frame that is shown now. */
@@ -77,16 +94,17 @@ export class FrameSearch {
     const { model, sceneChoice, overlay } = this.#with;
     if (!source) return;
     if (!this.tracked && (!model.localiser || !sceneChoice.camera || !sceneChoice.scene)) return overlay.showPlain(frame.image, "A frame without a position");
-    const known = this.detections.at(frame.timeMs);
+    const known = this.result ? this.result.at(frame.timeMs) : this.detections.at(frame.timeMs);
+    const trail = this.result?.trail(frame.timeMs, TRAIL).map(({ image }) => image) ?? [];
     const isNew = frame.timeMs > (this.detections.all.at(-1)?.timeMs ?? -Infinity);
     const counts = source.playing && isNew;
     if (counts) this.skipped += missed;
     if (known && (this.tracked || this.layer === "none") && !this.#busy) {
       overlay.hold(frame.image);
-      overlay.show(known.explained === false ? { ...known, depth: null } : known, { layer: "none", sure: known.confidence >= model.threshold });
+      overlay.show(known.explained === false ? { ...known, depth: null } : known, { layer: "none", sure: known.confidence >= model.threshold, trail });
       this.#listener.shown(known, false);
     } else if (this.tracked) {
-      overlay.showPlain(frame.image, "The ball was not found in this frame");
+      overlay.showPlain(frame.image, "The ball was not found in this frame", trail);
       this.#listener.shown(undefined, false);
     } else if (!this.#busy) {
       void this.#find(frame, isNew);

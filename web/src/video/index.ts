@@ -22,14 +22,16 @@ import { Numbers } from "./numbers";
 import markup from "./panel.html?raw";
 import { Plots } from "./plots";
 import { csvOf, fittedAt, jsonOf } from "./report";
-import { SceneChoice } from "./scene-choice";
+import { SceneChoice, when } from "./scene-choice";
 import { PictureSource, type Source } from "./sources";
 import "./style.css";
+import { listenForTimes, markContacts, playerKey } from "./timeline";
 import { Transport } from "./transport";
 import { VideoSource } from "./video-source";
+import { Work } from "./work";
 
-export function start(panel: HTMLElement): void {
-  new Step(panel);
+export async function start(panel: HTMLElement): Promise<void> {
+  await new Step(panel).resume();
 }
 
 /** Between two drawings of plots and space while frames come, in milliseconds. */
@@ -52,6 +54,7 @@ class Step {
   readonly #sceneChoice = new SceneChoice();
   readonly #model = new Model();
   readonly #court: Court;
+  readonly #work: Work;
   /** What the positions are of; stays when the source is closed. */
   #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
   #loading: Promise<void> | undefined;
@@ -71,7 +74,7 @@ class Step {
     this.#alert = new Alert(part("video-alert"));
     this.#overlay = new Overlay(part("video-frame"), part("video-picture"), part("video-overlay"), part("video-scale"));
     this.#view = new View3d(part("video-view"));
-    this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"), part("video-plot-pixels"));
+    this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"), part("video-plot-pixels"), (seconds) => this.#goTo(seconds));
     this.#fitResult = new FitResult(part("video-verdict"), part("video-fit-result"));
     this.#transport = new Transport(part);
     this.#numbers = new Numbers(part);
@@ -92,11 +95,24 @@ class Step {
     );
     this.#following = new Following(
       { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job },
-      { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
+      { begin: () => this.#forget(), found: ({ curve }) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
+    );
+    this.#work = new Work(
+      { part, sceneChoice: this.#sceneChoice, following: this.#following, frameSearch: this.#frameSearch, model: this.#model },
+      {
+        openVideo: (file) => this.#openFile(file),
+        openWithout: ({ video }) => this.#showAbout({ ...video, kind: "video" }),
+        sceneChoiceRestored: () => this.#showSceneChoice(),
+      },
     );
     this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
     this.#listen();
     this.#showSceneChoice();
+  }
+
+  /** Goes on with the work that this browser kept. */
+  async resume(): Promise<void> {
+    await this.#alert.during(() => this.#work.resume());
   }
 
   get #source(): Source | undefined {
@@ -114,20 +130,29 @@ class Step {
     });
     onClick("video-real", async () => {
       await this.#openExample("Fetching the clip…", realExample);
-      await this.#following.start();
+      await this.#track();
     });
     onClick("video-rally", async () => {
       await this.#openExample("Fetching the clip…", rallyExample);
-      await this.#following.start();
+      await this.#track();
     });
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
     onClick("video-stop", () => this.#close());
-    onClick("video-track", () => this.#following.start());
+    onClick("video-track", () => this.#track());
+    onClick("video-retrack", () => this.#following.revise().then(() => this.#kept()));
     onClick("video-calibrate", () => this.#calibrate());
     onClick("video-find", () => this.#court.find());
     onClick("video-check", () => this.#court.check());
     onClick("video-fit", () => this.#fitNow());
-    onClick("video-clear", () => this.#forget());
+    onClick("video-clear", () => {
+      this.#forget();
+      return this.#work.forget();
+    });
+    onClick("video-forget-camera", () => this.#sceneChoice.forgetCamera());
+    onClick("video-other-camera-forget", () => this.#sceneChoice.forgetCamera());
+    onClick("video-other-camera-use", () => workspace.cameraIsOf(this.#about.name));
+    onClick("video-correction-undo", () => this.#following.corrections.undo().then(() => this.#kept()));
+    onClick("video-save-session", () => this.#work.save());
     onClick("video-csv", () => save(`${this.#fileName}.csv`, csvOf(this.#frameSearch.detections.all, this.#fit), "text/csv"));
     onClick("video-json", () => this.#saveJson());
     onClick("video-png", async () => save(`${this.#fileName}.png`, await this.#plots.picture()));
@@ -146,7 +171,7 @@ class Step {
         this.#sceneChoiceChanged();
       });
     });
-    part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#following.correct(event)));
+    part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#following.corrections.click(event).then(() => this.#kept())));
     const take = (files: File[]) => void this.#alert.during(() => this.#take(files));
     listenForChosen(part<HTMLInputElement>("video-input"), take);
     listenForDropped(this.#panel, part("video-drop"), take);
@@ -156,6 +181,8 @@ class Step {
     });
     workspace.addEventListener("scene", () => this.#sceneChoiceChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
+    document.addEventListener("keydown", (event) => !this.#panel.hidden && this.#key(event));
+    listenForTimes([part("video-marks"), part("video-fit-result")], (seconds) => this.#goTo(seconds));
   }
 
   // Where frames come from.
@@ -163,7 +190,7 @@ class Step {
   async #take(files: File[]): Promise<void> {
     const media = files.filter((file) => !isJson(file));
     if (media.length > 1) throw new Error("One video or picture at a time, please.");
-    for (const file of files.filter(isJson)) await this.#sceneChoice.take(file);
+    for (const file of files.filter(isJson)) if (!(await this.#work.take(file))) await this.#sceneChoice.take(file);
     if (media[0]) await this.#openFile(media[0]);
     else if (files.length) this.#sceneChoiceChanged();
   }
@@ -175,6 +202,7 @@ class Step {
     }));
     this.#sceneChoice.example = undefined;
     await this.#use(source);
+    if (source instanceof VideoSource) await this.#work.opened(file);
   }
 
   async #openWebcam(): Promise<void> {
@@ -211,25 +239,59 @@ class Step {
   async #use(source: Source): Promise<void> {
     this.#close();
     this.#court.forget();
-    const { name, kind, width, height, durationMs } = source;
-    this.#about = { name, kind, width, height, durationMs };
+    this.#work.close();
     this.#frameSearch.open(source);
-    this.#part("video-empty").hidden = true;
-    this.#part("video-work").hidden = false;
+    this.#showAbout(source);
     this.#part("video-frame").querySelector("video")?.remove();
     // Under the canvas, which shows each frame together with what was found in it.
     if (source.element) this.#part("video-frame").prepend(source.element);
-    this.#overlay.setSize(width, height);
     this.#showSource();
     this.#sceneChoiceChanged();
     source.onFrame = (frame, missed) => {
       this.#transport.showTime(frame.timeMs);
+      this.#plots.showNow(this.#frameSearch.result?.at(frame.timeMs)?.filmed ?? frame.timeMs / 1000);
       this.#frameSearch.take(frame, missed);
     };
     source.onState = () => this.#onState();
     this.#onState();
     if (source.current) source.onFrame(source.current, 0);
     await this.#load();
+  }
+
+  /** Takes down what the results are of, and makes room for them. */
+  #showAbout({ name, kind, width, height, durationMs }: Pick<Source, "name" | "kind" | "width" | "height" | "durationMs">): void {
+    this.#about = { name, kind, width, height, durationMs };
+    this.#sceneChoice.shown = name;
+    this.#forget();
+    this.#part("video-empty").hidden = true;
+    this.#part("video-work").hidden = false;
+    this.#overlay.setSize(width, height);
+  }
+
+  async #track(): Promise<void> {
+    await this.#following.start();
+    await this.#kept();
+  }
+
+  /** Keeps what was found. */
+  async #kept(): Promise<void> {
+    const source = this.#source;
+    await this.#work.found(source instanceof VideoSource ? source.file : undefined, this.#about);
+  }
+
+  /** Shows the moment that was filmed at a time, s. */
+  #goTo(seconds: number): void {
+    this.#source?.pause();
+    this.#source?.seek(this.#frameSearch.result?.shownMs(seconds) ?? 1000 * seconds);
+  }
+
+  #key(event: KeyboardEvent): void {
+    const source = this.#source;
+    if (!source) return;
+    const corrected = this.#following.corrections.key(event);
+    if (corrected instanceof Promise) void this.#alert.during(() => corrected.then(() => this.#kept()));
+    const isUsed = corrected !== false || playerKey(event, this.#panel, source, () => void (source.playing ? source.pause() : this.#play()), this.#frameSearch.result);
+    if (isUsed) event.preventDefault();
   }
 
   /** Loads the model where camera and ball are there; without, positions have to wait. */
@@ -271,7 +333,7 @@ class Step {
     if (!current || !width || !height) throw new Error("Open a video or a picture first.");
     this.#source?.pause();
     const picture = await pictureFile(current.image, { width, height });
-    workspace.calibrate({ picture, name: `a frame of ${this.#about.name}`, sport: this.#sceneChoice.sport, back: "video" });
+    workspace.calibrate({ picture, name: `a frame of ${this.#about.name}`, of: this.#about.name, sport: this.#sceneChoice.sport, back: "video" });
   }
 
   // What is shown.
@@ -290,13 +352,13 @@ class Step {
     const isSure = detection.confidence >= this.#model.threshold;
     this.#numbers.show(detection, isSure);
     this.#view.setBall("found", isSure && known ? detection.world : null);
-    this.#view.setBall("fit", known ? (fittedAt(this.#fit, detection.timeMs)?.world ?? null) : null);
+    this.#view.setBall("fit", known ? (fittedAt(this.#fit, detection.filmed)?.world ?? null) : null);
   }
 
   #showCounts(): void {
-    const { detections, skipped, milliseconds } = this.#frameSearch;
-    const { watched = detections.all.length, missed = skipped } = this.#following.counts ?? {};
-    this.#numbers.showCounts(watched, missed, milliseconds, this.#about.kind === "webcam");
+    const { detections, skipped, milliseconds, result } = this.#frameSearch;
+    const watched = result?.record.timesMs.length ?? detections.all.length;
+    this.#numbers.showCounts(watched, result?.record.missed ?? skipped, this.#frameSearch.tracked ? undefined : milliseconds, this.#about.kind === "webcam");
   }
 
   #refreshSoon(): void {
@@ -323,7 +385,7 @@ class Step {
 
   #showSource(): void {
     this.#transport.open(this.#source);
-    this.#following.showWhether();
+    this.#showWhether();
     this.#part<HTMLFieldSetElement>("video-layers").disabled = !this.#source;
   }
 
@@ -369,16 +431,23 @@ class Step {
     this.#part("video-work").dataset.flat = String(fit.flat);
     this.#view.setPath("fit", fit.frames.flatMap(({ world, explained }) => (explained ? [world] : [])));
     this.#view.setMarks([...fit.impacts, ...fit.hits].filter(({ explained }) => explained).map(({ world }) => world));
-    if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.timeMs)?.world ?? null);
+    if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.filmed)?.world ?? null);
+    const { result } = this.#frameSearch;
+    markContacts(this.#part("video-marks"), fit.findings, (seconds) => result?.shownMs(seconds) ?? 1000 * seconds, this.#about.durationMs);
     this.#refresh();
-    this.#following.showWhether();
+    this.#showWhether();
+  }
+
+  #showWhether(): void {
+    void this.#alert.during(() => this.#following.showWhether());
   }
 
   /** Forgets all positions. */
   #forget(): void {
     this.#following.end();
-    this.#following.showWhether();
     this.#frameSearch.forget();
+    this.#showWhether();
+    this.#part("video-marks").replaceChildren();
     this.#fit = this.#shown = undefined;
     this.#fitResult.clear();
     this.#part("video-work").dataset.flat = "false";
@@ -392,10 +461,11 @@ class Step {
     this.#refresh();
   }
 
-  /** Another camera or scene: what was found with the last one is wrong. */
+  /** Another camera or scene: what was found with the last one is wrong. A track took long: it stays until it is computed again. */
   #sceneChoiceChanged(): void {
     this.#showSceneChoice();
     if (this.#part("video-work").hidden || (!this.#source && this.#sceneChoice.example)) return;
+    if (this.#frameSearch.tracked) return;
     this.#forget();
     if (!this.#source) return;
     if (this.#model.localiser) this.#frameSearch.search();
@@ -403,16 +473,20 @@ class Step {
   }
 
   #showSceneChoice(): void {
-    const { camera, scene, sport, summary } = this.#sceneChoice;
+    const { camera, scene, sport, summary, otherCamera } = this.#sceneChoice;
     this.#part("video-place").textContent = summary;
-    for (const name of ["video-needs-camera", "video-empty-camera"]) this.#part(name).hidden = camera !== undefined;
+    this.#part("video-forget-camera").hidden = !this.#sceneChoice.canForgetCamera;
+    this.#part("video-other-camera").hidden = !otherCamera;
+    if (otherCamera) this.#part("video-other-camera-said").textContent = `The camera in this browser was ${otherCamera.from}, ${when(otherCamera.at)}. Use it here only if it stood in the same place with the same zoom.`;
+    this.#part("video-empty-camera").hidden = camera !== undefined;
+    this.#part("video-needs-camera").hidden = camera !== undefined || otherCamera !== undefined;
     void this.#alert.during(() => this.#court.showWhether());
     this.#part("video-needs-ball").hidden = camera === undefined || scene !== undefined;
     this.#part<HTMLSelectElement>("video-sport").value = sport;
     const ball = this.#part<HTMLInputElement>("video-ball");
     ball.disabled = !scene || this.#sceneChoice.example !== undefined;
     ball.value = scene ? String(Number((200 * scene.ball.radius).toFixed(2))) : "";
-    this.#following.showWhether();
+    this.#showWhether();
   }
 
   #saveJson(): void {

@@ -32,6 +32,7 @@ export class Numbers {
     this.#set("video-processed", looked, String(looked));
     this.#set("video-skipped", skipped, String(skipped));
     this.#part("video-skipped-note").hidden = skipped === 0 || isLive;
+    this.#part("video-ms-row").hidden = milliseconds === undefined;
     this.#set("video-ms", milliseconds ?? "", milliseconds === undefined ? "–" : `${milliseconds.toFixed(1)} ms`);
   }
 

@@ -8,7 +8,8 @@ const SIGMAS = 2;
 const TEXT = 0.036;
 const DOT = 0.007;
 
-export function planOf(plan: Plan): SVGSVGElement {
+/** `times`: when each bounce is, s, by its number from 1. */
+export function planOf(plan: Plan, times: Map<number, number>): SVGSVGElement {
   const [[left, bottom], [right, top]] = [plan.low, plan.high];
   const [width, height] = [right - left, top - bottom];
   const longer = Math.max(width, height);
@@ -19,11 +20,13 @@ export function planOf(plan: Plan): SVGSVGElement {
     const degrees = (-180 * angle) / Math.PI;
     const number = element("text", { x: x + 1.6 * DOT * longer, y: -y - 1.6 * DOT * longer, "font-size": TEXT * longer });
     number.textContent = String(bounce);
-    drawing.append(
+    const group = element("g", { "data-time": times.get(bounce) ?? "" });
+    group.append(
       element("ellipse", { cx: x, cy: -y, rx: SIGMAS * a, ry: SIGMAS * b, transform: `rotate(${degrees} ${x} ${-y})` }),
       element("circle", { cx: x, cy: -y, r: DOT * longer }),
       number,
     );
+    drawing.append(group);
   }
   return drawing;
 }

@@ -8,8 +8,7 @@ const LIVE_WINDOW = 20;
 const SHORT = 12;
 
 const AXES = ["x", "y", "z"];
-/** Across and down, in the picture. */
-const PIXELS = ["u", "v"];
+const PIXELS = ["across", "down"];
 const TIME = "time (s)";
 
 export class Plots {
@@ -20,33 +19,40 @@ export class Plots {
   readonly #speedPlace: HTMLElement;
   readonly #pixelsPlace: HTMLElement;
 
-  constructor(position: HTMLElement, speed: HTMLElement, pixels: HTMLElement) {
+  /** `pick` hears the time (s) that a click chooses. */
+  constructor(position: HTMLElement, speed: HTMLElement, pixels: HTMLElement, pick: (seconds: number) => void) {
     this.#position = new Chart(position, "video-chart-position");
     this.#pixels = new Chart(pixels, "video-chart-pixels");
     this.#positionPlace = position;
     this.#pixelsPlace = pixels;
     this.#speed = new Chart(speed, "video-chart-speed");
     this.#speedPlace = speed;
+    for (const chart of [this.#position, this.#speed, this.#pixels]) chart.onPick = pick;
+  }
+
+  /** Marks the moment (s) that the video shows. */
+  showNow(seconds: number): void {
+    for (const chart of [this.#position, this.#speed, this.#pixels]) chart.showNow(seconds);
   }
 
   show(all: FrameDetection[], fit: Curve | undefined, { threshold, durationMs }: { threshold: number; durationMs: number }): void {
-    const last = (all.at(-1)?.timeMs ?? 0) / 1000;
+    const last = all.at(-1)?.filmed ?? 0;
     const live = !Number.isFinite(durationMs);
-    const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.timeMs ?? 0) / 1000;
+    const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.filmed ?? 0);
     const to = !live && durationMs / 1000 <= SHORT ? durationMs / 1000 || 1 : Math.max(last, from + 1);
-    const shown = all.filter(({ timeMs }) => timeMs / 1000 >= from);
+    const shown = all.filter(({ filmed }) => filmed >= from);
     // What is not explained is no trajectory.
     const frames = (fit?.frames ?? []).filter(({ time, explained }) => time >= from && explained);
     const marks = [...(fit?.impacts ?? []), ...(fit?.hits ?? [])].map(({ time }) => time).filter((time) => time >= from);
     // Of a track without a camera there are pixels alone.
     const flat = fit?.flat ?? false;
     const pixels = PIXELS.map((name, axis): Series => {
-      const dots = (isSure: boolean) => shown.flatMap(({ timeMs, image, confidence }): [number, number][] => (confidence >= threshold === isSure ? [[timeMs / 1000, image[axis] ?? 0]] : []));
+      const dots = (isSure: boolean) => shown.flatMap(({ filmed, image, confidence }): [number, number][] => (confidence >= threshold === isSure ? [[filmed, image[axis] ?? 0]] : []));
       return { name, colour: `--axis-${AXES[axis] ?? "x"}`, dots: dots(true), faint: dots(false) };
     });
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
-        shown.flatMap(({ timeMs, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[timeMs / 1000, world[axis] ?? 0]] : []));
+        shown.flatMap(({ filmed, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[filmed, world[axis] ?? 0]] : []));
       const line = frames.map(({ time, world }): [number, number] => [time, world[axis] ?? 0]);
       return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
     });

@@ -2,24 +2,64 @@
 import type { Camera, Scene } from "gravisight";
 import { tools } from "../shared/core";
 import { readJson } from "../shared/files";
-import { workspace } from "../shared/workspace";
+import { workspace, type CameraAbout } from "../shared/workspace";
 import type { Example } from "./example";
 
 export class SceneChoice {
   /** Of the example while it is shown. */
   example: Omit<Example, "source"> | undefined;
-  readonly #dropped: { camera?: { name: string; content: Camera }; scene?: { name: string; content: Scene } } = {};
+  /** The name of the video or picture that is open; empty where none is. */
+  shown = "";
+  readonly #dropped: { camera?: { name: string; content: Camera; sigma: Camera[] }; scene?: { name: string; content: Scene } } = {};
   #sport: { name: string; content: Scene } | undefined;
   /** Of the ball in place of the scene's, metres. */
   #radius: number | undefined;
 
   get camera(): Camera | undefined {
-    return this.example?.camera ?? this.#dropped.camera?.content ?? workspace.camera;
+    return this.example?.camera ?? this.#dropped.camera?.content ?? (this.otherCamera ? undefined : workspace.camera);
   }
 
   /** How unsure the camera is, where that is known. */
   get cameraSigma(): Camera[] {
-    return this.example || this.#dropped.camera ? [] : workspace.cameraSigma;
+    if (this.example) return [];
+    return this.#dropped.camera?.sigma ?? (this.otherCamera ? [] : workspace.cameraSigma);
+  }
+
+  /** What the kept camera is of, if that is another video: it is used only once a person has confirmed it. */
+  get otherCamera(): CameraAbout | undefined {
+    if (this.example || this.#dropped.camera || !this.shown || !workspace.camera) return undefined;
+    const about = workspace.cameraAbout;
+    return about && about.of.length > 0 && !about.of.includes(this.shown) ? about : undefined;
+  }
+
+  /** Whether the camera in use can be forgotten: an example's cannot. */
+  get canForgetCamera(): boolean {
+    return !this.example && this.camera !== undefined;
+  }
+
+  /** No longer uses the camera, in any step. */
+  forgetCamera(): void {
+    const wasDropped = this.#dropped.camera !== undefined;
+    delete this.#dropped.camera;
+    if (!wasDropped) workspace.setCamera(undefined, []);
+  }
+
+  /** Takes what a kept track was made with. */
+  restore({ camera, cameraSigma, cameraFrom, scene, sport }: { camera?: Camera; cameraSigma: Camera[]; cameraFrom: string; scene?: Scene; sport: string }): void {
+    this.example = undefined;
+    this.#radius = undefined;
+    delete this.#dropped.scene;
+    delete this.#dropped.camera;
+    if (camera) this.#dropped.camera = { name: cameraFrom, content: camera, sigma: cameraSigma };
+    this.#sport = scene && sport ? { name: sport, content: scene } : undefined;
+    if (scene && !sport) this.#dropped.scene = { name: "the kept work", content: scene };
+  }
+
+  /** Where the camera comes from, in words. */
+  get cameraFrom(): string {
+    if (this.example) return "the example’s own";
+    const about = workspace.cameraAbout;
+    return this.#dropped.camera?.name ?? (about ? `${about.from}, ${when(about.at)}` : "the step Calibrate");
   }
 
   /** Undefined where no ball was chosen. */
@@ -59,8 +99,7 @@ export class SceneChoice {
     if (this.example) return this.example.summary;
     const { camera, scene } = this;
     const size = camera ? `, ${camera.width} × ${camera.height} px` : "";
-    const from = this.#dropped.camera?.name ?? "the step Calibrate";
-    const cameraText = camera ? `Camera: from ${from}${size}.` : "Camera: none yet.";
+    const cameraText = camera ? `Camera: ${this.cameraFrom}${size}.` : "Camera: none yet.";
     if (!scene) return `${cameraText} Place and ball: not chosen.`;
     const things = [scene.floor && "a floor", scene.boxes?.length && "boxes", scene.walls?.length && "walls"].filter(Boolean).join(", ");
     const ball = `ball ${(200 * scene.ball.radius).toFixed(1)} cm across${things ? `, ${things}` : ""}`;
@@ -74,7 +113,7 @@ export class SceneChoice {
     if (has("intrinsic", "camera_from_world")) {
       const camera = content as Camera;
       await (await tools()).project(camera, [[0, 0, 0]]);
-      this.#dropped.camera = { name: file.name, content: camera };
+      this.#dropped.camera = { name: file.name, content: camera, sigma: [] };
     } else if (has("gravity", "ball")) {
       const scene = content as Scene;
       await (await tools()).forecast(scene, { position: [0, 0, 1e3], velocity: [0, 0, 0] }, [0]);
@@ -82,4 +121,11 @@ export class SceneChoice {
       this.#radius = undefined;
     } else throw new Error(`${file.name} is neither a camera.json (intrinsic, camera_from_world) nor a scene.json (gravity, ball).`);
   }
+}
+
+/** A moment for people: today's by its time, others by their date. */
+export function when(iso: string): string {
+  const date = new Date(iso);
+  const isToday = date.toDateString() === new Date().toDateString();
+  return new Intl.DateTimeFormat("en-GB", isToday ? { timeStyle: "short" } : { dateStyle: "medium", timeStyle: "short" }).format(date);
 }

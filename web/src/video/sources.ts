@@ -31,6 +31,8 @@ export interface Source {
   play(): Promise<void>;
   pause(): void;
   seek(timeMs: number): void;
+  /** When each frame is shown, once that is known: seeking and stepping are exact from then on. */
+  setFrames?(timesMs: number[]): void;
   /** A frame forward (1) or back (-1). */
   step(by: 1 | -1): void;
   setRate(rate: number): void;

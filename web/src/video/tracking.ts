@@ -1,8 +1,8 @@
 /** The ball through a whole source: every frame is given to a tracker, which is kept for what a person corrects. */
-import { VideoTracker, type Camera, type DeviceChoice, type Picture, type Scene, type TrackedVideo } from "gravisight";
+import { VideoTracker, type Camera, type DeviceChoice, type Picture, type Scene } from "gravisight";
 import type { Watch } from "../shared/job";
-import type { Curve, FrameDetection } from "./detections";
 import { PictureSource, type Frame, type Source } from "./sources";
+import { TrackResult } from "./track-result";
 import { VideoSource } from "./video-source";
 
 /** Frames that wait for the tracker, above which the video pauses, and below which it goes on. */
@@ -27,17 +27,25 @@ export interface Known {
   court: string | undefined;
 }
 
+/** Where a person saw the ball. */
+export interface Correction {
+  /** The frame's number. */
+  frame: number;
+  /** The ball's centre, pixels. */
+  image: [number, number];
+}
+
 export class Tracking {
   readonly #tracker: VideoTracker;
-  readonly #known: Known;
-  /** When the frames were, milliseconds. */
+  #known: Known;
+  /** When the video shows the frames, milliseconds. */
   readonly #times: number[] = [];
   /** Frames that the browser did not show. */
   missed = 0;
   /** Why frames at the end are missing; empty where none are. */
   broken = "";
-  /** Where a person saw the ball, by frame. */
-  readonly #seeds = new Map<number, [number, number]>();
+  /** Where a person saw the ball. */
+  seeds: Correction[] = [];
 
   private constructor(tracker: VideoTracker, known: Known) {
     this.#tracker = tracker;
@@ -53,7 +61,9 @@ export class Tracking {
       progress(0, source.durationMs, "Watching the video…");
       const add = async (picture: Picture, timeMs: number) => {
         signal.throwIfAborted();
-        await tracker.add(picture, timeMs);
+        const [first = timeMs] = tracking.#times;
+        // From the first frame on, as the command counts: a file's own clock need not start at 0.
+        await tracker.add(picture, timeMs - first);
         tracking.#times.push(timeMs);
         progress(timeMs, source.durationMs);
       };
@@ -77,28 +87,29 @@ export class Tracking {
     }
   }
 
+  /** Takes another place, or another uncertainty of the same camera. */
+  use(known: Known): void {
+    this.#known = known;
+  }
+
   /** Frames that were given. */
   get watched(): number {
     return this.#times.length;
   }
 
-  /** Takes a person's position of the ball in the frame next to a time. */
-  mark(timeMs: number, image: [number, number]): void {
-    const near = this.#times.reduce((best, time, frame) => (Math.abs(time - timeMs) < Math.abs((this.#times[best] ?? Infinity) - timeMs) ? frame : best), 0);
-    this.#seeds.set(near, image);
-  }
-
   /** The ball in all frames. */
-  async track({ signal, progress }: Watch): Promise<TrackedVideo> {
+  async track({ signal, progress }: Watch): Promise<TrackResult> {
     progress(0, null, "Finding the flights…");
     const { camera, cameraSigma, scene } = this.#known;
-    return this.#tracker.track({
+    const tracked = await this.#tracker.track({
       ...(camera && scene && { camera, cameraSigma, scene }),
-      seeds: [...this.#seeds].map(([frame, image]) => ({ frame, image })),
+      seeds: this.seeds,
       timesKnown: true,
       signal,
       onProgress: ({ loaded, total }) => progress(loaded, total),
     });
+    const { missed, broken } = this;
+    return new TrackResult({ tracked, timesMs: this.#times, camera: scene && camera, missed, broken });
   }
 
   dispose(): void {
@@ -178,22 +189,4 @@ async function played(source: Source, add: (picture: Picture, timeMs: number) =>
     source.onState();
   }
   return missed;
-}
-
-/** The frames that show the ball. */
-export function detectionsOf({ frames, findings }: TrackedVideo, camera: Camera | undefined): FrameDetection[] {
-  const axis = camera?.camera_from_world[2] ?? [];
-  return frames.flatMap(({ time, image, confidence, world, sigma, explained }, index): FrameDetection[] => {
-    const precise = findings.precise[index] ?? false;
-    const depth = world && world.reduce((sum, value, index) => sum + value * (axis[index] ?? 0), axis[3] ?? 0);
-    return image ? [{ timeMs: 1000 * time, image, confidence, world, depth, sigma, precise, ...(explained !== null && { explained }) }] : [];
-  });
-}
-
-/** The flights in the form of a fit to detections. */
-export function curveOf({ frames, explained, ...all }: TrackedVideo): Curve {
-  const fitted = frames.flatMap(({ time, world, speed, sigma, outlier, explained }) =>
-    world && speed !== null && sigma !== null ? [{ time, world, speed, sigma, outlier, explained: explained ?? false }] : [],
-  );
-  return { ...all, explained: explained ?? false, flat: explained === null, frames: fitted };
 }

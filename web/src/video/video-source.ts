@@ -1,4 +1,5 @@
 /** What a `<video>` plays: a file, or the webcam. */
+import { FrameTimes } from "./frame-times";
 import { closeVideo, openVideo, until, videoElement } from "../shared/film";
 import type { Frame, Source } from "./sources";
 
@@ -14,6 +15,9 @@ export class VideoSource implements Source {
   readonly element: HTMLVideoElement;
   readonly file: File | undefined;
   #frameSeconds = USUAL_FRAME;
+  #frames: FrameTimes | undefined;
+  /** Whether a seek is under way whose frame has not come yet. */
+  #awaited = true;
   #presented = 0;
   /** The webcam's clock starts with its first frame. */
   #origin: number | undefined;
@@ -34,7 +38,12 @@ export class VideoSource implements Source {
     this.file = from instanceof File ? from : undefined;
     for (const event of ["play", "pause", "ended"]) element.addEventListener(event, () => this.onState());
     if (!stream) {
-      const shownSoon = () => (this.#timer = window.setTimeout(() => this.#shown(element.currentTime * 1000, 1), PATIENCE));
+      // Its frame most often comes before `seeked`, with its own time; the clock only has the time that was sought.
+      const shownSoon = () => {
+        clearTimeout(this.#timer);
+        if (this.#awaited) this.#timer = window.setTimeout(() => this.#shown(element.currentTime * 1000, 1), PATIENCE);
+      };
+      element.addEventListener("seeking", () => (this.#awaited = true));
       element.addEventListener("seeked", shownSoon);
       // The first frame may have been shown before anybody listened.
       shownSoon();
@@ -95,15 +104,23 @@ export class VideoSource implements Source {
     for (const track of this.#stream?.getTracks() ?? []) track.enabled = false;
   }
 
+  setFrames(timesMs: number[]): void {
+    this.#frames = new FrameTimes(timesMs);
+    if (!this.playing && this.current) this.#shown(this.current.timeMs, 1);
+  }
+
   seek(timeMs: number): void {
-    if (this.kind === "video") this.element.currentTime = Math.min(Math.max(timeMs / 1000, 0), this.element.duration);
+    if (this.kind !== "video") return;
+    const exact = this.#frames?.middleOf(this.#frames.indexAt(timeMs)) ?? timeMs;
+    this.element.currentTime = Math.min(Math.max(exact / 1000, 0), this.element.duration);
   }
 
   step(by: 1 | -1): void {
     this.pause();
-    const shown = (this.current?.timeMs ?? 0) / 1000;
+    const shown = this.current?.timeMs ?? 0;
+    const next = this.#frames?.middleOf(this.#frames.indexAt(shown) + by);
     // Into the middle of that frame's time.
-    this.seek(1000 * (shown + this.#frameSeconds * (by > 0 ? 1.5 : -0.5)));
+    this.seek(next ?? shown + 1000 * this.#frameSeconds * (by > 0 ? 1.5 : -0.5));
   }
 
   setRate(rate: number): void {
@@ -146,9 +163,10 @@ export class VideoSource implements Source {
 
   #shown(clockMs: number, presented: number): void {
     clearTimeout(this.#timer);
+    this.#awaited = false;
     if (this.#disposed) return;
     this.#origin ??= this.#stream ? clockMs : 0;
-    const timeMs = clockMs - this.#origin;
+    const timeMs = this.#frames?.startOf(clockMs - this.#origin) ?? clockMs - this.#origin;
     const since = (timeMs - (this.current?.timeMs ?? -Infinity)) / 1000;
     // Of frames one after the other; what was left out makes no frame longer.
     if (this.playing && presented === 1 && since > 1e-3 && since < 0.2) this.#frameSeconds = since;
