@@ -77,11 +77,10 @@ test("arrow keys step wherever the focus is, Shift by ten frames; Space plays an
   await page.keyboard.press("Shift+ArrowRight");
   const ten = frames.find(({ videoTime }) => videoTime > frames[0].videoTime + 9.5 / 30);
   assert.ok(distance(pixelOf((await settled(page)).label), ten.image) < 1);
-  const isPlaying = () => page.getByTestId("video-play").getAttribute("data-playing");
   await page.keyboard.press("Space");
   await page.waitForFunction(() => document.querySelector('[data-part="video-play"]').dataset.playing === "true");
   await page.keyboard.press("Space");
-  assert.equal(await isPlaying(), "false");
+  await page.waitForFunction(() => document.querySelector('[data-part="video-play"]').dataset.playing === "false");
 });
 
 test("a video that repeats frames shows the ring in all of them, and its times are those of filming", PATIENCE, async () => {
@@ -110,7 +109,7 @@ test("a correction is listed, taken back, and made by keys", PATIENCE, async () 
   await page.keyboard.press("Enter");
   await page.getByTestId("video-correction").waitFor(PATIENCE);
   await page.getByTestId("video-job").waitFor({ state: "hidden", ...PATIENCE });
-  assert.match(await page.getByTestId("video-corrections").innerText(), /Frame \d+: the ball is at pixel \d+, \d+/);
+  assert.match(await page.getByTestId("video-corrections").textContent(), /Frame \d+: the ball is at pixel \d+, \d+/);
   await page.getByTestId("video-correction-undo").click();
   await page.getByTestId("video-corrections").waitFor({ state: "hidden", ...PATIENCE });
   await page.getByTestId("video-job").waitFor({ state: "hidden", ...PATIENCE });

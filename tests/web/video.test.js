@@ -318,8 +318,10 @@ test("without a camera the ball is tracked in pixels, with a table to take along
   assert.deepEqual(await axe(own, "#panel-video"), []);
   // With the camera and the place the same video gives metres.
   await own.getByTestId("video-input").setInputFiles([jsonFile(made.camera), jsonFile(made.scene, "scene.json")]);
-  await own.getByTestId("video-track-why").filter({ hasText: "Processes every frame, then fits the flights" }).waitFor(PATIENCE);
-  assert.ok(await own.getByTestId("video-verdict").isHidden(), "what was found in pixels is forgotten");
+  await own.getByTestId("video-stale").waitFor(PATIENCE);
+  assert.ok(await own.getByTestId("video-verdict").isVisible(), "what was found in pixels stays until then");
+  await own.getByTestId("video-retrack").click();
+  await own.getByTestId("video-fit-words").filter({ hasText: "The flight is explained" }).waitFor(PATIENCE);
   await own.close();
 });
 

@@ -111,7 +111,6 @@ export class Following {
     tracking.seeds = this.corrections.all;
     const result = await tracking.track(watch);
     this.show(result);
-    this.#with.frameSearch.source?.seek(result.detections[0]?.timeMs ?? 0);
   }
 
   /** Shows a track: one that was just made, or one that was kept. */
@@ -121,6 +120,7 @@ export class Following {
     frameSearch.showResult(result);
     this.#listener.found(result);
     frameSearch.source?.setFrames?.(result.record.timesMs);
+    frameSearch.source?.seek(result.detections[0]?.timeMs ?? 0);
   }
 
   /** Takes what a kept track was made with. */
