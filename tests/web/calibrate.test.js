@@ -128,15 +128,21 @@ test("axe finds nothing to complain of, in light and in dark", async () => {
   await page.emulateMedia({ colorScheme: null });
 });
 
-test("a court's template lists its points, and too few clicks are no alarm", async () => {
+test("a court's template lists its points, the outer corners first, and too few clicks are no alarm", async () => {
   await page.getByTestId("cal-court").selectOption("tennis");
   await page.getByTestId("cal-point-24").waitFor(PATIENCE);
   assert.match(await page.getByTestId("cal-about").textContent(), /ITF/);
   assert.match(await page.getByTestId("cal-point-0").textContent(), /left.*-5\.485, .* m/);
   assert.match(await page.getByTestId("cal-hint").textContent(), /4 more points/);
   assert.equal(await page.getByTestId("cal-alert").textContent(), "");
+  const names = await page.locator(".cal-choose > span:nth-child(2)").allTextContents();
+  const order = ["doubles corner", "singles corner", "service line"].flatMap((corner) => ["far", "near"].flatMap((end) => ["left", "right"].map((side) => `${end} ${corner} ${side}`)));
+  assert.deepEqual(names.slice(0, 12), order);
+  // Then the crossings on the court's axes; what is above the ground comes last.
+  assert.deepEqual(names.slice(12, 16), ["far centre mark", "near centre mark", "far service T", "near service T"]);
+  assert.deepEqual(names.slice(-3), ["net post top left", "net post top right", "net centre top"]);
   await page.getByTestId("cal-own").click();
-  assert.equal(await page.getByTestId("cal-name-0").inputValue(), "doubles line at the net left");
+  assert.equal(await page.getByTestId("cal-name-0").inputValue(), "far doubles corner left");
 });
 
 test("points on one line are explained by the core's own words", async () => {
