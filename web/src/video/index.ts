@@ -108,6 +108,7 @@ class Step {
     this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
     this.#listen();
     this.#showSceneChoice();
+    this.#takeSport();
   }
 
   /** Goes on with the work that this browser kept. */
@@ -178,6 +179,7 @@ class Step {
     workspace.addEventListener("camera", () => {
       this.#sceneChoice.cameraChanged();
       this.#sceneChoiceChanged();
+      this.#takeSport();
     });
     workspace.addEventListener("scene", () => this.#sceneChoiceChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
@@ -470,6 +472,13 @@ class Step {
     if (!this.#source) return;
     if (this.#model.localiser) this.#frameSearch.search();
     else void this.#alert.during(() => this.#load());
+  }
+
+  /** The step Calibrate knows the sport from the court. */
+  #takeSport(): void {
+    void this.#alert.during(async () => {
+      if (await this.#sceneChoice.takeSport()) this.#sceneChoiceChanged();
+    });
   }
 
   #showSceneChoice(): void {
