@@ -3,7 +3,7 @@ import { contextOf, make } from "../dom";
 import { overlayOf, type Pixel, type PixelMap } from "./canvas";
 import { Loupe } from "./loupe";
 import "./picture-view.css";
-import { Pointers } from "./pointers";
+import { Pointers, type Spot } from "./pointers";
 import { Zoom } from "./zoom";
 import { ZoomBar } from "./zoom-bar";
 
@@ -137,12 +137,12 @@ export class PictureView {
   }
 
   /** Where in the frame an event is, in fractions of it. */
-  #inFrame({ clientX, clientY }: MouseEvent): Pixel {
+  #inFrame({ clientX, clientY }: Spot): Pixel {
     const box = this.overlay.getBoundingClientRect();
     return [(clientX - box.left) / box.width, (clientY - box.top) / box.height];
   }
 
-  #at(event: MouseEvent): Pixel {
+  #at(event: Spot): Pixel {
     const [x, y] = this.#zoom.toPicture(this.#inFrame(event));
     const { width, height } = this.size;
     const within = (value: number, side: number) => Math.min(Math.max(value * side - 0.5, -0.5), side - 0.5);

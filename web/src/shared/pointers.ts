@@ -1,6 +1,9 @@
 /** What a mouse, a pen or fingers do on a picture: one of them presses and drags, two fingers move and enlarge it. */
 import type { Pixel } from "./canvas";
 
+/** A place in the window, as events have it. */
+export type Spot = Pick<MouseEvent, "clientX" | "clientY">;
+
 export interface PointersListener {
   isReady(): boolean;
   /** Whether dragging moves the picture. */
@@ -14,7 +17,7 @@ export interface PointersListener {
   cancel(): void;
   /** The picture is moved by CSS pixels. */
   pan(by: Pixel): void;
-  zoom(factor: number, about: MouseEvent): void;
+  zoom(factor: number, about: Spot): void;
   /** Whether the wheel is for the picture and not for the page; `isIn` where it would enlarge. */
   takesWheel(isIn: boolean): boolean;
 }
@@ -104,10 +107,11 @@ export class Pointers {
     const other = [...this.#down.values()].find(({ pointerId }) => pointerId !== event.pointerId);
     this.#down.set(event.pointerId, event);
     if (!other) return;
-    const far = (from: PointerEvent) => Math.hypot(from.clientX - other.clientX, from.clientY - other.clientY);
+    const far = (from: Spot) => Math.hypot(from.clientX - other.clientX, from.clientY - other.clientY);
+    const between = { clientX: (last.clientX + other.clientX) / 2, clientY: (last.clientY + other.clientY) / 2 };
+    // In this order: a whole picture cannot be moved.
+    if (far(last) > 0) this.#listener.zoom(far(event) / far(last), between);
     this.#listener.pan([(event.clientX - last.clientX) / 2, (event.clientY - last.clientY) / 2]);
-    const [clientX, clientY] = [(event.clientX + other.clientX) / 2, (event.clientY + other.clientY) / 2];
-    if (far(last) > 0) this.#listener.zoom(far(event) / far(last), new MouseEvent("pinch", { clientX, clientY }));
   }
 
   #release(event: PointerEvent): void {
