@@ -149,7 +149,7 @@ function mapOf(places: Vector[], mostRaised: number): (place: Vector) => Spot {
   };
   const [left, right] = span(0);
   const [near, far] = span(1);
-  const [aside, above] = [EDGE + mostRaised * RAISED_BY[0], EDGE + RAISED_BY[1]];
+  const [aside, above] = [EDGE + mostRaised * RAISED_BY[0], EDGE + mostRaised * RAISED_BY[1]];
   return ([x, y]) => [
     aside + ((x - left) / (right - left || 1)) * (WIDTH - 2 * aside),
     above + ((far - y) / (far - near || 1)) * (HEIGHT - 2 * above),
