@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { axe, launch, open, saved, value } from "./support/browser.js";
+import { drawnCourt, pngOf } from "./support/court.js";
 import { jsonFile, pictureOf, pngFile, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
@@ -120,6 +121,16 @@ test("a reload keeps picture, points and clicks, and the camera is used", async 
   nearMatrix(kept.camera_from_world, camera.camera_from_world, 1e-3);
 });
 
+test("Try uses the calibrated camera for a picture of its size, and asks for one for another size", async () => {
+  await page.evaluate(() => (location.hash = "try"));
+  await page.getByTestId("file-input").setInputFiles([pngFile("alone.png", pictureOf(samples[0]))]);
+  await page.getByTestId("drop").filter({ hasText: "alone.png · with the camera of the step Calibrate" }).waitFor(PATIENCE);
+  assert.equal(await page.getByTestId("alert").textContent(), "");
+  await page.getByTestId("file-input").setInputFiles([pngFile("large.png", pngOf(drawnCourt([])))]);
+  await page.getByTestId("alert").filter({ hasText: "large.png needs its camera.json" }).waitFor(PATIENCE);
+  await page.evaluate(() => (location.hash = "calibrate"));
+});
+
 test("axe finds nothing to complain of, in light and in dark", async () => {
   for (const colorScheme of ["light", "dark"]) {
     await page.emulateMedia({ colorScheme });
@@ -162,6 +173,9 @@ test("files that are of no use are refused in words", async () => {
     await page.getByTestId("cal-file").setInputFiles([file]);
     await page.getByTestId("cal-alert").filter({ hasText: words }).waitFor(PATIENCE);
   }
+  await page.getByTestId("cal-file").setInputFiles([{ name: "broken.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video") }]);
+  await page.getByTestId("cal-alert").filter({ hasText: "broken.mp4" }).waitFor(PATIENCE);
+  assert.doesNotMatch(await page.getByTestId("cal-picture-name").textContent(), /reading/);
   await page.getByTestId("cal-file").setInputFiles([pngFile("good.png", pictureOf(samples[1]))]);
   await page.getByTestId("cal-picture-name").filter({ hasText: "good.png, 224 × 224" }).waitFor(PATIENCE);
   assert.equal(await page.getByTestId("cal-alert").textContent(), "");
