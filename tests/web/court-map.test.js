@@ -120,15 +120,24 @@ test("axe finds nothing in the filled step, in light and in dark", async () => {
   await page.emulateMedia({ colorScheme: null });
 });
 
-test("own points have no court to draw, and a court that is drawn by another scale has every point inside", async () => {
-  for (const name of ["volleyball", "cricket", "squash", "table-tennis", "football"]) {
+test("own points have no court to draw, and every court is drawn with its points apart", async () => {
+  for (const name of await page.getByTestId("cal-court").locator("option").evaluateAll((options) => options.map(({ value }) => value).filter(Boolean))) {
     await page.getByTestId("cal-court").selectOption(name);
-    await page.waitForFunction((name) => document.querySelectorAll(".court-point").length === document.querySelectorAll('[data-part="cal-list"] > li').length && name, name, PATIENCE);
+    await page.waitForFunction(() => {
+      const texts = (place) => [...document.querySelectorAll(place)].map(({ textContent }) => textContent);
+      const [dots, points] = [texts(".court-point title"), texts(".cal-choose > span:nth-child(2)")];
+      return dots.length === points.length && dots.every((text, index) => text.includes(points[index]));
+    }, null, PATIENCE);
     const outside = await page.evaluate(() => {
       const { left, right, top, bottom } = document.querySelector(".court-map").getBoundingClientRect();
       return [...document.querySelectorAll(".court-dot")].map((dot) => dot.getBoundingClientRect()).filter((box) => box.left < left || box.right > right || box.top < top || box.bottom > bottom).length;
     });
     assert.equal(outside, 0, name);
+    const closest = await page.locator(".court-dot").evaluateAll((dots) => {
+      const places = dots.map((dot) => dot.getBBox()).map(({ x, y, width, height }) => [x + width / 2, y + height / 2]);
+      return Math.min(...places.flatMap(([x, y], index) => places.slice(index + 1).map((other) => Math.hypot(other[0] - x, other[1] - y))));
+    });
+    assert.ok(closest > 12, `${name}: ${closest}`);
   }
   await page.getByTestId("cal-own").click();
   assert.ok(await page.getByTestId("cal-map-card").isHidden());

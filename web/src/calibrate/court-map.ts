@@ -15,6 +15,8 @@ const RAISED_BY: Spot = [13, 9];
 /** Of a finger. */
 const REACH = 26;
 const DOT = 6;
+/** Dots closer than this hide one another. */
+const APART = 13;
 
 interface Dot {
   place: SVGGElement;
@@ -50,14 +52,17 @@ export class CourtMap {
     const toMap = mapOf([...worlds, ...lines.flatMap(({ from, to }) => [from, to])], Math.max(0, ...ranks.map(Math.abs)));
     const painted = lines.map(({ from, to }) => line("court-line", toMap(from), toMap(to)));
     const stems: SVGElement[] = [];
-    this.#dots = worlds.map((world, index) => {
-      const foot = toMap(world);
+    const dots: Dot[] = [];
+    for (const [index, world] of worlds.entries()) {
       const rank = ranks[index] ?? 0;
-      const at: Spot = [foot[0] + Math.sign(world[0]) * Math.abs(rank) * RAISED_BY[0], foot[1] - rank * RAISED_BY[1] - (world[0] === 0 ? 4 * rank : 0)];
-      if (rank !== 0) stems.push(line("court-stem", foot, at));
-      return { place: this.#dot(at, index, rank !== 0), at };
-    });
-    this.#svg.replaceChildren(...painted, ...stems, ...this.#dots.map(({ place }) => place));
+      const foot = toMap(world);
+      const raised: Spot = [foot[0] + Math.sign(world[0]) * Math.abs(rank) * RAISED_BY[0], foot[1] - rank * RAISED_BY[1] - (world[0] === 0 ? 4 * rank : 0)];
+      const at = apart(raised, dots.map((dot) => dot.at));
+      if (at[0] !== foot[0] || at[1] !== foot[1]) stems.push(line("court-stem", foot, at));
+      dots.push({ place: this.#dot(at, index, rank !== 0), at });
+    }
+    this.#dots = dots;
+    this.#svg.replaceChildren(...painted, ...stems, ...dots.map(({ place }) => place));
   }
 
   /** Shows how each point is. */
@@ -139,6 +144,15 @@ function rankOf([x, y, z]: Vector, all: Vector[], level: number): number {
   const isBetween = (height: number) => (z > level ? height > level && height <= z : height < level && height >= z);
   const heights = new Set(all.filter((other) => other[0] === x && other[1] === y && isBetween(other[2])).map((other) => other[2]));
   return z > level ? heights.size : -heights.size;
+}
+
+/** Beside the dots that are there: nearer to the middle of the court. */
+function apart([x, y]: Spot, others: Spot[]): Spot {
+  const inwards = y > HEIGHT / 2 ? -1 : 1;
+  const isFree = (there: number) => others.every((other) => Math.hypot(other[0] - x, other[1] - there) >= APART);
+  let there = y;
+  while (!isFree(there) && there > 0 && there < HEIGHT) there += inwards;
+  return [x, there];
 }
 
 /** A plan that fills the drawing: across and along have scales of their own. The far end is at the top. */
