@@ -124,7 +124,7 @@ test("a reload keeps picture, points and clicks, and the camera is used", async 
 test("Try uses the calibrated camera for a picture of its size, and asks for one for another size", async () => {
   await page.evaluate(() => (location.hash = "try"));
   await page.getByTestId("file-input").setInputFiles([pngFile("alone.png", pictureOf(samples[0]))]);
-  await page.getByTestId("drop").filter({ hasText: "alone.png · with the camera of the step Calibrate" }).waitFor(PATIENCE);
+  await page.getByTestId("drop").filter({ hasText: /alone\.png · with the camera calibrated on / }).waitFor(PATIENCE);
   assert.equal(await page.getByTestId("alert").textContent(), "");
   await page.getByTestId("file-input").setInputFiles([pngFile("large.png", pngOf(drawnCourt([])))]);
   await page.getByTestId("alert").filter({ hasText: "large.png needs its camera.json" }).waitFor(PATIENCE);

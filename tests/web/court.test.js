@@ -65,7 +65,7 @@ test("lines that the picture does not show are said, and the clicks alone count"
 test("the camera goes back to the step that asked for it", async () => {
   await page.getByTestId("cal-use").click();
   await page.waitForFunction(() => location.hash === "#video");
-  await page.getByTestId("video-place").filter({ hasText: `the step Calibrate, ${truth.width} × ${truth.height} px` }).waitFor(PATIENCE);
+  await page.getByTestId("video-place").filter({ hasText: new RegExp(`Camera: calibrated on a frame of court\\.png, .*${truth.width} × ${truth.height} px`) }).waitFor(PATIENCE);
   assert.ok(await page.getByTestId("video-needs-camera").isHidden());
   await page.waitForFunction(() => document.querySelector('[data-part="video-processed"]').value === "1", null, { timeout: 120_000 });
   assert.equal(await page.getByTestId("video-alert").textContent(), "");

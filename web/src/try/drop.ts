@@ -61,7 +61,7 @@ export class Drop {
     const camera = given?.content ?? (await calibratedFor(picture));
     // Unless other files came meanwhile.
     if (picture !== this.#picture || given !== this.#camera) return;
-    if (!given && camera) this.#state.textContent = `${picture.name} · with the camera of the step Calibrate`;
+    if (!given && camera) this.#state.textContent = `${picture.name} · with the camera ${workspace.cameraAbout?.from ?? "of the step Calibrate"}`;
     if (!camera) return this.#listener.onPictureAlone(picture);
     this.#listener.onSubject({ name: picture.name, picture, camera });
   }

@@ -108,11 +108,12 @@ class Step {
     this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
     this.#listen();
     this.#showSceneChoice();
-    this.#takeSport();
   }
 
   /** Goes on with the work that this browser kept. */
   async resume(): Promise<void> {
+    // Before the kept work, which has its own place.
+    await this.#takeSport();
     await this.#alert.during(() => this.#work.resume());
   }
 
@@ -179,7 +180,7 @@ class Step {
     workspace.addEventListener("camera", () => {
       this.#sceneChoice.cameraChanged();
       this.#sceneChoiceChanged();
-      this.#takeSport();
+      void this.#takeSport();
     });
     workspace.addEventListener("scene", () => this.#sceneChoiceChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
@@ -475,8 +476,8 @@ class Step {
   }
 
   /** The step Calibrate knows the sport from the court. */
-  #takeSport(): void {
-    void this.#alert.during(async () => {
+  #takeSport(): Promise<void> {
+    return this.#alert.during(async () => {
       if (await this.#sceneChoice.takeSport()) this.#sceneChoiceChanged();
     });
   }

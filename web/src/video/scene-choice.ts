@@ -86,8 +86,8 @@ export class SceneChoice {
   /** Takes the sport of the camera's court if no place was chosen; true if it did. */
   async takeSport(): Promise<boolean> {
     const { court = "" } = workspace.cameraAbout ?? {};
-    const sport = court && !this.otherCamera && (await (await tools()).scenes()).find((name) => court.startsWith(name));
-    if (!sport || this.scene) return false;
+    const sport = court && (await (await tools()).scenes()).find((name) => court.startsWith(name));
+    if (!sport || this.scene || this.otherCamera) return false;
     await this.choose(sport);
     return true;
   }
