@@ -2,6 +2,7 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { axe, launch, open, saved, value } from "./support/browser.js";
+import { drawnCourt, pngOf } from "./support/court.js";
 import { jsonFile, pictureOf, pngFile, samples } from "./support/demo.js";
 import { serve } from "./support/server.js";
 
@@ -120,6 +121,16 @@ test("a reload keeps picture, points and clicks, and the camera is used", async 
   nearMatrix(kept.camera_from_world, camera.camera_from_world, 1e-3);
 });
 
+test("Try uses the calibrated camera for a picture of its size, and asks for one for another size", async () => {
+  await page.evaluate(() => (location.hash = "try"));
+  await page.getByTestId("file-input").setInputFiles([pngFile("alone.png", pictureOf(samples[0]))]);
+  await page.getByTestId("drop").filter({ hasText: /alone\.png · with the camera calibrated on / }).waitFor(PATIENCE);
+  assert.equal(await page.getByTestId("alert").textContent(), "");
+  await page.getByTestId("file-input").setInputFiles([pngFile("large.png", pngOf(drawnCourt([])))]);
+  await page.getByTestId("alert").filter({ hasText: "large.png needs its camera.json" }).waitFor(PATIENCE);
+  await page.evaluate(() => (location.hash = "calibrate"));
+});
+
 test("axe finds nothing to complain of, in light and in dark", async () => {
   for (const colorScheme of ["light", "dark"]) {
     await page.emulateMedia({ colorScheme });
@@ -128,15 +139,21 @@ test("axe finds nothing to complain of, in light and in dark", async () => {
   await page.emulateMedia({ colorScheme: null });
 });
 
-test("a court's template lists its points, and too few clicks are no alarm", async () => {
+test("a court's template lists its points, the outer corners first, and too few clicks are no alarm", async () => {
   await page.getByTestId("cal-court").selectOption("tennis");
   await page.getByTestId("cal-point-24").waitFor(PATIENCE);
   assert.match(await page.getByTestId("cal-about").textContent(), /ITF/);
   assert.match(await page.getByTestId("cal-point-0").textContent(), /left.*-5\.485, .* m/);
   assert.match(await page.getByTestId("cal-hint").textContent(), /4 more points/);
   assert.equal(await page.getByTestId("cal-alert").textContent(), "");
+  const names = await page.locator(".cal-choose > span:nth-child(2)").allTextContents();
+  const order = ["doubles corner", "singles corner", "service line"].flatMap((corner) => ["far", "near"].flatMap((end) => ["left", "right"].map((side) => `${end} ${corner} ${side}`)));
+  assert.deepEqual(names.slice(0, 12), order);
+  // Then the crossings on the court's axes; what is above the ground comes last.
+  assert.deepEqual(names.slice(12, 16), ["far centre mark", "near centre mark", "far service T", "near service T"]);
+  assert.deepEqual(names.slice(-3), ["net post top left", "net post top right", "net centre top"]);
   await page.getByTestId("cal-own").click();
-  assert.equal(await page.getByTestId("cal-name-0").inputValue(), "doubles line at the net left");
+  assert.equal(await page.getByTestId("cal-name-0").inputValue(), "far doubles corner left");
 });
 
 test("points on one line are explained by the core's own words", async () => {
@@ -156,6 +173,9 @@ test("files that are of no use are refused in words", async () => {
     await page.getByTestId("cal-file").setInputFiles([file]);
     await page.getByTestId("cal-alert").filter({ hasText: words }).waitFor(PATIENCE);
   }
+  await page.getByTestId("cal-file").setInputFiles([{ name: "broken.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video") }]);
+  await page.getByTestId("cal-alert").filter({ hasText: "broken.mp4" }).waitFor(PATIENCE);
+  assert.doesNotMatch(await page.getByTestId("cal-picture-name").textContent(), /reading/);
   await page.getByTestId("cal-file").setInputFiles([pngFile("good.png", pictureOf(samples[1]))]);
   await page.getByTestId("cal-picture-name").filter({ hasText: "good.png, 224 × 224" }).waitFor(PATIENCE);
   assert.equal(await page.getByTestId("cal-alert").textContent(), "");

@@ -54,6 +54,9 @@ test("lines that the picture does not show are said, and the clicks alone count"
   const elsewhere = { ...points, image: points.image.map(([x, y]) => [x, y - 150]) };
   await page.getByTestId("cal-load").setInputFiles([jsonFile(elsewhere, "points.json")]);
   await page.getByTestId("cal-lines").filter({ hasText: "From the clicks only" }).waitFor(PATIENCE);
+  const text = await page.getByTestId("cal-lines").textContent();
+  assert.match(text, /^From the clicks only: the painted lines could not be used\. Of \d painted lines, .*\.$/);
+  assert.doesNotMatch(text, /calibration:|; |\blines: /);
   assert.ok(await page.getByTestId("cal-use").isEnabled());
   await page.getByTestId("cal-undo").click();
   await page.getByTestId("cal-lines").filter({ hasText: "Refined with" }).waitFor(PATIENCE);
@@ -62,11 +65,34 @@ test("lines that the picture does not show are said, and the clicks alone count"
 test("the camera goes back to the step that asked for it", async () => {
   await page.getByTestId("cal-use").click();
   await page.waitForFunction(() => location.hash === "#video");
-  await page.getByTestId("video-place").filter({ hasText: `the step Calibrate, ${truth.width} × ${truth.height} px` }).waitFor(PATIENCE);
+  await page.getByTestId("video-place").filter({ hasText: new RegExp(`Camera: calibrated on a frame of court\\.png, .*${truth.width} × ${truth.height} px`) }).waitFor(PATIENCE);
   assert.ok(await page.getByTestId("video-needs-camera").isHidden());
   await page.waitForFunction(() => document.querySelector('[data-part="video-processed"]').value === "1", null, { timeout: 120_000 });
   assert.equal(await page.getByTestId("video-alert").textContent(), "");
   assert.ok((await value(page, "video-processed")) === 1);
+});
+
+test("a court that was chosen in Calibrate is the place in Your video, if none was chosen there", async () => {
+  const own = await open(browser, `${server.url}#video`, complaints);
+  await own.getByTestId("video-input").setInputFiles([pngFile("court.png", frame)]);
+  assert.equal(await own.getByTestId("video-sport").inputValue(), "");
+  await own.getByTestId("video-calibrate").click();
+  await own.getByTestId("cal-picture-name").filter({ hasText: "a frame of court.png" }).waitFor(PATIENCE);
+  await own.getByTestId("cal-load").setInputFiles([jsonFile(points, "points.json")]);
+  await own.locator('[data-part="cal-use"]:enabled').click({ ...PATIENCE });
+  await own.getByTestId("video-place").filter({ hasText: /Scene: ball 2\d\.\d cm across, a floor/ }).waitFor(PATIENCE);
+  assert.equal(await own.getByTestId("video-sport").inputValue(), "volleyball");
+  // A place that was chosen stays.
+  await own.getByTestId("video-sport").selectOption("tennis");
+  await own.evaluate(() => (location.hash = "calibrate"));
+  await own.getByTestId("cal-use").click();
+  await own.getByTestId("cal-said").filter({ hasText: "now use this camera" }).waitFor();
+  await own.evaluate(() => (location.hash = "video"));
+  assert.equal(await own.getByTestId("video-sport").inputValue(), "tennis");
+  // Kept with the camera.
+  await own.reload();
+  await own.getByTestId("video-place").filter({ hasText: /Scene: ball 2\d\.\d cm across/ }).waitFor(PATIENCE);
+  await own.context().close();
 });
 
 test("nothing was reported to the console over the whole run", () => assert.deepEqual(complaints, []));

@@ -79,6 +79,29 @@ test("Enter accepts and goes on, a click corrects, N hides, Ctrl+Z takes it back
   assert.match(await page.getByTestId(`lab-cell-${first + 2}`).getAttribute("aria-label"), /Frame \d+: ball not visible/);
 });
 
+test("in an enlarged frame a click is as exact as it is shown", async () => {
+  const overlay = page.getByTestId("lab-picture");
+  await page.getByTestId("lab-cell-1").click();
+  await overlay.focus();
+  const { width, height } = await overlay.boundingBox();
+  await page.getByTestId("lab-picture-zoom-in").click();
+  await overlay.focus();
+  await page.keyboard.press("+");
+  // About the middle, or about the label: what is there stays there.
+  const shown = await page.locator(".label .picture-zoomed").evaluate((picture) => {
+    const [outer, inner] = [picture.parentElement, picture].map((each) => each.getBoundingClientRect());
+    return { scale: inner.width / outer.width, left: inner.left - outer.left, top: inner.top - outer.top };
+  });
+  assert.ok(Math.abs(shown.scale - 2.25) < 0.01, JSON.stringify(shown));
+  await overlay.click({ position: { x: width / 4, y: height / 3 } });
+  const [u, v] = (await notes()).labels[1];
+  const expected = [(width / 4 - shown.left) / (width * shown.scale), (height / 3 - shown.top) / (height * shown.scale)].map((part) => 224 * part - 0.5);
+  assert.ok(Math.abs(u - expected[0]) < 0.3 && Math.abs(v - expected[1]) < 0.3, `${u}, ${v}, not ${expected}`);
+  await page.keyboard.press("Control+z");
+  await page.keyboard.press("0");
+  assert.equal(await page.getByTestId("lab-picture-zoom").textContent(), "100 %");
+});
+
 test("the doubtful frames alone are gone through", async () => {
   const doubtful = await page.locator('.lab-strip [data-state="doubtful"], .lab-strip [data-state="open"]').count();
   await page.getByTestId("lab-doubtful").check();

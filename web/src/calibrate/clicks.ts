@@ -14,6 +14,9 @@ export interface ClicksListener {
   reveal(index: number): void;
 }
 
+/** With Shift, the cross crosses the picture in this many steps. */
+const STRIDES = 32;
+
 export class Clicks {
   /** The point that the next click places. */
   current = 0;
@@ -94,6 +97,7 @@ export class Clicks {
     if (!point || !this.size) return;
     if (!held.isMoved) this.#state.remember();
     held.isMoved = true;
+    delete point.isAbsent;
     point.click = inside([Number((at[0] + held.beside[0]).toFixed(2)), Number((at[1] + held.beside[1]).toFixed(2))], this.size);
     this.#placed = held.index;
     this.#listener.changed();
@@ -113,9 +117,10 @@ export class Clicks {
   key(event: KeyboardEvent): boolean {
     if (!this.size || event.ctrlKey || event.metaKey || event.altKey) return false;
     const direction = arrow(event.key);
-    if (direction) this.#move(direction, event.shiftKey ? 0.1 : 1);
+    if (direction) this.nudge(direction, event.shiftKey ? this.#shifted : 1);
     else if (event.key === "Enter" || event.key === " ") this.#enter();
     else if ((event.key === "Delete" || event.key === "Backspace") && this.moved !== undefined) this.unclick(this.moved);
+    else if (event.key.toLowerCase() === "n") this.toggleAbsent();
     else return false;
     return true;
   }
@@ -130,7 +135,36 @@ export class Clicks {
     this.#listener.changed();
   }
 
-  #move([dx, dy]: Pixel, step: number): void {
+  /** The chosen point is not in the picture, or is after all. The next one follows. */
+  toggleAbsent(): void {
+    const point = this.#points[this.current];
+    if (!point) return;
+    this.#state.remember();
+    const isAbsent = point.isAbsent !== true;
+    delete point.isAbsent;
+    if (isAbsent) {
+      point.isAbsent = true;
+      point.click = null;
+    }
+    this.#placed = undefined;
+    if (isAbsent) this.#goOn(this.current);
+    this.#listener.changed();
+  }
+
+  /** Two fingers took the place of one: true if what that one did is to be undone. */
+  cancel(): boolean {
+    const isMoved = this.#dragged?.isMoved === true;
+    this.#dragged = undefined;
+    return isMoved;
+  }
+
+  /** With Shift, a point is moved by a little, and a cross, which has far to go, by much. */
+  get #shifted(): number {
+    return this.moved === undefined ? Math.max(1, Math.round((this.size?.width ?? 0) / STRIDES)) : 0.1;
+  }
+
+  /** Moves the point that keys move, else the cross. */
+  nudge([dx, dy]: Pixel, step: number): void {
     const size = this.size;
     if (!size) return;
     const point = this.moved === undefined ? undefined : this.#points[this.moved];
@@ -151,6 +185,7 @@ export class Clicks {
     if (!next || next.click) this.#goOn(this.current);
     else if (this.#cross && this.#placed === undefined) {
       this.#state.remember();
+      delete next.isAbsent;
       next.click = this.#cross;
       this.#goOn(this.current);
     } else if (this.size) {
@@ -164,7 +199,7 @@ export class Clicks {
   }
 
   #firstUnclicked(from = 0): number {
-    const open = this.#points.flatMap((point, index) => (point.click ? [] : [index]));
+    const open = this.#points.flatMap((point, index) => (point.click || point.isAbsent ? [] : [index]));
     return open.find((index) => index >= from) ?? open[0] ?? -1;
   }
 

@@ -4,7 +4,7 @@ import { messageOf } from "../dom";
 import { courtInWords, findCourt, percentOf } from "../shared/find-court";
 import type { Parts } from "../shared/panel";
 import { canTurn, givenBy, givenByOther, turned } from "./placed";
-import type { Given, State } from "./state";
+import { unclicked, type Given, type State } from "./state";
 
 interface FinderListener {
   /** The points are others now; it can be undone. */
@@ -108,7 +108,7 @@ export class Finder {
   #answer(isCourt: boolean): void {
     const { given } = this.#state;
     if (isCourt && given.proposal) this.#listener.change({ ...given, proposal: { ...given.proposal, isAsked: false } });
-    else this.#listener.change({ court: given.court, points: given.points.map((point) => ({ ...point, click: null })) });
+    else this.#listener.change({ court: given.court, points: given.points.map(unclicked) });
     this.#listener.answered();
   }
 

@@ -1,5 +1,5 @@
 /** Step Calibrate: clicks on known points of a picture become a camera. */
-import { make, messageOf } from "../dom";
+import { messageOf } from "../dom";
 import { decode } from "../shared/canvas";
 import { tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
@@ -11,14 +11,20 @@ import { PictureView } from "../shared/picture-view";
 import { workspace } from "../shared/workspace";
 import { calibrated, type Calibration } from "./calibration";
 import { Clicks } from "./clicks";
+import { CourtMap } from "./court-map";
+import { courtPoints } from "./court-points";
 import { Finder } from "./finder";
-import { PointList } from "./list";
+import { PointList, type Standing } from "./list";
 import { paint } from "./marks";
+import { nameOf, nextStep, stillNeeded } from "./next-step";
+import { Nudge } from "./nudge";
 import markup from "./panel.html?raw";
+import { Progress } from "./progress";
 import { Result } from "./result";
 import { takeSample } from "./sample";
-import { pointsFrom, State, wholeOf, type Given, type Point } from "./state";
+import { pointsFrom, State, unclicked, type Point } from "./state";
 import "./style.css";
+import { sentences, spoken } from "./words";
 
 /** After the last change, ms. */
 const CALIBRATE_AFTER = 120;
@@ -34,6 +40,9 @@ class Step {
   readonly #alert: Alert;
   readonly #view: PictureView;
   readonly #list: PointList;
+  readonly #map: CourtMap;
+  readonly #nudge: Nudge;
+  readonly #progress: Progress;
   readonly #result: Result;
   readonly #state = new State();
   readonly #clicks: Clicks;
@@ -50,6 +59,9 @@ class Step {
     this.#part = fill(panel, markup);
     this.#alert = new Alert(this.#part("cal-alert"));
     this.#result = new Result(this.#part);
+    this.#progress = new Progress(this.#part);
+    this.#nudge = new Nudge(this.#part, (way, step) => clicks.nudge(way, step));
+    this.#map = new CourtMap(this.#part("cal-map"), (index) => this.#choose(index));
     const clicks = (this.#clicks = new Clicks(this.#state, {
       changed: () => this.#changed(),
       chosen: () => this.#refresh(),
@@ -64,6 +76,11 @@ class Step {
       },
       drag: (at) => clicks.drag(at),
       release: () => clicks.release(),
+      cancel: () => {
+        const { current } = clicks;
+        if (clicks.cancel()) this.#undo();
+        this.#choose(current);
+      },
       key: (event) => clicks.key(event),
     });
     this.#list = new PointList(this.#part("cal-list"), {
@@ -116,11 +133,12 @@ class Step {
       this.#part(`cal-name-${this.#points.length - 1}`).focus();
     });
     on("cal-undo", () => this.#undo());
+    on("cal-absent", () => this.#clicks.toggleAbsent());
     on("cal-use", () => {
       if (!this.#calibration) return;
-      const { pictureName, pictureOf } = this.#state;
-      workspace.setCamera(this.#calibration.found.camera, this.#calibration.found.oneSigma, { from: `calibrated on ${pictureName}`, of: [pictureOf] });
-      this.#say("The other steps now use this camera. It is kept in this browser.");
+      const { pictureName, pictureOf, given: { court } } = this.#state;
+      workspace.setCamera(this.#calibration.found.camera, this.#calibration.found.oneSigma, { from: `calibrated on ${pictureName}`, of: [pictureOf], court });
+      this.#say("The other steps now use this camera for pictures of this size. It is kept in this browser.");
       if (this.#back) location.hash = this.#back;
       this.#showBack("");
     });
@@ -156,20 +174,14 @@ class Step {
     const json = files.find(isJson);
     const picture = files.find((file) => file !== json);
     if (picture && isVideo(picture)) {
-      this.#part("cal-picture-name").textContent = "reading the video…";
-      const film = await Film.open(picture);
-      try {
-        await this.#takePicture(await film.frame(0), picture.name);
-      } finally {
-        film.close();
-      }
+      await this.#takeVideo(picture);
     } else if (picture) {
       await this.#takePicture(picture, picture.name);
     }
     if (picture && !json && (await findableCourt(this.#state.given.court))) void this.#finder.find();
     if (json) {
       const content = await readJson(json);
-      const { given, focal, leftOut } = await pointsFrom(content, json.name, this.#clicks.size, async (name) => (await (await tools()).court(name)).points);
+      const { given, focal, leftOut } = await pointsFrom(content, json.name, this.#clicks.size, courtPoints);
       if (focal !== null) {
         this.#state.lens.focal = focal;
         this.#part<HTMLInputElement>("cal-focal").value = String(focal);
@@ -180,6 +192,23 @@ class Step {
     }
   }
 
+  /** Its first frame. */
+  async #takeVideo(video: File): Promise<void> {
+    const place = this.#part("cal-picture-name");
+    const before = place.textContent;
+    const reading = (place.textContent = "reading the video…");
+    try {
+      const film = await Film.open(video);
+      try {
+        await this.#takePicture(await film.frame(0), video.name);
+      } finally {
+        film.close();
+      }
+    } finally {
+      if (place.textContent === reading) place.textContent = before;
+    }
+  }
+
   async #takePicture(picture: Blob, name: string, of = name): Promise<void> {
     await this.#show(picture, name);
     this.#state.picture = picture;
@@ -187,7 +216,7 @@ class Step {
     void this.#state.keepPicture();
     // The camera may have moved: clicks of the last picture say nothing about this one.
     const { court } = this.#state.given;
-    if (this.#points.some((point) => point.click)) this.#change(() => (this.#state.given = { court, points: this.#points.map((point) => ({ ...point, click: null })) }));
+    if (this.#points.some((point) => point.click || point.isAbsent)) this.#change(() => (this.#state.given = { court, points: this.#points.map(unclicked) }));
     else this.#changed();
   }
 
@@ -216,10 +245,7 @@ class Step {
   }
 
   async #takeCourt(name: string): Promise<void> {
-    const points: Given["points"] = [];
-    if (name) {
-      for (const [each, world] of Object.entries((await (await tools()).court(name)).points)) points.push({ name: each, world, click: null });
-    }
+    const points = name ? (await courtPoints(name)).map(([each, world]): Point => ({ name: each, world, click: null })) : [];
     this.#change(() => (this.#state.given = { court: name, points }));
   }
 
@@ -229,6 +255,7 @@ class Step {
     this.#part("cal-frame").hidden = false;
     this.#part("cal-picture-name").textContent = `${name}, ${bitmap.width} × ${bitmap.height} pixels`;
     this.#view.show(bitmap, `${name}: click the known points in it`);
+    this.#view.showAll();
     this.#clicks.open({ width: bitmap.width, height: bitmap.height });
     void this.#showFindable(this.#state.given.court);
   }
@@ -251,11 +278,20 @@ class Step {
     this.#part("cal-own").hidden = own;
     this.#part("cal-add").hidden = !own;
     this.#part("cal-about").textContent = own ? "In metres; z points up. You choose the origin and the direction of x." : "";
-    if (!own) void tools().then(async (toolbox) => (this.#part("cal-about").textContent = (await toolbox.court(court)).about), () => undefined);
+    this.#part("cal-map-card").hidden = own;
+    if (!own) void this.#showCourt(court).catch(() => undefined);
     void this.#showFindable(court);
     this.#clicks.restart();
     this.#list.reveal(this.#clicks.current);
     this.#changed();
+  }
+
+  async #showCourt(court: string): Promise<void> {
+    const { about, lines } = await (await tools()).court(court);
+    if (court !== this.#state.given.court) return;
+    this.#part("cal-about").textContent = about;
+    this.#map.fill(this.#points, lines ?? []);
+    this.#refresh();
   }
 
   /** Courts can be found whose lines are known. */
@@ -303,75 +339,53 @@ class Step {
     void this.#state.keep();
     clearTimeout(this.#timer);
     this.#run += 1;
-    if (this.#state.usable().length < LEAST_POINTS) return void this.#calibrate();
+    if (!this.#clicks.size || this.#state.usable().length < LEAST_POINTS) return void this.#calibrate();
+    this.#result.await();
+    this.#progress.start();
     this.#timer = window.setTimeout(() => void this.#calibrate(), CALIBRATE_AFTER);
   }
 
   #refresh(): void {
     const points = this.#points;
-    this.#list.update(points, this.#clicks.current, (index) => ({
+    const { current } = this.#clicks;
+    const standing = (index: number): Standing => ({
       residual: this.#calibration?.residuals.get(index),
       outlier: this.#calibration?.outliers.has(index) ?? false,
-    }));
+    });
+    this.#list.update(points, current, standing);
+    this.#map.update(points, current, standing);
+    this.#nudge.enable(this.#clicks.moved !== undefined || this.#clicks.cross !== undefined);
+    this.#part<HTMLButtonElement>("cal-absent").disabled = !this.#clicks.size || !points[current];
+    this.#part("cal-absent").textContent = points[current]?.isAbsent ? "It is in the picture" : "Not in the picture";
     this.#view.redraw();
     const usable = this.#state.usable().length;
     this.#part("cal-count").textContent = points.length > 0 ? `Points: ${usable} of ${points.length} ${this.#state.placing ? "placed" : "clicked"}` : "Points";
     this.#part<HTMLButtonElement>("cal-undo").disabled = !this.#state.canUndo;
     this.#part<HTMLButtonElement>("cal-save-points").disabled = !this.#clicks.size || usable === 0;
-    this.#part("cal-next").replaceChildren(...this.#nextStep());
-  }
-
-  #nextStep(): Node[] {
-    const next = this.#points[this.#clicks.current];
-    if (!this.#clicks.size) return [];
-    if (!next) return [make("span", { text: "Now choose a court, or add points of your own." })];
-    const nodes: Node[] = [make("span", { text: next.click ? "A click moves " : this.#state.placing ? "A click adds " : "Next click: " }), make("strong", { text: this.#nameOf(this.#clicks.current) })];
-    const moved = this.#clicks.moved;
-    if (moved !== undefined && moved !== this.#clicks.current) nodes.push(make("span", { text: ` · arrow keys move ${this.#nameOf(moved)}` }));
-    return nodes;
+    this.#part("cal-next").replaceChildren(...nextStep(points, this.#clicks, this.#state.placing !== undefined));
   }
 
   async #calibrate(): Promise<void> {
     const run = this.#run;
     const { size } = this.#clicks;
     const usable = this.#state.usable().length;
-    if (!size || usable < LEAST_POINTS) return this.#showNone(this.#hint(usable));
+    if (!size || usable < LEAST_POINTS) return this.#showNone(...stillNeeded(this.#points, size !== undefined, LEAST_POINTS - usable));
     try {
       const calibration = await calibrated(this.#state, size);
       if (run !== this.#run) return;
       this.#calibration = calibration;
-      this.#result.show(calibration, (index) => this.#nameOf(index), this.#state.isAsked);
+      this.#result.show(calibration, (index) => nameOf(this.#points, index), this.#state.isAsked);
+      this.#progress.end(`Camera found: ${calibration.found.rmsPx.toFixed(2)} pixels from the points.`);
       this.#refresh();
     } catch (thrown) {
-      if (run === this.#run) this.#showNone(sentence(messageOf(thrown)));
+      if (run === this.#run) this.#showNone(sentences(messageOf(thrown)), "No camera fits these points yet: see “The camera”.");
     }
   }
 
-  #hint(usable: number): string {
-    if (!this.#clicks.size) return "Choose a picture, choose points, then click them: the camera appears here.";
-    const unplaced = this.#points.filter((point) => point.click && !wholeOf(point)).length;
-    const more = LEAST_POINTS - usable;
-    const missing = unplaced > 0 ? ` ${unplaced === 1 ? "One clicked point has" : `${unplaced} clicked points have`} no coordinates yet.` : "";
-    return `${more} more ${more === 1 ? "point" : "points"} to click: four are enough if all lie in one plane, such as a floor; otherwise six.${missing}`;
-  }
-
-  #showNone(why: string): void {
+  #showNone(why: string, short: string): void {
     this.#calibration = undefined;
     this.#result.showNone(why);
+    this.#progress.end(short);
     this.#refresh();
   }
-
-  #nameOf(index: number): string {
-    return `${index + 1}. ${this.#points[index]?.name || "point"}`;
-  }
-}
-
-/** A court's name for people. */
-function spoken(name: string): string {
-  const text = name.replaceAll("-", " ").replace(/\b(fiba|nba)\b/, (short) => `(${short.toUpperCase()})`);
-  return text.charAt(0).toUpperCase() + text.slice(1);
-}
-
-function sentence(text: string): string {
-  return `${text.charAt(0).toUpperCase()}${text.slice(1)}${/[.!?]$/.test(text) ? "" : "."}`;
 }

@@ -49,6 +49,7 @@ export class PointList {
       if (index === current) row.item.setAttribute("aria-current", "true");
       else row.item.removeAttribute("aria-current");
       row.item.classList.toggle("outlier", outlier);
+      row.item.classList.toggle("absent", point.isAbsent === true);
       row.choose.setAttribute("aria-pressed", String(index === current));
       row.unclick.hidden = point.click === null;
       row.state.textContent = stateText(point, residual, outlier);
@@ -110,8 +111,8 @@ export class PointList {
   }
 }
 
-function stateText({ click }: Point, residual: [number, number] | undefined, outlier: boolean): string {
-  if (!click) return "not clicked";
+function stateText({ click, isAbsent }: Point, residual: [number, number] | undefined, outlier: boolean): string {
+  if (!click) return isAbsent ? "not in the picture" : "not clicked";
   if (!residual) return `clicked at ${click.map((value) => value.toFixed(1)).join(", ")}`;
   return outlier ? `wrong click? left out: ${offBy(residual)}` : `off by ${offBy(residual)}`;
 }

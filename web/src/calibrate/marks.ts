@@ -33,12 +33,18 @@ export function paint(context: CanvasRenderingContext2D, toCanvas: PixelMap, sce
   for (const [index, { click }] of scene.points.entries()) {
     if (!click) continue;
     const at = toCanvas(click);
+    if (!isSeen(at, context.canvas)) continue;
     const isWrong = scene.calibration?.outliers.has(index) ?? false;
     const isRead = index === scene.moved || isWrong || numbered.every(([x, y]) => Math.hypot(x - at[0], y - at[1]) > ROOM);
     if (isRead) numbered.push(at);
     drawClick(context, at, isRead ? String(index + 1) : "", index === scene.moved, isWrong);
   }
   if (scene.cross) drawCross(context, toCanvas(scene.cross));
+}
+
+/** Whether a mark is in the part of the picture that is shown. */
+function isSeen([x, y]: Pixel, { clientWidth, clientHeight }: HTMLCanvasElement): boolean {
+  return x > -ROOM && y > -ROOM && x < clientWidth + ROOM && y < clientHeight + ROOM;
 }
 
 /** A court's line where the camera puts it; one that the picture was not seen to show is dashed. */

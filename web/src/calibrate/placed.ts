@@ -3,6 +3,7 @@ import type { Camera, CourtLine, CourtSearch, OtherCourt } from "gravisight";
 import type { Pixel } from "../shared/canvas";
 import { tools } from "../shared/core";
 import { courtInWords, courtWithPoints, foundInWords, percentOf } from "../shared/find-court";
+import { courtPoints } from "./court-points";
 import type { Given, Point } from "./state";
 
 /** What a calibration has to know of them. */
@@ -54,9 +55,8 @@ export function givenByOther({ cameras }: Proposal, chosen: number, { sigmaPx, l
 
 async function placedBy(proposal: Proposal, placing: Omit<Placing, "at">, { width, height }: { width: number; height: number }): Promise<Given> {
   const { court, camera } = proposal.cameras[proposal.chosen]!;
-  const toolbox = await tools();
-  const places = Object.entries((await toolbox.court(courtWithPoints(court))).points);
-  const images = await toolbox.project(camera, places.map(([, world]) => world));
+  const places = await courtPoints(courtWithPoints(court));
+  const images = await (await tools()).project(camera, places.map(([, world]) => world));
   const isShown = ([x, y]: Pixel) => x >= 0 && y >= 0 && x < width && y < height;
   const at = images.map((image) => (image && isShown(image) ? image : null));
   const points = places.map(([name, world], index): Point => ({ name, world, click: at[index] ?? null }));
@@ -83,9 +83,10 @@ export function turned(given: Given): Given {
   if (!partner) return given;
   const of = <T>(list: T[]) => partner.map((index) => list[index] as T);
   const clicks = of(points.map(({ click }) => click));
+  const absent = of(points.map(({ isAbsent }) => isAbsent === true));
   return {
     ...given,
-    points: points.map((point, index) => ({ ...point, click: clicks[index] ?? null })),
+    points: points.map(({ name, world }, index) => ({ name, world, click: clicks[index] ?? null, ...(absent[index] && { isAbsent: true }) })),
     ...(placing && { placing: { ...placing, at: of(placing.at) } }),
   };
 }

@@ -4,6 +4,7 @@ import { make } from "../dom";
 import type { Parts } from "../shared/panel";
 import type { Calibration } from "./calibration";
 import { offBy } from "./list";
+import { sentences } from "./words";
 
 export class Result {
   readonly #part: Parts;
@@ -19,6 +20,11 @@ export class Result {
     this.#part("cal-outliers").replaceChildren();
     this.#part("cal-doubts").replaceChildren();
     this.#enable(false);
+  }
+
+  /** One is being computed; the last one stays until it is there. */
+  await(): void {
+    if (this.#part("cal-found").hidden) this.hint("Computing the camera…");
   }
 
   /** `isAsked`: a person has to confirm it first. */
@@ -39,7 +45,7 @@ export class Result {
         return item;
       }),
     );
-    this.#part("cal-lines").textContent = withoutLines ? `From the clicks only, without the lines: ${withoutLines}` : linesText(lines);
+    this.#part("cal-lines").textContent = withoutLines ? `From the clicks only: the painted lines could not be used. ${sentences(withoutLines)}` : linesText(lines);
     this.#part("cal-doubts").replaceChildren(
       ...doubts.map((doubt) => {
         const item = make("li", { class: "callout" }, make("strong", { text: "Doubtful" }));

@@ -2,6 +2,7 @@
 import type { CalibrationPoints, Vector } from "gravisight";
 import { get, set } from "idb-keyval";
 import type { Pixel } from "../shared/canvas";
+import type { Place } from "./court-points";
 import { placingOf, type Placing, type Proposal } from "./placed";
 
 export interface Point {
@@ -9,6 +10,8 @@ export interface Point {
   /** Metres; null where the user has not written it yet. */
   world: [number | null, number | null, number | null];
   click: Pixel | null;
+  /** Whether the user said that the picture does not show it. */
+  isAbsent?: boolean;
 }
 
 export interface Given {
@@ -125,6 +128,11 @@ export class State {
   }
 }
 
+/** A point of which nothing is known in a picture. */
+export function unclicked({ name, world }: Point): Point {
+  return { name, world, click: null };
+}
+
 /** A point's place, where all of it is known. */
 export function wholeOf({ world: [x, y, z] }: Point): Vector | undefined {
   return x === null || y === null || z === null ? undefined : [x, y, z];
@@ -135,7 +143,7 @@ export async function pointsFrom(
   content: unknown,
   name: string,
   size: { width: number; height: number } | undefined,
-  placesOf: (court: string) => Promise<Record<string, Vector>>,
+  placesOf: (court: string) => Promise<Place[]>,
 ): Promise<{ given: Given; focal: number | null; leftOut: boolean }> {
   const file = (content ?? {}) as Partial<CalibrationPoints>;
   const { image, world, names, court } = file;
@@ -148,7 +156,7 @@ export async function pointsFrom(
   // The step knows lenses with the picture's middle in their middle.
   const leftOut = file.distortion !== undefined || (focal !== null && !(isCentred(0, file.width) && isCentred(1, file.height)));
   if (court !== undefined) {
-    const places = Object.entries(await placesOf(court));
+    const places = await placesOf(court);
     const unknown = (names ?? []).find((each) => !places.some(([known]) => known === each));
     if (unknown !== undefined) throw new Error(`${name} has a point “${unknown}” that the court ${court} does not have.`);
     const clickOf = (each: string) => image[(names ?? []).indexOf(each)] ?? null;

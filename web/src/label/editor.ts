@@ -30,6 +30,7 @@ export class Editor {
       },
       drag: (at) => this.#put(at),
       release: () => this.refresh(),
+      cancel: () => this.#undo(),
       // The page listens, so that keys work wherever the focus is.
       key: () => false,
     });

@@ -20,8 +20,8 @@ export class Loupe {
     this.place.append(this.#canvas, this.#position);
   }
 
-  /** Shows `picture` around `at`; `shown` is how much the picture itself is enlarged. */
-  show(picture: ImageBitmap, at: Pixel, shown: number): void {
+  /** Shows `picture` around `at`; `shown` is how much the picture itself is enlarged, `isRight` whether the magnifier goes to the right. */
+  show(picture: ImageBitmap, at: Pixel, shown: number, isRight: boolean): void {
     const zoom = Math.max(LEAST_ZOOM, MORE_THAN_SHOWN * shown);
     const density = window.devicePixelRatio || 1;
     this.#canvas.width = this.#canvas.height = Math.round(SIDE * density);
@@ -37,7 +37,7 @@ export class Loupe {
     crossHair(context);
     this.#position.textContent = `${at[0].toFixed(1)}, ${at[1].toFixed(1)}`;
     // Never over what is looked at.
-    this.place.classList.toggle("loupe-right", at[0] < picture.width / 2);
+    this.place.classList.toggle("loupe-right", isRight);
     this.place.hidden = false;
   }
 

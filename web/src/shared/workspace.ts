@@ -26,6 +26,8 @@ export interface CameraAbout {
   from: string;
   /** Names of the videos and pictures that it is the camera of; empty where nobody knows. */
   of: string[];
+  /** The court that it was found by, where it was. */
+  court?: string;
   /** When it was set, ISO 8601. */
   at: string;
 }

@@ -3,6 +3,7 @@ import type { Camera } from "gravisight";
 import { element, messageOf } from "../dom";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, readJson } from "../shared/files";
+import { workspace } from "../shared/workspace";
 import type { Subject } from "./subject";
 
 export interface DropListener {
@@ -51,13 +52,18 @@ export class Drop {
       }
     }
     this.#showState();
-    this.#announce();
+    await this.#announce();
   }
 
-  #announce(): void {
-    if (!this.#picture) return;
-    if (!this.#camera) return this.#listener.onPictureAlone(this.#picture);
-    this.#listener.onSubject({ name: this.#picture.name, picture: this.#picture, camera: this.#camera.content });
+  async #announce(): Promise<void> {
+    const [picture, given] = [this.#picture, this.#camera];
+    if (!picture) return;
+    const camera = given?.content ?? (await calibratedFor(picture));
+    // Unless other files came meanwhile.
+    if (picture !== this.#picture || given !== this.#camera) return;
+    if (!given && camera) this.#state.textContent = `${picture.name} · with the camera ${workspace.cameraAbout?.from ?? "of the step Calibrate"}`;
+    if (!camera) return this.#listener.onPictureAlone(picture);
+    this.#listener.onSubject({ name: picture.name, picture, camera });
   }
 
   #showState(): void {
@@ -68,4 +74,13 @@ export class Drop {
     if (this.#picture && !this.#camera) parts.push("now add its camera.json");
     this.#state.textContent = parts.join(" · ") || "or choose the two files";
   }
+}
+
+/** The camera of the step Calibrate, where it is for pictures of this size. */
+async function calibratedFor(picture: File): Promise<Camera | undefined> {
+  const { camera } = workspace;
+  const bitmap = camera && (await createImageBitmap(picture).catch(() => undefined));
+  const isOfSize = bitmap?.width === camera?.width && bitmap?.height === camera?.height;
+  bitmap?.close();
+  return isOfSize ? camera : undefined;
 }

@@ -112,6 +112,8 @@ class Step {
 
   /** Goes on with the work that this browser kept. */
   async resume(): Promise<void> {
+    // Before the kept work, which has its own place.
+    await this.#takeSport();
     await this.#alert.during(() => this.#work.resume());
   }
 
@@ -178,6 +180,7 @@ class Step {
     workspace.addEventListener("camera", () => {
       this.#sceneChoice.cameraChanged();
       this.#sceneChoiceChanged();
+      void this.#takeSport();
     });
     workspace.addEventListener("scene", () => this.#sceneChoiceChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
@@ -470,6 +473,13 @@ class Step {
     if (!this.#source) return;
     if (this.#model.localiser) this.#frameSearch.search();
     else void this.#alert.during(() => this.#load());
+  }
+
+  /** The step Calibrate knows the sport from the court. */
+  #takeSport(): Promise<void> {
+    return this.#alert.during(async () => {
+      if (await this.#sceneChoice.takeSport()) this.#sceneChoiceChanged();
+    });
   }
 
   #showSceneChoice(): void {

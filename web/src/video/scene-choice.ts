@@ -83,6 +83,15 @@ export class SceneChoice {
     this.example = undefined;
   }
 
+  /** Takes the sport of the camera's court if no place was chosen; true if it did. */
+  async takeSport(): Promise<boolean> {
+    const { court = "" } = workspace.cameraAbout ?? {};
+    const sport = court && (await (await tools()).scenes()).find((name) => court.startsWith(name));
+    if (!sport || this.scene || this.otherCamera) return false;
+    await this.choose(sport);
+    return true;
+  }
+
   /** Another ball in the same place; its radius in metres. */
   setRadius(radius: number): void {
     if (!(radius > 0 && radius < 1)) throw new Error("The ball’s diameter must be between 0 and 200 centimetres.");
