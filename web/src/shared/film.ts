@@ -55,17 +55,20 @@ export function videoElement(): HTMLVideoElement {
   return video;
 }
 
-/** Opens a file in a player; one that cannot be played throws `message`. */
+/** Opens a file in a player; one that cannot be played throws why, or `message` where nobody knows. */
 export async function openVideo(file: File, message: string): Promise<HTMLVideoElement> {
   const video = videoElement();
   video.src = URL.createObjectURL(file);
   try {
     await until(video, "loadeddata", message);
+    // It may have found the sound alone.
+    if (!video.videoWidth) throw new Error(message);
     if (!Number.isFinite(video.duration)) await measure(video, message);
     return video;
   } catch (thrown) {
     closeVideo(video);
-    throw thrown;
+    const why = await import("./codec").then(({ whyUnplayable }) => whyUnplayable(file), () => undefined);
+    throw why ? new Error(why) : thrown;
   }
 }
 

@@ -44,7 +44,13 @@ export class DecodedVideo {
       return { picture: canvas, image: canvas, timeMs: 1000 * timestamp };
     };
     try {
-      for await (const decoded of this.#sink.canvases()) yield shown(decoded);
+      let frames = 0;
+      for await (const decoded of this.#sink.canvases()) {
+        frames++;
+        yield shown(decoded);
+      }
+      const expected = (await this.#timestamps()).length;
+      if (frames < expected) this.broken = `The file is cut off: ${frames} of its ${expected} frames could be read. They are tracked.`;
     } catch (thrown) {
       // The decoder drops what it has decoded ahead: up to the frame that is broken, each is decoded by itself.
       try {

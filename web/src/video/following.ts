@@ -150,6 +150,7 @@ export class Following {
           : "";
     const missing = !camera ? "its camera" : !scene ? "the place and the ball" : "";
     part<HTMLButtonElement>("video-track").disabled = reason !== "";
+    part("video-track").classList.toggle("primary", !result);
     part("video-track").textContent = result ? "Track the ball again" : "Track the ball through the video";
     const canMark = result !== undefined && source !== undefined;
     part("video-overlay").dataset.marking = String(canMark);

@@ -1,31 +1,26 @@
 /** Step 2: the ball in your own picture, video or webcam; its path through space, as plots and as files. */
-import type { Vector } from "gravisight";
 import { messageOf } from "../dom";
 import { pictureFile } from "../shared/canvas";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
-import { isJson, save } from "../shared/files";
+import { isJson } from "../shared/files";
 import { Job, type Watch } from "../shared/job";
 import type { Layer } from "../shared/maps";
 import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
-import { View3d } from "../shared/view3d";
 import { workspace } from "../shared/workspace";
 import { Court } from "./court";
-import type { Curve, FrameDetection } from "./detections";
+import type { Curve } from "./detections";
 import { makeExample, rallyExample, realExample, type Example } from "./example";
 import { fitted } from "./fit";
-import { FitResult } from "./fit-result";
 import { Following } from "./following";
 import { FrameSearch } from "./frame-search";
 import { Model } from "./model";
-import { Numbers } from "./numbers";
 import markup from "./panel.html?raw";
-import { Plots } from "./plots";
-import { csvOf, fittedAt, jsonOf } from "./report";
+import { Results } from "./results";
 import { SceneChoice, when } from "./scene-choice";
 import { PictureSource, type Source } from "./sources";
 import "./style.css";
-import { listenForTimes, markContacts, playerKey } from "./timeline";
+import { playerKey } from "./timeline";
 import { Transport } from "./transport";
 import { VideoSource } from "./video-source";
 import { Work } from "./work";
@@ -34,65 +29,46 @@ export async function start(panel: HTMLElement): Promise<void> {
   await new Step(panel).resume();
 }
 
-/** Between two drawings of plots and space while frames come, in milliseconds. */
-const REFRESH = 200;
-/** Positions that the view in space shows; the last ones. */
-const MOST_IN_SPACE = 2000;
-
 class Step {
   readonly #panel: HTMLElement;
   readonly #part: Parts;
   readonly #alert: Alert;
   readonly #overlay: Overlay;
-  readonly #view: View3d;
-  readonly #plots: Plots;
-  readonly #fitResult: FitResult;
   readonly #transport: Transport;
-  readonly #numbers: Numbers;
   readonly #job: Job;
   readonly #frameSearch: FrameSearch;
   readonly #sceneChoice = new SceneChoice();
   readonly #model = new Model();
+  readonly #results: Results;
   readonly #court: Court;
   readonly #work: Work;
-  /** What the positions are of; stays when the source is closed. */
-  #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
   #loading: Promise<void> | undefined;
   /** Sources that are being opened: one, or more for a moment where somebody does not wait. */
   #opening = 0;
-  #fit: Curve | undefined;
   readonly #following: Following;
-  /** The version of the detections that the fit is of. */
-  #fitVersion = -1;
-  /** Of what is shown now. */
-  #shown: FrameDetection | undefined;
-  #refreshing = 0;
 
   constructor(panel: HTMLElement) {
     this.#panel = panel;
     const part = (this.#part = fill(panel, markup));
     this.#alert = new Alert(part("video-alert"));
     this.#overlay = new Overlay(part("video-frame"), part("video-picture"), part("video-overlay"), part("video-scale"));
-    this.#view = new View3d(part("video-view"));
-    this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"), part("video-plot-pixels"), (seconds) => this.#goTo(seconds));
-    this.#fitResult = new FitResult(part("video-verdict"), part("video-fit-result"));
     this.#transport = new Transport(part);
-    this.#numbers = new Numbers(part);
     this.#job = new Job(part("video-job"), "video-cancel");
     this.#frameSearch = new FrameSearch(
       { model: this.#model, sceneChoice: this.#sceneChoice, overlay: this.#overlay, job: this.#job },
       {
         shown: (detection, isFresh) => {
-          this.#show(detection);
-          if (isFresh) this.#refreshSoon();
+          this.#results.show(detection);
+          if (isFresh) this.#results.refreshSoon();
         },
-        counted: () => this.#showCounts(),
+        counted: () => this.#results.showCounts(),
         failed: (thrown) => {
           if (thrown instanceof DOMException && thrown.name === "AbortError") this.#checkLayer("none");
           else this.#alert.say(messageOf(thrown));
         },
       },
     );
+    this.#results = new Results({ part, frameSearch: this.#frameSearch, sceneChoice: this.#sceneChoice, model: this.#model });
     this.#following = new Following(
       { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job },
       { begin: () => this.#forget(), found: ({ curve }) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
@@ -102,7 +78,10 @@ class Step {
       {
         openVideo: (file) => this.#openFile(file),
         openWithout: ({ video }) => this.#showAbout({ ...video, kind: "video" }),
-        sceneChoiceRestored: () => this.#showSceneChoice(),
+        sceneChoiceRestored: () => {
+          this.#showSceneChoice();
+          this.#results.setScene();
+        },
       },
     );
     this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
@@ -152,12 +131,14 @@ class Step {
     });
     onClick("video-forget-camera", () => this.#sceneChoice.forgetCamera());
     onClick("video-other-camera-forget", () => this.#sceneChoice.forgetCamera());
-    onClick("video-other-camera-use", () => workspace.cameraIsOf(this.#about.name));
+    onClick("video-other-camera-use", () => workspace.cameraIsOf(this.#results.about.name));
     onClick("video-correction-undo", () => this.#following.corrections.undo().then(() => this.#kept()));
     onClick("video-save-session", () => this.#work.save());
-    onClick("video-csv", () => save(`${this.#fileName}.csv`, csvOf(this.#frameSearch.detections.all, this.#fit), "text/csv"));
-    onClick("video-json", () => this.#saveJson());
-    onClick("video-png", async () => save(`${this.#fileName}.png`, await this.#plots.picture()));
+    onClick("video-csv", () => this.#results.saveCsv());
+    onClick("video-json", () => this.#results.saveJson());
+    onClick("video-png", () => this.#results.savePlots());
+    onClick("video-report", () => this.#results.saveReport());
+    onClick("video-film", () => this.#job.run("Drawing the video…", (watch) => this.#results.saveFilm(watch)));
     for (const input of this.#layers()) input.addEventListener("change", () => this.#chooseLayer(input.value as Layer));
     part<HTMLSelectElement>("video-sport").addEventListener("change", (event) => {
       const { value } = event.currentTarget as HTMLSelectElement;
@@ -185,7 +166,6 @@ class Step {
     workspace.addEventListener("scene", () => this.#sceneChoiceChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
     document.addEventListener("keydown", (event) => !this.#panel.hidden && this.#key(event));
-    listenForTimes([part("video-marks"), part("video-fit-result")], (seconds) => this.#goTo(seconds));
   }
 
   // Where frames come from.
@@ -252,7 +232,7 @@ class Step {
     this.#sceneChoiceChanged();
     source.onFrame = (frame, missed) => {
       this.#transport.showTime(frame.timeMs);
-      this.#plots.showNow(this.#frameSearch.result?.at(frame.timeMs)?.filmed ?? frame.timeMs / 1000);
+      this.#results.showTime(frame.timeMs);
       this.#frameSearch.take(frame, missed);
     };
     source.onState = () => this.#onState();
@@ -263,7 +243,7 @@ class Step {
 
   /** Takes down what the results are of, and makes room for them. */
   #showAbout({ name, kind, width, height, durationMs }: Pick<Source, "name" | "kind" | "width" | "height" | "durationMs">): void {
-    this.#about = { name, kind, width, height, durationMs };
+    this.#results.about = { name, kind, width, height, durationMs };
     this.#sceneChoice.shown = name;
     this.#forget();
     this.#part("video-empty").hidden = true;
@@ -279,13 +259,7 @@ class Step {
   /** Keeps what was found. */
   async #kept(): Promise<void> {
     const source = this.#source;
-    await this.#work.found(source instanceof VideoSource ? source.file : undefined, this.#about);
-  }
-
-  /** Shows the moment that was filmed at a time, s. */
-  #goTo(seconds: number): void {
-    this.#source?.pause();
-    this.#source?.seek(this.#frameSearch.result?.shownMs(seconds) ?? 1000 * seconds);
+    await this.#work.found(source instanceof VideoSource ? source.file : undefined, this.#results.about);
   }
 
   #key(event: KeyboardEvent): void {
@@ -336,55 +310,10 @@ class Step {
     if (!current || !width || !height) throw new Error("Open a video or a picture first.");
     this.#source?.pause();
     const picture = await pictureFile(current.image, { width, height });
-    workspace.calibrate({ picture, name: `a frame of ${this.#about.name}`, of: this.#about.name, sport: this.#sceneChoice.sport, back: "video" });
+    workspace.calibrate({ picture, name: `a frame of ${this.#results.about.name}`, of: this.#results.about.name, sport: this.#sceneChoice.sport, back: "video" });
   }
 
   // What is shown.
-
-  #show(detection: FrameDetection | undefined): void {
-    this.#shown = detection;
-    if (!detection) {
-      this.#numbers.clear();
-      this.#numbers.showReason("The ball was not found in this frame.");
-      return;
-    }
-    const { flat } = this.#fit ?? { flat: !this.#sceneChoice.camera || !this.#sceneChoice.scene };
-    const without = flat ? "Positions in metres need a calibrated camera, the place and the ball." : "The ball was found, but no flight could be fitted here: no position in metres.";
-    const known = detection.world !== null && detection.explained !== false;
-    this.#numbers.showReason(known ? "" : detection.world ? "The flight here is not explained: the ball’s position is unknown." : without);
-    const isSure = detection.confidence >= this.#model.threshold;
-    this.#numbers.show(detection, isSure);
-    this.#view.setBall("found", isSure && known ? detection.world : null);
-    this.#view.setBall("fit", known ? (fittedAt(this.#fit, detection.filmed)?.world ?? null) : null);
-  }
-
-  #showCounts(): void {
-    const { detections, skipped, milliseconds, result } = this.#frameSearch;
-    const watched = result?.record.timesMs.length ?? detections.all.length;
-    this.#numbers.showCounts(watched, result?.record.missed ?? skipped, this.#frameSearch.tracked ? undefined : milliseconds, this.#about.kind === "webcam");
-  }
-
-  #refreshSoon(): void {
-    this.#refreshing ||= window.setTimeout(() => {
-      this.#refreshing = 0;
-      this.#refresh();
-    }, REFRESH);
-  }
-
-  /** Plots, view in space, counts and buttons. */
-  #refresh(): void {
-    const { all, version } = this.#frameSearch.detections;
-    const { threshold } = this.#model;
-    const sure = all.filter(({ confidence }) => confidence >= threshold);
-    this.#showCounts();
-    this.#numbers.showMean(sure);
-    const known = sure.flatMap(({ world, explained }) => (world && explained !== false ? [world] : []));
-    this.#view.setPath("found", known.slice(-MOST_IN_SPACE));
-    this.#plots.show(all, this.#fit, { threshold, durationMs: this.#about.durationMs });
-    for (const name of ["video-csv", "video-json", "video-png", "video-clear"]) this.#part<HTMLButtonElement>(name).disabled = all.length === 0;
-    this.#part<HTMLButtonElement>("video-fit").disabled = known.length < 3 || this.#frameSearch.tracked;
-    this.#fitResult.setStale(!this.#frameSearch.tracked && this.#fit !== undefined && this.#fitVersion !== version);
-  }
 
   #showSource(): void {
     this.#transport.open(this.#source);
@@ -422,22 +351,12 @@ class Step {
     this.#source?.pause();
     const { all, version } = this.#frameSearch.detections;
     const { threshold } = this.#model;
-    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, scene, threshold, size: this.#about, signal }));
+    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, scene, threshold, size: this.#results.about, signal }));
     this.#showCurve(fit, version);
   }
 
-  #showCurve(fit: Curve, version = this.#frameSearch.detections.version): void {
-    this.#fit = fit;
-    this.#fitVersion = version;
-    this.#fitResult.show(fit);
-    this.#part("video-verdict").scrollIntoView({ block: "nearest" });
-    this.#part("video-work").dataset.flat = String(fit.flat);
-    this.#view.setPath("fit", fit.frames.flatMap(({ world, explained }) => (explained ? [world] : [])));
-    this.#view.setMarks([...fit.impacts, ...fit.hits].filter(({ explained }) => explained).map(({ world }) => world));
-    if (this.#shown) this.#view.setBall("fit", fittedAt(fit, this.#shown.filmed)?.world ?? null);
-    const { result } = this.#frameSearch;
-    markContacts(this.#part("video-marks"), fit.findings, (seconds) => result?.shownMs(seconds) ?? 1000 * seconds, this.#about.durationMs);
-    this.#refresh();
+  #showCurve(fit: Curve, version?: number): void {
+    this.#results.showCurve(fit, version);
     this.#showWhether();
   }
 
@@ -450,18 +369,7 @@ class Step {
     this.#following.end();
     this.#frameSearch.forget();
     this.#showWhether();
-    this.#part("video-marks").replaceChildren();
-    this.#fit = this.#shown = undefined;
-    this.#fitResult.clear();
-    this.#part("video-work").dataset.flat = "false";
-    this.#numbers.clear();
-    const { camera, scene } = this.#sceneChoice;
-    this.#view.setScene(scene ?? workspace.scene, camera);
-    for (const name of ["found", "fit"] as const) this.#view.setBall(name, null);
-    const truth = this.#source instanceof PictureSource ? this.#source.frames.flatMap((frame): Vector[] => (frame.truth ? [frame.truth] : [])) : [];
-    if (truth.length) this.#view.setPath("truth", truth);
-    this.#part("video-truth-key").hidden = truth.length === 0;
-    this.#refresh();
+    this.#results.clear();
   }
 
   /** Another camera or scene: what was found with the last one is wrong. A track took long: it stays until it is computed again. */
@@ -497,15 +405,5 @@ class Step {
     ball.disabled = !scene || this.#sceneChoice.example !== undefined;
     ball.value = scene ? String(Number((200 * scene.ball.radius).toFixed(2))) : "";
     this.#showWhether();
-  }
-
-  #saveJson(): void {
-    const { camera, scene } = this.#sceneChoice;
-    const about = { source: this.#about.name, camera, scene, threshold: this.#model.threshold };
-    save(`${this.#fileName}.json`, jsonOf(this.#frameSearch.detections.all, this.#fit, about));
-  }
-
-  get #fileName(): string {
-    return `${this.#about.name.replace(/\.[^.]*$/, "").replace(/[^\p{L}\p{N}_-]+/gu, "-").toLowerCase() || "video"}-positions`;
   }
 }

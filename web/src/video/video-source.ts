@@ -55,9 +55,7 @@ export class VideoSource implements Source {
 
   static async file(file: File): Promise<VideoSource> {
     const element = await openVideo(file, `${file.name} is not a video or picture that this browser can read. MP4 (H.264) and WebM play nearly everywhere.`);
-    if (element.videoWidth) return new VideoSource("video", file.name, element, file);
-    closeVideo(element);
-    throw new Error(`${file.name} has sound, but no pictures.`);
+    return new VideoSource("video", file.name, element, file);
   }
 
   static async webcam(): Promise<VideoSource> {
