@@ -34,6 +34,10 @@ test("opened once, the page finds balls and has all of its steps with no server 
     golden[samples[2].file].world.forEach((value, axis) => assert.ok(Math.abs(value - world[axis]) < 2e-3, `${world}`));
     await page.getByRole("tab", { name: "Calibrate" }).click();
     await page.getByTestId("cal-court").locator("option").nth(3).waitFor({ state: "attached" });
+    await page.getByRole("tab", { name: "Your video" }).click();
+    await page.getByTestId("video-rally").click();
+    await page.getByTestId("video-plan").waitFor({ timeout: 120_000 });
+    assert.match(await page.title(), /^Your video · gravisight$/);
     assert.deepEqual(complaints, []);
   } finally {
     await browser.close();

@@ -36,7 +36,9 @@ async function tracked(own) {
 
 /** What the picture says once a step has settled: longer than a browser takes to tell of a seek. */
 async function settled(own) {
-  await own.waitForTimeout(400);
+  await own.waitForTimeout(100);
+  await own.waitForFunction(() => !document.querySelector('[data-part="video-frame"] video').seeking, null, PATIENCE);
+  await own.waitForTimeout(300);
   return { label: await own.getByTestId("video-overlay").getAttribute("aria-label"), clock: await own.getByTestId("video-clock").textContent() };
 }
 

@@ -360,6 +360,15 @@ test("a webcam starts and stops", PATIENCE, async () => {
     const stream = await own.evaluateHandle(() => document.querySelector('[data-part="video-frame"] video').srcObject);
     assert.equal(await stream.evaluate((given) => given.getVideoTracks()[0].readyState), "live");
     assert.equal(await own.getByTestId("video-stop").textContent(), "Stop the webcam");
+    // What is recorded opens as a video, which can be tracked.
+    await own.getByTestId("video-record").click();
+    await own.waitForTimeout(1500);
+    await own.getByTestId("video-record").filter({ hasText: "Stop and open" }).click();
+    await own.getByTestId("video-time").waitFor(PATIENCE);
+    assert.ok(await own.getByTestId("video-track").isEnabled());
+    assert.equal(await stream.evaluate((given) => given.getVideoTracks()[0].readyState), "ended");
+    await own.getByTestId("video-webcam").click();
+    await own.getByTestId("video-stop").filter({ hasText: "Stop the webcam" }).waitFor(PATIENCE);
     await own.getByTestId("video-stop").click();
     assert.equal(await stream.evaluate((given) => given.getVideoTracks()[0].readyState), "ended");
     // The count follows at its own pace.

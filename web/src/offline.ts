@@ -2,6 +2,9 @@
 import { coreFiles } from "gravisight";
 import { MODELS, OWN_MODEL } from "./shared/core";
 
+/** The example that comes with the page and is fetched only when it is opened. */
+const RALLY = ["rally/rally.json", "rally/tennis.mp4"];
+
 /** Resolves once all that the page needs is kept; never where the browser, or a development server, keeps nothing. */
 export async function keepForOffline(): Promise<void> {
   const container = (navigator as { serviceWorker?: ServiceWorkerContainer }).serviceWorker;
@@ -14,7 +17,7 @@ export async function keepForOffline(): Promise<void> {
   const models = OWN_MODEL === null ? Object.values(MODELS) : [];
   // Single pictures are found on one thread, videos on all that there may be.
   const core = [...(await coreFiles()), ...(await coreFiles("cpu", { threads: "auto" }))];
-  const files = new Set([location.href, ...seen, ...models.map((file) => new URL(file, location.href).href), ...core]);
+  const files = new Set([location.href, ...seen, ...[...models, ...RALLY.map((file) => import.meta.env.BASE_URL + file)].map((file) => new URL(file, location.href).href), ...core]);
   for (const file of files) {
     const isOurs = new URL(file).origin === location.origin;
     if (isOurs && !(await caches.match(file, { ignoreSearch: true }))) await (await fetch(file)).arrayBuffer();

@@ -45,6 +45,7 @@ async function show(tabs: HTMLButtonElement[], requested: string): Promise<void>
     tab.tabIndex = isChosen ? 0 : -1;
     element(`panel-${nameOf(tab)}`).hidden = !isChosen;
   }
+  document.title = chosen && chosen !== tabs[0] ? `${chosen.textContent} · gravisight` : "gravisight";
   // On a phone not all tabs are in sight.
   chosen?.scrollIntoView({ block: "nearest", inline: "center" });
   const name = chosen ? nameOf(chosen) : "try";

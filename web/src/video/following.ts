@@ -144,7 +144,7 @@ export class Following {
     const reason = !source
       ? "No video is open: choose one to track it."
       : source.kind === "webcam"
-        ? "A webcam cannot be tracked: record a video first."
+        ? "A webcam cannot be tracked: record a video first, with the button Record below."
         : source.durationMs <= 0
           ? "A single picture cannot be tracked: choose a video."
           : "";

@@ -16,6 +16,7 @@ import { Following } from "./following";
 import { FrameSearch } from "./frame-search";
 import { Model } from "./model";
 import markup from "./panel.html?raw";
+import { WebcamRecorder } from "./recorder";
 import { Results } from "./results";
 import { SceneChoice, when } from "./scene-choice";
 import { PictureSource, type Source } from "./sources";
@@ -42,6 +43,7 @@ class Step {
   readonly #results: Results;
   readonly #court: Court;
   readonly #work: Work;
+  readonly #recorder: WebcamRecorder;
   #loading: Promise<void> | undefined;
   /** Sources that are being opened: one, or more for a moment where somebody does not wait. */
   #opening = 0;
@@ -84,6 +86,7 @@ class Step {
         },
       },
     );
+    this.#recorder = new WebcamRecorder(part, (file) => this.#openRecording(file));
     this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
     this.#listen();
     this.#showSceneChoice();
@@ -119,6 +122,7 @@ class Step {
     });
     onClick("video-play", () => (this.#source?.playing ? this.#source.pause() : this.#play()));
     onClick("video-stop", () => this.#close());
+    onClick("video-record", () => this.#recorder.toggle());
     onClick("video-track", () => this.#track());
     onClick("video-retrack", () => this.#following.revise().then(() => this.#kept()));
     onClick("video-calibrate", () => this.#calibrate());
@@ -193,6 +197,12 @@ class Step {
     this.#sceneChoice.example = undefined;
     await this.#use(source);
     await this.#play();
+  }
+
+  /** A recording's camera is the webcam's. */
+  async #openRecording(file: File): Promise<void> {
+    if (!this.#sceneChoice.otherCamera && workspace.cameraAbout?.of.length) workspace.cameraIsOf(file.name);
+    await this.#openFile(file);
   }
 
   async #openExample(message: string, make: (watch: Watch) => Promise<Example>): Promise<void> {
@@ -317,6 +327,7 @@ class Step {
 
   #showSource(): void {
     this.#transport.open(this.#source);
+    this.#recorder.open(this.#source instanceof VideoSource && this.#source.stream ? this.#source : undefined);
     this.#showWhether();
     this.#part<HTMLFieldSetElement>("video-layers").disabled = !this.#source;
   }

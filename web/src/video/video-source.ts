@@ -75,6 +75,11 @@ export class VideoSource implements Source {
     }
   }
 
+  /** The webcam's; undefined of a file. */
+  get stream(): MediaStream | undefined {
+    return this.#stream;
+  }
+
   get width(): number {
     return this.element.videoWidth;
   }
