@@ -200,6 +200,32 @@ test("bounces and hits are marks on the slider; a mark, a row, the plan and a pl
   const clock = parseFloat((await settled(own)).clock);
   const [, from, to] = (await own.getByTestId("video-chart-speed").getAttribute("aria-label")).match(/([\d.]+) to ([\d.]+):/);
   assert.ok(Math.abs(clock - (Number(from) + Number(to)) / 2) < 0.1, `${clock} s`);
+  // What can be taken along.
+  const report = (await saved(own, "video-report")).toString();
+  assert.match(report, /<h1>tennis\.mp4<\/h1>/);
+  assert.match(report, /All \d flights are explained.*<caption>Bounces and hits<\/caption>.*<svg.*data:image\/png/s);
+  assert.doesNotMatch(report, /<script|<button|https?:\/\/(?!www\.w3\.org)/);
+  const film = join(mkdtempSync(join(tmpdir(), "gravisight-film-")), "film");
+  writeFileSync(film, await saved(own, "video-film"));
+  const entries = ["-v", "error", "-count_frames", "-select_streams", "v", "-show_entries", "stream=width,height,nb_read_frames", "-of", "csv=p=0", film];
+  assert.deepEqual(execFileSync("ffprobe", entries).toString().trim().split(",").map(Number), [1920, 1080, 97]);
+  await own.close();
+});
+
+test("a video that the browser cannot play, and one that is cut off, are named", PATIENCE, async () => {
+  const own = await open(browser, `${server.url}#video`, complaints);
+  const hevc = { ...clip, name: "IMG_0042.MOV", mimeType: "video/quicktime", buffer: converted(clip.buffer, ["-an", "-c:v", "libx265", "-x265-params", "log-level=none", "-preset", "ultrafast", "-tag:v", "hvc1"]) };
+  for (const [step, input, alert] of [["video", "video-input", "video-alert"], ["calibrate", "cal-file", "cal-alert"]]) {
+    await own.evaluate((step) => (location.hash = step), step);
+    await own.getByTestId(input).waitFor({ state: "attached", ...PATIENCE });
+    await own.getByTestId(input).setInputFiles([hevc]);
+    await own.getByTestId(alert).filter({ hasText: /IMG_0042\.MOV is HEVC .* Most Compatible .*ffmpeg -i/ }).waitFor(PATIENCE);
+  }
+  await own.evaluate(() => (location.hash = "video"));
+  const whole = converted(clip.buffer, ["-c", "copy", "-movflags", "faststart"]);
+  await own.getByTestId("video-input").setInputFiles([{ ...clip, buffer: whole.subarray(0, 0.6 * whole.length) }]);
+  await tracked(own);
+  assert.match(await own.getByTestId("video-alert").innerText(), /The file is cut off: \d+ of its 27 frames could be read/);
   await own.close();
 });
 
@@ -219,11 +245,15 @@ async function scrub(own, ms) {
 
 /** The same clip as one of 25 frames a second that is shown at 30: every sixth picture is the one before again. */
 function repeating(video) {
+  return converted(video, ["-vf", "setpts=N/25/TB,fps=30", "-an", "-c:v", "libx264", "-crf", "12"]);
+}
+
+function converted(video, options) {
   const folder = mkdtempSync(join(tmpdir(), "gravisight-repeat-"));
   const [from, to] = ["from.mp4", "to.mp4"].map((name) => join(folder, name));
   try {
     writeFileSync(from, video);
-    execFileSync("ffmpeg", ["-v", "error", "-i", from, "-vf", "setpts=N/25/TB,fps=30", "-an", "-c:v", "libx264", "-crf", "12", to]);
+    execFileSync("ffmpeg", ["-v", "error", "-i", from, ...options, to]);
     return readFileSync(to);
   } finally {
     rmSync(folder, { recursive: true });
