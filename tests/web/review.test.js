@@ -225,7 +225,7 @@ test("a video that the browser cannot play, and one that is cut off, are named",
   const whole = converted(clip.buffer, ["-c", "copy", "-movflags", "faststart"]);
   await own.getByTestId("video-input").setInputFiles([{ ...clip, buffer: whole.subarray(0, 0.6 * whole.length) }]);
   await tracked(own);
-  assert.match(await own.getByTestId("video-alert").innerText(), /The file is cut off: \d+ of its 27 frames could be read/);
+  assert.match(await own.getByTestId("video-fit-result").innerText(), /The file is cut off: \d+ of its 27 frames could be read/);
   await own.close();
 });
 

@@ -42,7 +42,8 @@ export class TrackResult {
       if (detection) this.detections.push(detection);
       this.#byFrame.push(detection);
     }
-    this.curve = curveOf(tracked);
+    const { findings } = tracked;
+    this.curve = curveOf(record.broken ? { ...tracked, findings: { ...findings, notes: [record.broken, ...findings.notes] } } : tracked);
   }
 
   /** What was found in the frame that the video shows at a time. */
