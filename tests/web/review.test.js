@@ -200,6 +200,14 @@ test("bounces and hits are marks on the slider; a mark, a row, the plan and a pl
   const clock = parseFloat((await settled(own)).clock);
   const [, from, to] = (await own.getByTestId("video-chart-speed").getAttribute("aria-label")).match(/([\d.]+) to ([\d.]+):/);
   assert.ok(Math.abs(clock - (Number(from) + Number(to)) / 2) < 0.1, `${clock} s`);
+  // In other units the same numbers.
+  const speedOf = async () => parseFloat(await own.getByTestId("video-flight").first().locator("strong").first().innerText());
+  const metric = await speedOf();
+  await own.getByTestId("video-units").selectOption("mph");
+  assert.ok(Math.abs((await speedOf()) * 0.44704 - metric) < 0.06, `${await speedOf()} mph, ${metric} m/s`);
+  assert.match(await own.getByTestId("video-chart-speed").getAttribute("aria-label"), /\(mph\)/);
+  assert.match(await own.getByTestId("video-contacts").innerText(), / ft/);
+  await own.getByTestId("video-units").selectOption("si");
   // What can be taken along.
   const report = (await saved(own, "video-report")).toString();
   assert.match(report, /<h1>tennis\.mp4<\/h1>/);

@@ -126,7 +126,7 @@ fn measured(number: Option<&Measured>) -> Cell {
     };
     number.map_or_else(
         || Cell::vague("not known".into(), String::new()),
-        |Measured { value, sigma, precise }| match precise {
+        |Measured { value, sigma, precise, .. }| match precise {
             true => Cell::bold(unbroken(value), format!("± {sigma}")),
             false => Cell::vague(unbroken(value), format!("± {sigma}")),
         },

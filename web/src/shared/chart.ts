@@ -17,7 +17,7 @@ export interface Series {
   faint?: Value[];
 }
 
-/** A chart's labels and series stay what they are; only values, marks and range change. */
+/** A chart's series and the label of its x stay what they are; values, marks, range and the label of y change. */
 export interface Content {
   /** Upwards and to the right, with their units. */
   y: string;
@@ -64,6 +64,8 @@ export class Chart {
     this.#content = content;
     this.#box.setAttribute("role", "img");
     this.#box.setAttribute("aria-label", described(content));
+    const upwards = this.#plot?.axes[1];
+    if (upwards) upwards.label = content.y;
     if (this.#plot) this.#plot.setData(dataOf(content));
     else this.#fit();
     this.#placeNow();

@@ -2,6 +2,7 @@
 import type { Findings, Measured } from "gravisight";
 import { make } from "../dom";
 import { planOf } from "./plan";
+import { inUnit, type Units } from "./units";
 import type { Curve } from "./detections";
 
 /** Which numbers are bold; the core decides, see `Findings` of the package. */
@@ -12,18 +13,21 @@ const METRES = "This is the ball in pixels. For metres, speeds and bounces: cali
 export class FitResult {
   readonly #verdict: HTMLElement;
   readonly #place: HTMLElement;
+  units: Units;
 
   /** The verdict has a place of its own, above everything. */
-  constructor(verdict: HTMLElement, place: HTMLElement) {
+  constructor(verdict: HTMLElement, place: HTMLElement, units: Units) {
+    this.units = units;
     this.#verdict = verdict;
     this.#place = place;
   }
 
+  /** In {@link FitResult.units}. */
   show({ findings, explained, flat, frames, flights }: Curve): void {
     this.#verdict.hidden = false;
     this.#verdict.dataset.tone = flat ? "plain" : explained ? "good" : "bad";
     this.#verdict.replaceChildren(make("p", { text: findings.headline, part: "video-fit-words" }));
-    const left = make("div", { class: "video-told" }, ...this.#remarks(findings, flat, frames.filter(({ outlier }) => outlier).length), ...tables(findings, flights.map(({ start }) => start)));
+    const left = make("div", { class: "video-told" }, ...this.#remarks(findings, flat, frames.filter(({ outlier }) => outlier).length), ...tables(findings, flights.map(({ start }) => start), this.units));
     const plan = findings.plan?.bounces.length ? [figure(findings.plan, new Map(findings.contacts.flatMap(({ bounce, time }) => (bounce === null ? [] : [[bounce, time]]))))] : [];
     const stale = make("p", { text: "New frames were added after this fit: fit again to include them.", part: "video-fit-stale" });
     stale.hidden = true;
@@ -61,10 +65,10 @@ export class FitResult {
 }
 
 /** Flights, bounces and hits of which something is known. */
-function tables({ flights, contacts }: Findings, starts: number[]): HTMLElement[] {
+function tables({ flights, contacts }: Findings, starts: number[], units: Units): HTMLElement[] {
   const spinning = flights.some(({ spin }) => spin);
   const known = flights.flatMap(({ when, speed, spin, explained }, index) =>
-    explained ? [{ part: "video-flight", cells: [String(index + 1), moment(when, starts[index] ?? 0), measured(speed), ...(spinning ? [spin ? measured(spin) : ""] : [])] }] : [],
+    explained ? [{ part: "video-flight", cells: [String(index + 1), moment(when, starts[index] ?? 0), measured(speed, units.speed), ...(spinning ? [spin ? measured(spin, units.spin) : ""] : [])] }] : [],
   );
   const placed = contacts.filter(({ place }) => place);
   const lined = placed.some(({ withinLines }) => withinLines !== null);
@@ -73,8 +77,8 @@ function tables({ flights, contacts }: Findings, starts: number[]): HTMLElement[
     cells: [
       bounce === null ? what : what.replace(" ", ` ${bounce} `),
       moment(inSeconds(time), time),
-      measured(place),
-      speed === null ? "" : `${speed.toFixed(1)}\u00a0m/s`,
+      measured(place, units.length),
+      speed === null ? "" : `${(units.speed.per * speed).toFixed(1)}\u00a0${units.speed.name}`,
       ...(lined ? [withinLines === null ? "" : `${(100 * withinLines).toFixed(0)}\u00a0%`] : []),
     ],
   }));
@@ -118,12 +122,12 @@ function moment(text: string, seconds: number): HTMLElement {
 }
 
 /** A number with its uncertainty: bold where it may be read as a fact. */
-function measured(number: Measured | null): HTMLElement {
+function measured(number: Measured | null, unit: Units["speed"]): HTMLElement {
   if (!number) return make("span", { class: "vague", text: "not known" });
-  const { value, sigma, precise } = number;
+  const { value, sigma, precise } = inUnit(number, unit);
   return make("span", { class: precise ? "precise" : "vague" }, make(precise ? "strong" : "span", { text: unbroken(value) }), make("small", { text: ` ± ${sigma}` }));
 }
 
 /** A number stays in a line with its unit, a coordinate with its axis. */
-const unbroken = (value: string) => value.replace(/([xyz]) /g, "$1\u00a0").replace(/ (m|m\/s|rev\/s)\b/g, "\u00a0$1");
+const unbroken = (value: string) => value.replace(/([xyz]) /g, "$1\u00a0").replace(/ (m|m\/s|rev\/s|km\/h|mph|ft|rpm)\b/g, "\u00a0$1");
 const inSeconds = (time: number) => `${time.toFixed(2)}\u00a0s`;

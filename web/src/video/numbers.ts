@@ -1,24 +1,27 @@
 /** The position in the frame that is shown, and what is known of all frames together. */
 import type { Parts } from "../shared/panel";
 import { average, type FrameDetection } from "./detections";
+import type { Units } from "./units";
 
 export class Numbers {
   readonly #part: Parts;
+  units: Units;
 
-  constructor(part: Parts) {
+  constructor(part: Parts, units: Units) {
     this.#part = part;
+    this.units = units;
   }
 
   show(detection: FrameDetection, isSure: boolean): void {
     const isKnown = detection.explained !== false;
     for (const [axis, name] of ["video-x", "video-y", "video-z"].entries()) {
       const metres = isKnown ? detection.world?.[axis] : undefined;
-      this.#set(name, metres ?? "", metres === undefined ? "–" : metres.toFixed(2).replace("-", "−"));
+      this.#set(name, metres ?? "", metres === undefined ? "–" : (this.units.length.per * metres).toFixed(2).replace("-", "−"));
     }
     this.#part("video-position").classList.toggle("vague", detection.precise === false);
     this.#set("video-pixel", detection.image.join(" "), `${detection.image.map((px) => px.toFixed(1)).join(", ")} px`);
     this.#part("video-sigma-row").hidden = detection.sigma === null || !isKnown;
-    this.#set("video-sigma", detection.sigma ?? "", detection.sigma === null ? "–" : `± ${length(detection.sigma)}`);
+    this.#set("video-sigma", detection.sigma ?? "", detection.sigma === null ? "–" : `± ${length(detection.sigma, this.units)}`);
     this.#set("video-confidence", detection.confidence, `${(100 * detection.confidence).toFixed(0)} %${isSure ? "" : " – not sure"}`);
     this.#setError("video-error", detection.dtg);
   }
@@ -62,6 +65,7 @@ export class Numbers {
 }
 
 /** In the usual unit of such a length. */
-function length(metres: number): string {
+function length(metres: number, { length: unit }: Units): string {
+  if (unit.per !== 1) return `${(unit.per * metres).toFixed(metres < 1 ? 2 : 1)} ${unit.name}`;
   return metres < 1 ? `${(100 * metres).toFixed(metres < 0.1 ? 1 : 0)} cm` : `${metres.toFixed(1)} m`;
 }

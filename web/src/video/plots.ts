@@ -1,6 +1,7 @@
 /** The two plots: where the ball is, and how fast. */
 import { Chart, pictureOf, type Series } from "../shared/chart";
 import type { Curve, FrameDetection } from "./detections";
+import type { Units } from "./units";
 
 /** Of a source without an end, in seconds: the last ones. */
 const LIVE_WINDOW = 20;
@@ -35,7 +36,8 @@ export class Plots {
     for (const chart of [this.#position, this.#speed, this.#pixels]) chart.showNow(seconds);
   }
 
-  show(all: FrameDetection[], fit: Curve | undefined, { threshold, durationMs }: { threshold: number; durationMs: number }): void {
+  show(all: FrameDetection[], fit: Curve | undefined, { threshold, durationMs, units }: { threshold: number; durationMs: number; units: Units }): void {
+    const { length, speed: speedUnit } = units;
     const last = all.at(-1)?.filmed ?? 0;
     const live = !Number.isFinite(durationMs);
     const from = live ? Math.max(0, last - LIVE_WINDOW) : durationMs / 1000 <= SHORT ? 0 : (all[0]?.filmed ?? 0);
@@ -52,17 +54,17 @@ export class Plots {
     });
     const series = AXES.map((name, axis): Series => {
       const dots = (isSure: boolean) =>
-        shown.flatMap(({ filmed, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[filmed, world[axis] ?? 0]] : []));
-      const line = frames.map(({ time, world }): [number, number] => [time, world[axis] ?? 0]);
+        shown.flatMap(({ filmed, world, confidence, explained }): [number, number][] => (world && (confidence >= threshold && explained !== false) === isSure ? [[filmed, length.per * (world[axis] ?? 0)]] : []));
+      const line = frames.map(({ time, world }): [number, number] => [time, length.per * (world[axis] ?? 0)]);
       return { name, colour: `--axis-${name}`, dots: dots(true), faint: dots(false), line };
     });
     this.#positionPlace.hidden = flat;
     this.#pixelsPlace.hidden = !flat;
     if (flat) this.#pixels.show({ y: "In the picture (px)", x: TIME, series: pixels, from, to });
-    else this.#position.show({ y: "Position (m)", x: TIME, series, marks, from, to });
+    else this.#position.show({ y: `Position (${length.name})`, x: TIME, series, marks, from, to });
     this.#speedPlace.hidden = !fit || frames.length === 0;
-    const line = frames.map(({ time, speed }): [number, number] => [time, speed]);
-    if (!this.#speedPlace.hidden) this.#speed.show({ y: "Speed of the fit (m/s)", x: TIME, series: [{ name: "", colour: "--accent", line }], marks, from, to });
+    const line = frames.map(({ time, speed }): [number, number] => [time, speedUnit.per * speed]);
+    if (!this.#speedPlace.hidden) this.#speed.show({ y: `Speed of the fit (${speedUnit.name})`, x: TIME, series: [{ name: "", colour: "--accent", line }], marks, from, to });
   }
 
   picture(): Promise<Blob> {

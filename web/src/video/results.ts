@@ -15,6 +15,7 @@ import { csvOf, fittedAt, jsonOf } from "./report";
 import type { SceneChoice } from "./scene-choice";
 import { PictureSource, type Source } from "./sources";
 import { listenForTimes, markContacts } from "./timeline";
+import { keepUnits, keptUnits, unitsOf } from "./units";
 import { VideoSource } from "./video-source";
 
 /** Between two drawings of plots and space while frames come, in milliseconds. */
@@ -46,6 +47,7 @@ export class Results {
   /** Of what is shown now. */
   #shown: FrameDetection | undefined;
   #refreshing = 0;
+  #units = unitsOf(keptUnits());
 
   constructor(uses: With) {
     const { part } = uses;
@@ -53,8 +55,12 @@ export class Results {
     this.#part = part;
     this.#view = new View3d(part("video-view"));
     this.#plots = new Plots(part("video-plot-position"), part("video-plot-speed"), part("video-plot-pixels"), (seconds) => this.#goTo(seconds));
-    this.#fitResult = new FitResult(part("video-verdict"), part("video-fit-result"));
-    this.#numbers = new Numbers(part);
+    this.#fitResult = new FitResult(part("video-verdict"), part("video-fit-result"), this.#units);
+    this.#numbers = new Numbers(part, this.#units);
+    const choice = part<HTMLSelectElement>("video-units");
+    choice.value = keptUnits();
+    choice.addEventListener("change", () => this.#use(choice.value));
+    this.#nameUnits();
     listenForTimes([part("video-marks"), part("video-fit-result")], (seconds) => this.#goTo(seconds));
   }
 
@@ -79,6 +85,20 @@ export class Results {
     this.#numbers.show(detection, isSure);
     this.#view.setBall("found", isSure && known ? detection.world : null);
     this.#view.setBall("fit", known ? (fittedAt(this.#fit, detection.filmed)?.world ?? null) : null);
+  }
+
+  /** Shows all numbers in other units. */
+  #use(name: string): void {
+    keepUnits(name);
+    this.#units = this.#numbers.units = this.#fitResult.units = unitsOf(name);
+    this.#nameUnits();
+    if (this.#fit) this.#fitResult.show(this.#fit);
+    if (this.#shown) this.show(this.#shown);
+    this.refresh();
+  }
+
+  #nameUnits(): void {
+    this.#part("video-position-title").textContent = `Position in this frame, ${this.#units.length.name}`;
   }
 
   /** Marks the moment that the video shows. */
@@ -109,7 +129,7 @@ export class Results {
     this.#numbers.showMean(sure);
     const known = sure.flatMap(({ world, explained }) => (world && explained !== false ? [world] : []));
     this.#view.setPath("found", known.slice(-MOST_IN_SPACE));
-    this.#plots.show(all, this.#fit, { threshold, durationMs: this.about.durationMs });
+    this.#plots.show(all, this.#fit, { threshold, durationMs: this.about.durationMs, units: this.#units });
     for (const name of SAVES) this.#part<HTMLButtonElement>(name).disabled = all.length === 0;
     this.#part<HTMLButtonElement>("video-film").disabled = !result || !(this.#source instanceof VideoSource);
     this.#part<HTMLButtonElement>("video-fit").disabled = known.length < 3 || tracked;

@@ -56,7 +56,7 @@ pub struct Reason {
     pub why: String,
 }
 
-/// A number with its uncertainty, as text.
+/// A number with its uncertainty, as text and as numbers.
 #[derive(Debug, Clone, PartialEq, Default, Serialize)]
 #[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
@@ -68,6 +68,10 @@ pub struct Measured {
     /// Whether it is precise: to be read as a fact. A position: to 0.3 m and a tenth of its distance from the camera; a speed and a spin: to a
     /// tenth.
     pub precise: bool,
+    /// The number itself: a speed, m/s; a spin, revolutions per second; a position, x, y and z, m.
+    pub amount: Vec<f64>,
+    /// Its σ, in the same unit.
+    pub amount_sigma: f64,
 }
 
 /// The report on a flight.
@@ -232,6 +236,8 @@ impl FlightFinding {
                 value: format!("{speed:.digits$} m/s ({:.0} km/h)", KMH * speed),
                 sigma: format!("{sigma:.digits$} m/s"),
                 precise: sigma <= PRECISE_FRACTION * speed,
+                amount: vec![speed],
+                amount_sigma: sigma,
             }
         });
         let revolutions = |spin: [f64; 3]| spin.iter().map(|w| w * w).sum::<f64>().sqrt() / std::f64::consts::TAU;
@@ -241,6 +247,8 @@ impl FlightFinding {
             value: format!("{spin:.0} rev/s"),
             sigma: format!("{sigma:.0} rev/s"),
             precise: sigma <= PRECISE_FRACTION * spin,
+            amount: vec![spin],
+            amount_sigma: sigma,
         });
         Self {
             when: when(flight),
@@ -267,6 +275,8 @@ fn place(world: &Point3<f64>, sigma: f64, camera: &Camera) -> Measured {
         value: format!("x {x}, y {y}, z {z} m"),
         sigma: length(sigma),
         precise: is_precise(world, sigma, camera),
+        amount: vec![world.x, world.y, world.z],
+        amount_sigma: sigma,
     }
 }
 
