@@ -61,6 +61,8 @@ export class Engine {
     courts: () => this.#core.courts(),
     court: ({ name }) => this.#core.court(name),
     project: ({ camera, points }) => this.#core.project(camera, Float64Array.from(points)),
+    ballAt: ({ camera, circle, radius, cameraSigma }) => this.#core.ballAt(camera, circle, radius, cameraSigma),
+    assumedCamera: ({ known }) => this.#core.assumedCamera(known),
     openScene: ({ environment, camera }) => {
       const scene = new this.#core.Simulator(environment, camera);
       const id = this.#nextScene++;

@@ -35,6 +35,8 @@ export interface Calls {
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];
+  ballAt: [{ camera: string; circle: Core.DrawnCircle; radius: number; cameraSigma: string }, Core.BallAt];
+  assumedCamera: [{ known: Core.CameraToAssume }, Core.AssumedCamera];
   openScene: [{ environment: number | undefined; camera: number }, { id: number; camera: Core.Camera; scene: Core.Scene }];
   scenePath: [{ id: number; start: number[]; times: number[] }, Float64Array];
   scenePicture: [{ id: number; centre: number[] }, Uint8Array];

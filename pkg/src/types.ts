@@ -6,14 +6,18 @@ export type {
   AdapterLimits,
   Added as ClipAdded,
   AssociationConfig,
+  AssumedCamera,
+  Assumption,
   BackgroundConfig,
   Ball as SceneBall,
+  BallAt,
   BlobsConfig,
   Bounds,
   Calibration,
   CalibrationMethod,
   Camera,
   CameraSigma,
+  CameraToAssume,
   Candidate,
   Card,
   ClipKey,
@@ -29,6 +33,7 @@ export type {
   DetectionCalibration,
   Distortion,
   DrawablePicture,
+  DrawnCircle,
   Estimate,
   EstimatorConfig,
   EvidenceConfig,
@@ -275,6 +280,14 @@ export interface CalibrateOptions {
 export interface FindCourtOptions {
   /** What to estimate besides the pose and the focal length. */
   estimate?: CalibrationUnknown[];
+  /** Drops the result; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+}
+
+/** Options of {@link Toolbox.ballAt}. */
+export interface BallAtOptions {
+  /** `oneSigma` of the calibration that made the camera, or of {@link Toolbox.assumedCamera}: its uncertainty enters σ. */
+  cameraSigma?: Camera[];
   /** Drops the result; the promise rejects with the signal's reason. */
   signal?: AbortSignal;
 }
