@@ -1,8 +1,8 @@
-/** The user's own files: a picture and its camera.json, together or one after the other, in either order. */
-import type { Camera } from "gravisight";
+/** The user's own files: a picture and its camera.json, together or one after the other, in either order; or a camera that is assumed. */
 import { element, messageOf } from "../dom";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
-import { isJson, readJson } from "../shared/files";
+import { isJson, readablePicture } from "../shared/files";
+import { assumedPhone, knownCameraFrom, type KnownCamera } from "../shared/known-camera";
 import type { Subject } from "./subject";
 
 export interface DropListener {
@@ -15,15 +15,19 @@ export interface DropListener {
 
 export class Drop {
   readonly #state = element<HTMLElement>("drop-state");
+  readonly #assumeButton = element<HTMLButtonElement>("assume-phone");
   readonly #listener: DropListener;
   #picture: File | undefined;
-  #camera: { name: string; content: Camera } | undefined;
+  #camera: KnownCamera | undefined;
+  /** Whether pictures without a camera are a phone's. */
+  #assumes = false;
 
   constructor(listener: DropListener) {
     this.#listener = listener;
     const take = (files: File[]) => void this.#take(files);
     listenForChosen(element<HTMLInputElement>("file-input"), take);
     listenForDropped(element("panel-try"), element("drop"), take);
+    this.#assumeButton.addEventListener("click", () => this.#assume(!this.#assumes));
   }
 
   /** Forgets a file that the core refused, so that it does not spoil the next one. */
@@ -31,6 +35,13 @@ export class Drop {
     if (what === "picture") this.#picture = undefined;
     else this.#camera = undefined;
     this.#showState();
+  }
+
+  #assume(assumes: boolean): void {
+    this.#assumes = assumes;
+    this.#camera = undefined;
+    this.#showState();
+    void this.#announce();
   }
 
   async #take(files: File[]): Promise<void> {
@@ -43,29 +54,47 @@ export class Drop {
     if (cameras[0]) {
       // Whatever becomes of it, the picture belongs to this camera and not to the last one.
       this.#camera = undefined;
+      this.#assumes = false;
       try {
-        this.#camera = { name: cameras[0].name, content: (await readJson(cameras[0])) as Camera };
+        this.#camera = await knownCameraFrom(cameras[0]);
       } catch (thrown) {
         this.#showState();
         return this.#listener.onRefused(messageOf(thrown));
       }
     }
     this.#showState();
-    this.#announce();
+    await this.#announce();
   }
 
-  #announce(): void {
-    if (!this.#picture) return;
-    if (!this.#camera) return this.#listener.onPictureAlone(this.#picture);
-    this.#listener.onSubject({ name: this.#picture.name, picture: this.#picture, camera: this.#camera.content });
+  async #announce(): Promise<void> {
+    const picture = this.#picture;
+    if (!picture) return;
+    const known = this.#assumes ? await this.#phone(picture) : this.#camera;
+    // Another one was dropped meanwhile.
+    if (picture !== this.#picture) return;
+    if (!known) return this.#listener.onPictureAlone(picture);
+    const { camera, oneSigma, note } = known;
+    this.#listener.onSubject({ name: picture.name, picture: await readablePicture(picture), camera, oneSigma, ...(note && { note }) });
+  }
+
+  /** The camera to assume for a picture; none for a file that is no picture. */
+  async #phone(picture: File): Promise<KnownCamera | undefined> {
+    const bitmap = await createImageBitmap(picture).catch(() => undefined);
+    if (!bitmap) return undefined;
+    const { width, height } = bitmap;
+    bitmap.close();
+    return assumedPhone({ width, height }, picture, false);
   }
 
   #showState(): void {
     const parts = [];
     if (this.#picture) parts.push(this.#picture.name);
     if (this.#camera) parts.push(`${this.#camera.name} (kept for the next picture)`);
-    if (this.#camera && !this.#picture) parts.push("now add a picture");
-    if (this.#picture && !this.#camera) parts.push("now add its camera.json");
+    if (this.#assumes) parts.push("camera: a phone, held level (kept for the next picture)");
+    const hasCamera = this.#camera !== undefined || this.#assumes;
+    if (hasCamera && !this.#picture) parts.push("now add a picture");
+    if (this.#picture && !hasCamera) parts.push("now add its camera.json, or assume a phone");
     this.#state.textContent = parts.join(" · ") || "or choose the two files";
+    this.#assumeButton.setAttribute("aria-pressed", String(this.#assumes));
   }
 }

@@ -10,6 +10,7 @@ import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { View3d } from "../shared/view3d";
 import { workspace } from "../shared/workspace";
+import { Assumed } from "./assumed";
 import { Court } from "./court";
 import type { Curve, FrameDetection } from "./detections";
 import { makeExample, rallyExample, realExample, type Example } from "./example";
@@ -52,6 +53,7 @@ class Step {
   readonly #sceneChoice = new SceneChoice();
   readonly #model = new Model();
   readonly #court: Court;
+  readonly #assumed: Assumed;
   /** What the positions are of; stays when the source is closed. */
   #about = { name: "", kind: "pictures" as Source["kind"], width: 1, height: 1, durationMs: 0 };
   #loading: Promise<void> | undefined;
@@ -95,6 +97,7 @@ class Step {
       { begin: () => this.#forget(), found: (curve) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
     );
     this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
+    this.#assumed = new Assumed({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
     this.#listen();
     this.#showSceneChoice();
   }
@@ -125,6 +128,14 @@ class Step {
     onClick("video-track", () => this.#following.start());
     onClick("video-calibrate", () => this.#calibrate());
     onClick("video-find", () => this.#court.find());
+    onClick("video-assume", async () => {
+      await this.#assumed.use();
+      this.#sceneChoiceChanged();
+    });
+    onClick("video-assume-not", () => {
+      this.#assumed.forget();
+      this.#sceneChoiceChanged();
+    });
     onClick("video-check", () => this.#court.check());
     onClick("video-fit", () => this.#fitNow());
     onClick("video-clear", () => this.#forget());
@@ -211,6 +222,7 @@ class Step {
   async #use(source: Source): Promise<void> {
     this.#close();
     this.#court.forget();
+    this.#assumed.forget();
     const { name, kind, width, height, durationMs } = source;
     this.#about = { name, kind, width, height, durationMs };
     this.#frameSearch.open(source);
@@ -406,6 +418,7 @@ class Step {
     const { camera, scene, sport, summary } = this.#sceneChoice;
     this.#part("video-place").textContent = summary;
     for (const name of ["video-needs-camera", "video-empty-camera"]) this.#part(name).hidden = camera !== undefined;
+    this.#assumed.show();
     void this.#alert.during(() => this.#court.showWhether());
     this.#part("video-needs-ball").hidden = camera === undefined || scene !== undefined;
     this.#part<HTMLSelectElement>("video-sport").value = sport;

@@ -2,24 +2,36 @@
 import type { Camera, Scene } from "gravisight";
 import { tools } from "../shared/core";
 import { readJson } from "../shared/files";
+import { cameraIn, checked, type KnownCamera } from "../shared/known-camera";
 import { workspace } from "../shared/workspace";
 import type { Example } from "./example";
 
 export class SceneChoice {
   /** Of the example while it is shown. */
   example: Omit<Example, "source"> | undefined;
-  readonly #dropped: { camera?: { name: string; content: Camera }; scene?: { name: string; content: Scene } } = {};
+  readonly #dropped: { camera?: KnownCamera; scene?: { name: string; content: Scene } } = {};
   #sport: { name: string; content: Scene } | undefined;
   /** Of the ball in place of the scene's, metres. */
   #radius: number | undefined;
 
   get camera(): Camera | undefined {
-    return this.example?.camera ?? this.#dropped.camera?.content ?? workspace.camera;
+    return this.example?.camera ?? this.#dropped.camera?.camera ?? workspace.camera;
   }
 
   /** How unsure the camera is, where that is known. */
   get cameraSigma(): Camera[] {
-    return this.example || this.#dropped.camera ? [] : workspace.cameraSigma;
+    return this.example ? [] : (this.#dropped.camera?.oneSigma ?? workspace.cameraSigma);
+  }
+
+  /** What was assumed of the camera, in words; empty where nothing was. */
+  get cameraNote(): string {
+    return this.example ? "" : (this.#dropped.camera?.note ?? "");
+  }
+
+  /** Takes a camera that is assumed; or drops one. */
+  assume(known: KnownCamera | undefined): void {
+    if (known) this.#dropped.camera = known;
+    else if (this.cameraNote) delete this.#dropped.camera;
   }
 
   /** Undefined where no ball was chosen. */
@@ -71,11 +83,9 @@ export class SceneChoice {
   async take(file: File): Promise<void> {
     const content = await readJson(file);
     const has = (...names: string[]) => typeof content === "object" && content !== null && names.every((name) => name in content);
-    if (has("intrinsic", "camera_from_world")) {
-      const camera = content as Camera;
-      await (await tools()).project(camera, [[0, 0, 0]]);
-      this.#dropped.camera = { name: file.name, content: camera };
-    } else if (has("gravity", "ball")) {
+    const camera = cameraIn(content);
+    if (camera) this.#dropped.camera = await checked({ ...camera, name: file.name, note: "" });
+    else if (has("gravity", "ball")) {
       const scene = content as Scene;
       await (await tools()).forecast(scene, { position: [0, 0, 1e3], velocity: [0, 0, 0] }, [0]);
       this.#dropped.scene = { name: file.name, content: scene };
