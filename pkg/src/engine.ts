@@ -52,7 +52,8 @@ export class Engine {
       this.#module ??= await loadBuild("cpu", source, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       return null;
     },
-    fitTrack: ({ frames, camera, scene, noisePx, estimate, cameraSigma }) => this.#core.fitTrack(frames, camera, scene, noisePx, estimate, cameraSigma),
+    fitTrack: ({ frames, camera, scene, noisePx, estimate, cameraSigma, cameraAssumed }) =>
+      this.#core.fitTrack(frames, camera, scene, noisePx, estimate, cameraSigma, cameraAssumed),
     scenes: () => this.#core.scenes(),
     scene: ({ name }) => this.#core.scene(name),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),

@@ -26,7 +26,7 @@ export interface Calls {
   trackVideo: [{ known: string; config: string | undefined }, Core.ToldVideo];
 
   open: [Source, null];
-  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string }, Core.ToldFit];
+  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string; cameraAssumed: boolean }, Core.ToldFit];
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];

@@ -142,6 +142,7 @@ export class Toolbox {
       noisePx: options.noisePx,
       estimate: [...(options.estimate ?? [])],
       cameraSigma: jsonOf(options.cameraSigma ?? [], "cameraSigma"),
+      cameraAssumed: options.cameraAssumed ?? false,
     });
     return this.#call("fitTrack", request, options.signal);
   }

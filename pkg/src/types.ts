@@ -304,6 +304,8 @@ export interface FitTrackOptions {
   estimate?: Parameter[];
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
   cameraSigma?: Camera[];
+  /** Whether the camera is assumed ({@link Toolbox.assumedCamera}): its uncertainty then enters σ and rejects no flight. Default: false. */
+  cameraAssumed?: boolean;
   /** Drops the result; the promise rejects with the signal's reason. */
   signal?: AbortSignal;
 }

@@ -47,7 +47,7 @@ export class Following {
   /** Gives the whole source to a tracker. */
   async start(): Promise<void> {
     const { frameSearch, sceneChoice, job, overlay, transport } = this.#with;
-    const { camera, cameraSigma, scene, sport } = sceneChoice;
+    const { camera, cameraSigma, cameraNote, scene, sport } = sceneChoice;
     const { source } = frameSearch;
     if (!source) throw new Error("Tracking needs a video.");
     source.pause();
@@ -58,7 +58,7 @@ export class Following {
         // The one that reads sizes, whatever the step Try shows.
         const which = { model: MODELS.any, device: chosenDevice() };
         const court = await findableCourt(sport);
-        this.#tracking = await Tracking.through(source, { camera, cameraSigma, scene, court }, which, watch, ({ image, timeMs }) => {
+        this.#tracking = await Tracking.through(source, { camera, cameraSigma, cameraAssumed: cameraNote !== "", scene, court }, which, watch, ({ image, timeMs }) => {
           overlay.showPlain(image, "The frame being processed");
           transport.showTime(timeMs);
         });

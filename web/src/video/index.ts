@@ -364,12 +364,12 @@ class Step {
   // What is made of it.
 
   async #fitNow(): Promise<void> {
-    const { camera, cameraSigma, scene } = this.#sceneChoice;
+    const { camera, cameraSigma, cameraNote, scene } = this.#sceneChoice;
     if (!camera || !scene) throw new Error("A fit needs the camera, the place and the ball.");
     this.#source?.pause();
     const { all, version } = this.#frameSearch.detections;
     const { threshold } = this.#model;
-    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, scene, threshold, size: this.#about, signal }));
+    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, cameraAssumed: cameraNote !== "", scene, threshold, size: this.#about, signal }));
     this.#showCurve(fit, version);
   }
 
