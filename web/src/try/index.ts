@@ -189,6 +189,12 @@ export class App {
     }
     const { signal } = this.#nextRun();
     this.#say("");
+    try {
+      ballOf(subject);
+    } catch (thrown) {
+      this.#refuse(messageOf(thrown));
+      return this.#showState();
+    }
     this.#loading.set("localising");
     try {
       const searches = localiser.card.depth_from === "size";

@@ -35,6 +35,8 @@ export class Pointing {
   readonly #buttons = { circle: element<HTMLButtonElement>("circle"), box: element<HTMLButtonElement>("box") };
   readonly #listener: PointingListener;
   #picture: ImageBitmap | undefined;
+  /** The picture that was taken last; its bitmap comes later. */
+  #asked: Blob | undefined;
   #tool: Tool | undefined;
   /** Where the pointer went down, or the keys put the middle; and how far it reaches, px. */
   #centre: Pixel | undefined;
@@ -66,11 +68,14 @@ export class Pointing {
     this.#region = undefined;
     this.#showBox();
     this.showPlaces([], -1);
-    this.#row.hidden = picture === undefined;
     this.allowBox(searches);
+    this.#asked = picture;
     const bitmap = picture && (await createImageBitmap(picture).catch(() => undefined));
+    // Another one came meanwhile.
+    if (this.#asked !== picture) return bitmap?.close();
+    this.#picture?.close();
     this.#picture = bitmap;
-    if (!bitmap) this.#row.hidden = true;
+    this.#row.hidden = bitmap === undefined;
   }
 
   /** Whether the model can search a part of a picture. */
@@ -81,11 +86,11 @@ export class Pointing {
   /** Offers the likeliest places; `chosen` is the index of one. */
   showPlaces(candidates: readonly Candidate[], chosen: number): void {
     const buttons = candidates.map(({ confidence, depth }, index) => {
-      const made = make("button", { class: "button place", text: `${index + 1}`, part: `place-${index + 1}` });
-      made.append(make("small", { text: `${(100 * confidence).toFixed(0)} %` }));
+      const made = make("button", { class: "button place", part: `place-${index + 1}` }, make("span", { class: "unseen", text: "Place " }));
+      made.append(String(index + 1), make("small", { text: `${(100 * confidence).toFixed(0)} %` }));
+      made.title = `Confidence ${(100 * confidence).toFixed(0)} %, ${depth.toFixed(1)} m away`;
       made.type = "button";
       made.setAttribute("aria-pressed", String(index === chosen));
-      made.setAttribute("aria-label", `Place ${index + 1}: confidence ${(100 * confidence).toFixed(0)} %, ${depth.toFixed(1)} metres away`);
       made.addEventListener("click", () => this.#listener.chose(index));
       return made;
     });
@@ -99,11 +104,13 @@ export class Pointing {
     this.#close();
     if (again || !this.#picture) return;
     this.#tool = tool;
-    this.#frame.hidden = false;
     this.#buttons[tool].setAttribute("aria-pressed", "true");
     this.#help.textContent = HELP[tool];
     // A copy: the view closes what it shows.
     void createImageBitmap(this.#picture).then((copy) => {
+      if (this.#tool !== tool) return copy.close();
+      this.#frame.hidden = false;
+      this.#frame.scrollIntoView({ block: "nearest" });
       this.#view.show(copy, LABELS[tool]);
       this.#view.overlay.focus({ preventScroll: true });
     });
