@@ -29,7 +29,10 @@ const times = Array.from({ length: 20 }, (_, frame) => frame / 40);
 const start = [-0.5, 0, 1, 0.5, 0.2, 2];
 const pixels = core.project(json(filming), core.forecast(json(floor), start, times).states.flatMap(([x, y, z]) => [x, y, z]));
 const track = times.map((time, index) => ({ time, image: [pixels[2 * index], pixels[2 * index + 1]] }));
-const fitted = (...given) => core.fitTrack(...given).frames.map(({ world, sigma, explained }) => [world, sigma, explained]);
+const fitted = (...given) => {
+  const { frames, flights } = core.fitTrack(...given);
+  return [frames.map(({ world, sigma }) => [world, sigma]), flights.map(({ reason }) => reason)];
+};
 
 /** What a call comes to: the same for the same arguments. */
 async function outcome(call, given) {

@@ -54,7 +54,8 @@ export class Stage {
     if (!this.#shown) return;
     const { result, truth, region, chosen } = this.#shown;
     const place = chosen === undefined ? undefined : result.candidates?.[chosen];
-    const numbered = result.candidates?.map(({ image }) => image) ?? [];
+    // Where the ball was found they would only hide the picture.
+    const numbered = result.ballFound && !place ? [] : (result.candidates?.map(({ image }) => image) ?? []);
     this.#overlay.show({ ...result, ...place }, { layer, sure: result.ballFound || place !== undefined, truth, numbered, region });
   }
 
