@@ -371,7 +371,6 @@ mod tests {
                 time,
                 image: Some([outline.centre.x + off, outline.centre.y - off].into()),
                 radius: Some([outline.radius, 0.3]),
-                ..Observation::default()
             }
         };
         let observations: Vec<Observation> = (0..20).map(observation).collect();
