@@ -52,9 +52,10 @@
 /// Cameras: projection, lens models, files, and calibration from labelled points and lines, or from a picture of a court.
 pub mod camera {
     pub use gravisight_geometry::camera::{
-        Calibration, CalibrationMethod, Camera, CameraSigma, Court, CourtLine, CourtVerdict, Detection, Distortion,
-        FoundCourt, FoundLine, LensModel, LineSeen, OtherCourt, Outline, PointSigma, Points, Unknowns, WrongClick,
-        calibrate, calibrate_by_lines, find_court,
+        AssumedCamera, Assumption, BallAt, Calibration, CalibrationMethod, Camera, CameraSigma, Circle, Court,
+        CourtLine, CourtVerdict, Detection, Distortion, FoundCourt, FoundLine, KnownOfCamera, LensModel, LineSeen,
+        OtherCourt, Outline, PointSigma, Points, Unknowns, WrongClick, assumed_camera, calibrate, calibrate_by_lines,
+        find_court,
     };
 }
 /// Clips on disk: pictures with their labels, cameras and scenes.

@@ -52,7 +52,8 @@ export class Engine {
       this.#module ??= await loadBuild("cpu", source, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
       return null;
     },
-    fitTrack: ({ frames, camera, scene, noisePx, estimate, cameraSigma }) => this.#core.fitTrack(frames, camera, scene, noisePx, estimate, cameraSigma),
+    fitTrack: ({ frames, camera, scene, noisePx, estimate, cameraSigma, cameraAssumed }) =>
+      this.#core.fitTrack(frames, camera, scene, noisePx, estimate, cameraSigma, cameraAssumed),
     scenes: () => this.#core.scenes(),
     scene: ({ name }) => this.#core.scene(name),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),
@@ -61,6 +62,8 @@ export class Engine {
     courts: () => this.#core.courts(),
     court: ({ name }) => this.#core.court(name),
     project: ({ camera, points }) => this.#core.project(camera, Float64Array.from(points)),
+    ballAt: ({ camera, circle, radius, cameraSigma }) => this.#core.ballAt(camera, circle, radius, cameraSigma),
+    assumedCamera: ({ known }) => this.#core.assumedCamera(known),
     openScene: ({ environment, camera }) => {
       const scene = new this.#core.Simulator(environment, camera);
       const id = this.#nextScene++;

@@ -180,12 +180,13 @@ export function ballOf({ radius }: Ball): Ball {
 
 /** The core's options for a picture. */
 export function coreOptionsOf(options: LocaliseOptions, own?: Ball): Wanted {
-  const { heatmap = false, depthMap = false, truth, region, scene, candidates = 0, ball = own } = options;
+  const { heatmap = false, depthMap = false, truth, region, scene, candidates = 0, cameraSigma = [], ball = own } = options;
   // Copies: what a framework wraps in a Proxy cannot be sent.
   return whole<Wanted>({
     heatmap,
     depthMap,
     candidates,
+    cameraSigma: JSON.parse(jsonOf(cameraSigma, "cameraSigma")) as Camera[],
     // What is no scene is for the core to refuse.
     ballRadius: ball?.radius ?? (scene as Partial<Scene> | undefined)?.ball?.radius,
     region: region && whole<Region>({ left: region.left, top: region.top, width: region.width, height: region.height }),

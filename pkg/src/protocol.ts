@@ -26,7 +26,7 @@ export interface Calls {
   trackVideo: [{ known: string; config: string | undefined }, Core.ToldVideo];
 
   open: [Source, null];
-  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string }, Core.ToldFit];
+  fitTrack: [{ frames: string; camera: string; scene: string; noisePx: number | undefined; estimate: string[]; cameraSigma: string; cameraAssumed: boolean }, Core.ToldFit];
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];
@@ -35,6 +35,8 @@ export interface Calls {
   courts: [Record<never, never>, string[]];
   court: [{ name: string }, Core.Court];
   project: [{ camera: string; points: number[] }, Float64Array];
+  ballAt: [{ camera: string; circle: Core.DrawnCircle; radius: number; cameraSigma: string }, Core.BallAt];
+  assumedCamera: [{ known: Core.CameraToAssume }, Core.AssumedCamera];
   openScene: [{ environment: number | undefined; camera: number }, { id: number; camera: Core.Camera; scene: Core.Scene }];
   scenePath: [{ id: number; start: number[]; times: number[] }, Float64Array];
   scenePicture: [{ id: number; centre: number[] }, Uint8Array];

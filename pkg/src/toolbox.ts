@@ -1,15 +1,21 @@
 import { sourceOf } from "./builds.js";
-import { connect, disposed, jsonOf, makeDisposable } from "./connect.js";
+import { connect, disposed, jsonOf, makeDisposable, whole } from "./connect.js";
 import { pictureToSend } from "./picture.js";
 import type { Answer, CallName, Request, Transport } from "./protocol.js";
 import type {
+  AssumedCamera,
+  Ball,
+  BallAt,
+  BallAtOptions,
   CalibrateOptions,
   Calibration,
   CalibrationPoints,
   Camera,
+  CameraToAssume,
   CoreOptions,
   Court,
   CourtSearch,
+  DrawnCircle,
   FindCourtOptions,
   Fit,
   FitTrackOptions,
@@ -95,6 +101,38 @@ export class Toolbox {
     });
   }
 
+  /**
+   * Where the ball is that somebody drew a circle around, without a network. The uncertainty is that of the circle (`sigmaPx`) and of the
+   * camera (`cameraSigma`). A ball is an ellipse in the picture; the circle stands for one of its area.
+   *
+   * @throws {@link GravisightError} `no-ball` where no ball has this circle; `value` for a circle or a radius that is none.
+   */
+  ballAt(camera: Camera, circle: DrawnCircle, ball: Ball, options: BallAtOptions = {}): Promise<BallAt> {
+    const { centre, radiusPx, sigmaPx, picture } = circle;
+    const request = () => ({
+      camera: jsonOf(camera, "camera"),
+      // Copies: what a framework wraps in a Proxy cannot be sent.
+      circle: whole<DrawnCircle>({
+        centre: [...centre],
+        radiusPx,
+        sigmaPx,
+        picture: picture && { width: picture.width, height: picture.height },
+      }),
+      radius: ball.radius,
+      cameraSigma: jsonOf(options.cameraSigma ?? [], "cameraSigma"),
+    });
+    return this.#call("ballAt", request, options.signal);
+  }
+
+  /**
+   * A camera for pictures that nobody calibrated: a phone's main camera, held level about 1.5 m above the ground. It lists each assumption
+   * with its σ. Pass its `oneSigma` on as `cameraSigma`, so that results state what the assumptions leave open.
+   */
+  assumedCamera(known: CameraToAssume): Promise<AssumedCamera> {
+    const { width, height, focal35mm, heightAboveGround, video } = known;
+    return this.#call("assumedCamera", () => ({ known: whole<CameraToAssume>({ width, height, focal35mm, heightAboveGround, video }) }));
+  }
+
   /** The trajectory behind a 2D track; {@link Track} is more convenient. */
   fitTrack(frames: Observation[], options: FitTrackOptions): Promise<Fit> {
     const request = () => ({
@@ -104,6 +142,7 @@ export class Toolbox {
       noisePx: options.noisePx,
       estimate: [...(options.estimate ?? [])],
       cameraSigma: jsonOf(options.cameraSigma ?? [], "cameraSigma"),
+      cameraAssumed: options.cameraAssumed ?? false,
     });
     return this.#call("fitTrack", request, options.signal);
   }

@@ -11,6 +11,8 @@ export interface TrackOptions extends CoreOptions {
   scene: Scene;
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
   cameraSigma?: Camera[];
+  /** Whether the camera is assumed ({@link Toolbox.assumedCamera}): its uncertainty then enters σ and rejects no flight. Default: false. */
+  cameraAssumed?: boolean;
   /** Found with less confidence than this, a position counts as not seen. Default: 0.5. */
   leastConfidence?: number;
   /** Standard deviation of the 2D positions, pixels; found from them where missing. */
@@ -89,8 +91,8 @@ export class Track {
    * @throws {@link GravisightError} `fit` for too few sightings, or a track that nothing explains.
    */
   fit({ signal }: { signal?: AbortSignal } = {}): Promise<Fit> {
-    const { camera, scene, noisePx, estimate, cameraSigma } = this.#options;
-    return this.#toolbox.fitTrack(this.#sightings, whole<FitTrackOptions>({ camera, scene, noisePx, estimate, cameraSigma, signal }));
+    const { camera, scene, noisePx, estimate, cameraSigma, cameraAssumed } = this.#options;
+    return this.#toolbox.fitTrack(this.#sightings, whole<FitTrackOptions>({ camera, scene, noisePx, estimate, cameraSigma, cameraAssumed, signal }));
   }
 
   /** Frees the memory, unless the toolbox is the caller's. Harmless twice. */

@@ -6,14 +6,18 @@ export type {
   AdapterLimits,
   Added as ClipAdded,
   AssociationConfig,
+  AssumedCamera,
+  Assumption,
   BackgroundConfig,
   Ball as SceneBall,
+  BallAt,
   BlobsConfig,
   Bounds,
   Calibration,
   CalibrationMethod,
   Camera,
   CameraSigma,
+  CameraToAssume,
   Candidate,
   Card,
   ClipKey,
@@ -29,6 +33,7 @@ export type {
   DetectionCalibration,
   Distortion,
   DrawablePicture,
+  DrawnCircle,
   Estimate,
   EstimatorConfig,
   EvidenceConfig,
@@ -279,6 +284,14 @@ export interface FindCourtOptions {
   signal?: AbortSignal;
 }
 
+/** Options of {@link Toolbox.ballAt}. */
+export interface BallAtOptions {
+  /** `oneSigma` of the calibration that made the camera, or of {@link Toolbox.assumedCamera}: its uncertainty enters σ. */
+  cameraSigma?: Camera[];
+  /** Drops the result; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+}
+
 /** Options of {@link Toolbox.fitTrack}. */
 export interface FitTrackOptions {
   /** The camera that saw the ball; it stands still. */
@@ -291,6 +304,8 @@ export interface FitTrackOptions {
   estimate?: Parameter[];
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
   cameraSigma?: Camera[];
+  /** Whether the camera is assumed ({@link Toolbox.assumedCamera}): its uncertainty then enters σ and rejects no flight. Default: false. */
+  cameraAssumed?: boolean;
   /** Drops the result; the promise rejects with the signal's reason. */
   signal?: AbortSignal;
 }

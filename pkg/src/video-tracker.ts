@@ -43,6 +43,11 @@ export interface TrackVideoOptions extends SceneSetup {
   seeds?: Seed[];
   /** `oneSigma` of the calibration that made the camera: its uncertainty enters σ. */
   cameraSigma?: Camera[];
+  /**
+   * Whether the camera is assumed ({@link Toolbox.assumedCamera}). Its uncertainty then enters σ and rejects no flight; otherwise a flight
+   * whose distance the camera leaves open is not explained. Default: false.
+   */
+  cameraAssumed?: boolean;
   /** Most hits of a racket, a foot or a hand between two pauses. Default: as many as the track needs. */
   hits?: number;
   /** Whether every frame of the video was given, with its own time. Default: false. */
@@ -137,7 +142,7 @@ export class VideoTracker {
   async track(options: TrackVideoOptions = {}): Promise<TrackedVideo> {
     this.#transport.throwIfClosed();
     await this.#added;
-    const { signal, onProgress, hits, seeds = [], timesKnown = false, cameraSigma = [] } = options;
+    const { signal, onProgress, hits, seeds = [], timesKnown = false, cameraSigma = [], cameraAssumed = false } = options;
     const { scene = this.#setup.scene, ball = this.#setup.ball } = options;
     // A camera that only the tracker was made with, without a scene, tells how balls look, and makes no metres.
     const camera = options.camera ?? (scene ? this.#setup.camera : undefined);
@@ -150,6 +155,7 @@ export class VideoTracker {
       scene: resolved && (ball ? { ...resolved, ball: { ...resolved.ball, radius: ball.radius } } : resolved),
       hits,
       cameraSigma,
+      cameraAssumed,
       seeds: seeds.map(({ frame, image }) => [frame, image]),
       timesKnown,
     });

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Point2, Point3};
 use super::search::SearchResult;
 use super::volume_check::VolumeCheck;
 use super::{Candidate, Localisation, LocaliseOptions, Localiser, device_name};
-use gravisight_geometry::camera::{Camera, Detection};
+use gravisight_geometry::camera::{BallShift, Camera, Detection, symmetric};
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 use gravisight_geometry::volume::check_ball_radius;
@@ -114,6 +114,30 @@ impl Localiser {
     }
 }
 
+impl Localisation {
+    /// Adds what a camera's uncertainty makes of the position and of the candidates: `one_sigma` are `camera` displaced by one standard
+    /// deviation each ([`Calibration::one_sigma`](gravisight_geometry::camera::Calibration::one_sigma)). `camera` is that of the picture,
+    /// `radius` the ball's, m. Without a covariance, as of a model that knows depths by heart, it does nothing.
+    ///
+    /// # Errors
+    /// [`Error::CameraMismatch`] for a displaced camera of another aspect ratio; [`Error::NoBall`] where one cannot see this ball.
+    pub fn add_camera_sigma(&mut self, camera: &Camera, radius: f64, one_sigma: &[Camera]) -> Result<()> {
+        let Some(covariance) = &mut self.covariance else { return Ok(()) };
+        let mut sum = Matrix3::from_fn(|row, column| covariance[row][column]);
+        let shifts = camera.ball_shifts(&self.camera.into(), radius, one_sigma)?;
+        shifts.iter().for_each(|BallShift { world, .. }| sum += world * world.transpose());
+        *covariance = symmetric(&sum);
+        let along = |shifts: &[BallShift]| shifts.iter().map(|shift| shift.depth * shift.depth).sum::<f64>().sqrt();
+        self.depth_sigma = self.depth_sigma.map(|sigma| sigma.hypot(along(&shifts)));
+        for candidate in &mut self.candidates {
+            let in_camera = camera.camera_from_world(&candidate.world.into());
+            let shifts = camera.ball_shifts(&in_camera, radius, one_sigma)?;
+            candidate.depth_sigma = candidate.depth_sigma.hypot(along(&shifts));
+        }
+        Ok(())
+    }
+}
+
 fn candidate(detection: &Detection, camera: &Camera, radius: f64) -> Result<Candidate> {
     let centre = camera.ball_from_outline(&detection.outline, radius)?;
     Ok(Candidate {
@@ -131,8 +155,5 @@ fn covariance(detection: &Detection, camera: &Camera, image: &Point2<f64>, depth
     let (_, jacobian): (Point3<f64>, Matrix3<f64>) = camera.world_from_image_with_jacobian(image, depth)?;
     let centre = detection.sigma_px().powi(2);
     let own = Matrix3::from_diagonal(&[centre, centre, (detection.log_sigma * depth).powi(2)].into());
-    let covariance = jacobian * own * jacobian.transpose();
-    // Rounding leaves it symmetric only nearly.
-    let symmetric = (covariance + covariance.transpose()) / 2.0;
-    Ok(std::array::from_fn(|row| std::array::from_fn(|column| symmetric[(row, column)])))
+    Ok(symmetric(&(jacobian * own * jacobian.transpose())))
 }

@@ -29,7 +29,10 @@ const times = Array.from({ length: 20 }, (_, frame) => frame / 40);
 const start = [-0.5, 0, 1, 0.5, 0.2, 2];
 const pixels = core.project(json(filming), core.forecast(json(floor), start, times).states.flatMap(([x, y, z]) => [x, y, z]));
 const track = times.map((time, index) => ({ time, image: [pixels[2 * index], pixels[2 * index + 1]] }));
-const fitted = (...given) => core.fitTrack(...given).frames.map(({ world, sigma }) => [world, sigma]);
+const fitted = (...given) => {
+  const { frames, flights } = core.fitTrack(...given);
+  return [frames.map(({ world, sigma }) => [world, sigma]), flights.map(({ reason }) => reason)];
+};
 
 /** What a call comes to: the same for the same arguments. */
 async function outcome(call, given) {
@@ -89,8 +92,10 @@ const CASES = {
   courtWithLines: [core.courtWithLines, ["tennis"], ["basketball"]],
   scene: [core.scene, ["tennis"], ["padel"]],
   project: [(...given) => [...core.project(...given)], [json(filming), [0, 0, 2]], [json(away(filming)), [0, 0, 1]]],
+  ballAt: [core.ballAt, [json(filming), { centre: [80, 60], radiusPx: 12 }, 0.1, "[]"], [json(away(filming)), { centre: [80, 60], radiusPx: 14 }, 0.2, json([away(filming)])]],
+  assumedCamera: [core.assumedCamera, [{ width: 400, height: 300 }], [{ width: 440, height: 300 }]],
   forecast: [core.forecast, [json(floor), start, times], [json({ ...floor, gravity: [0, 0, -3] }), start.with(0, 1), times.slice(3)]],
-  fitTrack: [fitted, [json(track), json(filming), json(floor), 0.5, [], "[]"], [json(track.slice(2)), json(away(filming)), bad, 4, ["mass"], json([away(filming)])]],
+  fitTrack: [fitted, [json(track), json(filming), json(floor), 0.5, [], json([away(filming)]), false], [json(track.slice(2)), json(away(filming)), bad, 4, ["mass"], "[]", true]],
   "Simulator.constructor": [(...given) => [new core.Simulator(...given)].map(({ camera, scene }) => [camera, scene]), [1, 1], [undefined, 2]],
   "Simulator.clip": [simulator.clip.bind(simulator), [7, 0], [8, 1]],
   "Simulator.path": [(...given) => [...simulator.path(...given)], [start, times], [start.with(0, 0.1), times.slice(2)]],
@@ -147,6 +152,7 @@ const OPTIONS = {
       region: { left: 0, top: 0, width: 40, height: 40 },
       scene: { ...floor, bounds: { low: [-900, -900, 800], high: [900, 900, 900] } },
       candidates: 3,
+      cameraSigma: [away(samples[0].camera)],
       truth: [0, 0, 0],
     },
   ],
@@ -157,10 +163,21 @@ const OPTIONS = {
       camera: { ...filming, width: 400 },
       scene: { ...known.scene, gravity: "down" },
       cameraSigma: [away(filming)],
+      cameraAssumed: "maybe",
       hits: -1,
       seeds: [[20, [5, 5]]],
       timesKnown: "maybe",
     },
+  ],
+  CameraToAssume: [
+    core.assumedCamera,
+    { width: 400, height: 300 },
+    { width: 440, height: 330, focal35mm: 50, heightAboveGround: 1, video: true },
+  ],
+  DrawnCircle: [
+    (circle) => core.ballAt(json(filming), circle, 0.1, "[]"),
+    { centre: [80, 60], radiusPx: 12 },
+    { centre: [81, 60], radiusPx: 14, sigmaPx: 2, picture: { width: 320, height: 240 } },
   ],
   FineTuneOptions: [
     async (options) => ofTuner(await core.FineTuner.create(card, weights, json(options), "cpu")),

@@ -122,6 +122,7 @@ test("Localiser.localise", async () => {
       return plain.ballFound && !found.ballFound && found.notes.some((note) => note.includes("outside the volume"));
     },
     candidates: async () => (await localiser.localise(picture, { candidates: 3 })).candidates.length > 1,
+    cameraSigma: async () => (await localiser.localise(picture, { cameraSigma: [farther] })).depthSigma >= plain.depthSigma && far((await localiser.localise(picture, { cameraSigma: [farther] })).covariance[0], plain.covariance[0]),
     truth: async () => Math.abs((await localiser.localise(picture, { truth: plain.world })).dtg) < 1e-6,
   });
   // Frames that could not be read count for nothing, however many were under way at a time.
@@ -202,6 +203,7 @@ test("VideoTracker: every option, frames that are not awaited, frames that fail"
       return (await unused([none])) && !(await unused([none, seen])) && (await unused([seen, none]));
     },
     cameraSigma: async () => (await code(tracker.track({ ...place, cameraSigma: [{ ...filming, width: -1 }] }))) !== "none",
+    cameraAssumed: async () => (await code(tracker.track({ ...place, cameraAssumed: "maybe" }))) !== "none",
     hits: async () => (await code(tracker.track({ ...place, hits: -1 }))) !== "none",
     timesKnown: async () => (await code(tracker.track({ ...place, timesKnown: "maybe" }))) !== "none",
     signal: () => aborted(tracker.track({ signal: enough })),
@@ -248,6 +250,7 @@ test("Track", async () => {
     camera: async () => far((await fit({ camera: moved })).frames[15].world, plain.frames[15].world, 0.1),
     scene: async () => (await code(fit({ scene: { ...scene, gravity: "down" } }))) === "format",
     cameraSigma: async () => sigmaOf(await fit({ cameraSigma: [moved] })) > 1.5 * sigmaOf(plain),
+    cameraAssumed: async () => !(await fit({ cameraSigma: [moved] })).explained && (await fit({ cameraSigma: [moved], cameraAssumed: true })).explained,
     leastConfidence: async () => used(await fit({ leastConfidence: 0.3 })) >= used(plain) + 8,
     noisePx: async () => sigmaOf(await fit({ noisePx: 4 })) > sigmaOf(plain),
     estimate: async () => (await code(fit({ estimate: ["mass"] }))) === "format",
@@ -270,6 +273,40 @@ test("Track", async () => {
   assert.ok(await aborted((await filled()).fit({ signal: enough })));
   toolbox.dispose();
 });
+
+/** A phone that is assumed, and a ball in a circle: every option of both. */
+async function assumesAndPlaces(toolbox) {
+  const size = { width: 4000, height: 3000 };
+  const plain = await toolbox.assumedCamera(size);
+  assert.equal(plain.oneSigma.length, plain.assumptions.length);
+  const assumed = async (known) => (await toolbox.assumedCamera({ ...size, ...known })).camera;
+  await each(fieldsOf("CameraToAssume", CORE_TYPES), {
+    width: async () => (await assumed({ width: 4400 })).width === 4400,
+    height: async () => (await assumed({ height: 3300 })).height === 3300,
+    focal35mm: async () => Math.abs((await assumed({ focal35mm: 52 })).intrinsic[0][0] / plain.camera.intrinsic[0][0] - 2) < 1e-9,
+    heightAboveGround: async () => Math.abs((await assumed({ heightAboveGround: 2 })).camera_from_world[1][3] - 2) < 1e-9,
+    video: async () => (await assumed({ video: true })).intrinsic[0][0] > plain.camera.intrinsic[0][0],
+  });
+  assert.equal(await code(assumed({ focal35mm: 0 })), "value");
+  const circle = { centre: [2200, 1300], radiusPx: 100 };
+  const ball = { radius: 0.11 };
+  const placed = (other, options) => toolbox.ballAt(plain.camera, { ...circle, ...other }, ball, options);
+  const found = await placed();
+  // A ball of 11 cm is 100 px of 3005 px: some 3.3 m away.
+  assert.ok(Math.abs(found.depth - 3.33) < 0.03, `${found.depth} m`);
+  await each(fieldsOf("DrawnCircle", CORE_TYPES), {
+    centre: async () => far((await placed({ centre: [2300, 1300] })).world, found.world, 0.05),
+    radiusPx: async () => Math.abs((await placed({ radiusPx: 50 })).depth / found.depth - 2) < 0.01,
+    sigmaPx: async () => Math.abs((await placed({ sigmaPx: 3 })).sigma / found.sigma - 3) < 1e-6,
+    picture: async () => Math.abs((await placed({ centre: [1099.75, 649.75], radiusPx: 50, picture: { width: 2000, height: 1500 } })).depth / found.depth - 1) < 1e-6,
+  });
+  await each(fieldsOf("BallAtOptions"), {
+    cameraSigma: async () => (await placed({}, { cameraSigma: plain.oneSigma })).depthSigma > 2 * found.depthSigma,
+    signal: () => aborted(placed({}, { signal: enough })),
+  });
+  assert.equal(await code(placed({ radiusPx: 0 })), "value");
+  assert.equal(await code(toolbox.ballAt(plain.camera, circle, { radius: 11 })), "value");
+}
 
 const POINTS = { width: 1920, height: 1080, court: "tennis", names: ["near doubles corner left", "near doubles corner right", "far doubles corner left", "far doubles corner right"], image: [[312.5, 905], [1630, 897.5], [601, 322], [1297, 319.5]] };
 
@@ -317,8 +354,10 @@ test("Toolbox", async () => {
     noisePx: async () => sigmaOf(await fit({ noisePx: 4 })) > sigmaOf(fitted),
     estimate: async () => (await code(fit({ estimate: ["mass"] }))) === "format",
     cameraSigma: async () => sigmaOf(await fit({ cameraSigma: [moved] })) > 1.5 * sigmaOf(fitted),
+    cameraAssumed: async () => !(await fit({ cameraSigma: [moved] })).explained && (await fit({ cameraSigma: [moved], cameraAssumed: true })).explained,
     signal: () => aborted(fit({ signal: enough })),
   });
+  await assumesAndPlaces(toolbox);
   const shown = async (options) => JSON.stringify(await toolbox.simulator({ environment: 1, ...options }));
   await each(fieldsOf("SimulatorOptions"), {
     environment: async () => (await shown({ environment: 2 })) !== (await shown({})),

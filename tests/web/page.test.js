@@ -99,6 +99,7 @@ test("a sample's error is the distance between what is shown and the truth", asy
 test("a picture dropped together with its camera.json is localised as the sample is", async () => {
   await press(page, 2);
   const expected = await shown(page, "world-x", "world-y", "world-z");
+  await drop(page, pngFile("own.png", pictureOf(samples[2])));
   await page.getByTestId("ball").fill(String(200 * RADIUS));
   for (const inOrder of [(a, b) => [a, b], (a, b) => [b, a]]) {
     await forget(page);
@@ -117,8 +118,8 @@ test("a camera.json is kept for the next picture, and a picture waits for its ca
   await located(page);
   const fresh = await open(browser, server.url, complaints);
   await located(fresh);
-  await fresh.getByTestId("ball").fill(String(200 * RADIUS));
   await drop(fresh, pngFile("alone.png", pictureOf(samples[5])));
+  await fresh.getByTestId("ball").fill(String(200 * RADIUS));
   assert.match(await alertOf(fresh), /alone\.png needs its camera\.json/);
   await fresh.getByTestId("file-input").setInputFiles([jsonFile(samples[2].camera)]);
   await located(fresh);
@@ -211,9 +212,10 @@ test("any ball is what the page looks for, the scenes' own model is beside it an
   await other.getByTestId("other-error-cm").waitFor();
   // An own picture of a ball that is said to be half as large: half as far.
   const [depth] = await shown(other, "depth");
+  await drop(other, pngFile("own.png", pictureOf(samples[0])));
   await other.getByTestId("ball").fill("20");
   await forget(other);
-  await drop(other, pngFile("own.png", pictureOf(samples[0])), jsonFile(samples[0].camera));
+  await drop(other, jsonFile(samples[0].camera));
   await located(other);
   near(await shown(other, "depth"), [depth / 2], 0.01 * depth, "depth of a smaller ball");
   await forget(other);

@@ -1,15 +1,17 @@
 //! Cameras without a network: calibration, courts, projection.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
 use super::picture::{self, AnyPicture};
 use super::{js_error, object_of};
 use gravisight_geometry::camera::{
-    Calibration, Camera, Court, FoundCourt, Points, Unknowns, calibrate, calibrate_by_lines, find_court,
+    AssumedCamera, BallAt, Calibration, Camera, Circle, Court, FoundCourt, KnownOfCamera, Points, Unknowns,
+    assumed_camera, calibrate, calibrate_by_lines, find_court,
 };
 use gravisight_geometry::error::Error;
+use gravisight_geometry::size::Size;
 
 /// A camera from the labelled points of a `points.json`; where `picture` is given, with the court's painted lines as it shows
 /// them.
@@ -79,6 +81,71 @@ pub fn courts() -> Vec<String> {
 #[wasm_bindgen]
 pub fn court(name: &str) -> std::result::Result<Ts<Court>, JsValue> {
     Court::named(name).and_then(object_of).map_err(js_error)
+}
+
+/// What is known of a camera that nobody calibrated.
+#[derive(Deserialize, Tsify)]
+#[serde(deny_unknown_fields, rename_all = "camelCase")]
+pub struct CameraToAssume {
+    /// Of its pictures, pixels.
+    pub width: u32,
+    /// Of its pictures, pixels.
+    pub height: u32,
+    /// 35 mm equivalent of the focal length, mm, as EXIF's `FocalLengthIn35mmFilm`. Default: a phone's main camera, 26 mm.
+    #[serde(default)]
+    pub focal35mm: Option<f64>,
+    /// Height of the lens above the ground, metres. Default: 1.5.
+    #[serde(default)]
+    pub height_above_ground: Option<f64>,
+    /// Whether the picture is a video's, which stabilisation crops. Default: false.
+    #[serde(default)]
+    pub video: bool,
+}
+
+/// A camera of pictures of a size, of which nothing else need be known: a phone's, held level.
+#[wasm_bindgen(js_name = assumedCamera)]
+pub fn camera_assumed(known: Ts<CameraToAssume>) -> std::result::Result<Ts<AssumedCamera>, JsValue> {
+    let run = || {
+        let CameraToAssume { width, height, focal35mm, height_above_ground, video } =
+            known.to_rust().map_err(Error::format("assumed camera"))?;
+        let known = KnownOfCamera { focal_35mm: focal35mm, height: height_above_ground, video };
+        object_of(&assumed_camera(Size::new(width, height), &known)?)
+    };
+    run().map_err(js_error)
+}
+
+/// A circle drawn around a ball.
+#[derive(Deserialize, Tsify)]
+#[serde(deny_unknown_fields, rename_all = "camelCase")]
+pub struct DrawnCircle {
+    /// Its centre, pixels.
+    pub centre: [f64; 2],
+    /// Its radius, pixels.
+    pub radius_px: f64,
+    /// 1-σ of its centre along each axis and of its radius, pixels. Default: 1.
+    #[serde(default)]
+    pub sigma_px: Option<f64>,
+    /// Size of the picture that it was drawn in, if it is not the camera's.
+    #[serde(default)]
+    pub picture: Option<Size>,
+}
+
+/// Where a ball of `ball_radius` (m) is that somebody drew a circle around, in a picture of `camera` (JSON). `camera_sigma` (JSON): the
+/// camera displaced by one standard deviation each.
+#[wasm_bindgen(js_name = ballAt)]
+pub fn ball_at(
+    camera: &str,
+    circle: Ts<DrawnCircle>,
+    ball_radius: f64,
+    camera_sigma: &str,
+) -> std::result::Result<Ts<BallAt>, JsValue> {
+    let run = || {
+        let camera = Camera::from_json(camera, "camera")?;
+        let DrawnCircle { centre, radius_px, sigma_px, picture } = circle.to_rust().map_err(Error::format("circle"))?;
+        let one_sigma: Vec<Camera> = serde_json::from_str(camera_sigma).map_err(Error::format("cameraSigma"))?;
+        object_of(&camera.ball_at(&Circle { centre, radius_px, sigma_px, picture }, ball_radius, &one_sigma)?)
+    };
+    run().map_err(js_error)
 }
 
 /// Where points of the world (x, y, z of each, m) are in the camera's picture: x and y of each, px; NaN for what the

@@ -48,6 +48,9 @@ pub struct Wanted {
     /// Also return so many likely places.
     #[serde(default)]
     candidates: usize,
+    /// `oneSigma` of the calibration that made the camera: its uncertainty enters σ. Of a model that reads sizes.
+    #[serde(default)]
+    camera_sigma: Vec<Camera>,
     /// The true position in the world, in metres: the result then carries `dtg`, the distance to it.
     #[serde(default)]
     truth: Option<[f64; 3]>,
@@ -182,6 +185,9 @@ impl JsLocaliser {
                 },
             )
             .await?;
+        if let Some(radius) = wanted.ball_radius.filter(|_| !wanted.camera_sigma.is_empty()) {
+            found.add_camera_sigma(&camera.for_picture(picture.size())?, radius, &wanted.camera_sigma)?;
+        }
         found.doubt(&camera, &wanted.scene.map_or(vec![], |scene| scene.landmarks()));
         let map = |wanted: bool, values: fn(&Maps) -> &[f32]| {
             let maps = found.maps.as_ref().filter(|_| wanted);

@@ -42,13 +42,15 @@ pub fn fit_track(
     noise_px: Option<f64>,
     estimate: Vec<String>,
     camera_sigma: &str,
+    camera_assumed: bool,
 ) -> std::result::Result<Ts<ToldFit>, JsValue> {
-    fit(frames, [camera, camera_sigma], scene, noise_px, estimate).map_err(js_error)
+    fit(frames, [camera, camera_sigma], camera_assumed, scene, noise_px, estimate).map_err(js_error)
 }
 
 fn fit(
     frames: &str,
     [camera, camera_sigma]: [&str; 2],
+    camera_assumed: bool,
     scene: &str,
     noise_px: Option<f64>,
     estimate: Vec<String>,
@@ -60,7 +62,7 @@ fn fit(
     let estimate: Vec<Parameter> = serde_json::from_value(estimate.into()).map_err(Error::format("estimate"))?;
     let forecaster = Forecaster::new(&Scene::from_json(scene, "scene")?)?;
     let cameras: Vec<Camera> = serde_json::from_str(camera_sigma).map_err(Error::format("cameraSigma"))?;
-    let options = FitOptions { noise_px, estimate, cameras, ..FitOptions::default() };
+    let options = FitOptions { noise_px, estimate, cameras, camera_assumed, ..FitOptions::default() };
     let camera = Camera::from_json(camera, "camera")?;
     let fit = forecaster.fit(&camera, &observations, &options)?;
     let findings = Findings::of_fit(&fit, &camera, forecaster.scene());

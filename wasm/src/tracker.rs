@@ -33,6 +33,10 @@ pub struct Known {
     #[serde(default)]
     #[tsify(optional)]
     camera_sigma: Vec<Camera>,
+    /// Whether the camera is assumed and not measured: its uncertainty then enters σ and rejects no flight.
+    #[serde(default)]
+    #[tsify(optional)]
+    camera_assumed: bool,
     /// Most hits between two pauses; as many as the track needs where missing.
     #[tsify(optional)]
     hits: Option<usize>,
@@ -113,8 +117,13 @@ impl JsVideoTracker {
         if let Some((camera, forecaster)) = &place {
             let cameras = known.camera_sigma.iter().map(|moved| moved.for_picture(camera.size()));
             let cameras = cameras.collect::<Result<Vec<Camera>>>()?;
-            let options =
-                FitOptions { hits: known.hits, times_known: known.times_known, cameras, ..FitOptions::default() };
+            let options = FitOptions {
+                hits: known.hits,
+                times_known: known.times_known,
+                cameras,
+                camera_assumed: known.camera_assumed,
+                ..FitOptions::default()
+            };
             tracked.fit(forecaster, camera, &options, |done, all| {
                 // Nobody has to listen.
                 on_progress.call2(&JsValue::NULL, &done.into(), &all.into()).ok();

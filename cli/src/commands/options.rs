@@ -23,6 +23,7 @@ const CHECKED: [Checked; 13] = [
     ("track", &[
         ("track::a_clip_becomes_flights_in_metres", &["camera", "scene", "out", "report"]),
         ("options::track_and_label_take_camera_ball_numbers_model_and_device", &["camera-sigma", "ball", "fps", "hits", "config", "model", "device"]),
+        ("track::a_video_without_a_calibration_is_measured_by_a_phone_that_is_assumed", &["assume-phone"]),
         ("track::of_several_labels_for_a_frame_the_last_counts", &["seed-label"]),
         ("track::a_film_is_read_and_one_with_the_ball_marked_written", &["overlay"]),
         ("track::without_a_camera_there_is_a_track_alone", &["json"]),

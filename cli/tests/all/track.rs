@@ -40,6 +40,27 @@ fn distance<const N: usize>(found: &Value, truth: [f64; N]) -> f64 {
 }
 
 #[test]
+fn a_video_without_a_calibration_is_measured_by_a_phone_that_is_assumed() {
+    let clip = "web/public/real/toss_wall.mp4";
+    let place = ["track", clip, "--scene", "free", "--ball", "0.0335", "--json"];
+    let flight = |phone: &str| {
+        let output = gravisight(&[&place[..], &[phone]].concat());
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{said}");
+        let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let number = |name: &str| found["flights"][0][name].as_f64().unwrap();
+        (said, number("speed_start"), number("speed_sigma"), found["frames"][15]["sigma"].as_f64().unwrap())
+    };
+    let (said, speed, sigma, unsure) = flight("--assume-phone");
+    assert!(said.contains("Assumed, not measured") && said.contains("26 mm"), "{said}");
+    // By the page, with the same assumption: 4.61 ± 0.09 m/s.
+    assert!((speed - 4.6).abs() < 0.3 && (0.02..0.3).contains(&sigma), "{speed} ± {sigma}");
+    let (said, _, _, surer) = flight("--assume-phone=26");
+    assert!(said.contains("26 mm equivalent, which the file or a person states"), "{said}");
+    assert!(surer < unsure, "{surer} {unsure}");
+}
+
+#[test]
 fn a_clip_becomes_flights_in_metres() {
     for index in [0, 1] {
         let (clip, folder) = sample("metres", index);

@@ -165,6 +165,9 @@ pub struct FitOptions {
     /// The camera moved by one standard deviation along each independent direction of its uncertainty
     /// ([`Calibration::one_sigma`](gravisight_geometry::camera::Calibration::one_sigma)): what that changes enters σ. Empty: the camera is right.
     pub cameras: Vec<Camera>,
+    /// Whether the camera is assumed ([`assumed_camera`](gravisight_geometry::camera::assumed_camera)) and not measured. Its uncertainty then
+    /// enters σ and rejects no flight; without it, a flight whose distance the camera leaves open is not explained.
+    pub camera_assumed: bool,
     /// The numbers that trajectories are judged by; the scene's ([`EstimatorConfig::of`]) where `None`.
     pub config: Option<EstimatorConfig>,
     /// Whether the observations' times are right, as a video's own are: no lost frames are looked for then.

@@ -1,8 +1,9 @@
 /** Step Label: clips in, proposals checked by a person, labels out. */
 import { make, messageOf } from "../dom";
-import { cameraFrom, tools } from "../shared/core";
+import { tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, isVideo, save } from "../shared/files";
+import { knownCameraFrom } from "../shared/known-camera";
 import { Job, type Watch } from "../shared/job";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace, type StoredClip } from "../shared/workspace";
@@ -91,7 +92,10 @@ class Step {
   async #take(files: File[]): Promise<void> {
     await this.#working(async (watch) => {
       const json = files.find(isJson);
-      if (json) workspace.setCamera(await cameraFrom(json), [], { from: `${json.name}, dropped in the step Label`, of: [] });
+      if (json) {
+        const { camera, oneSigma } = await knownCameraFrom(json);
+        workspace.setCamera(camera, oneSigma, { from: `${json.name}, dropped in the step Label`, of: [] });
+      }
       const rest = files.filter((file) => file !== json);
       if (rest.length === 0) return;
       const { camera } = workspace;

@@ -1,6 +1,5 @@
 /** What the steps share of the package: one toolbox, made when it is first needed. */
-import { Toolbox, type Camera } from "gravisight";
-import { readJson } from "./files";
+import { Toolbox } from "gravisight";
 
 let toolbox: Promise<Toolbox> | undefined;
 
@@ -11,17 +10,6 @@ export function tools(): Promise<Toolbox> {
     throw thrown;
   });
   return toolbox;
-}
-
-/** A camera.json that the core has nothing against. */
-export async function cameraFrom(file: File): Promise<Camera> {
-  const camera = (await readJson(file)) as Partial<Camera> | null;
-  if (!camera?.width || !camera.height || !camera.intrinsic || !camera.camera_from_world) {
-    throw new Error(`${file.name} is not a camera.json: it needs width, height, intrinsic and camera_from_world.`);
-  }
-  // Any point will do to have the core look at it.
-  await (await tools()).project(camera as Camera, [[0, 0, 0]]);
-  return camera as Camera;
 }
 
 /** The page's models: one for any ball, one for the samples' scenes. */

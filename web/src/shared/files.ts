@@ -1,5 +1,6 @@
 /** Files: the user's, the server's, and those that the page saves. */
 import { messageOf } from "../dom";
+import { pictureFile } from "./canvas";
 
 export function isJson(file: File): boolean {
   return file.type === "application/json" || file.name.toLowerCase().endsWith(".json");
@@ -7,6 +8,22 @@ export function isJson(file: File): boolean {
 
 export function isVideo(file: File): boolean {
   return file.type.startsWith("video/") || /\.(mp4|m4v|mov|webm|mkv|avi|ogv)$/i.test(file.name);
+}
+
+/** Picture files that the core decodes itself, as the command does. */
+const DECODED = ["image/png", "image/jpeg", "image/webp"];
+
+/** A picture as the core takes it: as it is, or, of another kind that this browser can show (AVIF, GIF, BMP, HEIC), as PNG. */
+export async function readablePicture(file: File): Promise<Blob> {
+  if (DECODED.includes(file.type)) return file;
+  const bitmap = await createImageBitmap(file, { colorSpaceConversion: "none" }).catch(() => undefined);
+  // The core's own words are better than the browser's.
+  if (!bitmap) return file;
+  try {
+    return await pictureFile(bitmap, bitmap);
+  } finally {
+    bitmap.close();
+  }
 }
 
 /** What a JSON file holds; throws in words. */

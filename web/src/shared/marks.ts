@@ -48,6 +48,32 @@ export function drawTrail(context: CanvasRenderingContext2D, places: Pixel[]): v
   context.globalAlpha = 1;
 }
 
+/** Small numbered rings: places to choose from. */
+export function drawNumbered(context: CanvasRenderingContext2D, places: readonly Pixel[]): void {
+  const path = new Path2D();
+  for (const place of places) addRing(path, place, 9);
+  stroke(context, path, TRUTH, 2);
+  context.font = "600 13px system-ui, sans-serif";
+  for (const [index, [x, y]] of places.entries()) write(context, String(index + 1), [x + 10, y - 6], TRUTH);
+}
+
+/** A dashed frame, from one corner to the other. */
+export function drawBox(context: CanvasRenderingContext2D, [left, top]: Pixel, [right, bottom]: Pixel): void {
+  const path = new Path2D();
+  path.rect(left, top, right - left, bottom - top);
+  context.setLineDash([7, 5]);
+  stroke(context, path, TRUTH, 2);
+  context.setLineDash([]);
+}
+
+/** A circle that a person drew, and its middle. */
+export function drawCircle(context: CanvasRenderingContext2D, at: Pixel, radius: number): void {
+  const path = new Path2D();
+  addRing(path, at, Math.max(radius, 1));
+  if (radius > 12) addTicks(path, at, 0, 4);
+  stroke(context, path, FOUND, 2);
+}
+
 export function addRing(path: Path2D, [x, y]: Pixel, radius: number): void {
   path.moveTo(x + radius, y);
   path.arc(x, y, radius, 0, 2 * Math.PI);

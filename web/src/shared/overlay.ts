@@ -1,9 +1,9 @@
 /** The picture that was looked at last, with the ball's ring and the network's maps over it. */
-import type { Localisation } from "gravisight";
+import type { Localisation, Region } from "gravisight";
 import { contextOf, make } from "../dom";
 import { overlayOf, type Pixel } from "./canvas";
 import { drawMap, mapOf, type ColouredMap, type Layer } from "./maps";
-import { drawCross, drawFound, drawTrail, drawTruth } from "./marks";
+import { drawBox, drawCross, drawFound, drawNumbered, drawTrail, drawTruth } from "./marks";
 import { ScaleBar } from "./scale";
 
 /** No picture is kept larger than this: no screen shows more. In pixels. */
@@ -18,6 +18,10 @@ export interface Shown {
   truth?: Pixel | undefined;
   /** Where the ball was shortly before, in order; the last one is where it is now. */
   trail?: Pixel[];
+  /** Places to choose from, in order. */
+  numbered?: readonly Pixel[];
+  /** The part of the picture that was searched. */
+  region?: Region | undefined;
 }
 
 export class Overlay {
@@ -28,7 +32,7 @@ export class Overlay {
   /** The picture that is being looked at: shown together with what is found in it. */
   readonly #next = make("canvas");
   #size = { width: 1, height: 1 };
-  #ring: { at: Pixel; sure: boolean; truth: Pixel | undefined } | undefined;
+  #ring: ({ at: Pixel; sure: boolean } & Omit<Shown, "layer" | "sure">) | undefined;
   #map: ColouredMap | undefined;
   #trail: Pixel[] = [];
   #cross: Pixel | undefined;
@@ -79,10 +83,10 @@ export class Overlay {
   }
 
   /** Shows the picture that is held, and what was found in it. */
-  show(found: { image: Pixel; depth: number | null } & Omit<Partial<Localisation>, "depth" | "world">, { layer, sure = true, truth, trail = [] }: Shown): void {
+  show(found: { image: Pixel; depth: number | null } & Omit<Partial<Localisation>, "depth" | "world">, { layer, sure = true, trail = [], ...marks }: Shown): void {
     this.#flip();
     this.#trail = trail;
-    this.#ring = { at: found.image, sure, truth };
+    this.#ring = { at: found.image, sure, ...marks };
     this.#map = mapOf(found, layer);
     const [u, v] = found.image.map((x) => x.toFixed(0));
     const where = `the ball at pixel ${u}, ${v}${found.depth === null ? "" : `, ${found.depth.toFixed(2)} metres from the camera`}`;
@@ -108,7 +112,13 @@ export class Overlay {
     drawTrail(context, this.#trail.map(toCanvas));
     if (this.#cross) drawCross(context, toCanvas(this.#cross));
     if (!this.#ring) return;
-    const { at, sure, truth } = this.#ring;
+    const { at, sure, truth, numbered = [], region } = this.#ring;
+    if (region) {
+      const { left, top } = region;
+      drawBox(context, toCanvas([left - 0.5, top - 0.5]), toCanvas([left + region.width - 0.5, top + region.height - 0.5]));
+    }
+    // A single one is where the ring is.
+    if (numbered.length > 1) drawNumbered(context, numbered.map(toCanvas));
     context.globalAlpha = sure ? 1 : DIM;
     drawFound(context, toCanvas(at));
     if (truth) drawTruth(context, toCanvas(truth));

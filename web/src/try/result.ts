@@ -1,18 +1,25 @@
 /** The numbers. Each is a `data` element that also holds its full value. */
 import type { Card, Localisation } from "gravisight";
 import { element, make } from "../dom";
+import { placeOf, type Place } from "./place";
 import type { Subject } from "./subject";
 
 const AXES = ["x", "y", "z"] as const;
 const NOTHING = "–";
 const HEADING = "Position in the world, in metres";
-const UNFOUND = "No ball found. The likeliest detection, in the world, in metres";
+const HEADINGS = {
+  unfound: "The likeliest detection, in the world, in metres",
+  circle: "Position by your circle, in the world, in metres",
+  chosen: "Position of the place that you chose, in the world, in metres",
+} as const;
 
 export class ResultPanel {
-  readonly #heading = make("h2", { text: HEADING });
+  readonly #heading = make("h2", { text: HEADING, part: "result-heading" });
+  readonly #missing = make("p", { class: "callout missing", part: "no-ball" });
   readonly #world = AXES.map((axis) => number(`world-${axis}`));
   readonly #camera = AXES.map((axis) => number(`camera-${axis}`));
   readonly #image = number("image-xy");
+  readonly #sigma = number("sigma");
   readonly #depth = number("depth");
   readonly #confidence = number("confidence");
   readonly #time = number("time");
@@ -33,7 +40,10 @@ export class ResultPanel {
     this.#sampleRows = [error, truth];
     const device = make("div", { class: "row" });
     device.append(make("dt", { text: "Device" }), make("dd", { part: "device" }, this.#device, this.#reason));
-    element("result").append(
+    this.#missing.dataset.tone = "bad";
+    this.#missing.setAttribute("role", "status");
+    element("result").prepend(
+      this.#missing,
       this.#heading,
       vector("vector large", this.#world),
       make("h2", { text: "In the camera’s frame, in metres" }),
@@ -44,6 +54,7 @@ export class ResultPanel {
         error,
         this.#otherRow,
         truth,
+        row("Uncertainty (1-σ)", this.#sigma, "m"),
         row("Depth", this.#depth, "m"),
         row("In the picture", this.#image, "px"),
         row("Confidence", this.#confidence, ""),
@@ -61,23 +72,41 @@ export class ResultPanel {
   }
 
   show(result: Localisation, subject: Subject, { name, depth_from: from }: Card): void {
-    this.#heading.textContent = result.ballFound ? HEADING : UNFOUND;
+    this.#heading.textContent = result.ballFound ? HEADING : HEADINGS.unfound;
     element("result").classList.toggle("unfound", !result.ballFound);
-    result.world.forEach((value, axis) => set(this.#world[axis]!, [value], 3));
-    result.camera.forEach((value, axis) => set(this.#camera[axis]!, [value], 3));
-    set(this.#image, result.image, 1);
-    set(this.#depth, [result.depth], 3);
-    if (result.depthSigma !== null) this.#depth.textContent += ` ± ${result.depthSigma.toFixed(3)}`;
-    set(this.#confidence, [result.confidence], 3);
+    this.#missing.textContent = result.ballFound ? "" : "No ball found. Circle the ball in the picture, or choose one of the likeliest places.";
+    this.#numbers(placeOf(result, "the network"), subject);
     set(this.#time, [result.milliseconds], result.milliseconds < 10 ? 1 : 0);
-    set(this.#true, subject.truth?.world ?? [], 3);
-    set(this.#error, result.dtg === undefined ? [] : [100 * result.dtg], 1);
-    for (const sampleRow of this.#sampleRows) sampleRow.hidden = !subject.truth;
-    this.#otherRow.hidden = true;
     const notes = [...result.notes, ...(subject.note ? [subject.note] : [])];
     // It has learned the depths of its scenes, and reads no sizes.
     if (subject.note && from !== "size") notes.push(`The model ${name} does not know this scene: choose “Any ball”.`);
     this.#notes.replaceChildren(...notes.map((text) => make("li", { text })));
+  }
+
+  /** A position that a person has pointed at. */
+  showPlace(place: Place, subject: Subject): void {
+    this.#heading.textContent = place.circle ? HEADINGS.circle : HEADINGS.chosen;
+    element("result").classList.remove("unfound");
+    this.#missing.textContent = "";
+    this.#numbers(place, subject);
+    set(this.#time, [], 0);
+    this.#notes.replaceChildren(...(subject.note ? [make("li", { text: subject.note })] : []));
+  }
+
+  #numbers({ world, camera, image, depth, depthSigma, sigma, confidence, dtg }: Place, subject: Subject): void {
+    for (const axis of AXES.keys()) {
+      set(this.#world[axis]!, [world[axis]!], 3);
+      set(this.#camera[axis]!, camera ? [camera[axis]!] : [], 3);
+    }
+    set(this.#image, image, 1);
+    set(this.#sigma, sigma === null ? [] : [sigma], 3);
+    set(this.#depth, [depth], 3);
+    if (depthSigma !== null) this.#depth.textContent += ` ± ${depthSigma.toFixed(3)}`;
+    set(this.#confidence, confidence === undefined ? [] : [confidence], 3);
+    set(this.#true, subject.truth?.world ?? [], 3);
+    set(this.#error, dtg === undefined ? [] : [100 * dtg], 1);
+    for (const sampleRow of this.#sampleRows) sampleRow.hidden = !subject.truth;
+    this.#otherRow.hidden = true;
   }
 
   /** The same picture's error by the other model. */
@@ -88,10 +117,11 @@ export class ResultPanel {
   }
 
   clear(): void {
-    const all = [...this.#world, ...this.#camera, this.#image, this.#depth, this.#confidence, this.#time, this.#true, this.#error];
+    const all = [...this.#world, ...this.#camera, this.#image, this.#sigma, this.#depth, this.#confidence, this.#time, this.#true, this.#error];
     for (const each of all) set(each, [], 0);
     for (const sampleRow of this.#sampleRows) sampleRow.hidden = true;
     this.#otherRow.hidden = true;
+    this.#missing.textContent = "";
     this.#heading.textContent = HEADING;
     element("result").classList.remove("unfound");
     this.#notes.replaceChildren();

@@ -50,9 +50,10 @@ export class Samples {
     this.#row.replaceChildren(...this.#buttons);
   }
 
-  /** Presses the real one, or the first rendered one. */
-  press(which: "real" | "rendered"): void {
-    this.#buttons[which === "real" ? 0 : 1]?.click();
+  /** Presses the one that was pressed last in this browser; else the real one, or the first rendered one. */
+  press(otherwise: "real" | "rendered"): void {
+    const last = this.#buttons.find(({ dataset }) => dataset.part === remembered());
+    (last ?? this.#buttons[otherwise === "real" ? 0 : 1])?.click();
   }
 
   /** Releases the one that is pressed. */
@@ -72,6 +73,7 @@ export class Samples {
       this.release();
       button.setAttribute("aria-pressed", "true");
       this.#makeTabStop(button);
+      remember(part);
       this.#choose(subjectOf(sample));
     });
     return button;
@@ -90,6 +92,24 @@ export class Samples {
 
   #makeTabStop(button: HTMLButtonElement): void {
     for (const other of this.#buttons) other.tabIndex = other === button ? 0 : -1;
+  }
+}
+
+const LAST = "gravisight.try.sample";
+
+function remembered(): string | null {
+  try {
+    return localStorage.getItem(LAST);
+  } catch {
+    return null;
+  }
+}
+
+function remember(part: string): void {
+  try {
+    localStorage.setItem(LAST, part);
+  } catch {
+    // A browser that keeps nothing.
   }
 }
 

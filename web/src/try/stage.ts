@@ -1,14 +1,23 @@
 /** The picture, large, with the network's maps and the two positions drawn over it. */
-import type { Localisation } from "gravisight";
+import type { Localisation, Region } from "gravisight";
 import { element, make } from "../dom";
 import type { Pixel } from "../shared/canvas";
 import type { Layer } from "../shared/maps";
 import { Overlay } from "../shared/overlay";
 
+/** A result over its picture. */
+interface ShownResult {
+  result: Localisation;
+  truth: Pixel | undefined;
+  region: Region | undefined;
+  /** Index of the place that a person chose. */
+  chosen: number | undefined;
+}
+
 export class Stage {
   readonly #overlay = new Overlay(element("frame"), element<HTMLCanvasElement>("picture"), element<HTMLCanvasElement>("overlay"), element("scale"));
   readonly #key = element("key");
-  #shown: { result: Localisation; truth: Pixel | undefined } | undefined;
+  #shown: ShownResult | undefined;
   #layer: Layer = "none";
 
   /** Shows a picture without a result; false where the browser cannot read it. */
@@ -23,9 +32,11 @@ export class Stage {
   }
 
   /** Shows what was found, over the picture. */
-  showResult(result: Localisation, truth: Pixel | undefined): void {
-    this.#shown = { result, truth };
-    const entries = [make("span", { class: "key-found", text: result.ballFound ? "Found" : "Likeliest position" })];
+  showResult(shown: ShownResult): void {
+    const { result, truth, chosen } = shown;
+    this.#shown = shown;
+    const found = chosen !== undefined ? "Your choice" : result.ballFound ? "Found" : "Likeliest position";
+    const entries = [make("span", { class: "key-found", text: found })];
     if (truth) entries.push(make("span", { class: "key-truth", text: "True position" }));
     this.#key.replaceChildren(...entries);
     this.setLayer(this.#layer);
@@ -40,7 +51,12 @@ export class Stage {
 
   setLayer(layer: Layer): void {
     this.#layer = layer;
-    if (this.#shown) this.#overlay.show(this.#shown.result, { layer, sure: this.#shown.result.ballFound, truth: this.#shown.truth });
+    if (!this.#shown) return;
+    const { result, truth, region, chosen } = this.#shown;
+    const place = chosen === undefined ? undefined : result.candidates?.[chosen];
+    // Where the ball was found they would only hide the picture.
+    const numbered = result.ballFound && !place ? [] : (result.candidates?.map(({ image }) => image) ?? []);
+    this.#overlay.show({ ...result, ...place }, { layer, sure: result.ballFound || place !== undefined, truth, numbered, region });
   }
 
   setOpacity(opacity: number): void {

@@ -5,6 +5,8 @@ export interface Subject {
   name: string;
   picture: Blob;
   camera: Camera;
+  /** The camera displaced by one standard deviation each, where that is known. */
+  oneSigma?: Camera[];
   /** Its radius in m, of a sample; else what the page's field says. */
   ball?: { radius: number };
   /** What a person should know of the picture, in words. */

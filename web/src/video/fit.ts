@@ -7,6 +7,8 @@ import type { Curve, FrameDetection } from "./detections";
 export interface FitOptions {
   camera: Camera;
   cameraSigma: Camera[];
+  /** Whether it is assumed and not measured. */
+  cameraAssumed: boolean;
   scene: Scene;
   /** Least confidence of a detection. */
   threshold: number;
@@ -15,8 +17,8 @@ export interface FitOptions {
   signal: AbortSignal;
 }
 
-export async function fitted(all: FrameDetection[], { camera, cameraSigma, scene, threshold, size, signal }: FitOptions): Promise<Curve> {
-  const track = await Track.create({ camera, cameraSigma, scene, toolbox: await tools(), leastConfidence: threshold });
+export async function fitted(all: FrameDetection[], { camera, cameraSigma, cameraAssumed, scene, threshold, size, signal }: FitOptions): Promise<Curve> {
+  const track = await Track.create({ camera, cameraSigma, cameraAssumed, scene, toolbox: await tools(), leastConfidence: threshold });
   for (const { filmed, image: [u, v], confidence } of all) {
     // In the pixels that the camera speaks of, which need not be the video's; an integer is a pixel's centre.
     const image: [number, number] = [((u + 0.5) * camera.width) / size.width - 0.5, ((v + 0.5) * camera.height) / size.height - 0.5];

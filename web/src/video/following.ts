@@ -1,5 +1,4 @@
 /** The ball followed through a whole video: to begin, to correct by a click, to end. */
-import type { Camera, Scene } from "gravisight";
 import { MODELS } from "../shared/core";
 import { findableCourt } from "../shared/find-court";
 import type { Job, Watch } from "../shared/job";
@@ -30,16 +29,14 @@ interface FollowingListener {
   warn: (message: string) => void;
 }
 
-/** What the positions were made with. */
-type Used = Pick<Known, "camera" | "cameraSigma" | "scene" | "court">;
-
 export class Following {
   readonly corrections: Corrections;
   readonly #with: With;
   readonly #listener: FollowingListener;
   /** Of the source that is open, once it was tracked in this page. */
   #tracking: Tracking | undefined;
-  #used: Used | undefined;
+  /** What the positions were made with. */
+  #used: Known | undefined;
 
   constructor(uses: With, listener: FollowingListener) {
     this.#with = uses;
@@ -100,9 +97,9 @@ export class Following {
     source.seek(timeMs);
   }
 
-  async #current(): Promise<Used> {
-    const { camera, cameraSigma, scene, sport } = this.#with.sceneChoice;
-    return { camera, cameraSigma, scene, court: await findableCourt(sport) };
+  async #current(): Promise<Known> {
+    const { camera, cameraSigma, cameraNote, scene, sport } = this.#with.sceneChoice;
+    return { camera, cameraSigma, cameraAssumed: cameraNote !== "", scene, court: await findableCourt(sport) };
   }
 
   async #show(watch: Watch): Promise<void> {
@@ -124,7 +121,7 @@ export class Following {
   }
 
   /** Takes what a kept track was made with. */
-  restore(used: { camera: Camera | undefined; cameraSigma: Camera[]; scene: Scene | undefined; court: string | undefined }, corrections: Correction[]): void {
+  restore(used: Known, corrections: Correction[]): void {
     this.#used = used;
     this.corrections.restore(corrections);
   }

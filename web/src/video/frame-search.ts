@@ -145,10 +145,10 @@ export class FrameSearch {
   async #localise(frame: Frame, layer: Layer) {
     const { model, sceneChoice, job } = this.#with;
     const { localiser } = model;
-    const { camera, scene } = sceneChoice;
+    const { camera, cameraSigma, scene } = sceneChoice;
     if (!localiser || !camera || !scene) throw new Error("there is no model, no camera or no ball");
     const ball = { radius: scene.ball.radius };
-    const options: LocaliseOptions = { ball, camera, scene, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
+    const options: LocaliseOptions = { ball, camera, cameraSigma, scene, heatmap: layer === "heatmap", depthMap: layer === "depth", ...(frame.truth && { truth: frame.truth }) };
     if (layer !== "saliency") return localiser.localise(frame.picture, options);
     return job.run("Computing what the depth depends on…", ({ signal }) => localiser.localise(frame.picture, { ...options, saliency: true, signal }));
   }

@@ -8,6 +8,7 @@ import type { Layer } from "../shared/maps";
 import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace } from "../shared/workspace";
+import { Assumed } from "./assumed";
 import { Court } from "./court";
 import type { Curve } from "./detections";
 import { makeExample, rallyExample, realExample, type Example } from "./example";
@@ -44,6 +45,7 @@ class Step {
   readonly #court: Court;
   readonly #work: Work;
   readonly #recorder: WebcamRecorder;
+  readonly #assumed: Assumed;
   #loading: Promise<void> | undefined;
   /** Sources that are being opened: one, or more for a moment where somebody does not wait. */
   #opening = 0;
@@ -88,6 +90,7 @@ class Step {
     );
     this.#recorder = new WebcamRecorder(part, (file) => this.#openRecording(file));
     this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
+    this.#assumed = new Assumed({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
     this.#listen();
     this.#showSceneChoice();
   }
@@ -127,6 +130,14 @@ class Step {
     onClick("video-retrack", () => this.#following.revise().then(() => this.#kept()));
     onClick("video-calibrate", () => this.#calibrate());
     onClick("video-find", () => this.#court.find());
+    onClick("video-assume", async () => {
+      await this.#assumed.use();
+      this.#sceneChoiceChanged();
+    });
+    onClick("video-assume-not", () => {
+      this.#assumed.forget();
+      this.#sceneChoiceChanged();
+    });
     onClick("video-check", () => this.#court.check());
     onClick("video-fit", () => this.#fitNow());
     onClick("video-clear", () => {
@@ -233,6 +244,7 @@ class Step {
     this.#close();
     this.#court.forget();
     this.#work.close();
+    this.#assumed.forget();
     this.#frameSearch.open(source);
     this.#showAbout(source);
     this.#part("video-frame").querySelector("video")?.remove();
@@ -357,12 +369,12 @@ class Step {
   // What is made of it.
 
   async #fitNow(): Promise<void> {
-    const { camera, cameraSigma, scene } = this.#sceneChoice;
+    const { camera, cameraSigma, cameraNote, scene } = this.#sceneChoice;
     if (!camera || !scene) throw new Error("A fit needs the camera, the place and the ball.");
     this.#source?.pause();
     const { all, version } = this.#frameSearch.detections;
     const { threshold } = this.#model;
-    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, scene, threshold, size: this.#results.about, signal }));
+    const fit = await this.#job.run("Fitting the trajectory…", ({ signal }) => fitted(all, { camera, cameraSigma, cameraAssumed: cameraNote !== "", scene, threshold, size: this.#results.about, signal }));
     this.#showCurve(fit, version);
   }
 
@@ -409,6 +421,7 @@ class Step {
     if (otherCamera) this.#part("video-other-camera-said").textContent = `The camera in this browser was ${otherCamera.from}, ${when(otherCamera.at)}. Use it here only if it stood in the same place with the same zoom.`;
     this.#part("video-empty-camera").hidden = camera !== undefined;
     this.#part("video-needs-camera").hidden = camera !== undefined || otherCamera !== undefined;
+    this.#assumed.show();
     void this.#alert.during(() => this.#court.showWhether());
     this.#part("video-needs-ball").hidden = camera === undefined || scene !== undefined;
     this.#part<HTMLSelectElement>("video-sport").value = sport;

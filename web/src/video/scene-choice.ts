@@ -2,6 +2,7 @@
 import type { Camera, Scene } from "gravisight";
 import { tools } from "../shared/core";
 import { readJson } from "../shared/files";
+import { cameraIn, checked, type KnownCamera } from "../shared/known-camera";
 import { workspace, type CameraAbout } from "../shared/workspace";
 import type { Example } from "./example";
 
@@ -10,19 +11,19 @@ export class SceneChoice {
   example: Omit<Example, "source"> | undefined;
   /** The name of the video or picture that is open; empty where none is. */
   shown = "";
-  readonly #dropped: { camera?: { name: string; content: Camera; sigma: Camera[] }; scene?: { name: string; content: Scene } } = {};
+  readonly #dropped: { camera?: KnownCamera; scene?: { name: string; content: Scene } } = {};
   #sport: { name: string; content: Scene } | undefined;
   /** Of the ball in place of the scene's, metres. */
   #radius: number | undefined;
 
   get camera(): Camera | undefined {
-    return this.example?.camera ?? this.#dropped.camera?.content ?? (this.otherCamera ? undefined : workspace.camera);
+    return this.example?.camera ?? this.#dropped.camera?.camera ?? (this.otherCamera ? undefined : workspace.camera);
   }
 
   /** How unsure the camera is, where that is known. */
   get cameraSigma(): Camera[] {
     if (this.example) return [];
-    return this.#dropped.camera?.sigma ?? (this.otherCamera ? [] : workspace.cameraSigma);
+    return this.#dropped.camera?.oneSigma ?? (this.otherCamera ? [] : workspace.cameraSigma);
   }
 
   /** What the kept camera is of, if that is another video: it is used only once a person has confirmed it. */
@@ -45,12 +46,12 @@ export class SceneChoice {
   }
 
   /** Takes what a kept track was made with. */
-  restore({ camera, cameraSigma, cameraFrom, scene, sport }: { camera?: Camera; cameraSigma: Camera[]; cameraFrom: string; scene?: Scene; sport: string }): void {
+  restore({ camera, cameraSigma, cameraFrom, cameraNote, scene, sport }: { camera?: Camera; cameraSigma: Camera[]; cameraFrom: string; cameraNote: string; scene?: Scene; sport: string }): void {
     this.example = undefined;
     this.#radius = undefined;
     delete this.#dropped.scene;
     delete this.#dropped.camera;
-    if (camera) this.#dropped.camera = { name: cameraFrom, content: camera, sigma: cameraSigma };
+    if (camera) this.#dropped.camera = { name: cameraFrom, camera, oneSigma: cameraSigma, note: cameraNote };
     this.#sport = scene && sport ? { name: sport, content: scene } : undefined;
     if (scene && !sport) this.#dropped.scene = { name: "the kept work", content: scene };
   }
@@ -60,6 +61,17 @@ export class SceneChoice {
     if (this.example) return "the example’s own";
     const about = workspace.cameraAbout;
     return this.#dropped.camera?.name ?? (about ? `${about.from}, ${when(about.at)}` : "the step Calibrate");
+  }
+
+  /** What was assumed of the camera, in words; empty where nothing was. */
+  get cameraNote(): string {
+    return this.example ? "" : (this.#dropped.camera?.note ?? "");
+  }
+
+  /** Takes a camera that is assumed; or drops one. */
+  assume(known: KnownCamera | undefined): void {
+    if (known) this.#dropped.camera = known;
+    else if (this.cameraNote) delete this.#dropped.camera;
   }
 
   /** Undefined where no ball was chosen. */
@@ -119,11 +131,9 @@ export class SceneChoice {
   async take(file: File): Promise<void> {
     const content = await readJson(file);
     const has = (...names: string[]) => typeof content === "object" && content !== null && names.every((name) => name in content);
-    if (has("intrinsic", "camera_from_world")) {
-      const camera = content as Camera;
-      await (await tools()).project(camera, [[0, 0, 0]]);
-      this.#dropped.camera = { name: file.name, content: camera, sigma: [] };
-    } else if (has("gravity", "ball")) {
+    const camera = cameraIn(content);
+    if (camera) this.#dropped.camera = await checked({ ...camera, name: file.name, note: "" });
+    else if (has("gravity", "ball")) {
       const scene = content as Scene;
       await (await tools()).forecast(scene, { position: [0, 0, 1e3], velocity: [0, 0, 0] }, [0]);
       this.#dropped.scene = { name: file.name, content: scene };

@@ -31,6 +31,8 @@ export interface Session {
   cameraSigma: Camera[];
   /** Where the camera comes from, in words. */
   cameraFrom: string;
+  /** What was assumed of the camera, in words; empty where nothing was. */
+  cameraNote: string;
   scene?: Scene;
   sport: string;
   court?: string;

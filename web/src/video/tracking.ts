@@ -22,6 +22,8 @@ export interface Known {
   camera: Camera | undefined;
   /** How unsure that is: `oneSigma` of its calibration. */
   cameraSigma: Camera[];
+  /** Whether it is assumed and not measured. */
+  cameraAssumed: boolean;
   scene: Scene | undefined;
   /** Whose lines the video shows. */
   court: string | undefined;
@@ -100,9 +102,9 @@ export class Tracking {
   /** The ball in all frames. */
   async track({ signal, progress }: Watch): Promise<TrackResult> {
     progress(0, null, "Finding the flights…");
-    const { camera, cameraSigma, scene } = this.#known;
+    const { camera, cameraSigma, cameraAssumed, scene } = this.#known;
     const tracked = await this.#tracker.track({
-      ...(camera && scene && { camera, cameraSigma, scene }),
+      ...(camera && scene && { camera, cameraSigma, cameraAssumed, scene }),
       seeds: this.seeds,
       timesKnown: true,
       signal,

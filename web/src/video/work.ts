@@ -77,11 +77,11 @@ export class Work {
 
   #restore(session: Session): void {
     const { sceneChoice, following, model } = this.#with;
-    const { camera, cameraSigma, scene, court, corrections, record, threshold } = session;
+    const { camera, cameraSigma, cameraNote, scene, court, corrections, record, threshold } = session;
     sceneChoice.restore(session);
     this.#listener.sceneChoiceRestored();
     model.threshold = threshold;
-    following.restore({ camera, cameraSigma, scene, court }, corrections);
+    following.restore({ camera, cameraSigma, cameraAssumed: cameraNote !== "", scene, court }, corrections);
     following.show(new TrackResult(record));
     this.#current = session;
     this.#with.part<HTMLButtonElement>("video-save-session").disabled = false;
@@ -93,12 +93,13 @@ export class Work {
     const { result } = frameSearch;
     if (!result) return;
     const video: VideoIdentity = file ? await identityOf(file) : { name: about.name, size: 0, sha256: "" };
-    const { camera, cameraSigma, cameraFrom, scene, sport } = sceneChoice;
+    const { camera, cameraSigma, cameraFrom, cameraNote, scene, sport } = sceneChoice;
     const session = sessionOf({
       video: { ...about, ...video },
       ...(camera && { camera }),
       cameraSigma,
       cameraFrom,
+      cameraNote,
       ...(scene && { scene }),
       sport,
       ...(following.court && { court: following.court }),

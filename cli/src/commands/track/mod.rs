@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use anyhow::{Context, Result, ensure};
 use clap::Args;
+use gravisight::camera::{KnownOfCamera, assumed_camera};
 use gravisight::internal::{TrackPoint, write_whole};
 use gravisight::{Camera, Findings, FitOptions, Forecaster, Picture, Scene, TrackedVideo, VideoTracker, WithFindings};
 
@@ -38,6 +39,9 @@ pub struct Arguments {
     /// The camera that took it (camera.json) [default: found by the lines of the court].
     #[arg(long, value_name = "CAMERA.JSON", requires = "scene")]
     camera: Option<PathBuf>,
+    /// Assume a phone's main camera, held level 1.5 m above the ground, of this 35 mm equivalent; σ includes the assumptions [default: 26].
+    #[arg(long, value_name = "MM", num_args = 0..=1, require_equals = true, conflicts_with_all = ["camera", "court"], requires = "scene")]
+    assume_phone: Option<Option<f64>>,
     /// Output of `calibrate --json` for this camera; its uncertainty is added to σ.
     #[arg(long, value_name = "CALIBRATION.JSON", requires = "camera")]
     camera_sigma: Option<PathBuf>,
@@ -137,6 +141,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if let Some(place) = &place {
         let options = FitOptions {
             cameras: place.cameras.clone(),
+            camera_assumed: arguments.assume_phone.is_some(),
             hits: arguments.hits.most(),
             times_known: footage.times_known(),
             ..FitOptions::default()
@@ -206,6 +211,12 @@ fn place(arguments: &Arguments, scene: &Scene, footage: &Footage) -> Result<Scen
         let camera = footage.size().map_or(Ok(camera.clone()), |size| camera.for_picture(size))?;
         let cameras = arguments.camera_sigma.as_deref().map(one_sigma).transpose()?.unwrap_or_default();
         return Ok(SceneOfTrack { camera, cameras, forecaster, court });
+    }
+    if let Some(focal_35mm) = arguments.assume_phone {
+        let size = footage.size().context("has no size: give --camera")?;
+        let assumed = assumed_camera(size, &KnownOfCamera { focal_35mm, video: true, ..KnownOfCamera::default() })?;
+        eprintln!("gravisight: {}", assumed.note);
+        return Ok(SceneOfTrack { camera: assumed.camera, cameras: assumed.one_sigma, forecaster, court: None });
     }
     let court = court.context("--scene needs --camera, or --court with the name of the court that the video shows")?;
     let (found, calibration) = court::camera(footage, &court)?;

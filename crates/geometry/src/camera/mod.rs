@@ -3,7 +3,9 @@
 //! Frames: `world` is right-handed with z up; `camera` is OpenCV's (x right, y down, z forward);
 //! `image` is in pixels with the first pixel's centre at (0, 0). Lengths are metres. All f64.
 
+mod assumed;
 mod calibrate;
+mod circle;
 mod court;
 mod courts;
 mod distortion;
@@ -18,10 +20,12 @@ mod volume;
 
 use nalgebra::{Matrix2x3, Matrix3, Point2, Point3, Rotation3, Vector3};
 
+pub use self::assumed::{AssumedCamera, Assumption, KnownOfCamera, assumed_camera};
 pub use self::calibrate::{
     Calibration, CalibrationMethod, CameraSigma, CourtFollower, FollowedCamera, LineSeen, PointSigma, Points, Unknowns,
     WrongClick, calibrate, calibrate_by_lines, camera_by_homography, homography_between,
 };
+pub use self::circle::{BallAt, BallShift, Circle, DRAWN_SIGMA, symmetric};
 pub use self::court::{Court, CourtLine};
 pub use self::distortion::{Distortion, LensModel};
 pub use self::find::{CourtVerdict, FoundCourt, FoundLine, OtherCourt, find_court};

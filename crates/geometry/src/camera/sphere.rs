@@ -60,6 +60,20 @@ impl Camera {
     /// lens model's range.
     #[doc(hidden)]
     pub fn outline(&self, centre: &Point3<f64>, radius: f64) -> Result<Outline> {
+        let (centre, [minor, _]) = self.outline_ellipse(centre, radius)?;
+        Ok(Outline { centre, radius: minor })
+    }
+
+    /// Semi-minor and semi-major axis of the same outline, px.
+    ///
+    /// # Errors
+    /// As [`Self::outline`].
+    pub(super) fn outline_axes(&self, centre: &Point3<f64>, radius: f64) -> Result<[f64; 2]> {
+        Ok(self.outline_ellipse(centre, radius)?.1)
+    }
+
+    /// Centre of the outline, and the semi-minor and semi-major axis of the ellipse with the same moments, px.
+    fn outline_ellipse(&self, centre: &Point3<f64>, radius: f64) -> Result<(Point2<f64>, [f64; 2])> {
         let distance = centre.coords.norm();
         if centre.z.is_nan() || centre.z <= NEAREST * radius {
             return Err(Error::BehindCamera { depth: centre.z });
@@ -79,8 +93,8 @@ impl Camera {
         // A polygon's corners lie on the outline, its sides inside: by how much, for one that is regular.
         let angle = std::f64::consts::TAU / RAYS as f64;
         let shrunk = (2.0 + angle.cos()) / 3.0;
-        let least = spread.symmetric_eigenvalues().min() / shrunk;
-        Ok(Outline { centre: Point2::from(middle), radius: 2.0 * least.sqrt() })
+        let axes = spread.symmetric_eigenvalues();
+        Ok((Point2::from(middle), [axes.min(), axes.max()].map(|variance| 2.0 * (variance / shrunk).sqrt())))
     }
 
     /// The centre (camera frame, m) of the ball of `radius` (m) that has this outline.

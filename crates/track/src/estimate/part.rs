@@ -124,7 +124,9 @@ impl Part<'_> {
         let given = self.options.noise_px.map(|noise| noise.max(LEAST_NOISE));
         let model = self.model(&observations, given);
         let found = self.found(&model);
-        let outcome = found.as_ref().and_then(|(hypotheses, _)| model.result(hypotheses, &self.cameras()));
+        let outcome = found
+            .as_ref()
+            .and_then(|(hypotheses, _)| model.result(hypotheses, &self.cameras(), self.options.camera_assumed));
         let mut reason = None;
         if outcome.as_ref().is_none_or(|outcome| outcome.is_odd() || outcome.is_alone()) && !model.lasting {
             // What is wrong is wrong from the beginning on: of a long track that is enough to see it.
@@ -253,7 +255,7 @@ impl Part<'_> {
             return None;
         }
         let (hypotheses, _) = self.found(&model)?;
-        model.result(&hypotheses, &self.cameras())
+        model.result(&hypotheses, &self.cameras(), self.options.camera_assumed)
     }
 
     /// The most probable hypotheses, with lost and repeated frames where that is more probable than without.

@@ -35,8 +35,14 @@ struct Moved {
 
 impl Model<'_> {
     /// What the hypotheses `found` say, the most probable first. `cameras` are the observations by the camera moved by one standard
-    /// deviation along each direction of its uncertainty; none where such a camera does not see the labels.
-    pub fn result(&self, found: &[Hypothesis], cameras: &[Option<Vec<RayObservation>>]) -> Option<Outcome> {
+    /// deviation along each direction of its uncertainty; none where such a camera does not see the labels. The uncertainty of a camera
+    /// that is assumed rejects no flight.
+    pub fn result(
+        &self,
+        found: &[Hypothesis],
+        cameras: &[Option<Vec<RayObservation>>],
+        is_camera_assumed: bool,
+    ) -> Option<Outcome> {
         let (weighed, cost) = self.weighed(found);
         let least = found.first()?.cost;
         let weights = found.iter().map(|it| (-0.5 * (it.cost - least)).exp()).filter(|weight| *weight >= NEGLIGIBLE);
@@ -121,13 +127,20 @@ impl Model<'_> {
             let spin_sigma = starts().fold(spin_sigma, |sigma: Vector3<f64>, by_moved| {
                 sigma.zip_map(&(part(&by_moved.state, 2) - spin), f64::hypot)
             });
+            let known = |index: usize| {
+                let variance = frames[index].covariance.trace();
+                let allowed = if is_camera_assumed { by_camera(index).trace() } else { 0.0 };
+                (&frames[index], (variance - allowed).max(0.0).sqrt())
+            };
+            let counted: Vec<_> =
+                (0..frames.len()).filter(|&index| frames[index].flight == number).map(known).collect();
             let is_by_camera = !is_camera_known || {
                 let inside = (0..frames.len()).filter(|&index| frames[index].flight == number);
                 let sums = inside.map(|index| (by_camera(index).trace(), frames[index].covariance.trace()));
                 let (by_camera, all) = sums.fold((0.0, 0.0), |(by, all), (a, b)| (by + a, all + b));
                 by_camera > 0.5 * all
             };
-            let reason = doubt.clone().or_else(|| self.unknown(&own, is_by_camera));
+            let reason = doubt.clone().or_else(|| self.unknown(&counted, is_by_camera));
             flights.push((
                 doubt.is_some(),
                 Flight {
@@ -278,12 +291,12 @@ impl Model<'_> {
         None
     }
 
-    /// The reason if a flight's distance is not known.
-    fn unknown(&self, frames: &[&FittedFrame], is_by_camera: bool) -> Option<String> {
+    /// The reason if a flight's distance is not known, by its frames and the σ of each that counts.
+    fn unknown(&self, frames: &[(&FittedFrame, f64)], is_by_camera: bool) -> Option<String> {
         let origin = self.observations.iter().find_map(|it| it.ray.as_ref())?.origin;
-        let seen = frames.iter().filter(|frame| frame.residual_px.is_some());
+        let seen = frames.iter().filter(|(frame, _)| frame.residual_px.is_some());
         let distance = |frame: &FittedFrame| (frame.world.coords - origin).norm();
-        let mut fractions: Vec<(f64, f64)> = seen.map(|frame| (frame.sigma / distance(frame), frame.sigma)).collect();
+        let mut fractions: Vec<(f64, f64)> = seen.map(|(frame, sigma)| (sigma / distance(frame), *sigma)).collect();
         fractions.sort_by(|a, b| a.0.total_cmp(&b.0));
         let &(fraction, sigma) = fractions.get(fractions.len() / 2)?;
         (fraction > UNKNOWN).then(|| {
@@ -331,4 +344,51 @@ fn correlation(residuals: &[Option<Vector2<f64>>], sigma: f64) -> f64 {
     }
     let rho = if square > 0.0 { (product / square).clamp(0.0, STRONGEST) } else { 0.0 };
     (1.0 + rho) / (1.0 - rho)
+}
+
+#[cfg(test)]
+mod tests {
+    use gravisight_geometry::camera::{KnownOfCamera, assumed_camera};
+    use gravisight_geometry::size::Size;
+    use gravisight_physics::{Forecaster, Scene};
+    use nalgebra::{Point3, Vector3};
+
+    use crate::{Fit, FitOptions, Observation};
+
+    /// A throw before a phone that is assumed, by its labels and sizes.
+    fn thrown(camera_assumed: bool) -> Fit {
+        let assumed = assumed_camera(Size::new(1920, 1080), &KnownOfCamera::default()).unwrap();
+        let mut scene = Scene::named("free").unwrap();
+        scene.ball.radius = 0.0335;
+        let observation = |frame: u32| {
+            let time = f64::from(frame) / 30.0;
+            let fallen = Vector3::new(1.2, 0.3, 3.0) * time + 0.5 * time * time * Vector3::from(scene.gravity);
+            let ball = assumed.camera.camera_from_world(&(Point3::new(-0.6, 3.0, 1.4) + fallen));
+            let outline = assumed.camera.outline(&ball, 0.0335).unwrap();
+            // Labels are never exact.
+            let off = 0.3 * f64::from(1 - 2 * i32::try_from(frame % 2).unwrap());
+            Observation {
+                time,
+                image: Some([outline.centre.x + off, outline.centre.y - off].into()),
+                radius: Some([outline.radius, 0.3]),
+            }
+        };
+        let observations: Vec<Observation> = (0..20).map(observation).collect();
+        let options = FitOptions { cameras: assumed.one_sigma, camera_assumed, ..FitOptions::default() };
+        Forecaster::new(&scene).unwrap().fit(&assumed.camera, &observations, &options).unwrap()
+    }
+
+    #[test]
+    fn an_assumed_camera_makes_a_flight_less_sure_and_rejects_none() {
+        let [measured, assumed] = [thrown(false), thrown(true)];
+        assert!(measured.flights[0].reason.as_ref().unwrap().contains("the camera is not known well enough"));
+        assert!(assumed.explained, "{:?}", assumed.flights[0].reason);
+        let frame = &assumed.frames[10];
+        assert!(frame.sigma > 0.06 * 3.0 && (frame.sigma - measured.frames[10].sigma).abs() < 1e-9);
+        let speed = Vector3::<f64>::new(1.2, 0.3, 3.0).norm();
+        let flight = &assumed.flights[0];
+        assert!((flight.speed_start - speed).abs() < 2.0 * flight.speed_sigma, "{} {speed}", flight.speed_start);
+        // Gravity gives the upward speed, whatever the focal length: 9 % of distance is 2 % of speed.
+        assert!((0.01..0.05).contains(&(flight.speed_sigma / speed)), "{}", flight.speed_sigma);
+    }
 }
