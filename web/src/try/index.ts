@@ -2,8 +2,9 @@
 import { GravisightError, type DeviceChoice, type Localiser } from "gravisight";
 import { element, messageOf } from "../dom";
 import type { Layer } from "../shared/maps";
-import { chosenModel, MODELS, OWN_MODEL, type ModelName } from "../shared/core";
+import { chosenModel, OWN_MODEL, type ModelName } from "../shared/core";
 import { Drop } from "./drop";
+import { showKeptModels } from "./kept";
 import { LoadingLine } from "./loading";
 import { showModelNote } from "./model-note";
 import { ResultPanel } from "./result";
@@ -40,12 +41,8 @@ export class App {
   constructor() {
     this.#listenForLayer();
     element("model").hidden = OWN_MODEL !== null;
-    for (const input of radios("model")) {
-      input.addEventListener("change", () => {
-        this.#other.discard();
-        void this.#load(this.#session.choice ?? "cpu");
-      });
-    }
+    element("model").addEventListener("change", () => this.#changeModel());
+    void showKeptModels(() => this.#changeModel());
     element<HTMLInputElement>("ball").addEventListener("change", () => void this.#localise());
     for (const input of radios("device")) {
       input.addEventListener("change", () => void this.#load(input.value as DeviceChoice));
@@ -90,6 +87,11 @@ export class App {
       this.#notLoaded = messageOf(thrown);
       this.#stayOnLastDevice(this.#notLoaded);
     }
+  }
+
+  #changeModel(): void {
+    this.#other.discard();
+    void this.#load(this.#session.choice ?? "cpu");
   }
 
   #stayOnLastDevice(why: string): void {
@@ -162,9 +164,9 @@ export class App {
   /** Shows how far off the other model is on a sample; nothing without a network, or where it cannot be loaded. */
   async #compare(subject: Subject, signal: AbortSignal): Promise<void> {
     if (!navigator.onLine) return;
-    const name: ModelName = chosenModel() === MODELS.any ? "sd-l" : "any";
+    const name: ModelName = chosenModel() === "any" ? "sd-l" : "any";
     try {
-      if (!this.#other.localiser && !(await this.#other.load(MODELS[name], "cpu", () => {}))) return;
+      if (!this.#other.localiser && !(await this.#other.load(name, "cpu", () => {}))) return;
       const result = await this.#other.localiser?.localise(subject.picture, { ...options(subject, signal), heatmap: false, depthMap: false });
       if (result && !signal.aborted) this.#result.showOther(name, result);
     } catch {

@@ -6,6 +6,7 @@ import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, save } from "../shared/files";
 import { Job, type Watch } from "../shared/job";
 import type { Layer } from "../shared/maps";
+import { ModelSelect } from "../shared/model-select";
 import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { View3d } from "../shared/view3d";
@@ -53,6 +54,7 @@ class Step {
   readonly #frameSearch: FrameSearch;
   readonly #sceneChoice = new SceneChoice();
   readonly #model = new Model();
+  readonly #models: ModelSelect;
   readonly #court: Court;
   readonly #work: Work;
   /** What the positions are of; stays when the source is closed. */
@@ -93,8 +95,9 @@ class Step {
         },
       },
     );
+    this.#models = new ModelSelect(this.#part("video-model"), this.#part("video-model-field"));
     this.#following = new Following(
-      { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job },
+      { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job, models: this.#models },
       { begin: () => this.#forget(), found: ({ curve }) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
     );
     this.#work = new Work(
@@ -163,6 +166,11 @@ class Step {
         await this.#sceneChoice.choose(value);
         this.#sceneChoiceChanged();
       });
+    });
+    part("video-model").addEventListener("change", () => {
+      // Loaded anew, by the next choice.
+      this.#model.dispose();
+      void this.#alert.during(() => this.#load());
     });
     part<HTMLInputElement>("video-ball").addEventListener("change", (event) => {
       const { valueAsNumber } = event.currentTarget as HTMLInputElement;
@@ -299,7 +307,7 @@ class Step {
     if (!this.#sceneChoice.camera || !this.#sceneChoice.scene || !this.#source || this.#model.localiser) return Promise.resolve();
     const load = async () => {
       try {
-        await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(watch));
+        await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(this.#models.choice, watch));
         this.#onState();
         this.#frameSearch.search();
       } finally {
