@@ -3,6 +3,7 @@ import { make, messageOf } from "../dom";
 import { cameraFrom, tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, isVideo, save } from "../shared/files";
+import { cutIntoFlights, cutText } from "../shared/flights";
 import { Job, type Watch } from "../shared/job";
 import { ModelSelect } from "../shared/model-select";
 import { loadable } from "../shared/models";
@@ -11,7 +12,6 @@ import { workspace, type StoredClip } from "../shared/workspace";
 import { ClipList } from "./clip-list";
 import { Editor } from "./editor";
 import { csvOf, folderPicker, lineOf, nameOf, writeFolder } from "./export";
-import { cutIntoFlights } from "./flights";
 import { Labelling } from "./labelling";
 import markup from "./panel.html?raw";
 import { Place } from "./place";
@@ -200,11 +200,9 @@ class Step {
     const labelling = this.#labelling;
     if (!labelling) return;
     await this.#working(async () => {
-      const { clips, leftOut } = await cutIntoFlights(labelling);
-      for (const clip of clips) await workspace.keep(clip);
-      const made = clips.length === 1 ? "One clip was made of it." : `${clips.length} clips were made of it, one a flight.`;
-      const kept = clips.length > 0 ? " They hold the labels and the positions that physics confirms. This clip stays as it is." : "";
-      this.#editor.say(`${made}${kept} ${leftOut.join(" ")}`.trim());
+      const cut = await cutIntoFlights(labelling.clip, labelling.flights ?? [], (frame) => labelling.proposal(frame));
+      for (const clip of cut.clips) await workspace.keep(clip);
+      this.#editor.say(`${cutText(cut)} This clip stays as it is.`);
     });
   }
 

@@ -2,8 +2,9 @@
 import type { Camera, Scene } from "gravisight";
 import { del, get, set } from "idb-keyval";
 import type { Pixel } from "../shared/canvas";
+import type { ClipFlight } from "../shared/flights";
 import { workspace, type StoredClip } from "../shared/workspace";
-import type { ClipFlight, Proposal, Proposed } from "./propose";
+import type { Proposal, Proposed } from "./propose";
 
 export type FrameState = "sure" | "doubtful" | "accepted" | "corrected" | "hidden" | "open";
 
@@ -124,12 +125,12 @@ export class Labelling {
     return ["doubtful", "open"].includes(this.state(frame));
   }
 
-  propose({ proposals, flights, filmed, repeated }: Proposed): void {
+  propose({ proposals, flights, about }: Proposed): void {
     this.#proposals = proposals;
     this.flights = flights;
     delete this.clip.filmed;
     delete this.clip.repeated;
-    Object.assign(this.clip, filmed && { filmed }, repeated && { repeated });
+    Object.assign(this.clip, about);
     this.#save();
   }
 

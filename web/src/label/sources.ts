@@ -3,6 +3,7 @@ import type { Camera } from "gravisight";
 import { blobOf, decode, keptAs } from "../shared/canvas";
 import { tools } from "../shared/core";
 import { Film } from "../shared/film";
+import { freeId } from "../shared/flights";
 import type { Watch } from "../shared/job";
 import { simulatedClip } from "../shared/simulated";
 import { workspace, type StoredClip } from "../shared/workspace";
@@ -137,14 +138,5 @@ export async function syntheticClip(environment: 1 | 2 | 3, camera: number, numb
     return { ...clip, id: syntheticId(environment, camera, number), labels: clip.pictures.map(() => undefined), heldOut: false };
   } finally {
     simulator.dispose();
-  }
-}
-
-/** An id that no kept clip has. */
-export async function freeId(preferred: string): Promise<string> {
-  const taken = new Set(await workspace.clips());
-  for (let number = 2, id = preferred; ; number++) {
-    if (!taken.has(id)) return id;
-    id = `${preferred} (${number})`;
   }
 }

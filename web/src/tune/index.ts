@@ -2,13 +2,15 @@
 import { FineTuner, type DeviceChoice, type FineTuneSupervision, type Model } from "gravisight";
 import { messageOf } from "../dom";
 import { Chart } from "../shared/chart";
+import { seenIn } from "../shared/clip";
 import { save } from "../shared/files";
+import type { Watch } from "../shared/job";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace } from "../shared/workspace";
 import { check, ready, type ReadyClip } from "./check";
 import { ClipChoices, makeExamples, missingIn, trainingClip } from "./clips";
 import { KeptList } from "./kept";
-import { figuresOf, foundIn, looksOf } from "./looks";
+import { figuresOf, followedIn, foundIn, looksOf } from "./looks";
 import markup from "./panel.html?raw";
 import { alone, forgetRun, keep, keptRun, type Run } from "./run";
 import { isKnown, showScores } from "./scores";
@@ -131,6 +133,7 @@ class Tune {
     const url = new URL(`models/${model}.json`, document.baseURI).href;
     const before = await looksOf(url, shown, signal, (fraction) => this.#progress(fraction));
     const found = { before: foundIn(shown, before), of: before.length };
+    const followed = model === "any" && { before: await followedIn(url, shown, this.#watch(signal)), of: seenIn(shown).length };
     const learningRate = LEARNING_RATES[model];
     const tuner = await FineTuner.create({ model: url, device, steps, supervision, ...(learningRate && { learningRate }), signal });
     this.#tuner = tuner;
@@ -140,7 +143,7 @@ class Tune {
     const scores: [number, number][] = isKnown(first.forecastPx) ? [[0, first.forecastPx]] : [];
     const clips = chosen.map(({ clip, heldOut }) => ({ id: clip.id, heldOut }));
     const checkpoint = await tuner.checkpoint();
-    await this.#go({ state: "running", model, supervision, device, steps, clips, before, found, first, last: first, losses: [], scores, spent: 0, checkpoint }, tuner, shown, signal);
+    await this.#go({ state: "running", model, supervision, device, steps, clips, before, found, ...(followed && { followed }), first, last: first, losses: [], scores, spent: 0, checkpoint }, tuner, shown, signal);
   }
 
   /** Goes on with the kept run. */
@@ -234,8 +237,11 @@ class Tune {
       }
       if (!run.now) {
         this.#say("Looking at the clip held out again…");
-        run.now = await looksOf(await tuner.export(), shown, signal, (fraction) => this.#progress(fraction));
-        run.found = { before: foundIn(shown, run.before), now: foundIn(shown, run.now), of: run.now.length };
+        const best = await tuner.export();
+        const now = await looksOf(best, shown, signal, (fraction) => this.#progress(fraction));
+        run.found = { before: foundIn(shown, run.before), now: foundIn(shown, now), of: now.length };
+        if (run.followed) run.followed.now = await followedIn(best, shown, this.#watch(signal));
+        run.now = now;
         this.#showScores(run);
       }
       run.state = "done";
@@ -281,6 +287,10 @@ class Tune {
   #dispose(): void {
     this.#tuner?.dispose();
     this.#tuner = undefined;
+  }
+
+  #watch(signal: AbortSignal): Watch {
+    return { signal, progress: (done, of) => this.#progress(of ? done / of : 0) };
   }
 
   #progress(fraction: number): void {

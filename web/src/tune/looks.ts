@@ -1,7 +1,10 @@
 /** Labelled frames of the clip held out, as a model sees them: before and after. */
 import { Localiser, type Localisation, type Model } from "gravisight";
 import { contextOf, make } from "../dom";
+import type { Pixel } from "../shared/canvas";
 import { seenIn } from "../shared/clip";
+import { followed } from "../shared/follow";
+import type { Watch } from "../shared/job";
 import { drawFound, drawTruth } from "../shared/marks";
 import type { StoredClip } from "../shared/workspace";
 import type { ReadyClip } from "./check";
@@ -39,10 +42,17 @@ export async function looksOf(model: string | Model, clip: ReadyClip, signal: Ab
 
 /** In how many of the frames the ball was found where its label is. */
 export function foundIn({ labels }: StoredClip, looks: Look[]): number {
-  return looks.filter(({ frame, image, ballFound, radiusPx = 0 }) => {
-    const label = labels[frame];
-    return ballFound && label && (image[0] - label[0]) ** 2 + (image[1] - label[1]) ** 2 <= Math.max(NEAR, radiusPx) ** 2;
-  }).length;
+  return looks.filter(({ frame, image, ballFound, radiusPx }) => ballFound && isNear(image, labels[frame], radiusPx)).length;
+}
+
+/** In how many of the labelled frames a tracker with this model finds the ball where its label is. */
+export async function followedIn(model: string | Model, clip: ReadyClip, watch: Watch): Promise<number> {
+  const { frames } = await followed(clip, model, watch);
+  return seenIn(clip).filter((frame) => isNear(frames[frame]?.image, clip.labels[frame], frames[frame]?.radiusPx)).length;
+}
+
+function isNear(at: Pixel | null | undefined, label: Pixel | null | undefined, radius: number | null | undefined): boolean {
+  return Boolean(at && label && (at[0] - label[0]) ** 2 + (at[1] - label[1]) ** 2 <= Math.max(NEAR, radius ?? 0) ** 2);
 }
 
 /** Pictures of some of the frames. */

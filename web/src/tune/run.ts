@@ -17,7 +17,9 @@ export interface Run {
   before: Look[];
   now?: Look[];
   /** In how many of these frames the ball was found. */
-  found?: { before: number; now?: number; of: number };
+  found?: Counts;
+  /** In how many of all its labelled frames a tracker found it; of a model that takes balls of any size. */
+  followed?: Counts;
   /** Score before the first step, and the last. */
   first: TuneScore;
   last: TuneScore;
@@ -27,6 +29,12 @@ export interface Run {
   /** Time spent on steps, ms. */
   spent: number;
   checkpoint: Uint8Array;
+}
+
+interface Counts {
+  before: number;
+  now?: number;
+  of: number;
 }
 
 const RUN = "tuning run";

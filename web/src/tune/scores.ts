@@ -17,18 +17,20 @@ interface Row {
   missing: string;
 }
 
-function rowsOf({ first, last, found }: Run): Row[] {
+function rowsOf({ first, last, found, followed }: Run): Row[] {
   const both = (of: (score: TuneScore) => number | null | undefined) => ({ before: of(first), now: of(last) });
   const pixels = (value: number) => `${value.toFixed(2)} px`;
+  const counted = (name: string, counts: Run["found"]): Row => ({
+    name: `${name} (of ${counts?.of ?? 0} labelled)`,
+    before: counts?.before,
+    now: counts?.now,
+    text: String,
+    change: (before, now) => signed.format(now - before),
+    missing: "Found frames are counted when the run is done.",
+  });
   return [
-    {
-      name: `Frames where the ball was found (of ${found?.of ?? 0} labelled)`,
-      before: found?.before,
-      now: found?.now,
-      text: String,
-      change: (before, now) => signed.format(now - before),
-      missing: "Found frames are counted when the run is done.",
-    },
+    counted("Frames where the ball was found, each by itself", found),
+    ...(followed ? [counted("Frames where the ball was found, by the video tracker", followed)] : []),
     {
       name: "Forecast 15 frames away, median",
       ...both(({ forecastPx }) => forecastPx),
@@ -57,7 +59,8 @@ export function showScores(body: HTMLElement, note: HTMLElement, run: Run): void
       return make("tr", {}, header, ...[cell(before), cell(now), changed].map((each) => make("td", { text: each })));
     }),
   );
-  note.textContent = rows.flatMap(({ before, now, missing }) => (isKnown(before) && isKnown(now) ? [] : [missing])).join(" ");
+  const missing = rows.flatMap(({ before, now, missing }) => (isKnown(before) && isKnown(now) ? [] : [missing]));
+  note.textContent = [...new Set(missing)].join(" ");
 }
 
 /** A number that can be shown. */
