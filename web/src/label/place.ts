@@ -75,14 +75,17 @@ export class Place {
     const clip = this.#current()?.clip;
     const { camera } = workspace;
     if (!camera || !clip || clip.camera || clip.id !== this.#waiting) return this.show();
+    this.#waiting = undefined;
     if (isFor(clip, camera)) this.#takeCamera();
     this.show();
   }
 
   #takeCamera(): void {
     const { camera } = workspace;
-    if (!camera) return;
-    this.#current()?.setCamera(camera);
+    const labelling = this.#current();
+    if (!camera || !labelling) return;
+    labelling.setCamera(camera);
+    if (labelling.clip.file) workspace.cameraIsOf(labelling.clip.file);
     this.#changed("The clip now uses the calibrated camera.");
   }
 
@@ -90,9 +93,9 @@ export class Place {
     const labelling = this.#current();
     const picture = labelling?.clip.pictures[labelling.frame];
     if (!labelling || !picture) return;
-    const { id, sport = "" } = labelling.clip;
+    const { id, file = id, sport = "" } = labelling.clip;
     this.#waiting = id;
-    workspace.calibrate({ picture, name: `frame ${labelling.frame + 1} of ${id}`, sport, back: "label" });
+    workspace.calibrate({ picture, name: `frame ${labelling.frame + 1} of ${id}`, of: file, sport, back: "label" });
   }
 }
 

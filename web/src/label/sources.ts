@@ -16,6 +16,7 @@ const MOST_WAITING = 4;
 
 /** The size of frames, their camera where it is for that size, and why there is none. */
 interface Fitting {
+  file: string;
   size: { width: number; height: number };
   camera?: Camera;
   note: string;
@@ -35,7 +36,7 @@ export async function clipOfVideo(file: File, fps: number, most: number, camera:
   try {
     const times: number[] = [];
     const pictures: Promise<Blob>[] = [];
-    let about: Fitting = { size: { width: 0, height: 0 }, note: "" };
+    let about: Fitting = { file: file.name, size: { width: 0, height: 0 }, note: "" };
     for await (const { picture, timeMs } of video.frames()) {
       watch.signal.throwIfAborted();
       if (times.length === 0) about = fitting(picture, camera, file.name);
@@ -94,11 +95,16 @@ async function fittingFile(picture: Blob | undefined, camera: Camera | undefined
 
 /** The camera where it is for frames of this size; else none, and why. */
 function fitting({ width, height }: { width: number; height: number }, camera: Camera | undefined, name: string): Fitting {
-  const size = { width, height };
-  if (!camera) return { size, note: "" };
-  if (width === camera.width && height === camera.height) return { size, camera, note: "" };
-  const sizes = `The frames of ${name} have ${width} × ${height} pixels; the camera was calibrated for ${camera.width} × ${camera.height}.`;
-  return { size, note: `${sizes} The clip has no camera for now: calibrate one on a frame of it.` };
+  const read = { file: name, size: { width, height }, note: "" };
+  if (!camera) return read;
+  const later = "The clip has no camera for now:";
+  if (width !== camera.width || height !== camera.height) {
+    const sizes = `The frames of ${name} have ${width} × ${height} pixels; the camera was calibrated for ${camera.width} × ${camera.height}.`;
+    return { ...read, note: `${sizes} ${later} calibrate one on a frame of it.` };
+  }
+  const { of = [] } = workspace.cameraAbout ?? {};
+  if (of.length === 0 || of.includes(name)) return { ...read, camera };
+  return { ...read, note: `The calibrated camera is of ${of.join(" and ")}. ${later} if it also took ${name}, press “Use the calibrated camera for this clip”.` };
 }
 
 /** Frames a second, on average. */
@@ -111,10 +117,11 @@ function nameWithout(file: File): string {
   return file.name.replace(/\.[^.]+$/, "");
 }
 
-async function ownClip(id: string, pictures: Blob[], fps: number, { size, camera }: Fitting): Promise<StoredClip> {
+async function ownClip(id: string, pictures: Blob[], fps: number, { file, size, camera }: Fitting): Promise<StoredClip> {
   const scene = workspace.ownScene;
   return {
     id: await freeId(id),
+    file,
     fps,
     size,
     ...(camera && { camera }),

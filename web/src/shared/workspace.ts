@@ -5,6 +5,8 @@ import { del, get, keys, set } from "idb-keyval";
 /** A clip: its pictures as files, and what was labelled so far. */
 export interface StoredClip {
   id: string;
+  /** Name of the video that it is of, or of its first picture; undefined of what was drawn here. */
+  file?: string;
   /** Frames a second, on average. */
   fps: number;
   /** Of its pictures, pixels; where it is not here, it is the camera's. */
