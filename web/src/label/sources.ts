@@ -70,7 +70,7 @@ async function played(file: File, fps: number, most: number, camera: Camera | un
       pictures.push(await film.frame((frame + 0.5) / fps));
     }
     const about = await fittingFile(pictures[0], camera, file.name);
-    const times = `This browser cannot decode ${file.name}, so its frames were taken ${fps} a second. Their times may be wrong: physics needs the true ones.`;
+    const times = `${file.name} cannot be decoded here, so its frames were taken ${fps} a second. Their times may be wrong: physics needs the true ones.`;
     return { clip: await ownClip(nameWithout(file), pictures, fps, about), note: [times, about.note].filter(Boolean).join(" ") };
   } finally {
     film.close();

@@ -28,13 +28,14 @@ export class DecodedVideo {
     this.#sink = sink;
   }
 
-  /** Undefined where this browser or this file cannot be decoded so (no WebCodecs, another container or codec): it has to be played. */
+  /** Undefined where this browser or this file cannot be decoded so (no WebCodecs, another container or codec, transparency): it has to be played. */
   static async open(file: File): Promise<DecodedVideo | undefined> {
     if (typeof VideoDecoder !== "function") return undefined;
     const input = new Input({ source: new BlobSource(file), formats: [MP4, QTFF, WEBM, MATROSKA] });
     try {
       const track = await input.getPrimaryVideoTrack();
-      if (track && (await track.canDecode())) {
+      // Transparency would be decoded in a Worker made of a text, which this page forbids.
+      if (track && (await track.canDecode()) && !(await track.canBeTransparent())) {
         const sink = new CanvasSink(track, { poolSize: AHEAD });
         if (await sink.getCanvas(await track.getFirstTimestamp())) return new DecodedVideo(file.name, input, track, sink);
       }
