@@ -3,6 +3,7 @@ import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 import { axe, launch, open, value } from "./support/browser.js";
 import { located } from "./support/demo.js";
+import { changeStored, storedIn } from "./support/in-page.js";
 import { serve } from "./support/server.js";
 
 const PATIENCE = { timeout: 120_000 };
@@ -66,7 +67,7 @@ test("fine-tuning asks for clips, makes examples, learns, can be stopped, and gi
   await page.getByTestId("tune-steps").fill("30");
   await page.getByTestId("tune-start").click();
   await page.getByTestId("tune-status").filter({ hasText: "Done: 30 steps" }).waitFor(PATIENCE);
-  assert.equal(await page.getByTestId("tune-table").locator("tr").count(), 3);
+  assert.equal(await page.getByTestId("tune-table").locator("tr").count(), 4);
   assert.equal(await page.getByTestId("tune-frames").locator("figure").count(), 3);
   assert.match(await page.getByTestId("tune-loss-chart").getAttribute("aria-label"), /Loss over Step 0\.0 to 30\.0: .* from [\d.]+ to [\d.]+, last [\d.]+/);
   assert.match(await page.getByTestId("tune-score-chart").getAttribute("aria-label"), /Forecast error \(px\).*last [\d.]+/);
@@ -75,6 +76,45 @@ test("fine-tuning asks for clips, makes examples, learns, can be stopped, and gi
   await page.getByTestId("tune-save").click();
   await page.waitForTimeout(1000);
   assert.deepEqual(files.sort(), ["sd-s-tuned.json", "sd-s-tuned.safetensors"]);
+  const [before, now, change] = await page.getByTestId("tune-table").locator("tr").first().locator("td").allTextContents();
+  assert.match(await page.getByTestId("tune-table").locator("th").first().textContent(), /found, each by itself \(of 20 labelled\)/);
+  assert.ok(Number(before) > 0 && Number(now) > 0 && Number(change) === now - before, `${before} ${now} ${change}`);
+});
+
+test("a tuned model is kept under a name, used in Try, and forgotten", { timeout: 180_000 }, async () => {
+  assert.match(await page.getByTestId("tune-name").inputValue(), /^Example, camera 2/);
+  await page.getByTestId("tune-name").fill("my room");
+  await page.getByTestId("tune-keep").click();
+  await page.getByTestId("tune-kept").locator("li").filter({ hasText: "my room" }).waitFor(PATIENCE);
+  await page.reload();
+  await page.locator("#tab-try").click();
+  await page.getByTestId("model-kept-my room").check();
+  await page.getByTestId("model-note").filter({ hasText: "Model sd-s-tuned:" }).waitFor(PATIENCE);
+  await located(page);
+  assert.equal(await page.getByTestId("alert").textContent(), "");
+  await page.locator("#tab-video").click();
+  // It knows one scene, and reads no sizes.
+  assert.ok(await page.getByTestId("video-model").isHidden());
+  await page.locator("#tab-tune").click();
+  page.once("dialog", (dialog) => void dialog.accept());
+  await page.getByTestId("tune-forget").click();
+  await page.getByTestId("tune-none-kept").waitFor(PATIENCE);
+  await page.locator("#tab-try").click();
+  assert.equal(await page.getByTestId("model-kept-my room").count(), 0);
+  assert.ok(await page.getByTestId("model-any").isChecked());
+  await page.getByTestId("model-note").filter({ hasText: "Model any:" }).waitFor(PATIENCE);
+  await page.locator("#tab-tune").click();
+});
+
+test("a score that does not exist is a dash, with its reason", { timeout: 180_000 }, async () => {
+  const { first, last } = await page.evaluate(storedIn, "tuning run");
+  await page.evaluate(changeStored, ["tuning run", { first: { ...first, forecastPx: Infinity }, last: { ...last, forecastPx: Infinity } }]);
+  await page.reload();
+  await page.getByTestId("tune-continue").click();
+  await page.getByTestId("tune-status").filter({ hasText: "Done: 30 steps" }).waitFor(PATIENCE);
+  assert.deepEqual(await page.getByTestId("tune-table").locator("tr").nth(1).locator("td").allTextContents(), ["–", "–", "–"]);
+  assert.match(await page.getByTestId("tune-missing").textContent(), /^No forecast error: /);
+  assert.doesNotMatch(await page.locator("#panel-tune").textContent(), /Infinity|NaN/);
 });
 
 /** The numbers of the table and the last loss, once the run is done. */
@@ -126,10 +166,19 @@ test("the model for any ball is fine-tuned, stopped and continued", { timeout: 4
   await page.getByTestId("tune-status").filter({ hasText: "Stopped" }).waitFor(PATIENCE);
   await page.getByTestId("tune-continue").filter({ hasText: "Continue the last run" }).click();
   await page.getByTestId("tune-status").filter({ hasText: "Done: 10 steps" }).waitFor({ timeout: 300_000 });
-  const [before, now] = await page.getByTestId("tune-table").locator("tr").nth(2).locator("td").allTextContents();
+  const [before, now] = await page.getByTestId("tune-table").locator("tr").last().locator("td").allTextContents();
   // Measured: 14.0 cm before, 15.8 cm after ten steps.
   assert.ok(parseFloat(before) < 18 && parseFloat(now) < 20, `${before} ${now}`);
+  assert.match(await page.getByTestId("tune-table").locator("th").nth(1).textContent(), /by the video tracker \(of \d+ labelled\)/);
   for (const index of [1, 2, 3]) await page.getByTestId("tune-use").nth(index).setChecked(true);
+  await page.getByTestId("tune-name").fill("my ball");
+  await page.getByTestId("tune-keep").click();
+  await page.getByTestId("tune-kept").locator("li").waitFor(PATIENCE);
+  await page.locator("#tab-video").click();
+  await page.getByTestId("video-model").selectOption("my ball");
+  await page.locator("#tab-label").click();
+  await page.getByTestId("lab-model").locator("option", { hasText: "my ball" }).waitFor({ state: "attached", ...PATIENCE });
+  await page.locator("#tab-tune").click();
 });
 
 test("what is chosen of a clip outlives a change of another", async () => {

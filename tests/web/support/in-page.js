@@ -127,3 +127,57 @@ export function losesDevice() {
   };
   addEventListener("message", ({ data }) => data === "lose" && device.destroy());
 }
+
+/** A thrown ball, drawn; with its rate, its camera and its place. */
+export async function drawThrow() {
+  const toolbox = await window.gravisight.Toolbox.create();
+  const simulator = await toolbox.simulator({ environment: 1, camera: 1 });
+  const { camera, scene } = simulator;
+  const { fps, frames } = await simulator.clip(2025, 3);
+  const path = frames.map(({ world }) => world).slice(0, 45);
+  const canvas = document.createElement("canvas");
+  Object.assign(canvas, { width: camera.width, height: camera.height });
+  const pictures = [];
+  for (const centre of path) {
+    const { data, width, height } = await simulator.picture(centre);
+    canvas.getContext("2d").putImageData(new ImageData(data, width, height), 0, 0);
+    pictures.push(canvas.toDataURL("image/png").split(",")[1]);
+  }
+  toolbox.dispose();
+  return { pictures, fps, camera, scene };
+}
+
+/** What the page keeps under a key; null where there is nothing. */
+export function storedIn(key) {
+  return new Promise((resolve, reject) => {
+    const opening = indexedDB.open("keyval-store");
+    opening.onerror = () => reject(opening.error);
+    opening.onsuccess = () => {
+      const reading = opening.result.transaction("keyval").objectStore("keyval").get(key);
+      reading.onsuccess = () => {
+        opening.result.close();
+        // Files do not leave the page.
+        resolve(reading.result ? { ...reading.result, ...(reading.result.pictures && { pictures: reading.result.pictures.map(() => 0) }) } : null);
+      };
+    };
+  });
+}
+
+/** Changes fields of what the page keeps under a key; those that are null are removed. */
+export function changeStored([key, fields]) {
+  return new Promise((resolve, reject) => {
+    const opening = indexedDB.open("keyval-store");
+    opening.onerror = () => reject(opening.error);
+    opening.onsuccess = () => {
+      const store = opening.result.transaction("keyval", "readwrite").objectStore("keyval");
+      const reading = store.get(key);
+      reading.onsuccess = () => {
+        const changed = Object.fromEntries(Object.entries({ ...reading.result, ...fields }).filter(([, value]) => value !== null));
+        store.put(changed, key).onsuccess = () => {
+          opening.result.close();
+          resolve();
+        };
+      };
+    };
+  });
+}

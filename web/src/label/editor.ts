@@ -3,7 +3,6 @@ import { make, messageOf } from "../dom";
 import { decode, type Pixel } from "../shared/canvas";
 import type { Alert, Parts } from "../shared/panel";
 import { arrow, inside, PictureView } from "../shared/picture-view";
-import { workspace } from "../shared/workspace";
 import type { FrameState, Labelling } from "./labelling";
 import { paint } from "./marks";
 import { STATES, Strip } from "./strip";
@@ -45,7 +44,6 @@ export class Editor {
     on("lab-undo", () => this.#undo());
     on("lab-previous", () => this.#step(-1));
     on("lab-next", () => this.#step(1));
-    on("lab-recamera", () => this.#recamera());
     const held = part<HTMLInputElement>("lab-held");
     held.addEventListener("change", () => this.#labelling?.hold(held.checked));
     document.addEventListener("keydown", (event) => {
@@ -147,14 +145,6 @@ export class Editor {
     if (labelling?.undo()) this.#go(labelling.frame);
   }
 
-  #recamera(): void {
-    const { camera } = workspace;
-    if (!this.#labelling || !camera) return;
-    this.#labelling.setCamera(camera);
-    this.say("The clip now uses the calibrated camera.");
-    this.refresh();
-  }
-
   // Which frame is shown, and how.
 
   get #doubtfulOnly(): boolean {
@@ -202,12 +192,9 @@ export class Editor {
     const states = clip.pictures.map((_, each) => labelling.state(each));
     const many = (...chosen: FrameState[]) => states.filter((state) => chosen.includes(state)).length;
     const sure = many("sure");
-    this.#part("lab-count").textContent = `${many("accepted", "corrected", "hidden")} of ${count} frames labelled · ${sure} sure and ${many("doubtful")} doubtful proposals to review`;
+    this.#part("lab-count").textContent = `${many("accepted", "corrected", "hidden")} of ${count} frames labelled · ${sure} sure and ${many("doubtful")} doubtful proposals to review${labelling.isProposed ? ` · ${many("open")} without a proposal` : ""}`;
     this.#part<HTMLButtonElement>("lab-accept-sure").disabled = sure === 0;
     this.#part<HTMLButtonElement>("lab-undo").disabled = !labelling.canUndo;
-    const { camera } = workspace;
-    const another = camera && !clip.truth && JSON.stringify(camera) !== JSON.stringify(clip.camera);
-    this.#part("lab-recamera").hidden = !another || camera.width !== clip.camera.width || camera.height !== clip.camera.height;
   }
 
   #showState(labelling: Labelling): void {

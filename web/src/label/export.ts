@@ -1,4 +1,5 @@
 /** Labels as files that the command line reads: clips.jsonl with its pictures, and 2D tracks. */
+import { isRepeated, timeOf } from "../shared/clip";
 import type { StoredClip } from "../shared/workspace";
 
 /** What the page uses of the File System Access API, which not every browser has. */
@@ -18,14 +19,15 @@ export function folderPicker(): Picker | undefined {
   return picker && ((options) => picker.call(window, options));
 }
 
-/** One line of a clips.jsonl; frames that nobody has looked at are left out. */
+/** One line of a clips.jsonl; frames that nobody has looked at, or that repeat another, are left out. Throws in words without a camera. */
 export function lineOf(clip: StoredClip): string {
+  if (!clip.camera) throw new Error(`${clip.id} has no camera yet, and clips.jsonl needs one: set it, or save the track (CSV), which needs none.`);
   const frames = looked(clip).map((frame) => {
     const label = clip.labels[frame];
     const world = clip.truth?.[frame];
     return {
       file: fileOf(clip, frame),
-      t: clip.times[frame] ?? frame / clip.fps,
+      t: timeOf(clip, frame),
       ...(label ? { image: label } : {}),
       visible: Boolean(label),
       ...(world ? { world } : {}),
@@ -35,13 +37,14 @@ export function lineOf(clip: StoredClip): string {
   return `${JSON.stringify({ id, fps, camera, scene, frames })}\n`;
 }
 
-/** `Frame,Visibility,X,Y`, the common format of 2D ball trackers. */
+/** `Frame,Visibility,X,Y`, the common format of 2D ball trackers; with the frames' times where they are a video's own. */
 export function csvOf(clip: StoredClip): string {
   const lines = looked(clip).map((frame) => {
     const label = clip.labels[frame];
-    return label ? `${frame},1,${label.map((value) => value.toFixed(3)).join(",")}` : `${frame},0,0,0`;
+    const line = label ? `${frame},1,${label.map((value) => value.toFixed(3)).join(",")}` : `${frame},0,0,0`;
+    return clip.timesKnown ? `${line},${timeOf(clip, frame).toFixed(6)}` : line;
   });
-  return ["Frame,Visibility,X,Y", ...lines, ""].join("\n");
+  return [`Frame,Visibility,X,Y${clip.timesKnown ? ",Time" : ""}`, ...lines, ""].join("\n");
 }
 
 /** A clip's name as a name of files. */
@@ -77,7 +80,7 @@ function idOf(line: string): unknown {
 }
 
 function looked(clip: StoredClip): number[] {
-  return clip.labels.flatMap((label, frame) => (label === undefined ? [] : [frame]));
+  return clip.labels.flatMap((label, frame) => (label === undefined || isRepeated(clip, frame) ? [] : [frame]));
 }
 
 function fileOf(clip: StoredClip, frame: number): string {

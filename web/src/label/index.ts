@@ -3,8 +3,11 @@ import { make, messageOf } from "../dom";
 import { tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson, isVideo, save } from "../shared/files";
+import { cutIntoFlights, cutText } from "../shared/flights";
 import { knownCameraFrom } from "../shared/known-camera";
 import { Job, type Watch } from "../shared/job";
+import { ModelSelect } from "../shared/model-select";
+import { loadable } from "../shared/models";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace, type StoredClip } from "../shared/workspace";
 import { ClipList } from "./clip-list";
@@ -12,7 +15,8 @@ import { Editor } from "./editor";
 import { csvOf, folderPicker, lineOf, nameOf, writeFolder } from "./export";
 import { Labelling } from "./labelling";
 import markup from "./panel.html?raw";
-import { proposalsFor } from "./propose";
+import { Place } from "./place";
+import { proposalsFor, type Proposed } from "./propose";
 import { clipOfPictures, clipOfVideo, syntheticClip, syntheticId } from "./sources";
 import "./style.css";
 
@@ -26,12 +30,19 @@ class Step {
   readonly #job: Job;
   readonly #editor: Editor;
   readonly #clips: ClipList;
+  readonly #place: Place;
+  readonly #models: ModelSelect;
 
   constructor(panel: HTMLElement) {
     this.#part = fill(panel, markup);
     this.#alert = new Alert(this.#part("lab-alert"));
     this.#job = new Job(this.#part("lab-busy"), "lab-cancel");
     this.#editor = new Editor(panel, this.#part, this.#alert);
+    this.#place = new Place(this.#part, this.#alert, () => this.#labelling, (text) => {
+      this.#editor.say(text);
+      this.#showPlace();
+    });
+    this.#models = new ModelSelect(this.#part("lab-model"), this.#part("lab-model-field"));
     this.#clips = new ClipList(this.#part, this.#alert, {
       current: () => this.#labelling?.clip.id,
       open: (id) => this.#openKept(id),
@@ -60,12 +71,13 @@ class Step {
     listenForDropped(panel, this.#part("lab-drop"), take);
     on("lab-synth", () => this.#synthesise());
     on("lab-propose", () => this.#propose());
-    on("lab-save-jsonl", () => this.#export((clip) => save("clips.jsonl", lineOf(clip), "application/jsonl")));
+    on("lab-cut", () => this.#cut());
+    on("lab-save-jsonl", () => this.#alert.during(async () => this.#export((clip) => save("clips.jsonl", lineOf(clip), "application/jsonl"))));
     on("lab-save-csv", () => this.#export((clip) => save(`${nameOf(clip)}.csv`, csvOf(clip), "text/csv")));
-    on("lab-save-pictures", () => this.#savePictures());
+    on("lab-save-pictures", () => this.#alert.during(() => this.#savePictures()));
     workspace.addEventListener("camera", () => {
       this.#showCamera();
-      this.#editor.refresh();
+      this.#place.cameraChanged();
     });
     // Another step may read the clip next.
     addEventListener("hashchange", () => void this.#labelling?.flush());
@@ -75,7 +87,7 @@ class Step {
   /** One long thing at a time, with its progress and a way out. */
   async #working(work: (watch: Watch) => Promise<void>): Promise<void> {
     if (this.#job.isRunning) return this.#alert.say("Another task is still running. Wait for it to finish, or cancel it.");
-    const buttons = ["lab-propose", "lab-synth"].map((name) => this.#part<HTMLButtonElement>(name));
+    const buttons = ["lab-propose", "lab-synth", "lab-cut"].map((name) => this.#part<HTMLButtonElement>(name));
     this.#editor.say("");
     for (const button of buttons) button.disabled = true;
     await this.#alert.during(() =>
@@ -85,6 +97,7 @@ class Step {
       }),
     );
     for (const button of buttons) button.disabled = false;
+    this.#showPlace();
   }
 
   // Where clips come from.
@@ -99,12 +112,13 @@ class Step {
       const rest = files.filter((file) => file !== json);
       if (rest.length === 0) return;
       const { camera } = workspace;
-      if (!camera) throw new Error("A camera is needed first, because a clip is kept together with its camera. Find one in the step Calibrate, or drop a camera.json here.");
       const fps = this.#number("lab-fps", 30);
       const most = Math.round(this.#number("lab-most", 300));
       const video = rest.find(isVideo);
-      const clip = video ? await clipOfVideo(video, fps, most, camera, watch) : await clipOfPictures(rest, fps, most, camera);
+      const { clip, note } = video ? await clipOfVideo(video, fps, most, camera, watch) : await clipOfPictures(rest, fps, most, camera);
       await this.#adopt(clip, watch);
+      // The clip is there all the same.
+      if (note) throw new Error(note);
     });
   }
 
@@ -146,6 +160,7 @@ class Step {
   #use(labelling: Labelling | undefined): void {
     this.#editor.open(labelling);
     if (!labelling) return;
+    this.#showPlace();
     void this.#compare();
     void this.#clips.update();
   }
@@ -166,7 +181,7 @@ class Step {
     if (camera) return place.replaceChildren(`Camera: the calibrated one, for frames of ${camera.width}\u00a0×\u00a0${camera.height} pixels.`);
     const link = make("a", { text: "Calibrate one" });
     link.href = "#calibrate";
-    place.replaceChildren("No camera yet. ", link, ", or drop a camera.json here.");
+    place.replaceChildren("No camera yet: clips can be labelled without one, in pixels. ", link, ", or drop a camera.json here.");
   }
 
   // Proposals.
@@ -175,16 +190,41 @@ class Step {
     const labelling = this.#labelling;
     if (!labelling) return;
     await this.#working(async (watch) => {
-      const proposals = await proposalsFor(labelling.clip, watch);
-      labelling.propose(proposals);
+      const proposed = await proposalsFor(labelling.clip, await loadable(this.#models.choice), watch);
+      labelling.propose(proposed);
       if (this.#labelling !== labelling) return;
-      const found = proposals.filter((proposal) => proposal).length;
-      const doubtful = proposals.filter((_, frame) => labelling.isDoubtful(frame)).length;
-      const advice = doubtful > 0 ? `Check the ${doubtful} doubtful ${doubtful === 1 ? "frame" : "frames"}, then accept the sure ones.` : "All are sure: look at a few, then accept them.";
-      this.#editor.say(`The ball was found in ${found} of ${labelling.count} frames. ${advice}`);
+      this.#editor.say(adviceOn(labelling, proposed));
       this.#editor.refresh();
       await this.#compare();
     });
+  }
+
+  /** One clip a flight. */
+  async #cut(): Promise<void> {
+    const labelling = this.#labelling;
+    if (!labelling) return;
+    await this.#working(async () => {
+      const cut = await cutIntoFlights(labelling.clip, labelling.flights ?? [], (frame) => labelling.proposal(frame));
+      for (const clip of cut.clips) await workspace.keep(clip);
+      this.#editor.say(`${cutText(cut)} This clip stays as it is.`);
+    });
+  }
+
+  /** What is known of the open clip, and whether it can be cut. */
+  #showPlace(): void {
+    const labelling = this.#labelling;
+    this.#place.show();
+    if (!labelling) return;
+    const { clip, flights } = labelling;
+    this.#part<HTMLButtonElement>("lab-cut").disabled = !flights?.length;
+    const explained = flights?.filter(({ reason }) => reason === null).length ?? 0;
+    this.#part("lab-flights").textContent = flights
+      ? flights.length > 0
+        ? `${flights.length} ${flights.length === 1 ? "flight" : "flights"} found; physics explains ${explained}. Fine-tune learns from clips of one flight.`
+        : "No flight was found in this clip."
+      : clip.camera && clip.scene
+        ? "Propose labels to find the flights: Fine-tune learns from clips of one flight."
+        : "With a camera, a place and a ball, Propose also finds the flights. Fine-tune learns from clips of one flight.";
   }
 
   /** Proposals against the truth, where the simulator gave it. */
@@ -192,7 +232,7 @@ class Step {
     const labelling = this.#labelling;
     const place = this.#part("lab-truth");
     place.textContent = "";
-    if (!labelling?.clip.truth || !labelling.isProposed) return;
+    if (!labelling?.clip.truth || !labelling.clip.camera || !labelling.isProposed) return;
     const truth = await (await tools()).project(labelling.clip.camera, labelling.clip.truth).catch(() => []);
     if (this.#labelling !== labelling) return;
     const within = truth.map((at, frame) => {
@@ -212,9 +252,9 @@ class Step {
   async #savePictures(): Promise<void> {
     const clip = this.#labelling?.clip;
     if (!clip) return;
-    const pick = folderPicker();
+    const pick = clip.camera && folderPicker();
     if (!pick) {
-      save("clips.jsonl", lineOf(clip), "application/jsonl");
+      this.#export((each) => save("clips.jsonl", lineOf(each), "application/jsonl"));
       this.#part("lab-export-note").textContent = `This browser cannot write folders, so only clips.jsonl was saved. Put the pictures beside it into a folder ${nameOf(clip)}, under the file names in clips.jsonl, or use Chrome or Edge on a computer.`;
       return;
     }
@@ -227,4 +267,13 @@ class Step {
       this.#editor.say("Pictures and clips.jsonl are in the folder.");
     });
   }
+}
+
+/** How many were found, in numbers that agree with those of the list. */
+function adviceOn(labelling: Labelling, { proposals }: Proposed): string {
+  const found = proposals.filter((proposal) => proposal).length;
+  const doubtful = proposals.filter((proposal) => proposal?.doubtful).length;
+  const counts = `The ball was found in ${found} of ${labelling.count} frames: ${found - doubtful} sure, ${doubtful} doubtful.`;
+  const look = [doubtful > 0 && `the ${doubtful} doubtful`, found < proposals.length && `the ${proposals.length - found} without a proposal`].filter(Boolean).join(" and ");
+  return `${counts} ${look ? `Check ${look}, then accept the sure ones.` : "Look at a few, then accept them."}`;
 }

@@ -1,9 +1,10 @@
 /** A clip being labelled: the proposals, a person's labels, and undo. */
-import type { Camera } from "gravisight";
+import type { Camera, Scene } from "gravisight";
 import { del, get, set } from "idb-keyval";
 import type { Pixel } from "../shared/canvas";
+import type { ClipFlight } from "../shared/flights";
 import { workspace, type StoredClip } from "../shared/workspace";
-import type { Proposal } from "./propose";
+import type { Proposal, Proposed } from "./propose";
 
 export type FrameState = "sure" | "doubtful" | "accepted" | "corrected" | "hidden" | "open";
 
@@ -15,6 +16,8 @@ interface Notes {
   /** Whether a person put the label elsewhere than proposed. */
   corrected: boolean[];
   frame: number;
+  /** Those that the tracker found with camera, place and ball. */
+  flights?: ClipFlight[];
 }
 
 interface Step {
@@ -36,6 +39,8 @@ export class Labelling {
   frame = 0;
   #proposals: Notes["proposals"];
   #corrected: boolean[];
+  /** Undefined where camera, place or ball have changed since, or were not known. */
+  flights: ClipFlight[] | undefined;
   readonly #past: Step[] = [];
   #timer = 0;
   readonly #onFull: (thrown: unknown) => void;
@@ -48,6 +53,7 @@ export class Labelling {
     clip.labels = each((index) => (notes ? notes.labels[index] : clip.labels[index]));
     this.#proposals = each((index) => notes?.proposals[index]);
     this.#corrected = each((index) => notes?.corrected[index] ?? false);
+    this.flights = notes?.flights;
     this.frame = Math.min(Math.max(notes?.frame ?? 0, 0), count - 1);
   }
 
@@ -119,8 +125,12 @@ export class Labelling {
     return ["doubtful", "open"].includes(this.state(frame));
   }
 
-  propose(proposals: (Proposal | null)[]): void {
+  propose({ proposals, flights, about }: Proposed): void {
     this.#proposals = proposals;
+    this.flights = flights;
+    delete this.clip.filmed;
+    delete this.clip.repeated;
+    Object.assign(this.clip, about);
     this.#save();
   }
 
@@ -188,6 +198,16 @@ export class Labelling {
 
   setCamera(camera: Camera): void {
     this.clip.camera = camera;
+    this.flights = undefined;
+    this.#save();
+  }
+
+  /** Without a scene, the place is not known. */
+  setScene(scene: Scene | undefined, sport: string | undefined): void {
+    delete this.clip.scene;
+    delete this.clip.sport;
+    Object.assign(this.clip, scene && { scene }, sport && { sport });
+    this.flights = undefined;
     this.#save();
   }
 
@@ -216,7 +236,7 @@ export class Labelling {
   }
 
   async #note(): Promise<void> {
-    const notes: Notes = { labels: this.clip.labels, proposals: this.#proposals, corrected: this.#corrected, frame: this.frame };
+    const notes: Notes = { labels: this.clip.labels, proposals: this.#proposals, corrected: this.#corrected, frame: this.frame, ...(this.flights && { flights: this.flights }) };
     await Promise.all([set(NOTES + this.clip.id, notes), set(OPEN, this.clip.id)]).catch(this.#onFull);
   }
 }

@@ -1,7 +1,8 @@
-/** Proposals for a clip: the ball as a {@link VideoTracker} follows it. */
-import { VideoTracker } from "gravisight";
-import { decode, type Pixel } from "../shared/canvas";
-import { MODELS } from "../shared/core";
+/** Proposals for a clip, of what the tracker found. */
+import type { Model, TrackedVideo } from "gravisight";
+import type { Pixel } from "../shared/canvas";
+import { flightsOf, type ClipFlight } from "../shared/flights";
+import { followed } from "../shared/follow";
 import type { Watch } from "../shared/job";
 import type { StoredClip } from "../shared/workspace";
 
@@ -14,29 +15,27 @@ export interface Proposal {
   radiusPx: number | null;
   confidence: number;
   doubtful: boolean;
+  /** Whether it is not on the trajectory of its flight. */
+  outlier?: boolean;
 }
 
-/** One a frame; null where the ball is not seen. */
-export async function proposalsFor({ camera, pictures, times }: StoredClip, { signal, progress }: Watch): Promise<(Proposal | null)[]> {
-  const tracker = await VideoTracker.create({ threads: "auto", camera, model: MODELS.any, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total, "Loading the model…") });
-  signal.addEventListener("abort", () => tracker.dispose(), { once: true });
-  try {
-    for (const [frame, picture] of pictures.entries()) {
-      signal.throwIfAborted();
-      progress(frame, pictures.length, `Looking for the ball in frame ${frame + 1} of ${pictures.length}`);
-      const bitmap = await decode(picture, `Frame ${frame + 1}`);
-      try {
-        if (bitmap.width !== camera.width || bitmap.height !== camera.height) {
-          throw new Error(`Frame ${frame + 1} has ${bitmap.width} × ${bitmap.height} pixels, but the clip’s camera is for ${camera.width} × ${camera.height}.`);
-        }
-        await tracker.add(bitmap, 1000 * (times[frame] ?? 0));
-      } finally {
-        bitmap.close();
-      }
-    }
-    const { frames } = await tracker.track({ signal });
-    return frames.map(({ image, radiusPx, confidence }) => image && { image, radiusPx, confidence, doubtful: confidence < DOUBTFUL });
-  } finally {
-    tracker.dispose();
-  }
+export interface Proposed {
+  /** One a frame; null where the ball is not seen. */
+  proposals: (Proposal | null)[];
+  /** Undefined without camera, place and ball. */
+  flights: ClipFlight[] | undefined;
+  /** What was found of the frames themselves. */
+  about: Pick<StoredClip, "filmed" | "repeated">;
+}
+
+export async function proposalsFor(clip: StoredClip, model: string | Model, watch: Watch): Promise<Proposed> {
+  const tracked = await followed(clip, model, watch);
+  const proposals = tracked.frames.map(({ image, radiusPx, confidence, outlier }) => image && { image, radiusPx, confidence, doubtful: confidence < DOUBTFUL, outlier });
+  return { proposals, flights: tracked.explained === null ? undefined : flightsOf(tracked), about: aboutFrames(tracked) };
+}
+
+/** When the frames were filmed, and which repeat another; nothing where all are pictures of their own. */
+export function aboutFrames({ frames }: TrackedVideo): Pick<StoredClip, "filmed" | "repeated"> {
+  if (!frames.some(({ repeated }) => repeated)) return {};
+  return { filmed: frames.map(({ time }) => time), repeated: frames.map(({ repeated }) => repeated) };
 }

@@ -40,6 +40,11 @@ export function pictureFile(image: CanvasImageSource, { width, height }: Size): 
   return blobOf(canvas, "image/png");
 }
 
+/** How a frame is kept: PNG where it is small, so that nothing is lost; else WebP, for the browser's room. */
+export function keptAs({ width, height }: Size): "image/png" | "image/webp" {
+  return width * height <= 640 * 480 ? "image/png" : "image/webp";
+}
+
 /** A canvas as a picture file. */
 export function blobOf(canvas: HTMLCanvasElement, type: "image/png" | "image/webp"): Promise<Blob> {
   return new Promise((resolve, reject) => {

@@ -22,8 +22,8 @@ export const OWN_MODEL = new URLSearchParams(location.search).get("model");
 /** The radius of the ball in the samples and in the scenes to throw one in, m. */
 export const SAMPLE_BALL = { radius: 0.2 };
 
-/** The model that is chosen in the step Try. */
+/** The model that is chosen in the step Try, as `loadable` takes it. */
 export function chosenModel(): string {
   const chosen = document.querySelector<HTMLInputElement>('#model input[name="model"]:checked')?.value;
-  return OWN_MODEL ?? (chosen === "sd-l" ? MODELS["sd-l"] : MODELS.any);
+  return OWN_MODEL ?? chosen ?? "any";
 }

@@ -1,6 +1,6 @@
 /** Video files, by the browser's own player. */
 import { contextOf, make } from "../dom";
-import { blobOf } from "./canvas";
+import { blobOf, keptAs } from "./canvas";
 
 /** How long a browser may take to open or to seek, ms. */
 const PATIENCE = 20_000;
@@ -26,8 +26,7 @@ export class Film {
   }
 
   /**
-   * The picture that is shown at `seconds`, at the video's size, as a file. By default PNG where it is small, so that nothing is lost; WebP
-   * else, for the browser's room.
+   * The picture that is shown at `seconds`, at the video's size, as a file of this type; by default as frames are kept.
    */
   async frame(seconds: number, type?: "image/png"): Promise<Blob> {
     this.#video.currentTime = seconds;
@@ -36,7 +35,7 @@ export class Film {
     canvas.width = this.#video.videoWidth;
     canvas.height = this.#video.videoHeight;
     contextOf(canvas).drawImage(this.#video, 0, 0);
-    return blobOf(canvas, type ?? (canvas.width * canvas.height <= 640 * 480 ? "image/png" : "image/webp"));
+    return blobOf(canvas, type ?? keptAs(canvas));
   }
 
   close(): void {

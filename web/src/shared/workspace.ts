@@ -5,13 +5,28 @@ import { del, get, keys, set } from "idb-keyval";
 /** A clip: its pictures as files, and what was labelled so far. */
 export interface StoredClip {
   id: string;
+  /** Name of the video that it is of, or of its first picture; undefined of what was drawn here. */
+  file?: string;
+  /** Frames a second, on average. */
   fps: number;
-  camera: Camera;
-  scene: Scene;
+  /** Of its pictures, pixels; where it is not here, it is the camera's. */
+  size?: { width: number; height: number };
+  /** Undefined where nobody has calibrated it: then the clip can be labelled, but not learned from. */
+  camera?: Camera;
+  /** The place and the ball; undefined where nobody has chosen them. */
+  scene?: Scene;
+  /** The sport whose scene it is; empty of another one. */
+  sport?: string;
   /** One picture (PNG, JPEG or WebP) a frame. */
   pictures: Blob[];
-  /** Seconds, one a frame. */
+  /** Seconds, one a frame: of a video those that its file gives. */
   times: number[];
+  /** Whether every frame of the video is there, with its own time. */
+  timesKnown?: boolean;
+  /** When the frames were filmed, seconds, where that was found to differ: of a video that was filmed at another rate than it is shown at. */
+  filmed?: number[];
+  /** Whether a frame shows the picture of the one before again: it teaches nothing. One a frame, where it is known. */
+  repeated?: boolean[];
   /** One a frame: pixels; null where the ball is not to be seen; undefined where nobody has looked yet. */
   labels: ([number, number] | null | undefined)[];
   /** 3D truth, metres, where it is known (synthetic clips): only to score with. */

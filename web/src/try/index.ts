@@ -2,10 +2,11 @@
 import { GravisightError, type DeviceChoice, type DrawnCircle, type Localisation, type Localiser } from "gravisight";
 import { element, messageOf } from "../dom";
 import type { Layer } from "../shared/maps";
-import { chosenModel, MODELS, OWN_MODEL, tools, type ModelName } from "../shared/core";
+import { chosenModel, OWN_MODEL, tools, type ModelName } from "../shared/core";
 import { save } from "../shared/files";
 import { Drop } from "./drop";
 import { jsonOf, pictureOf, textOf } from "./export";
+import { showKeptModels } from "./kept";
 import { LoadingLine } from "./loading";
 import { showModelNote } from "./model-note";
 import { placeOf, placeOfCandidate, placeOfCircle, type Place } from "./place";
@@ -61,12 +62,8 @@ export class App {
   constructor() {
     this.#listenForLayer();
     element("model").hidden = OWN_MODEL !== null;
-    for (const input of radios("model")) {
-      input.addEventListener("change", () => {
-        this.#other.discard();
-        void this.#load(this.#session.choice ?? "cpu");
-      });
-    }
+    element("model").addEventListener("change", () => this.#changeModel());
+    void showKeptModels(() => this.#changeModel());
     element<HTMLInputElement>("ball").addEventListener("change", () => {
       if (this.#circle) void this.#showCircled(this.#circle);
       void this.#localise();
@@ -116,6 +113,11 @@ export class App {
       this.#notLoaded = messageOf(thrown);
       this.#stayOnLastDevice(this.#notLoaded);
     }
+  }
+
+  #changeModel(): void {
+    this.#other.discard();
+    void this.#load(this.#session.choice ?? "cpu");
   }
 
   #stayOnLastDevice(why: string): void {
@@ -290,9 +292,9 @@ export class App {
   /** Shows how far off the other model is on a sample; nothing without a network, or where it cannot be loaded. */
   async #compare(subject: Subject, signal: AbortSignal): Promise<void> {
     if (!navigator.onLine) return;
-    const name: ModelName = chosenModel() === MODELS.any ? "sd-l" : "any";
+    const name: ModelName = chosenModel() === "any" ? "sd-l" : "any";
     try {
-      if (!this.#other.localiser && !(await this.#other.load(MODELS[name], "cpu", () => {}))) return;
+      if (!this.#other.localiser && !(await this.#other.load(name, "cpu", () => {}))) return;
       const result = await this.#other.localiser?.localise(subject.picture, { ...options(subject, signal), heatmap: false, depthMap: false });
       if (result && !signal.aborted) this.#result.showOther(name, result);
     } catch {

@@ -1,5 +1,6 @@
 /** One localiser at a time. The old one serves until the new one is ready. */
 import { Localiser, type DeviceChoice, type Progress } from "gravisight";
+import { loadable } from "../shared/models";
 
 export class Session {
   #localiser: Localiser | undefined;
@@ -26,7 +27,7 @@ export class Session {
     const loading = new AbortController();
     this.#loading = loading;
     try {
-      const localiser = await Localiser.create({ model, device, signal: loading.signal, onProgress });
+      const localiser = await Localiser.create({ model: await loadable(model), device, signal: loading.signal, onProgress });
       this.discard();
       this.#localiser = localiser;
       this.#choice = device;

@@ -1,9 +1,11 @@
 /** The clips that may be learned from: those that are kept, and examples. */
 import type { TrainingClip } from "gravisight";
 import { make, textButton } from "../dom";
+import { isRepeated, seenIn, timeOf } from "../shared/clip";
 import { tools } from "../shared/core";
 import { simulatedClip } from "../shared/simulated";
 import { workspace, type StoredClip } from "../shared/workspace";
+import type { ReadyClip } from "./check";
 
 /** Fewest labelled frames that physics can be fitted to with any hope. */
 const FEWEST = 15;
@@ -15,6 +17,8 @@ const SEED = 11;
 export interface Choice {
   clip: StoredClip;
   use: HTMLInputElement;
+  /** Whether a person has said whether it is used; else its labels decide. */
+  isDecided: boolean;
   heldOut: HTMLInputElement;
   detail: HTMLElement;
   row: HTMLLIElement;
@@ -44,7 +48,8 @@ export class ClipChoices {
       const choice = this.all.find((each) => each.clip.id === clip.id) ?? choiceOf(clip);
       choice.clip = clip;
       choice.heldOut.checked = clip.heldOut;
-      choice.detail.textContent = `, ${labelled(clip)} of ${clip.pictures.length} frames labelled`;
+      choice.detail.textContent = `, ${detailOf(clip)}`;
+      if (!choice.isDecided) choice.use.checked = isUsable(clip);
       return [choice];
     });
     // Rows that stay keep the focus.
@@ -61,7 +66,7 @@ function choiceOf(clip: StoredClip): Choice {
     input.checked = checked;
     return { input, label: make("label", { class: "check" }, input, document.createTextNode(text)) };
   };
-  const use = box("use", labelled(clip) >= FEWEST, "tune-use");
+  const use = box("use", isUsable(clip), "tune-use");
   const heldOut = box("held out", clip.heldOut, "tune-held-out");
   const forget = textButton("Delete…", "tune-delete", `Delete ${clip.id}`, () => {
     if (confirm(`Delete the clip "${clip.id}" from this browser?`)) void workspace.forget(clip.id);
@@ -69,20 +74,40 @@ function choiceOf(clip: StoredClip): Choice {
   const detail = make("span");
   const name = make("span", { class: "name" }, make("strong", { text: clip.id }), detail);
   const row = make("li", {}, use.label, name, heldOut.label, forget);
-  const choice = { clip, use: use.input, heldOut: heldOut.input, detail, row };
+  const choice: Choice = { clip, use: use.input, isDecided: false, heldOut: heldOut.input, detail, row };
+  choice.use.addEventListener("change", () => (choice.isDecided = true));
   choice.heldOut.addEventListener("change", () => void workspace.keep({ ...choice.clip, heldOut: choice.heldOut.checked }));
   return choice;
 }
 
-function labelled({ labels }: StoredClip): number {
-  return labels.filter((label) => label).length;
+function isUsable(clip: StoredClip): boolean {
+  return seenIn(clip).length >= FEWEST && clip.camera !== undefined && clip.scene !== undefined;
+}
+
+function detailOf(clip: StoredClip): string {
+  const count = seenIn(clip).length;
+  const few = count < FEWEST ? ` (${FEWEST} or more are needed)` : "";
+  const missing = [!clip.camera && "no camera", !clip.scene && "no place and ball"].filter(Boolean).map((each) => `, ${each as string}`);
+  return `${count} of ${clip.pictures.length} frames labelled${few}${missing.join("")}`;
+}
+
+/** What has to be ticked before a run can begin, in words; empty where nothing has to. */
+export function missingIn(all: Choice[]): string {
+  const used = all.filter(({ use }) => use.checked);
+  const isHeld = ({ heldOut }: Choice) => heldOut.checked;
+  const idle = all.filter((choice) => !choice.use.checked && isHeld(choice))[0];
+  if (used.length === 0 || used.every(isHeld)) return "Choose at least one clip to learn from: tick “use”, but not “held out”.";
+  if (used.some(isHeld)) return "";
+  if (idle) return `“${idle.clip.id}” is held out, but not ticked “use”: tick it, so that the page can measure whether learning helped.`;
+  return "Hold one clip out: tick “held out” on a clip in use. Without it, the page cannot measure whether learning helped.";
 }
 
 /** A kept clip as the package takes it. */
-export function trainingClip({ id, fps, camera, scene, pictures, times, labels, truth }: StoredClip): TrainingClip {
-  const frames = pictures.map((picture, index) => {
+export function trainingClip(clip: ReadyClip): TrainingClip {
+  const { id, fps, camera, scene, pictures, labels, truth } = clip;
+  const frames = pictures.flatMap((picture, index) => {
     const world = truth?.[index];
-    return { picture, t: times[index] ?? index / fps, image: labels[index] ?? null, ...(world && { world }) };
+    return isRepeated(clip, index) ? [] : [{ picture, t: timeOf(clip, index), image: labels[index] ?? null, ...(world && { world }) }];
   });
   return { id, fps, camera, scene, frames };
 }

@@ -1,14 +1,19 @@
 /** Step 5: a model learns clips in this page, and what it gained is shown on a clip held out. */
-import { FineTuner, type DeviceChoice, type FineTuneSupervision, type TuneScore } from "gravisight";
-import { make, messageOf } from "../dom";
+import { FineTuner, type DeviceChoice, type FineTuneSupervision, type Model } from "gravisight";
+import { messageOf } from "../dom";
 import { Chart } from "../shared/chart";
+import { seenIn } from "../shared/clip";
 import { save } from "../shared/files";
+import type { Watch } from "../shared/job";
 import { Alert, fill, type Parts } from "../shared/panel";
-import { workspace, type StoredClip } from "../shared/workspace";
-import { ClipChoices, makeExamples, trainingClip } from "./clips";
-import { figuresOf, framesBefore } from "./frames";
+import { workspace } from "../shared/workspace";
+import { check, ready, type ReadyClip } from "./check";
+import { ClipChoices, makeExamples, missingIn, trainingClip } from "./clips";
+import { KeptList } from "./kept";
+import { figuresOf, followedIn, foundIn, looksOf } from "./looks";
 import markup from "./panel.html?raw";
 import { alone, forgetRun, keep, keptRun, type Run } from "./run";
+import { isKnown, showScores } from "./scores";
 import "./style.css";
 
 /** Scores of a run, the one before it left out. */
@@ -18,7 +23,6 @@ const CAMERAS = 9;
 const KEEP_EVERY = 5000;
 /** The published model for any ball learns best from this on; the others from the package's default. */
 const LEARNING_RATES: Record<string, number> = { any: 5e-4 };
-const signed = new Intl.NumberFormat("en", { maximumFractionDigits: 0, signDisplay: "exceptZero" });
 
 export async function start(panel: HTMLElement): Promise<void> {
   await new Tune(panel).open();
@@ -30,6 +34,9 @@ class Tune {
   readonly #loss: Chart;
   readonly #score: Chart;
   readonly #clips: ClipChoices;
+  readonly #kept: KeptList;
+  /** Whether a person has chosen the model to start from; else the clips decide. */
+  #isModelChosen = false;
   #stop: AbortController | undefined;
   #tuner: FineTuner | undefined;
 
@@ -46,12 +53,15 @@ class Tune {
     this.#part("tune-continue").addEventListener("click", () => void this.#busy((signal) => alone(false, () => this.#resume(signal))));
     this.#part("tune-stop").addEventListener("click", () => this.#stop?.abort());
     this.#part("tune-save").addEventListener("click", () => void this.#alert.during(() => this.#save()));
-    workspace.addEventListener("clips", () => void this.#clips.update());
+    this.#kept = new KeptList(this.#part, this.#alert, () => this.#model());
+    this.#part("tune-model").addEventListener("change", () => (this.#isModelChosen = true));
+    this.#part("tune-clips").addEventListener("change", () => this.#chooseModel());
+    workspace.addEventListener("clips", () => void this.#updateClips());
   }
 
   /** Goes on with a run that a reload broke off. */
   async open(): Promise<void> {
-    await this.#clips.update();
+    await Promise.all([this.#updateClips(), this.#kept.update()]);
     const run = await keptRun();
     this.#offer(run);
     if (run?.state !== "running") return;
@@ -59,6 +69,19 @@ class Tune {
     void alone(true, async () => {
       if ((await keptRun())?.state === "running") await this.#busy((signal) => this.#resume(signal));
     });
+  }
+
+  async #updateClips(): Promise<void> {
+    await this.#clips.update();
+    this.#chooseModel();
+  }
+
+  /** Clips of one's own start from the model for any ball; the examples from that of their scene. */
+  #chooseModel(): void {
+    if (this.#isModelChosen || this.#stop) return;
+    const used = this.#clips.all.filter(({ use }) => use.checked);
+    const isExample = used.length > 0 && used.every(({ clip }) => clip.truth);
+    this.#part<HTMLSelectElement>("tune-model").value = isExample ? "sd-s" : "any";
   }
 
   /** The button that goes on with a kept run, where there is one. */
@@ -94,30 +117,33 @@ class Tune {
   }
 
   async #learn(signal: AbortSignal): Promise<void> {
-    const chosen = this.#clips.all.filter(({ use }) => use.checked).map(({ clip, heldOut }) => ({ clip, heldOut: heldOut.checked }));
-    const shown = chosen.find(({ heldOut }) => heldOut)?.clip;
-    if (chosen.every(({ heldOut }) => heldOut)) throw new Error("Choose at least one clip to learn from (not held out).");
-    if (!shown) throw new Error("Hold one clip out: without it, the page cannot measure whether learning helped.");
+    const missing = missingIn(this.#clips.all);
+    if (missing) throw new Error(missing);
+    const chosen = this.#clips.all.filter(({ use }) => use.checked).map(({ clip, heldOut }) => ({ clip: ready(clip), heldOut: heldOut.checked }));
+    const shown = chosen.find(({ heldOut }) => heldOut)!.clip;
     const steps = Math.round(Number(this.#part<HTMLInputElement>("tune-steps").value));
     if (!(steps >= 1 && steps <= 5000)) throw new Error("Steps must be a number from 1 to 5000.");
     const choice = (name: string) => this.#part<HTMLSelectElement>(name).value;
     const [model, device] = [choice("tune-model"), choice("tune-device") as DeviceChoice];
     const supervision = choice("tune-supervision") as FineTuneSupervision;
     this.#dispose();
+    await this.#check(chosen.map(({ clip }) => clip), signal);
     await forgetRun();
-    this.#say("Fetching the core and the model…");
+    this.#say("Looking at the clip held out…");
     const url = new URL(`models/${model}.json`, document.baseURI).href;
-    const before = await framesBefore(url, shown, signal);
+    const before = await looksOf(url, shown, signal, (fraction) => this.#progress(fraction));
+    const found = { before: foundIn(shown, before), of: before.length };
+    const followed = model === "any" && { before: await followedIn(url, shown, this.#watch(signal)), of: seenIn(shown).length };
     const learningRate = LEARNING_RATES[model];
     const tuner = await FineTuner.create({ model: url, device, steps, supervision, ...(learningRate && { learningRate }), signal });
     this.#tuner = tuner;
     const leftOut = await this.#give(tuner, chosen, signal);
     if (leftOut.length > 0) this.#alert.say(leftOut.join(" "));
     const first = await tuner.evaluate({ signal });
-    const scores: [number, number][] = typeof first.forecastPx === "number" ? [[0, first.forecastPx]] : [];
+    const scores: [number, number][] = isKnown(first.forecastPx) ? [[0, first.forecastPx]] : [];
     const clips = chosen.map(({ clip, heldOut }) => ({ id: clip.id, heldOut }));
     const checkpoint = await tuner.checkpoint();
-    await this.#go({ state: "running", model, supervision, device, steps, clips, before, first, last: first, losses: [], scores, spent: 0, checkpoint }, tuner, shown, signal);
+    await this.#go({ state: "running", model, supervision, device, steps, clips, before, found, ...(followed && { followed }), first, last: first, losses: [], scores, spent: 0, checkpoint }, tuner, shown, signal);
   }
 
   /** Goes on with the kept run. */
@@ -129,7 +155,7 @@ class Tune {
         run.clips.map(async ({ id, heldOut }) => {
           const clip = await workspace.clip(id);
           if (!clip) throw new Error(`The last run cannot be continued: its clip "${id}" was deleted.`);
-          return { clip, heldOut };
+          return { clip: ready(clip), heldOut };
         }),
       );
       const shown = chosen.find(({ heldOut }) => heldOut)?.clip;
@@ -152,8 +178,17 @@ class Tune {
     }
   }
 
+  /** Refuses clips that nothing can be learned from, before anything slow. */
+  async #check(clips: ReadyClip[], signal: AbortSignal): Promise<void> {
+    for (const [index, clip] of clips.entries()) {
+      this.#say(`Checking clip ${index + 1} of ${clips.length}…`);
+      this.#progress(index / clips.length);
+      await check(clip, signal);
+    }
+  }
+
   /** Gives the clips; returns why some are left out. */
-  async #give(tuner: FineTuner, chosen: { clip: StoredClip; heldOut: boolean }[], signal: AbortSignal): Promise<string[]> {
+  async #give(tuner: FineTuner, chosen: { clip: ReadyClip; heldOut: boolean }[], signal: AbortSignal): Promise<string[]> {
     const leftOut: string[] = [];
     for (const [index, { clip, heldOut }] of chosen.entries()) {
       this.#say(`Preparing clip ${index + 1} of ${chosen.length}…`);
@@ -165,9 +200,9 @@ class Tune {
   }
 
   /** The steps that are left, and what they brought. */
-  async #go(run: Run, tuner: FineTuner, shown: StoredClip, signal: AbortSignal): Promise<void> {
+  async #go(run: Run, tuner: FineTuner, shown: ReadyClip, signal: AbortSignal): Promise<void> {
     const { steps } = run;
-    this.#part<HTMLButtonElement>("tune-save").disabled = true;
+    for (const name of ["tune-save", "tune-keep"]) this.#part<HTMLButtonElement>(name).disabled = true;
     let made = (await tuner.progress()).step;
     const every = Math.max(1, Math.ceil(steps / SCORES));
     const [began, before, from] = [performance.now(), run.spent, made];
@@ -195,10 +230,19 @@ class Tune {
         const isScored = made % every === 0 || made === steps;
         if (isScored) {
           run.last = await tuner.evaluate({ signal });
-          if (typeof run.last.forecastPx === "number") run.scores.push([made, run.last.forecastPx]);
+          if (isKnown(run.last.forecastPx)) run.scores.push([made, run.last.forecastPx]);
           this.#showScores(run);
         }
         if (isScored || performance.now() - kept > KEEP_EVERY) await keepNow();
+      }
+      if (!run.now) {
+        this.#say("Looking at the clip held out again…");
+        const best = await tuner.export();
+        const now = await looksOf(best, shown, signal, (fraction) => this.#progress(fraction));
+        run.found = { before: foundIn(shown, run.before), now: foundIn(shown, now), of: now.length };
+        if (run.followed) run.followed.now = await followedIn(best, shown, this.#watch(signal));
+        run.now = now;
+        this.#showScores(run);
       }
       run.state = "done";
     } catch (thrown) {
@@ -208,8 +252,9 @@ class Tune {
       // A step that was under way when it was stopped has been made. A failure is already shown.
       await keepNow().catch(() => {});
     }
-    this.#part("tune-frames").replaceChildren(...(await figuresOf(shown, run.before, tuner, signal)));
-    this.#part<HTMLButtonElement>("tune-save").disabled = false;
+    this.#part("tune-frames").replaceChildren(...(await figuresOf(shown, run.before, run.now)));
+    for (const name of ["tune-save", "tune-keep"]) this.#part<HTMLButtonElement>(name).disabled = false;
+    this.#kept.offer(run.clips.find(({ heldOut }) => !heldOut)?.id ?? run.model);
     this.#say(`Done: ${steps} steps in ${durationText(run.spent)} on ${tuner.device.name}.`);
   }
 
@@ -217,32 +262,23 @@ class Tune {
     this.#loss.show({ y: "Loss", x: "Step", series: [{ name: "on the clips learned from", colour: "--accent", line: losses }], from: 0, to: steps });
   }
 
-  #showScores({ scores, steps, first: before, last: now }: Run): void {
+  #showScores(run: Run): void {
+    const { scores, steps } = run;
     const series = { name: "on the clip held out", colour: "--found", line: scores, dots: scores };
     this.#score.show({ y: "Forecast error (px)", x: "Step", series: [series], from: 0, to: steps });
-    const rows: [string, (score: TuneScore) => number | null | undefined, (value: number) => string][] = [
-      ["Forecast 15 frames away, median", ({ forecastPx }) => forecastPx, (value) => `${value.toFixed(2)} px`],
-      ["2D error, median", ({ imageErrorPx }) => imageErrorPx.median, (value) => `${value.toFixed(2)} px`],
-      ["Distance to the truth, mean (where it is known)", ({ dtg }) => dtg.mean, (value) => `${(100 * value).toFixed(1)} cm`],
-    ];
     this.#part("tune-none").hidden = true;
     this.#part("tune-scores").hidden = false;
-    const cells = (...texts: string[]) => texts.map((text) => make("td", { text }));
-    this.#part("tune-table").replaceChildren(
-      ...rows.map(([name, of, say]) => {
-        const header = make("th", { text: name });
-        header.scope = "row";
-        const [a, b] = [of(before), of(now)];
-        const known = typeof a === "number" && typeof b === "number";
-        const change = known && a > 0 ? `${signed.format(100 * (b / a - 1))} %` : "–";
-        return make("tr", {}, header, ...(known ? cells(say(a), say(b), change) : cells("–", "–", "–")));
-      }),
-    );
+    showScores(this.#part("tune-table"), this.#part("tune-missing"), run);
+  }
+
+  async #model(): Promise<Model | undefined> {
+    return this.#tuner?.export();
   }
 
   async #save(): Promise<void> {
-    if (!this.#tuner) return;
-    const { card, weights } = await this.#tuner.export();
+    const model = await this.#model();
+    if (!model) return;
+    const { card, weights } = model;
     const { name, weights: file } = JSON.parse(card) as { name: string; weights: string };
     save(`${name}.json`, card);
     save(file, new Blob([weights as Uint8Array<ArrayBuffer>], { type: "application/octet-stream" }));
@@ -251,6 +287,10 @@ class Tune {
   #dispose(): void {
     this.#tuner?.dispose();
     this.#tuner = undefined;
+  }
+
+  #watch(signal: AbortSignal): Watch {
+    return { signal, progress: (done, of) => this.#progress(of ? done / of : 0) };
   }
 
   #progress(fraction: number): void {

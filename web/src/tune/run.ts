@@ -1,6 +1,7 @@
 /** A run as this browser keeps it: what the core needs to go on, and what the page shows. The clips are kept by themselves. */
-import type { DeviceChoice, FineTuneSupervision, Localisation, TuneScore } from "gravisight";
+import type { DeviceChoice, FineTuneSupervision, TuneScore } from "gravisight";
 import { del, get, set } from "idb-keyval";
+import type { Look } from "./looks";
 
 export interface Run {
   /** Whether it goes on by itself when the page is opened again. */
@@ -12,8 +13,13 @@ export interface Run {
   steps: number;
   /** Ids of the clips, in the order in which they were given. */
   clips: { id: string; heldOut: boolean }[];
-  /** What the model found in frames of the clip that is shown, before. */
-  before: Localisation[];
+  /** What the model found in frames of the clip that is shown, before, and once the run is done. */
+  before: Look[];
+  now?: Look[];
+  /** In how many of these frames the ball was found. */
+  found?: Counts;
+  /** In how many of all its labelled frames a tracker found it; of a model that takes balls of any size. */
+  followed?: Counts;
   /** Score before the first step, and the last. */
   first: TuneScore;
   last: TuneScore;
@@ -23,6 +29,12 @@ export interface Run {
   /** Time spent on steps, ms. */
   spent: number;
   checkpoint: Uint8Array;
+}
+
+interface Counts {
+  before: number;
+  now?: number;
+  of: number;
 }
 
 const RUN = "tuning run";

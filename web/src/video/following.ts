@@ -1,7 +1,8 @@
 /** The ball followed through a whole video: to begin, to correct by a click, to end. */
-import { MODELS } from "../shared/core";
 import { findableCourt } from "../shared/find-court";
 import type { Job, Watch } from "../shared/job";
+import { loadable } from "../shared/models";
+import type { ModelSelect } from "../shared/model-select";
 import type { Overlay } from "../shared/overlay";
 import type { Parts } from "../shared/panel";
 import { Corrections } from "./corrections";
@@ -19,6 +20,7 @@ interface With {
   transport: Transport;
   frameSearch: FrameSearch;
   job: Job;
+  models: ModelSelect;
 }
 
 interface FollowingListener {
@@ -55,7 +57,7 @@ export class Following {
 
   /** Gives the whole source to a tracker; corrections that were made stay. */
   async start(): Promise<void> {
-    const { frameSearch, job, overlay, transport } = this.#with;
+    const { frameSearch, job, overlay, transport, models } = this.#with;
     const { source } = frameSearch;
     if (!source) throw new Error("Tracking needs a video.");
     source.pause();
@@ -65,8 +67,8 @@ export class Following {
     frameSearch.isTracking = true;
     try {
       await job.run("Loading the model…", async (watch) => {
-        // The one that reads sizes, whatever the step Try shows.
-        const which = { model: MODELS.any, device: chosenDevice() };
+        // One that reads sizes, whatever the step Try shows.
+        const which = { model: await loadable(models.choice), device: chosenDevice() };
         const used = await this.#current();
         this.#tracking = await Tracking.through(source, used, which, watch, ({ image, timeMs }) => {
           overlay.showPlain(image, "The frame being processed");

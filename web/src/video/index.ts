@@ -5,6 +5,7 @@ import { listenForChosen, listenForDropped } from "../shared/drop-zone";
 import { isJson } from "../shared/files";
 import { Job, type Watch } from "../shared/job";
 import type { Layer } from "../shared/maps";
+import { ModelSelect } from "../shared/model-select";
 import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace } from "../shared/workspace";
@@ -42,6 +43,7 @@ class Step {
   readonly #sceneChoice = new SceneChoice();
   readonly #model = new Model();
   readonly #results: Results;
+  readonly #models: ModelSelect;
   readonly #court: Court;
   readonly #work: Work;
   readonly #recorder: WebcamRecorder;
@@ -73,8 +75,9 @@ class Step {
       },
     );
     this.#results = new Results({ part, frameSearch: this.#frameSearch, sceneChoice: this.#sceneChoice, model: this.#model });
+    this.#models = new ModelSelect(this.#part("video-model"), this.#part("video-model-field"));
     this.#following = new Following(
-      { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job },
+      { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job, models: this.#models },
       { begin: () => this.#forget(), found: ({ curve }) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
     );
     this.#work = new Work(
@@ -161,6 +164,11 @@ class Step {
         await this.#sceneChoice.choose(value);
         this.#sceneChoiceChanged();
       });
+    });
+    part("video-model").addEventListener("change", () => {
+      // Loaded anew, by the next choice.
+      this.#model.dispose();
+      void this.#alert.during(() => this.#load());
     });
     part<HTMLInputElement>("video-ball").addEventListener("change", (event) => {
       const { valueAsNumber } = event.currentTarget as HTMLInputElement;
@@ -298,7 +306,7 @@ class Step {
     if (!this.#sceneChoice.camera || !this.#sceneChoice.scene || !this.#source || this.#model.localiser) return Promise.resolve();
     const load = async () => {
       try {
-        await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(watch));
+        await this.#job.run("Loading the model…", (watch: Watch) => this.#model.load(this.#models.choice, watch));
         this.#onState();
         this.#frameSearch.search();
       } finally {

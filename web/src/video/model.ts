@@ -2,6 +2,7 @@
 import { Localiser, type DeviceChoice } from "gravisight";
 import { chosenModel } from "../shared/core";
 import type { Watch } from "../shared/job";
+import { loadable } from "../shared/models";
 
 /** Where the card says nothing. */
 const USUAL_THRESHOLD = 0.5;
@@ -16,12 +17,13 @@ export class Model {
     return this.#localiser;
   }
 
-  async load({ signal, progress }: Watch): Promise<void> {
-    const model = chosenModel();
+  /** Loads the model of a choice of this step; where that is the usual one, the one of the step Try. */
+  async load(choice: string, { signal, progress }: Watch): Promise<void> {
+    const model = choice === "any" ? chosenModel() : choice;
     if (this.#localiser && this.#loaded === model) return;
     this.dispose();
     this.#localiser = await Localiser.create({
-      model,
+      model: await loadable(model),
       device: chosenDevice(),
       signal,
       onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total),

@@ -3,7 +3,7 @@ import { BufferTarget, canEncodeVideo, CanvasSource, Mp4OutputFormat, Output, QU
 import { contextOf, make } from "../dom";
 import type { Watch } from "../shared/job";
 import { drawFound, drawTrail, write } from "../shared/marks";
-import { DecodedVideo } from "./decoded";
+import { DecodedVideo } from "../shared/decoded";
 import { fittedAt } from "./report";
 import type { TrackResult } from "./track-result";
 

@@ -1,5 +1,5 @@
 /** The ball through a whole source: every frame is given to a tracker, which is kept for what a person corrects. */
-import { VideoTracker, type Camera, type DeviceChoice, type Picture, type Scene } from "gravisight";
+import { VideoTracker, type Camera, type DeviceChoice, type Model, type Picture, type Scene } from "gravisight";
 import type { Watch } from "../shared/job";
 import { PictureSource, type Frame, type Source } from "./sources";
 import { TrackResult } from "./track-result";
@@ -55,7 +55,7 @@ export class Tracking {
   }
 
   /** Gives all frames of a source; `shown` sees each. */
-  static async through(source: Source, known: Known, { model, device }: { model: string; device: DeviceChoice }, { signal, progress }: Watch, shown: (frame: Frame) => void): Promise<Tracking> {
+  static async through(source: Source, known: Known, { model, device }: { model: string | Model; device: DeviceChoice }, { signal, progress }: Watch, shown: (frame: Frame) => void): Promise<Tracking> {
     const tracker = await VideoTracker.create({ threads: "auto", ...(known.camera && { camera: known.camera }), ...(known.court && { court: known.court }), model, device, signal, onProgress: ({ stage, loaded, total }) => stage === "weights" && progress(loaded, total) });
     const tracking = new Tracking(tracker, known);
     signal.addEventListener("abort", () => tracker.dispose(), { once: true });
@@ -70,7 +70,7 @@ export class Tracking {
         progress(timeMs, source.durationMs);
       };
       // Loaded only here: it is five times as large as the rest of the step.
-      const decoded = source instanceof VideoSource && source.file ? await (await import("./decoded")).DecodedVideo.open(source.file) : undefined;
+      const decoded = source instanceof VideoSource && source.file ? await (await import("../shared/decoded")).DecodedVideo.open(source.file) : undefined;
       try {
         if (decoded || source instanceof PictureSource) {
           for await (const frame of decoded?.frames() ?? (source as PictureSource).frames) {
