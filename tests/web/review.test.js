@@ -223,7 +223,7 @@ test("bounces and hits are marks on the slider; a mark, a row, the plan and a pl
 test("a video that the browser cannot play, and one that is cut off, are named", PATIENCE, async () => {
   const own = await open(browser, `${server.url}#video`, complaints);
   const hevc = { ...clip, name: "IMG_0042.MOV", mimeType: "video/quicktime", buffer: converted(clip.buffer, ["-an", "-c:v", "libx265", "-x265-params", "log-level=none", "-preset", "ultrafast", "-tag:v", "hvc1"]) };
-  for (const [step, input, alert] of [["video", "video-input", "video-alert"], ["calibrate", "cal-file", "cal-alert"]]) {
+  for (const [step, input, alert] of [["video", "video-input", "video-alert"], ["calibrate", "cal-file", "cal-alert"], ["label", "lab-files", "lab-alert"]]) {
     await own.evaluate((step) => (location.hash = step), step);
     await own.getByTestId(input).waitFor({ state: "attached", ...PATIENCE });
     await own.getByTestId(input).setInputFiles([hevc]);
@@ -233,7 +233,7 @@ test("a video that the browser cannot play, and one that is cut off, are named",
   const whole = converted(clip.buffer, ["-c", "copy", "-movflags", "faststart"]);
   await own.getByTestId("video-input").setInputFiles([{ ...clip, buffer: whole.subarray(0, 0.6 * whole.length) }]);
   await tracked(own);
-  assert.match(await own.getByTestId("video-fit-result").innerText(), /The file is cut off: \d+ of its 27 frames could be read/);
+  assert.match(await own.getByTestId("video-fit-result").innerText(), /toss_wall\.mp4 is cut off after [\d.]+ s: only \d+ of its 27 frames can be read/);
   await own.close();
 });
 

@@ -56,13 +56,7 @@ export class DecodedVideo {
       return { picture: canvas, image: canvas, timeMs: 1000 * timestamp };
     };
     try {
-      let frames = 0;
-      for await (const decoded of this.#sink.canvases()) {
-        frames++;
-        yield shown(decoded);
-      }
-      const expected = (await this.#timestamps()).length;
-      if (frames < expected) this.broken = `The file is cut off: ${frames} of its ${expected} frames could be read. They are tracked.`;
+      for await (const decoded of this.#sink.canvases()) yield shown(decoded);
     } catch (thrown) {
       // The decoder drops what it has decoded ahead: up to the frame that is broken, each is decoded by itself.
       try {
