@@ -140,7 +140,7 @@ impl Model<'_> {
                 let (by_camera, all) = sums.fold((0.0, 0.0), |(by, all), (a, b)| (by + a, all + b));
                 by_camera > 0.5 * all
             };
-            let reason = doubt.clone().or_else(|| self.unknown(&counted, is_by_camera));
+            let reason = doubt.clone().or_else(|| self.unknown(&counted, is_by_camera && !is_camera_assumed));
             flights.push((
                 doubt.is_some(),
                 Flight {
