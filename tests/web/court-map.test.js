@@ -33,11 +33,11 @@ after(async () => {
 test("the court is drawn from above with its lines and its points, the corners at its corners", async () => {
   assert.equal(await page.locator(".court-line").count(), court.lines.length);
   assert.equal(await page.locator(".court-point").count(), Object.keys(court.points).length);
-  const [farLeft, farRight, nearLeft] = await Promise.all(["far doubles corner left", "far doubles corner right", "near doubles corner left"].map((name) => centreOf(name)));
+  const [farLeft, farRight, nearLeft] = await centresOf("far doubles corner left", "far doubles corner right", "near doubles corner left");
   assert.ok(farLeft[0] < farRight[0] - 100 && Math.abs(farLeft[1] - farRight[1]) < 1, "left and right");
   assert.ok(nearLeft[1] > farLeft[1] + 100 && Math.abs(nearLeft[0] - farLeft[0]) < 1, "the far end is at the top");
   // A raised point stands beside its foot and has another shape.
-  const [foot, top] = await Promise.all(["net post foot left", "net post top left"].map((name) => centreOf(name)));
+  const [foot, top] = await centresOf("net post foot left", "net post top left");
   assert.ok(Math.hypot(foot[0] - top[0], foot[1] - top[1]) > 10 && top[1] < foot[1]);
   assert.equal(await page.locator(".court-point[data-raised]").count(), 3);
   assert.ok((await page.getByTestId("cal-map-0").getAttribute("class")).includes("current"));
@@ -179,6 +179,15 @@ async function centreOf(name, own = page) {
   await dot.scrollIntoViewIfNeeded();
   const { x, y, width, height } = await dot.boundingBox();
   return [x + width / 2, y + height / 2];
+}
+
+/** Of several dots at one moment: the page may still be moving. */
+async function centresOf(...names) {
+  const parts = await Promise.all(names.map(async (name) => `cal-map-${await indexOf(name)}`));
+  return page.evaluate((parts) => {
+    const boxes = parts.map((part) => document.querySelector(`[data-part="${part}"] .court-dot`).getBoundingClientRect());
+    return boxes.map(({ x, y, width, height }) => [x + width / 2, y + height / 2]);
+  }, parts);
 }
 
 const stateOf = async (name) => page.getByTestId(`cal-map-${await indexOf(name)}`).getAttribute("data-state");
