@@ -49,6 +49,8 @@ class Step {
   readonly #recorder: WebcamRecorder;
   readonly #assumed: Assumed;
   #loading: Promise<void> | undefined;
+  /** Settles when the last choice of camera and place is taken. */
+  #chosen: Promise<unknown> = Promise.resolve();
   /** Sources that are being opened: one, or more for a moment where somebody does not wait. */
   #opening = 0;
   readonly #following: Following;
@@ -133,10 +135,12 @@ class Step {
     onClick("video-retrack", () => this.#following.revise().then(() => this.#kept()));
     onClick("video-calibrate", () => this.#calibrate());
     onClick("video-find", () => this.#court.find());
-    onClick("video-assume", async () => {
-      await this.#assumed.use();
-      this.#sceneChoiceChanged();
-    });
+    onClick("video-assume", () =>
+      this.#choose(async () => {
+        await this.#assumed.use();
+        this.#sceneChoiceChanged();
+      }),
+    );
     onClick("video-assume-not", () => {
       this.#assumed.forget();
       this.#sceneChoiceChanged();
@@ -160,10 +164,12 @@ class Step {
     for (const input of this.#layers()) input.addEventListener("change", () => this.#chooseLayer(input.value as Layer));
     part<HTMLSelectElement>("video-sport").addEventListener("change", (event) => {
       const { value } = event.currentTarget as HTMLSelectElement;
-      void this.#alert.during(async () => {
-        await this.#sceneChoice.choose(value);
-        this.#sceneChoiceChanged();
-      });
+      void this.#alert.during(() =>
+        this.#choose(async () => {
+          await this.#sceneChoice.choose(value);
+          this.#sceneChoiceChanged();
+        }),
+      );
     });
     part("video-model").addEventListener("change", () => {
       // Loaded anew, by the next choice.
@@ -281,7 +287,16 @@ class Step {
     this.#overlay.setSize(width, height);
   }
 
+  /** Takes a choice of camera or place that the core has yet to look at. */
+  #choose(work: () => Promise<void>): Promise<void> {
+    const chosen = work();
+    this.#chosen = Promise.all([this.#chosen, chosen.catch(() => undefined)]);
+    return chosen;
+  }
+
   async #track(): Promise<void> {
+    // Whoever is quick means the place that was just chosen.
+    await this.#chosen;
     await this.#following.start();
     await this.#kept();
   }
