@@ -318,11 +318,13 @@ fn dropped(times: &[f64], drops: &[(usize, i32)]) -> Vec<f64> {
 fn sizes(model: &Model, fit: &Fit) -> Option<String> {
     let off = |(observation, frame): (&RayObservation, &FittedFrame)| {
         let own = (frame.world.coords - observation.ray.as_ref()?.origin).norm();
-        Some(observation.log_distance?[0].exp() / own - 1.0)
+        Some((observation.log_distance?[0].exp() / own - 1.0, frame.sigma / own))
     };
-    let all: Vec<f64> = model.observations.iter().zip(&fit.frames).filter_map(off).collect();
-    let median = median(all.iter().copied())?;
-    (median.abs() > SIZE_OFF && all.len() >= FEWEST_SIZES).then(|| {
+    let all: Vec<(f64, f64)> = model.observations.iter().zip(&fit.frames).filter_map(off).collect();
+    // Of a distance that is not known so well, as before a camera that is assumed, the sizes may be right.
+    let known = median(all.iter().map(|&(_, sigma)| sigma))?;
+    let median = median(all.iter().map(|&(off, _)| off))?;
+    (median.abs() > SIZE_OFF.max(known) && all.len() >= FEWEST_SIZES).then(|| {
         format!(
             "judging by its apparent size, the ball is {:.0} % {} than its flight and contacts indicate: check the heights \
              of the scene, the ball's radius, the camera and the frame rate",
