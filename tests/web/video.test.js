@@ -57,6 +57,7 @@ test("a picture and its camera.json give the position that the step Try gives", 
 const refusals = {
   "a text file": [[{ name: "notes.txt", mimeType: "text/plain", buffer: Buffer.from("no video at all") }], /notes\.txt is not a video/],
   "a text file named as a video": [[{ name: "a.mp4", mimeType: "video/mp4", buffer: Buffer.from("no video at all") }], /a\.mp4 is not a video/],
+  "another tool's camera": [[{ name: "cam0.yaml", mimeType: "application/yaml", buffer: Buffer.from("%YAML:1.0\ncamera_matrix: !!opencv-matrix\n") }], /cam0\.yaml: this page reads camera\.json.*gravisight camera import "cam0\.yaml" --to camera\.json/],
   "an empty file": [[{ name: "a.webm", mimeType: "video/webm", buffer: Buffer.alloc(0) }], /a\.webm is empty/],
   "a text file named as a picture": [[pngFile("x.png", Buffer.from("no picture"))], /x\.png is not a picture/],
   "two pictures": [[pngFile("a.png", ONE_PIXEL), pngFile("b.png", ONE_PIXEL)], /One video or picture at a time/],

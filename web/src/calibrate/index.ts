@@ -3,7 +3,7 @@ import { messageOf } from "../dom";
 import { decode } from "../shared/canvas";
 import { tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
-import { isJson, isVideo, readJson, save } from "../shared/files";
+import { isJson, isVideo, otherToolsCamera, readJson, save } from "../shared/files";
 import { Film } from "../shared/film";
 import { findableCourt } from "../shared/find-court";
 import { Alert, fill, type Parts } from "../shared/panel";
@@ -171,6 +171,8 @@ class Step {
   // What is given: a picture, points, a lens.
 
   async #take(files: File[]): Promise<void> {
+    const refusal = otherToolsCamera(files);
+    if (refusal) throw new Error(refusal);
     const json = files.find(isJson);
     const picture = files.find((file) => file !== json);
     if (picture && isVideo(picture)) {

@@ -2,7 +2,7 @@
 import { make, messageOf } from "../dom";
 import { tools } from "../shared/core";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
-import { isJson, isVideo, save } from "../shared/files";
+import { isJson, isVideo, otherToolsCamera, save } from "../shared/files";
 import { cutIntoFlights, cutText } from "../shared/flights";
 import { knownCameraFrom } from "../shared/known-camera";
 import { Job, type Watch } from "../shared/job";
@@ -104,6 +104,8 @@ class Step {
 
   async #take(files: File[]): Promise<void> {
     await this.#working(async (watch) => {
+      const refusal = otherToolsCamera(files);
+      if (refusal) throw new Error(refusal);
       const json = files.find(isJson);
       if (json) {
         const { camera, oneSigma } = await knownCameraFrom(json);

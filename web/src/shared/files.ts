@@ -6,6 +6,13 @@ export function isJson(file: File): boolean {
   return file.type === "application/json" || file.name.toLowerCase().endsWith(".json");
 }
 
+/** What to do with another tool's camera file (OpenCV, ROS, Kalibr, COLMAP, Tsai), if one is among the files. */
+export function otherToolsCamera(files: File[]): string | undefined {
+  const file = files.find(({ name }) => /\.(ya?ml|xml|npz)$|^(cameras|images)\.txt$/i.test(name));
+  if (!file) return undefined;
+  return `${file.name}: this page reads camera.json. If this is another tool’s camera, convert it with the command gravisight camera import "${file.name}" --to camera.json, and drop the result.`;
+}
+
 export function isVideo(file: File): boolean {
   return file.type.startsWith("video/") || /\.(mp4|m4v|mov|webm|mkv|avi|ogv)$/i.test(file.name);
 }

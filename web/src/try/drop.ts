@@ -1,7 +1,7 @@
 /** The user's own files: a picture and its camera.json, together or one after the other, in either order; or a camera that is assumed. */
 import { element, messageOf } from "../dom";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
-import { isJson, readablePicture } from "../shared/files";
+import { isJson, otherToolsCamera, readablePicture } from "../shared/files";
 import { assumedPhone, knownCameraFrom, type KnownCamera } from "../shared/known-camera";
 import { workspace } from "../shared/workspace";
 import type { Subject } from "./subject";
@@ -46,6 +46,8 @@ export class Drop {
   }
 
   async #take(files: File[]): Promise<void> {
+    const refusal = otherToolsCamera(files);
+    if (refusal) return this.#listener.onRefused(refusal);
     const cameras = files.filter(isJson);
     const pictures = files.filter((file) => !isJson(file));
     if (cameras.length > 1 || pictures.length > 1) {

@@ -2,7 +2,7 @@
 import { messageOf } from "../dom";
 import { pictureFile } from "../shared/canvas";
 import { listenForChosen, listenForDropped } from "../shared/drop-zone";
-import { isJson } from "../shared/files";
+import { isJson, otherToolsCamera } from "../shared/files";
 import { Job, type Watch } from "../shared/job";
 import type { Layer } from "../shared/maps";
 import { ModelSelect } from "../shared/model-select";
@@ -200,6 +200,8 @@ class Step {
   // Where frames come from.
 
   async #take(files: File[]): Promise<void> {
+    const refusal = otherToolsCamera(files);
+    if (refusal) throw new Error(refusal);
     const media = files.filter((file) => !isJson(file));
     if (media.length > 1) throw new Error("One video or picture at a time, please.");
     for (const file of files.filter(isJson)) if (!(await this.#work.take(file))) await this.#sceneChoice.take(file);
