@@ -35,6 +35,6 @@ impl BallArguments {
 pub fn with_ball(mut scene: Scene, ball: &str) -> Result<Scene> {
     let Ok(radius) = ball.parse::<f64>() else { return Ok(scene.with_ball(ball)?) };
     check_ball_radius(radius)?;
-    scene.ball.radius = radius;
+    scene.ball = scene.ball.with_radius(radius);
     Ok(scene)
 }

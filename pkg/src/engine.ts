@@ -56,6 +56,7 @@ export class Engine {
       this.#core.fitTrack(frames, camera, scene, noisePx, estimate, cameraSigma, cameraAssumed),
     scenes: () => this.#core.scenes(),
     scene: ({ name }) => this.#core.scene(name),
+    sceneWithBall: ({ scene, radius }) => this.#core.sceneWithBall(scene, radius),
     forecast: ({ scene, start, times }) => this.#core.forecast(scene, Float64Array.from(start), Float64Array.from(times)),
     calibrate: ({ points, estimate, picture }) => this.#core.calibrate(points, estimate, picture),
     findCourt: ({ picture, court, estimate }) => this.#core.findCourt(picture, court, estimate),

@@ -30,6 +30,7 @@ export interface Calls {
   forecast: [{ scene: string; start: number[]; times: number[] }, Core.Forecast];
   scenes: [Record<never, never>, string[]];
   scene: [{ name: string }, Core.Scene];
+  sceneWithBall: [{ scene: string; radius: number }, Core.Scene];
   calibrate: [{ points: string; estimate: string[]; picture: PictureMessage | undefined }, Core.Calibration];
   findCourt: [{ picture: PictureMessage; court: string; estimate: string[] }, Core.CourtSearch];
   courts: [Record<never, never>, string[]];

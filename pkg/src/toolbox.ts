@@ -92,6 +92,15 @@ export class Toolbox {
     return this.#call("scene", () => ({ name }));
   }
 
+  /**
+   * The scene with a ball of another radius, m. What that ball weighs is not known: its mass follows its cross-section, so that the air slows it as much.
+   *
+   * @throws {@link GravisightError} `value` for a radius that no ball has.
+   */
+  sceneWithBall(scene: Scene, ball: Ball): Promise<Scene> {
+    return this.#call("sceneWithBall", () => ({ scene: jsonOf(scene, "scene"), radius: ball.radius }));
+  }
+
   /** Where points of the world are in the camera's picture, pixels; null for what it cannot see. */
   async project(camera: Camera, points: Vector[]): Promise<([number, number] | null)[]> {
     const flat = await this.#call("project", () => ({ camera: jsonOf(camera, "camera"), points: points.flat() }));

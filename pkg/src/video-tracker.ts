@@ -152,7 +152,7 @@ export class VideoTracker {
     const resolved = typeof scene === "string" ? await this.#transport.call("scene", { name: scene }) : scene;
     const known = whole<Known>({
       camera,
-      scene: resolved && (ball ? { ...resolved, ball: { ...resolved.ball, radius: ball.radius } } : resolved),
+      scene: resolved && ball ? await this.#transport.call("sceneWithBall", { scene: jsonOf(resolved, "scene"), radius: ball.radius }) : resolved,
       hits,
       cameraSigma,
       cameraAssumed,

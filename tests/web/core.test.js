@@ -91,6 +91,7 @@ const CASES = {
   court: [core.court, ["tennis"], ["padel"]],
   courtWithLines: [core.courtWithLines, ["tennis"], ["basketball"]],
   scene: [core.scene, ["tennis"], ["padel"]],
+  sceneWithBall: [core.sceneWithBall, [json(floor), 0.11], [json({ ...floor, gravity: [0, 0, -3] }), -1]],
   project: [(...given) => [...core.project(...given)], [json(filming), [0, 0, 2]], [json(away(filming)), [0, 0, 1]]],
   ballAt: [core.ballAt, [json(filming), { centre: [80, 60], radiusPx: 12 }, 0.1, "[]"], [json(away(filming)), { centre: [80, 60], radiusPx: 14 }, 0.2, json([away(filming)])]],
   assumedCamera: [core.assumedCamera, [{ width: 400, height: 300 }], [{ width: 440, height: 300 }]],

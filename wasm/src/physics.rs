@@ -7,6 +7,7 @@ use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 use super::{js_error, object_of};
 use gravisight_geometry::camera::Camera;
 use gravisight_geometry::error::{Error, Result};
+use gravisight_geometry::volume::check_ball_radius;
 use gravisight_physics::{Forecaster, Impact, Scene, State};
 use gravisight_track::findings::Findings;
 use gravisight_track::{Fit, FitOptions, Observation, Parameter};
@@ -21,6 +22,18 @@ pub fn scenes() -> Vec<String> {
 #[wasm_bindgen]
 pub fn scene(name: &str) -> std::result::Result<Ts<Scene>, JsValue> {
     Scene::named(name).and_then(|scene| object_of(&scene)).map_err(js_error)
+}
+
+/// The scene with its ball at another radius, m.
+#[wasm_bindgen(js_name = sceneWithBall)]
+pub fn scene_with_ball(scene: &str, radius: f64) -> std::result::Result<Ts<Scene>, JsValue> {
+    let changed = || {
+        check_ball_radius(radius)?;
+        let mut scene = Scene::from_json(scene, "scene")?;
+        scene.ball = scene.ball.with_radius(radius);
+        object_of(&scene)
+    };
+    changed().map_err(js_error)
 }
 
 /// A trajectory, and what a person is told of it.

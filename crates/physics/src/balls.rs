@@ -284,9 +284,28 @@ impl Scene {
     }
 }
 
+impl Ball {
+    /// The same ball with another radius, m. What it weighs nobody has said: its mass follows its cross-section, so that the air slows it as
+    /// much as before. Balls of sports are hollow and do about that (a table tennis ball has 6.7 kg/m², a basketball 43, most others between).
+    pub fn with_radius(self, radius: f64) -> Self {
+        let ratio = radius / self.radius;
+        Self { radius, mass: self.mass * ratio * ratio, ..self }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn air_slows_a_ball_of_another_radius_as_much() {
+        let tennis = Scene::new([0.0, 0.0, -9.81], 0.1).with_ball("tennis").unwrap();
+        let mut large = tennis.clone();
+        large.ball = large.ball.with_radius(0.11);
+        assert!((large.terminal_speed() / tennis.terminal_speed() - 1.0).abs() < 1e-12);
+        // A football has 0.43 kg.
+        assert!((0.4..0.7).contains(&large.ball.mass), "{} kg", large.ball.mass);
+    }
 
     #[test]
     fn every_ball_makes_a_scene() {

@@ -26,7 +26,7 @@ export class Place {
     for (const [name, label] of SPORTS) sport.append(new Option(label, name));
     sport.addEventListener("change", () => void alert.during(() => this.#choose(sport.value)));
     const ball = part<HTMLInputElement>("lab-ball");
-    ball.addEventListener("change", () => void alert.during(async () => this.#setBall(ball.valueAsNumber / 200)));
+    ball.addEventListener("change", () => void alert.during(() => this.#setBall(ball.valueAsNumber / 200)));
     part("lab-recamera").addEventListener("click", () => this.#takeCamera());
     part("lab-calibrate").addEventListener("click", () => this.#calibrate());
   }
@@ -58,7 +58,7 @@ export class Place {
     this.#changed(scene ? `The clip’s ball is ${(200 * scene.ball.radius).toFixed(1)} cm across.` : "");
   }
 
-  #setBall(radius: number): void {
+  async #setBall(radius: number): Promise<void> {
     const labelling = this.#current();
     const { scene, sport } = labelling?.clip ?? {};
     if (!labelling || !scene) return;
@@ -66,7 +66,7 @@ export class Place {
       this.show();
       throw new Error("The ball’s diameter must be between 0 and 200 centimetres.");
     }
-    labelling.setScene({ ...scene, ball: { ...scene.ball, radius } }, sport);
+    labelling.setScene(await (await tools()).sceneWithBall(scene, { radius }), sport);
     this.#changed(`The clip’s ball is ${(200 * radius).toFixed(1)} cm across.`);
   }
 

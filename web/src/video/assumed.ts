@@ -36,7 +36,7 @@ export class Assumed {
     if (!WITHOUT_COURT.includes(sport) && scene) {
       // Where the court lies is not known: its net and lines would be at wrong places.
       await sceneChoice.choose("free");
-      sceneChoice.setRadius(scene.ball.radius);
+      sceneChoice.keepBall(scene.ball);
       known.note += " The court is left out, because its place is not known.";
     }
     sceneChoice.assume(known);

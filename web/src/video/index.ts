@@ -178,10 +178,12 @@ class Step {
     });
     part<HTMLInputElement>("video-ball").addEventListener("change", (event) => {
       const { valueAsNumber } = event.currentTarget as HTMLInputElement;
-      void this.#alert.during(async () => {
-        this.#sceneChoice.setRadius(valueAsNumber / 200);
-        this.#sceneChoiceChanged();
-      });
+      void this.#alert.during(() =>
+        this.#choose(async () => {
+          await this.#sceneChoice.setRadius(valueAsNumber / 200);
+          this.#sceneChoiceChanged();
+        }),
+      );
     });
     part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#following.corrections.click(event).then(() => this.#kept())));
     const take = (files: File[]) => void this.#alert.during(() => this.#take(files));

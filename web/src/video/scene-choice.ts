@@ -13,8 +13,8 @@ export class SceneChoice {
   shown = "";
   readonly #dropped: { camera?: KnownCamera; scene?: { name: string; content: Scene } } = {};
   #sport: { name: string; content: Scene } | undefined;
-  /** Of the ball in place of the scene's, metres. */
-  #radius: number | undefined;
+  /** The scene with another ball than its own. */
+  #resized: Scene | undefined;
 
   get camera(): Camera | undefined {
     return this.example?.camera ?? this.#dropped.camera?.camera ?? (this.otherCamera ? undefined : workspace.camera);
@@ -48,7 +48,7 @@ export class SceneChoice {
   /** Takes what a kept track was made with. */
   restore({ camera, cameraSigma, cameraFrom, cameraNote, scene, sport }: { camera?: Camera; cameraSigma: Camera[]; cameraFrom: string; cameraNote: string; scene?: Scene; sport: string }): void {
     this.example = undefined;
-    this.#radius = undefined;
+    this.#resized = undefined;
     delete this.#dropped.scene;
     delete this.#dropped.camera;
     if (camera) this.#dropped.camera = { name: cameraFrom, camera, oneSigma: cameraSigma, note: cameraNote };
@@ -77,8 +77,7 @@ export class SceneChoice {
   /** Undefined where no ball was chosen. */
   get scene(): Scene | undefined {
     if (this.example) return this.example.scene;
-    const scene = this.#dropped.scene?.content ?? this.#sport?.content ?? workspace.ownScene;
-    return scene && this.#radius !== undefined ? { ...scene, ball: { ...scene.ball, radius: this.#radius } } : scene;
+    return this.#resized ?? this.#dropped.scene?.content ?? this.#sport?.content ?? workspace.ownScene;
   }
 
   /** The name of the sport that was chosen; empty where none is. */
@@ -90,7 +89,7 @@ export class SceneChoice {
   async choose(name: string): Promise<void> {
     const content = name ? await (await tools()).scene(name) : undefined;
     this.#sport = content && { name, content };
-    this.#radius = undefined;
+    this.#resized = undefined;
     delete this.#dropped.scene;
     this.example = undefined;
   }
@@ -104,10 +103,17 @@ export class SceneChoice {
     return true;
   }
 
+  /** Another scene's ball in the same place. */
+  keepBall(ball: Scene["ball"]): void {
+    const { scene } = this;
+    if (scene) this.#resized = { ...scene, ball };
+  }
+
   /** Another ball in the same place; its radius in metres. */
-  setRadius(radius: number): void {
+  async setRadius(radius: number): Promise<void> {
     if (!(radius > 0 && radius < 1)) throw new Error("The ball’s diameter must be between 0 and 200 centimetres.");
-    this.#radius = radius;
+    const { scene } = this;
+    if (scene) this.#resized = await (await tools()).sceneWithBall(scene, { radius });
   }
 
   /** The other steps have another camera: it is newer than one that was dropped. */
@@ -137,7 +143,7 @@ export class SceneChoice {
       const scene = content as Scene;
       await (await tools()).forecast(scene, { position: [0, 0, 1e3], velocity: [0, 0, 0] }, [0]);
       this.#dropped.scene = { name: file.name, content: scene };
-      this.#radius = undefined;
+      this.#resized = undefined;
     } else throw new Error(`${file.name} is neither a camera.json (intrinsic, camera_from_world) nor a scene.json (gravity, ball).`);
   }
 }
