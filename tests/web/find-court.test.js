@@ -186,7 +186,7 @@ test("Your video finds its court, uses the camera and shows the lines in Calibra
   await own.getByTestId("video-find").click();
   await own.getByTestId("video-found-said").filter({ hasText: "Found: tennis court, 99 % probable, 9 of 9 lines. The positions are in metres." }).waitFor(PATIENCE);
   assert.ok(await own.getByTestId("video-needs-camera").isHidden());
-  assert.match(await own.getByTestId("video-place").textContent(), /Camera: found by its court in the first frame of court\.webm, \d\d:\d\d, 960 × 540 px/);
+  assert.match(await own.getByTestId("video-place").textContent(), /Camera: found from the court in the first frame of court\.webm, \d\d:\d\d, 960 × 540 px/);
   const [camera, sigma] = await own.evaluate(() => ["camera", "camera-sigma"].map((name) => JSON.parse(localStorage.getItem(`gravisight.${name}`))));
   isNearTruth(camera);
   assert.ok(sigma.length >= 7);

@@ -65,7 +65,7 @@ test("a browser without a decoder seeks, and says that the times may be wrong", 
   await page.getByTestId("lab-fps").fill("10");
   await page.getByTestId("lab-most").fill("4");
   await take("seeking.webm", made.film);
-  await page.getByTestId("lab-alert").filter({ hasText: "seeking.webm cannot be decoded here, so its frames were taken 10 a second" }).waitFor(PATIENCE);
+  await page.getByTestId("lab-alert").filter({ hasText: "seeking.webm cannot be decoded here, so the page took 10 frames a second" }).waitFor(PATIENCE);
   assert.deepEqual((await stored("seeking")).times, [0, 0.1, 0.2, 0.3]);
   await page.evaluate(() => (window.VideoDecoder = window.kept));
   await page.getByTestId("lab-most").fill("300");

@@ -49,7 +49,7 @@ test("a circle around the ball gives its position at once, by pointer and by key
   await page.mouse.down();
   await page.mouse.move(...to, { steps: 4 });
   await page.mouse.up();
-  await heading("by your circle");
+  await heading("from your circle");
   await page.waitForFunction((x) => Number(document.querySelector('[data-part="world-x"]').value) !== x, found[0]);
   const drawn = await world();
   const [sigma] = await shown(page, "sigma");
@@ -91,7 +91,7 @@ test("the likeliest places are offered, and one that is chosen gives its positio
   const count = await places.count();
   assert.ok(count >= 2 && count <= 5, `${count} places`);
   await page.getByTestId("place-2").click();
-  await heading("place that you chose");
+  await heading("Position that you chose");
   assert.notDeepEqual(await world(), found);
   assert.match(await page.getByTestId("depth").textContent(), /±/);
   assert.equal(await page.getByTestId("place-2").getAttribute("aria-pressed"), "true");
@@ -189,7 +189,7 @@ test("a sample's ball is known, and the diameter of an own one is asked for in c
     await page.getByTestId("ball").fill(wrong);
     await page.getByTestId("ball").dispatchEvent("change");
     const words = await alertOf(page);
-    assert.match(words, /diameter must be a number of centimetres between 0 and 200/);
+    assert.match(words, /diameter must be between 0 and 200 centimetres/);
     assert.doesNotMatch(words, /radius/);
   }
   await forget(page);

@@ -73,7 +73,7 @@ test("a clip that physics does not explain, or that lacks something, is refused 
   await start(`Physics does not explain the labels of “${id}”`);
   const seconds = (Date.now() - begun) / 1000;
   assert.ok(seconds < 30, `${seconds} s`);
-  assert.match(await page.getByTestId("tune-alert").textContent(), /cut a clip with hits or catches into flights, or check its labels/);
+  assert.match(await page.getByTestId("tune-alert").textContent(), /cut a clip with hits or catches into flights\. Otherwise, check its labels/);
   assert.ok(await page.getByTestId("tune-scores").isHidden());
   await page.evaluate(changeStored, [`clip ${id}`, { camera: null }]);
   await page.reload();

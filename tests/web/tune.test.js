@@ -77,7 +77,7 @@ test("fine-tuning asks for clips, makes examples, learns, can be stopped, and gi
   await page.waitForTimeout(1000);
   assert.deepEqual(files.sort(), ["sd-s-tuned.json", "sd-s-tuned.safetensors"]);
   const [before, now, change] = await page.getByTestId("tune-table").locator("tr").first().locator("td").allTextContents();
-  assert.match(await page.getByTestId("tune-table").locator("th").first().textContent(), /found, each by itself \(of 20 labelled\)/);
+  assert.match(await page.getByTestId("tune-table").locator("th").first().textContent(), /found, each frame on its own \(of 20 labelled\)/);
   assert.ok(Number(before) > 0 && Number(now) > 0 && Number(change) === now - before, `${before} ${now} ${change}`);
 });
 

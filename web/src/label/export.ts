@@ -21,7 +21,7 @@ export function folderPicker(): Picker | undefined {
 
 /** One line of a clips.jsonl; frames that nobody has looked at, or that repeat another, are left out. Throws in words without a camera. */
 export function lineOf(clip: StoredClip): string {
-  if (!clip.camera) throw new Error(`${clip.id} has no camera yet, and clips.jsonl needs one: set it, or save the track (CSV), which needs none.`);
+  if (!clip.camera) throw new Error(`${clip.id} has no camera yet, and clips.jsonl needs one. Set one, or save the track (CSV), which needs none.`);
   const frames = looked(clip).map((frame) => {
     const label = clip.labels[frame];
     const world = clip.truth?.[frame];

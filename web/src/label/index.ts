@@ -109,7 +109,7 @@ class Step {
       const json = files.find(isJson);
       if (json) {
         const { camera, oneSigma } = await knownCameraFrom(json);
-        workspace.setCamera(camera, oneSigma, { from: `${json.name}, dropped in the step Label`, of: [] });
+        workspace.setCamera(camera, oneSigma, { from: `dropped in the step Label as ${json.name}`, of: [] });
       }
       const rest = files.filter((file) => file !== json);
       if (rest.length === 0) return;
@@ -226,7 +226,7 @@ class Step {
         : "No flight was found in this clip."
       : clip.camera && clip.scene
         ? "Propose labels to find the flights: Fine-tune learns from clips of one flight."
-        : "With a camera, a place and a ball, Propose also finds the flights. Fine-tune learns from clips of one flight.";
+        : "With a camera, a place and a ball, “Propose labels” also finds the flights. Fine-tune learns from clips of one flight.";
   }
 
   /** Proposals against the truth, where the simulator gave it. */

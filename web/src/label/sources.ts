@@ -70,7 +70,7 @@ async function played(file: File, fps: number, most: number, camera: Camera | un
       pictures.push(await film.frame((frame + 0.5) / fps));
     }
     const about = await fittingFile(pictures[0], camera, file.name);
-    const times = `${file.name} cannot be decoded here, so its frames were taken ${fps} a second. Their times may be wrong: physics needs the true ones.`;
+    const times = `${file.name} cannot be decoded here, so the page took ${fps} frames a second. Their times may be wrong, but physics needs the true ones.`;
     return { clip: await ownClip(nameWithout(file), pictures, fps, about), note: [times, about.note].filter(Boolean).join(" ") };
   } finally {
     film.close();
@@ -100,11 +100,11 @@ function fitting({ width, height }: { width: number; height: number }, camera: C
   const later = "The clip has no camera for now:";
   if (width !== camera.width || height !== camera.height) {
     const sizes = `The frames of ${name} have ${width} × ${height} pixels; the camera was calibrated for ${camera.width} × ${camera.height}.`;
-    return { ...read, note: `${sizes} ${later} calibrate one on a frame of it.` };
+    return { ...read, note: `${sizes} ${later} calibrate one on a frame of this clip.` };
   }
   const { of = [] } = workspace.cameraAbout ?? {};
   if (of.length === 0 || of.includes(name)) return { ...read, camera };
-  return { ...read, note: `The calibrated camera is of ${of.join(" and ")}. ${later} if it also took ${name}, press “Use the calibrated camera for this clip”.` };
+  return { ...read, note: `The camera was calibrated on ${of.join(" and ")}. ${later} if it also took ${name}, press “Use the calibrated camera for this clip”.` };
 }
 
 /** Frames a second, on average. */

@@ -10,9 +10,9 @@ export async function whyUnplayable(file: File): Promise<string | undefined> {
   try {
     const track = await input.getPrimaryVideoTrack();
     if (!track && (await input.getPrimaryAudioTrack())) return `${file.name} has sound, but no pictures.`;
-    if (!track) return `${file.name} holds no video that can be read: it may be cut off or damaged. Copy it again from the camera.`;
+    if (!track) return `${file.name} contains no readable video: it may be cut off or damaged. Copy it again from the camera.`;
     const codec = track.codec && (NAMES[track.codec] ?? track.codec);
-    if (!codec) return `${file.name} holds a video of a kind that this browser cannot play. Convert it to H.264: ${conversion(file.name)}`;
+    if (!codec) return `${file.name} contains a video format that this browser cannot play. Convert it to H.264: ${conversion(file.name)}`;
     const phone = track.codec === "hevc" ? " On an iPhone, choose Settings → Camera → Formats → Most Compatible before you film." : "";
     return `${file.name} is ${codec} video, which this browser cannot play.${phone} Convert it to H.264: ${conversion(file.name)}`;
   } catch {

@@ -68,7 +68,7 @@ export class DecodedVideo {
         // The broken frame.
       }
       if (last === undefined) throw new Error(`${this.#name} cannot be decoded: ${messageOf(thrown)}`);
-      this.broken = `The video is broken after ${last.toFixed(2)} s: ${messageOf(thrown)} Only the frames of ${this.#name} before that are used.`;
+      this.broken = `The video is broken after ${last.toFixed(2)} s: ${messageOf(thrown)} The page uses only the frames of ${this.#name} before that.`;
       return;
     }
     const all = (await this.#timestamps()).length;

@@ -59,8 +59,8 @@ export async function cutIntoFlights(clip: StoredClip, flights: ClipFlight[], se
 
 /** What came of it, in words. */
 export function cutText({ clips, leftOut }: Cut): string {
-  const made = clips.length === 1 ? "One clip was made." : clips.length === 0 ? "No clip was made." : `${clips.length} clips were made, one a flight.`;
-  const kept = clips.length > 0 ? "They hold the labels and the positions that physics confirms." : "";
+  const made = clips.length === 1 ? "One clip was made." : clips.length === 0 ? "No clip was made." : `${clips.length} clips were made, one per flight.`;
+  const kept = clips.length > 0 ? "Kept: the labels, and the positions that physics confirms." : "";
   return [made, kept, ...leftOut].filter(Boolean).join(" ");
 }
 

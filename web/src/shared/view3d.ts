@@ -248,7 +248,7 @@ export class View3d {
     const labels: Record<PathName, string> = { truth: "true path", found: "positions frame by frame", fit: "fitted path" };
     const shown = (Object.keys(labels) as PathName[]).filter((name) => (this.#paths[name]?.length ?? 0) > 1).map((name) => labels[name]);
     const content = shown.length ? `the ball’s ${shown.join(", ")}` : "no path yet";
-    this.#canvas.setAttribute("aria-label", `View in space: ${content}. Arrow keys turn it, plus and minus zoom, Home resets.`);
+    this.#canvas.setAttribute("aria-label", `3D view: ${content}. Arrow keys turn it, plus and minus zoom, Home resets.`);
   }
 
   #resize(): void {

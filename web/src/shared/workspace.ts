@@ -102,7 +102,7 @@ class Workspace extends EventTarget {
 
   /** The camera is also the one of another video. */
   cameraIsOf(name: string): void {
-    const about = this.cameraAbout ?? { from: "the step Calibrate", of: [], at: new Date().toISOString() };
+    const about = this.cameraAbout ?? { from: "from the step Calibrate", of: [], at: new Date().toISOString() };
     store("gravisight.camera-about", { ...about, of: [...new Set([...about.of, name])] });
     this.dispatchEvent(new Event("camera"));
   }

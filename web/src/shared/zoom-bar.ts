@@ -31,7 +31,7 @@ export class ZoomBar {
     this.#in.setAttribute("aria-label", "Zoom in");
     this.#all.setAttribute("aria-label", "Fit: show the whole picture");
     this.#move.setAttribute("aria-pressed", "false");
-    this.#move.title = "While it is on, dragging moves the picture. Two fingers or the middle button do so at any time.";
+    this.#move.title = "While this is on, dragging moves the picture. Two fingers or the middle button always do.";
     this.#scale = make("span", { class: "zoom-scale", part: `${name}-zoom` });
     this.#scale.setAttribute("role", "status");
     this.place.append(this.#out, this.#scale, this.#in, this.#all, this.#move);

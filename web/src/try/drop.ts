@@ -109,5 +109,5 @@ async function calibratedFor(picture: File): Promise<KnownCamera | undefined> {
   const bitmap = camera && (await createImageBitmap(picture).catch(() => undefined));
   const isOfSize = bitmap?.width === camera?.width && bitmap?.height === camera?.height;
   bitmap?.close();
-  return camera && isOfSize ? { name: cameraAbout?.from ?? "of the step Calibrate", camera, oneSigma: cameraSigma, note: "" } : undefined;
+  return camera && isOfSize ? { name: cameraAbout?.from ?? "from the step Calibrate", camera, oneSigma: cameraSigma, note: "" } : undefined;
 }

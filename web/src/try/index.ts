@@ -354,7 +354,7 @@ export class App {
 function ballOf({ ball }: Subject): { radius: number } {
   if (ball) return ball;
   const centimetres = element<HTMLInputElement>("ball").valueAsNumber;
-  if (!(centimetres > 0 && centimetres < 200)) throw new Error("The ball’s diameter must be a number of centimetres between 0 and 200.");
+  if (!(centimetres > 0 && centimetres < 200)) throw new Error("The ball’s diameter must be between 0 and 200 centimetres.");
   return { radius: centimetres / 200 };
 }
 

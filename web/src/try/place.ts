@@ -32,7 +32,7 @@ export function placeOfCandidate(result: Localisation, index: number, truth: Vec
   const found = result.candidates?.[index];
   if (!found) return undefined;
   const { world, image, depth, depthSigma, confidence } = found;
-  return { how: `place ${index + 1} of the network, chosen by you`, world, image, depth, depthSigma, sigma: null, confidence, ...distance(world, truth) };
+  return { how: `the network’s candidate ${index + 1}, chosen by you`, world, image, depth, depthSigma, sigma: null, confidence, ...distance(world, truth) };
 }
 
 /** What is in a circle. */

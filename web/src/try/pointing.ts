@@ -17,8 +17,8 @@ export interface PointingListener {
 }
 
 const HELP = {
-  circle: "Press at the ball’s centre and drag to its edge. Keys: arrows move the circle, + and − resize it, Shift for larger steps, Escape ends.",
-  box: "Drag a box around the ball. Keys: arrows move the box, + and − resize it, Enter searches, Escape ends.",
+  circle: "Press at the ball’s centre and drag to its edge. Keys: arrows move the circle, + and − resize it, Shift for larger steps, Escape closes.",
+  box: "Drag a box around the ball. Keys: arrows move the box, + and − resize it, Enter searches, Escape closes.",
 } as const;
 const LABELS = { circle: "Picture: draw a circle around the ball", box: "Picture: draw a box to search in" } as const;
 /** Of a circle or a box that keys begin, as a share of the picture's shorter side. */
@@ -91,7 +91,7 @@ export class Pointing {
   /** Offers the likeliest places; `chosen` is the index of one. */
   showPlaces(candidates: readonly Candidate[], chosen: number): void {
     const buttons = candidates.map(({ confidence, depth }, index) => {
-      const made = make("button", { class: "button place", part: `place-${index + 1}` }, make("span", { class: "unseen", text: "Place " }));
+      const made = make("button", { class: "button place", part: `place-${index + 1}` }, make("span", { class: "unseen", text: "Position " }));
       made.append(String(index + 1), make("small", { text: `${(100 * confidence).toFixed(0)} %` }));
       made.title = `Confidence ${(100 * confidence).toFixed(0)} %, ${depth.toFixed(1)} m away`;
       made.type = "button";
@@ -100,7 +100,7 @@ export class Pointing {
       return made;
     });
     // A single one is no choice.
-    const offered = buttons.length > 1 ? [make("span", { class: "quiet", text: "Likeliest places" }), ...buttons] : [];
+    const offered = buttons.length > 1 ? [make("span", { class: "quiet", text: "Likeliest positions" }), ...buttons] : [];
     this.#places.replaceChildren(...offered);
   }
 

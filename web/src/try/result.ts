@@ -9,8 +9,8 @@ const NOTHING = "–";
 const HEADING = "Position in the world, in metres";
 const HEADINGS = {
   unfound: "The likeliest detection, in the world, in metres",
-  circle: "Position by your circle, in the world, in metres",
-  chosen: "Position of the place that you chose, in the world, in metres",
+  circle: "Position from your circle, in the world, in metres",
+  chosen: "Position that you chose, in the world, in metres",
 } as const;
 
 export class ResultPanel {
@@ -74,7 +74,7 @@ export class ResultPanel {
   show(result: Localisation, subject: Subject, { name, depth_from: from }: Card): void {
     this.#heading.textContent = result.ballFound ? HEADING : HEADINGS.unfound;
     element("result").classList.toggle("unfound", !result.ballFound);
-    this.#missing.textContent = result.ballFound ? "" : "No ball found. Circle the ball in the picture, or choose one of the likeliest places.";
+    this.#missing.textContent = result.ballFound ? "" : "No ball found. Circle the ball in the picture, or choose one of the likeliest positions.";
     this.#numbers(placeOf(result, "the network"), subject);
     set(this.#time, [result.milliseconds], result.milliseconds < 10 ? 1 : 0);
     const notes = [...result.notes, ...(subject.note ? [subject.note] : [])];

@@ -39,5 +39,5 @@ function reasonOf({ explained, findings, verdict, frames }: Fit, labels: number)
 
 function refusalOf({ id, scene, truth }: ReadyClip, reason: string): string {
   const ball = truth ? "" : ` its ball (${(200 * scene.ball.radius).toFixed(1)} cm across),`;
-  return `Physics does not explain the labels of “${id}”: ${reason.replace(/\.?$/, ".")} In the step Label, cut a clip with hits or catches into flights, or check its labels,${ball} its place and its camera.`;
+  return `Physics does not explain the labels of “${id}”: ${reason.replace(/\.?$/, ".")} In the step Label, cut a clip with hits or catches into flights. Otherwise, check its labels,${ball} its place and its camera.`;
 }

@@ -129,7 +129,7 @@ class Tune {
     this.#dispose();
     await this.#check(chosen.map(({ clip }) => clip), signal);
     await forgetRun();
-    this.#say("Looking at the clip held out…");
+    this.#say("Evaluating the held-out clip…");
     const url = new URL(`models/${model}.json`, document.baseURI).href;
     const before = await looksOf(url, shown, signal, (fraction) => this.#progress(fraction));
     const found = { before: foundIn(shown, before), of: before.length };
@@ -236,7 +236,7 @@ class Tune {
         if (isScored || performance.now() - kept > KEEP_EVERY) await keepNow();
       }
       if (!run.now) {
-        this.#say("Looking at the clip held out again…");
+        this.#say("Evaluating the held-out clip again…");
         const best = await tuner.export();
         const now = await looksOf(best, shown, signal, (fraction) => this.#progress(fraction));
         run.found = { before: foundIn(shown, run.before), now: foundIn(shown, now), of: now.length };
@@ -264,7 +264,7 @@ class Tune {
 
   #showScores(run: Run): void {
     const { scores, steps } = run;
-    const series = { name: "on the clip held out", colour: "--found", line: scores, dots: scores };
+    const series = { name: "on the held-out clip", colour: "--found", line: scores, dots: scores };
     this.#score.show({ y: "Forecast error (px)", x: "Step", series: [series], from: 0, to: steps });
     this.#part("tune-none").hidden = true;
     this.#part("tune-scores").hidden = false;

@@ -25,7 +25,7 @@ export class KeptList {
     this.#part("tune-kept").replaceChildren(
       ...names.map((name) => {
         const forget = textButton("Forget…", "tune-forget", `Forget ${name}`, () => {
-          if (confirm(`Forget the model "${name}"? Download it first if you want to use it later.`)) void keptModels.forget(name);
+          if (confirm(`Forget the model “${name}”? Download it first if you want to use it later.`)) void keptModels.forget(name);
         });
         return make("li", {}, make("span", { class: "name", text: name }), forget);
       }),

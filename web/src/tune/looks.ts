@@ -63,7 +63,7 @@ export async function figuresOf(clip: StoredClip, before: Look[], now: Look[]): 
     const first = before.find(({ frame }) => frame === look.frame);
     if (!picture || !first) continue;
     const canvas = await drawn(picture, clip.labels[look.frame] ?? undefined, look.image);
-    const off = ({ dtg, depth, ballFound }: Look) => (!ballFound ? "no ball found" : dtg === undefined ? `${depth.toFixed(2)} m deep` : `${(100 * dtg).toFixed(1)} cm off`);
+    const off = ({ dtg, depth, ballFound }: Look) => (!ballFound ? "no ball found" : dtg === undefined ? `${depth.toFixed(2)} m away` : `${(100 * dtg).toFixed(1)} cm off`);
     figures.push(make("figure", {}, canvas, make("figcaption", { text: `Frame ${look.frame + 1}: ${off(first)} before, ${off(look)} now` })));
   }
   return figures;

@@ -29,20 +29,20 @@ function rowsOf({ first, last, found, followed }: Run): Row[] {
     missing: "Found frames are counted when the run is done.",
   });
   return [
-    counted("Frames where the ball was found, each by itself", found),
+    counted("Frames where the ball was found, each frame on its own", found),
     ...(followed ? [counted("Frames where the ball was found, by the video tracker", followed)] : []),
     {
       name: "Forecast 15 frames away, median",
       ...both(({ forecastPx }) => forecastPx),
       text: pixels,
-      missing: "No forecast error: the clip held out is shorter than 31 frames, or half of its forecasts fail because the model’s positions are on no trajectory.",
+      missing: "No forecast error: the held-out clip is shorter than 31 frames, or half of its forecasts fail. A forecast fails if the model’s positions fit no trajectory.",
     },
     { name: "2D error, median", ...both(({ imageErrorPx }) => imageErrorPx.median), text: pixels, missing: "No 2D error: no labelled frame could be scored." },
     {
       name: "Distance to the truth, mean (where it is known)",
       ...both(({ dtg }) => dtg.mean),
       text: (value) => `${(100 * value).toFixed(1)} cm`,
-      missing: "No distance to the truth: it is known of simulated clips only.",
+      missing: "No distance to the truth: the truth is known only for simulated clips.",
     },
   ];
 }

@@ -30,14 +30,14 @@ export class Assumed {
     const opened = source();
     if (!opened) throw new Error("Open a video or a picture first.");
     const video = opened.kind !== "pictures";
-    const known = await job.run("Reading what the file says of its lens…", () => assumedPhone(opened, fileOf(opened), video));
+    const known = await job.run("Reading the lens data in the file…", () => assumedPhone(opened, fileOf(opened), video));
     if (opened !== source()) return;
     const { sport, scene } = sceneChoice;
     if (!WITHOUT_COURT.includes(sport) && scene) {
       // Where the court lies is not known: its net and lines would be at wrong places.
       await sceneChoice.choose("free");
       sceneChoice.keepBall(scene.ball);
-      known.note += " The court is left out, because its place is not known.";
+      known.note += " The court is left out, because its position is not known.";
     }
     sceneChoice.assume(known);
   }

@@ -68,7 +68,7 @@ export class Court {
     const { found: { verdict }, calibration } = search;
     if (verdict !== "sure" || !calibration) return this.#ask(found);
     this.#used = found;
-    workspace.setCamera(calibration.camera, calibration.oneSigma, { from: `found by its court in ${found.name}`, of: [opened.name], court });
+    workspace.setCamera(calibration.camera, calibration.oneSigma, { from: `found from the court in ${found.name}`, of: [opened.name], court });
     this.#show();
   }
 

@@ -143,7 +143,7 @@ export class Following {
     const reason = !source
       ? "No video is open: choose one to track it."
       : source.kind === "webcam"
-        ? "A webcam cannot be tracked: record a video first, with the button Record below."
+        ? "The page cannot track a webcam live: press Record below, then track the recording."
         : source.durationMs <= 0
           ? "A single picture cannot be tracked: choose a video."
           : "";
@@ -157,7 +157,7 @@ export class Following {
     part("video-track-why").textContent =
       reason ||
       (result
-        ? "Is the ring not on the ball in some frame? Click the ball there: the track is recomputed."
+        ? "Does the ring miss the ball in a frame? Click the ball there, and the page recomputes the track."
         : missing
           ? `In pixels, because ${missing} ${missing.includes(" and ") ? "are" : "is"} not known; with ${missing.includes(" and ") ? "them" : "it"}, in metres. Tracking takes several times the length of the video.`
           : "Processes every frame, then fits the flights: this takes several times the length of the video.");

@@ -445,7 +445,7 @@ class Step {
     this.#part("video-place").textContent = summary;
     this.#part("video-forget-camera").hidden = !this.#sceneChoice.canForgetCamera;
     this.#part("video-other-camera").hidden = !otherCamera;
-    if (otherCamera) this.#part("video-other-camera-said").textContent = `The camera in this browser was ${otherCamera.from}, ${when(otherCamera.at)}. Use it here only if it stood in the same place with the same zoom.`;
+    if (otherCamera) this.#part("video-other-camera-said").textContent = `This browser keeps a camera: ${otherCamera.from}, ${when(otherCamera.at)}. Use it here only if it stood in the same place with the same zoom.`;
     this.#part("video-empty-camera").hidden = camera !== undefined;
     this.#part("video-needs-camera").hidden = camera !== undefined || otherCamera !== undefined;
     this.#assumed.show();

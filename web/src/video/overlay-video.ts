@@ -20,7 +20,7 @@ const TEXT = "600 16px system-ui, sans-serif";
 /** Throws in words where the browser cannot decode or encode it. */
 export async function overlayVideo(file: File, result: TrackResult, threshold: number, { signal, progress }: Watch): Promise<{ blob: Blob; extension: "mp4" | "webm" }> {
   const decoded = await DecodedVideo.open(file);
-  if (!decoded) throw new Error("This browser cannot decode the video frame by frame. Chrome and Edge can; so can the command: gravisight track --overlay.");
+  if (!decoded) throw new Error("This browser cannot decode the video frame by frame. Use Chrome, Edge or the command gravisight track --overlay.");
   const canvas = make("canvas");
   let output: Output | undefined;
   let source: CanvasSource | undefined;
@@ -62,7 +62,7 @@ export async function overlayVideo(file: File, result: TrackResult, threshold: n
 
 async function encodable(width: number, height: number): Promise<VideoCodec> {
   for (const codec of CODECS) if (await canEncodeVideo(codec, { width, height })) return codec;
-  throw new Error("This browser cannot encode a video of this size. Chrome and Edge can; so can the command: gravisight track --overlay.");
+  throw new Error("This browser cannot encode a video of this size. Use Chrome, Edge or the command gravisight track --overlay.");
 }
 
 function draw(canvas: HTMLCanvasElement, image: CanvasImageSource, timeMs: number, result: TrackResult, threshold: number): void {

@@ -78,9 +78,9 @@ export class Results {
       return;
     }
     const { flat } = this.#fit ?? { flat: !sceneChoice.camera || !sceneChoice.scene };
-    const without = flat ? "Positions in metres need a calibrated camera, the place and the ball." : "The ball was found, but no flight could be fitted here: no position in metres.";
+    const without = flat ? "Positions in metres need a calibrated camera, the place and the ball." : "The ball was found, but no flight fits here: its position in metres is unknown.";
     const known = detection.world !== null && detection.explained !== false;
-    this.#numbers.showReason(known ? "" : detection.world ? "The flight here is not explained: the ball’s position is unknown." : without);
+    this.#numbers.showReason(known ? "" : detection.world ? "Physics does not explain the flight here: the ball’s position is unknown." : without);
     const isSure = detection.confidence >= model.threshold;
     this.#numbers.show(detection, isSure);
     this.#view.setBall("found", isSure && known ? detection.world : null);

@@ -53,14 +53,14 @@ export class SceneChoice {
     delete this.#dropped.camera;
     if (camera) this.#dropped.camera = { name: cameraFrom, camera, oneSigma: cameraSigma, note: cameraNote };
     this.#sport = scene && sport ? { name: sport, content: scene } : undefined;
-    if (scene && !sport) this.#dropped.scene = { name: "the kept work", content: scene };
+    if (scene && !sport) this.#dropped.scene = { name: "your saved work", content: scene };
   }
 
   /** Where the camera comes from, in words. */
   get cameraFrom(): string {
     if (this.example) return "the example’s own";
     const about = workspace.cameraAbout;
-    return this.#dropped.camera?.name ?? (about ? `${about.from}, ${when(about.at)}` : "the step Calibrate");
+    return this.#dropped.camera?.name ?? (about ? `${about.from}, ${when(about.at)}` : "from the step Calibrate");
   }
 
   /** What was assumed of the camera, in words; empty where nothing was. */

@@ -96,6 +96,6 @@ export function checkedSession(content: unknown, name: string): Session {
   if (session.version !== VERSION) throw new Error(`${name} was saved by another version of this page (format ${String(session.version)}; this page reads ${VERSION}).`);
   const frames = session.record?.tracked?.frames;
   const isWhole = Array.isArray(frames) && frames.length > 0 && session.record.timesMs?.length === frames.length && session.record.tracked.findings && session.video?.name;
-  if (!isWhole) throw new Error(`${name} is damaged: it lacks the track of a video.`);
+  if (!isWhole) throw new Error(`${name} is damaged: it contains no track of a video.`);
   return session;
 }

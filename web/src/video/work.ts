@@ -61,7 +61,7 @@ export class Work {
     if (file) return this.#listener.openVideo(file);
     this.#listener.openWithout(session);
     this.#restore(session);
-    this.#say(`Your work on ${session.video.name}, ${when(session.saved)}. Open the video again to see the ball in it.`);
+    this.#say(`Your work on ${session.video.name} is open (saved: ${when(session.saved)}). Open the video again to see the ball in it.`);
   }
 
   /** A video was opened: if work on it is kept, that is shown. */
@@ -71,7 +71,7 @@ export class Work {
     this.#say("");
     if (!waiting || !isSameVideo(await identityOf(file), waiting.video)) return;
     this.#restore(waiting);
-    this.#say(`Your work on this video, ${when(waiting.saved)}, is open again.`);
+    this.#say(`Your work on this video is open again (saved: ${when(waiting.saved)}).`);
     await keepSession(waiting, file).catch(() => undefined);
   }
 
