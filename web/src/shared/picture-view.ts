@@ -181,7 +181,7 @@ export class PictureView {
     this.overlay.addEventListener("keydown", (event) => {
       // Keys aim at what they move, wherever the pointer rests.
       this.#pointed = undefined;
-      if (this.#zoomKey(event) || this.#listener.key(event)) event.preventDefault();
+      if (this.#listener.key(event) || this.#zoomKey(event)) event.preventDefault();
     });
   }
 
