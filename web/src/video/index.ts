@@ -9,8 +9,6 @@ import { ModelSelect } from "../shared/model-select";
 import { Overlay } from "../shared/overlay";
 import { Alert, fill, type Parts } from "../shared/panel";
 import { workspace } from "../shared/workspace";
-import { Assumed } from "./assumed";
-import { Court } from "./court";
 import type { Curve } from "./detections";
 import { makeExample, rallyExample, realExample, type Example } from "./example";
 import { fitted } from "./fit";
@@ -20,7 +18,8 @@ import { Model } from "./model";
 import markup from "./panel.html?raw";
 import { WebcamRecorder } from "./recorder";
 import { Results } from "./results";
-import { SceneChoice, when } from "./scene-choice";
+import { SceneChoice } from "./scene-choice";
+import { Setting } from "./setting";
 import { PictureSource, type Source } from "./sources";
 import "./style.css";
 import { playerKey } from "./timeline";
@@ -44,13 +43,10 @@ class Step {
   readonly #model = new Model();
   readonly #results: Results;
   readonly #models: ModelSelect;
-  readonly #court: Court;
+  readonly #setting: Setting;
   readonly #work: Work;
   readonly #recorder: WebcamRecorder;
-  readonly #assumed: Assumed;
   #loading: Promise<void> | undefined;
-  /** Settles when the last choice of camera and place is taken. */
-  #chosen: Promise<unknown> = Promise.resolve();
   /** Sources that are being opened: one, or more for a moment where somebody does not wait. */
   #opening = 0;
   readonly #following: Following;
@@ -88,22 +84,21 @@ class Step {
         openVideo: (file) => this.#openFile(file),
         openWithout: ({ video }) => this.#showAbout({ ...video, kind: "video" }),
         sceneChoiceRestored: () => {
-          this.#showSceneChoice();
+          this.#showSetting();
           this.#results.setScene();
         },
       },
     );
     this.#recorder = new WebcamRecorder(part, (file) => this.#openRecording(file));
-    this.#court = new Court({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
-    this.#assumed = new Assumed({ part, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source });
+    this.#setting = new Setting({ part, alert: this.#alert, job: this.#job, sceneChoice: this.#sceneChoice, source: () => this.#source }, () => this.#settingChanged());
     this.#listen();
-    this.#showSceneChoice();
+    this.#showSetting();
   }
 
   /** Goes on with the work that this browser kept. */
   async resume(): Promise<void> {
     // Before the kept work, which has its own place.
-    await this.#takeSport();
+    await this.#setting.takeSport();
     await this.#alert.during(() => this.#work.resume());
   }
 
@@ -134,26 +129,11 @@ class Step {
     onClick("video-track", () => this.#track());
     onClick("video-retrack", () => this.#following.revise().then(() => this.#kept()));
     onClick("video-calibrate", () => this.#calibrate());
-    onClick("video-find", () => this.#court.find());
-    onClick("video-assume", () =>
-      this.#choose(async () => {
-        await this.#assumed.use();
-        this.#sceneChoiceChanged();
-      }),
-    );
-    onClick("video-assume-not", () => {
-      this.#assumed.forget();
-      this.#sceneChoiceChanged();
-    });
-    onClick("video-check", () => this.#court.check());
     onClick("video-fit", () => this.#fitNow());
     onClick("video-clear", () => {
       this.#forget();
       return this.#work.forget();
     });
-    onClick("video-forget-camera", () => this.#sceneChoice.forgetCamera());
-    onClick("video-other-camera-forget", () => this.#sceneChoice.forgetCamera());
-    onClick("video-other-camera-use", () => workspace.cameraIsOf(this.#results.about.name));
     onClick("video-correction-undo", () => this.#following.corrections.undo().then(() => this.#kept()));
     onClick("video-save-session", () => this.#work.save());
     onClick("video-csv", () => this.#results.saveCsv());
@@ -162,39 +142,15 @@ class Step {
     onClick("video-report", () => this.#results.saveReport());
     onClick("video-film", () => this.#job.run("Drawing the video…", (watch) => this.#results.saveFilm(watch)));
     for (const input of this.#layers()) input.addEventListener("change", () => this.#chooseLayer(input.value as Layer));
-    part<HTMLSelectElement>("video-sport").addEventListener("change", (event) => {
-      const { value } = event.currentTarget as HTMLSelectElement;
-      void this.#alert.during(() =>
-        this.#choose(async () => {
-          await this.#sceneChoice.choose(value);
-          this.#sceneChoiceChanged();
-        }),
-      );
-    });
     part("video-model").addEventListener("change", () => {
       // Loaded anew, by the next choice.
       this.#model.dispose();
       void this.#alert.during(() => this.#load());
     });
-    part<HTMLInputElement>("video-ball").addEventListener("change", (event) => {
-      const { valueAsNumber } = event.currentTarget as HTMLInputElement;
-      void this.#alert.during(() =>
-        this.#choose(async () => {
-          await this.#sceneChoice.setRadius(valueAsNumber / 200);
-          this.#sceneChoiceChanged();
-        }),
-      );
-    });
     part("video-overlay").addEventListener("click", (event) => void this.#alert.during(() => this.#following.corrections.click(event).then(() => this.#kept())));
     const take = (files: File[]) => void this.#alert.during(() => this.#take(files));
     listenForChosen(part<HTMLInputElement>("video-input"), take);
     listenForDropped(this.#panel, part("video-drop"), take);
-    workspace.addEventListener("camera", () => {
-      this.#sceneChoice.cameraChanged();
-      this.#sceneChoiceChanged();
-      void this.#takeSport();
-    });
-    workspace.addEventListener("scene", () => this.#sceneChoiceChanged());
     addEventListener("hashchange", () => this.#panel.hidden && this.#source?.pause());
     document.addEventListener("keydown", (event) => !this.#panel.hidden && this.#key(event));
   }
@@ -208,7 +164,7 @@ class Step {
     if (media.length > 1) throw new Error("One video or picture at a time, please.");
     for (const file of files.filter(isJson)) if (!(await this.#work.take(file))) await this.#sceneChoice.take(file);
     if (media[0]) await this.#openFile(media[0]);
-    else if (files.length) this.#sceneChoiceChanged();
+    else if (files.length) this.#settingChanged();
   }
 
   async #openFile(file: File): Promise<void> {
@@ -260,16 +216,15 @@ class Step {
   /** Takes a source in place of the last one, and searches its first frame. */
   async #use(source: Source): Promise<void> {
     this.#close();
-    this.#court.forget();
     this.#work.close();
-    this.#assumed.forget();
+    this.#setting.forget();
     this.#frameSearch.open(source);
     this.#showAbout(source);
     this.#part("video-frame").querySelector("video")?.remove();
     // Under the canvas, which shows each frame together with what was found in it.
     if (source.element) this.#part("video-frame").prepend(source.element);
     this.#showSource();
-    this.#sceneChoiceChanged();
+    this.#settingChanged();
     source.onFrame = (frame, missed) => {
       this.#transport.showTime(frame.timeMs);
       this.#results.showTime(frame.timeMs);
@@ -291,16 +246,9 @@ class Step {
     this.#overlay.setSize(width, height);
   }
 
-  /** Takes a choice of camera or place that the core has yet to look at. */
-  #choose(work: () => Promise<void>): Promise<void> {
-    const chosen = work();
-    this.#chosen = Promise.all([this.#chosen, chosen.catch(() => undefined)]);
-    return chosen;
-  }
-
   async #track(): Promise<void> {
     // Whoever is quick means the place that was just chosen.
-    await this.#chosen;
+    await this.#setting.settled;
     await this.#following.start();
     await this.#kept();
   }
@@ -423,8 +371,8 @@ class Step {
   }
 
   /** Another camera or scene: what was found with the last one is wrong. A track took long: it stays until it is computed again. */
-  #sceneChoiceChanged(): void {
-    this.#showSceneChoice();
+  #settingChanged(): void {
+    this.#showSetting();
     if (this.#part("video-work").hidden || (!this.#source && this.#sceneChoice.example)) return;
     if (this.#frameSearch.tracked) return;
     this.#forget();
@@ -433,28 +381,8 @@ class Step {
     else void this.#alert.during(() => this.#load());
   }
 
-  /** The step Calibrate knows the sport from the court. */
-  #takeSport(): Promise<void> {
-    return this.#alert.during(async () => {
-      if (await this.#sceneChoice.takeSport()) this.#sceneChoiceChanged();
-    });
-  }
-
-  #showSceneChoice(): void {
-    const { camera, scene, sport, summary, otherCamera } = this.#sceneChoice;
-    this.#part("video-place").textContent = summary;
-    this.#part("video-forget-camera").hidden = !this.#sceneChoice.canForgetCamera;
-    this.#part("video-other-camera").hidden = !otherCamera;
-    if (otherCamera) this.#part("video-other-camera-said").textContent = `This browser keeps a camera: ${otherCamera.from}, ${when(otherCamera.at)}. Use it here only if it stood in the same place with the same zoom.`;
-    this.#part("video-empty-camera").hidden = camera !== undefined;
-    this.#part("video-needs-camera").hidden = camera !== undefined || otherCamera !== undefined;
-    this.#assumed.show();
-    void this.#alert.during(() => this.#court.showWhether());
-    this.#part("video-needs-ball").hidden = camera === undefined || scene !== undefined;
-    this.#part<HTMLSelectElement>("video-sport").value = sport;
-    const ball = this.#part<HTMLInputElement>("video-ball");
-    ball.disabled = !scene || this.#sceneChoice.example !== undefined;
-    ball.value = scene ? String(Number((200 * scene.ball.radius).toFixed(2))) : "";
+  #showSetting(): void {
+    this.#setting.show();
     this.#showWhether();
   }
 }
