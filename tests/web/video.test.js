@@ -5,6 +5,7 @@ import { chromium } from "playwright-core";
 import { axe, launch, open, saved, SD_L, value } from "./support/browser.js";
 import { jsonFile, ONE_PIXEL, pictureOf, pngFile, press, samples, shown as shownOn } from "./support/demo.js";
 import { film } from "./support/film.js";
+import { drawThrow } from "./support/in-page.js";
 import { serve } from "./support/server.js";
 
 /** The first frame of a model takes this long at most, on a busy machine. */
@@ -284,10 +285,10 @@ test("of a video that was cut off, or that is broken from a frame on, what comes
   await own.close();
 });
 
-/** The clip that {@link drawClip} draws, and a film of it, not of the size that its camera.json speaks of; if a frame `broken` is named, also one in which that is noise. */
+/** The clip that {@link drawThrow} draws, and a film of it, not of the size that its camera.json speaks of; if a frame `broken` is named, also one in which that is noise. */
 async function filmed(broken) {
   const filming = await open(browser, `${server.url}harness.html`, complaints);
-  const made = await filming.evaluate(drawClip);
+  const made = await filming.evaluate(drawThrow);
   const [width, height] = [2 * made.camera.width, 2 * made.camera.height];
   const file = { name: "clip.webm", mimeType: "video/webm", buffer: await film(filming, { ...made, width, height }) };
   const spoilt = broken && { ...file, name: "spoilt.webm", buffer: await film(filming, { ...made, width, height, spoilt: broken }) };
@@ -501,23 +502,4 @@ function distance(a, b) {
 
 function average(values) {
   return values.reduce((sum, each) => sum + each, 0) / values.length;
-}
-
-// Runs in a page that offers the package.
-async function drawClip() {
-  const toolbox = await window.gravisight.Toolbox.create();
-  const simulator = await toolbox.simulator({ environment: 1, camera: 1 });
-  const { camera, scene } = simulator;
-  const { fps, frames } = await simulator.clip(2025, 3);
-  const path = frames.map(({ world }) => world).slice(0, 45);
-  const canvas = document.createElement("canvas");
-  Object.assign(canvas, { width: camera.width, height: camera.height });
-  const pictures = [];
-  for (const centre of path) {
-    const { data, width, height } = await simulator.picture(centre);
-    canvas.getContext("2d").putImageData(new ImageData(data, width, height), 0, 0);
-    pictures.push(canvas.toDataURL("image/png").split(",")[1]);
-  }
-  toolbox.dispose();
-  return { pictures, fps, camera, scene, path };
 }

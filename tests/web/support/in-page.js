@@ -128,7 +128,7 @@ export function losesDevice() {
   addEventListener("message", ({ data }) => data === "lose" && device.destroy());
 }
 
-/** A thrown ball, drawn; with its rate, its camera and its place. */
+/** A thrown ball, drawn; with its rate, its camera, its place and its true path. Runs in a page that offers the package. */
 export async function drawThrow() {
   const toolbox = await window.gravisight.Toolbox.create();
   const simulator = await toolbox.simulator({ environment: 1, camera: 1 });
@@ -144,7 +144,7 @@ export async function drawThrow() {
     pictures.push(canvas.toDataURL("image/png").split(",")[1]);
   }
   toolbox.dispose();
-  return { pictures, fps, camera, scene };
+  return { pictures, fps, camera, scene, path };
 }
 
 /** What the page keeps under a key; null where there is nothing. */
