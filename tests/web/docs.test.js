@@ -265,6 +265,7 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
     "package/track": `${given}${shownVideo}\n${written.package.get("track.js")}\nvideo.play();`,
     "package/tracker": `${given}${allFrames}\n${ownScene}`,
     "package/court": written.package.get("court.js"),
+    "package/circle": written.package.get("circle.js"),
     "package/tune": `${given}${twoClips}\n${fewSteps}\nconsole.log(JSON.parse(card).name, weights.length);`,
   };
   write(join(folder, "public/clip.webm"), video);
@@ -314,6 +315,13 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
   isNear([intrinsic[0][0]], [seatedCamera.intrinsic[0][0]], 10);
   run.package.push("court.js");
   await finding.close();
+
+  const circling = await open(browser, "about:blank", complaints);
+  const [circled] = await Promise.all([logged(circling, /± [\d.]+ m/), circling.goto(`${url}package/circle.html`)]);
+  // A ball of 11 cm that looks 60 px large before a lens of 26 mm (a diagonal of 43.27 mm on one of 5040 px).
+  isNear([(await circled.args()[0].jsonValue())[1]], [(0.11 / 60) * (5040 / 43.27) * 26], 0.2);
+  run.package.push("circle.js");
+  await circling.close();
 
   const tuning = await open(browser, "about:blank", complaints);
   const said = Promise.all([/^\d.* px before$/, /^1 \d/, /^2 \d/, /^\d.* px after$/, /^sd-l-tuned \d{6,}$/].map((words) => logged(tuning, words)));
