@@ -11,8 +11,6 @@ import type { TrackResult } from "./track-result";
 
 /** Frames over which the time for a frame is averaged. */
 const AVERAGED = 30;
-/** How far back the ball's way is drawn, ms. */
-const TRAIL = 1000;
 /** So many frames in a row that cannot be read are an error. */
 const MOST_UNREADABLE = 30;
 
@@ -95,7 +93,7 @@ export class FrameSearch {
     if (!source) return;
     if (!this.tracked && (!model.localiser || !sceneChoice.camera || !sceneChoice.scene)) return overlay.showPlain(frame.image, "A frame without a position");
     const known = this.result ? this.result.at(frame.timeMs) : this.detections.at(frame.timeMs);
-    const trail = this.result?.trail(frame.timeMs, TRAIL).map(({ image }) => image) ?? [];
+    const trail = this.result?.trail(frame.timeMs).map(({ image }) => image) ?? [];
     const isNew = frame.timeMs > (this.detections.all.at(-1)?.timeMs ?? -Infinity);
     const counts = source.playing && isNew;
     if (counts) this.skipped += missed;

@@ -9,8 +9,6 @@ import type { TrackResult } from "./track-result";
 
 /** The likeliest to play elsewhere first. */
 const CODECS = ["avc", "vp9", "vp8"] as const satisfies VideoCodec[];
-/** How far back the ball's way is drawn, ms. */
-const TRAIL = 1000;
 /** Of a ring that is not to be trusted. */
 const DIM = 0.4;
 /** Of the picture's shorter side: marks are drawn for one of so many pixels. */
@@ -72,7 +70,7 @@ function draw(canvas: HTMLCanvasElement, image: CanvasImageSource, timeMs: numbe
   const scale = Math.min(canvas.width, canvas.height) / DRAWN_FOR;
   context.scale(scale, scale);
   const toCanvas = ([u, v]: [number, number]): [number, number] => [(u + 0.5) / scale, (v + 0.5) / scale];
-  drawTrail(context, result.trail(timeMs, TRAIL).map((detection) => toCanvas(detection.image)));
+  drawTrail(context, result.trail(timeMs).map((detection) => toCanvas(detection.image)));
   const found = result.at(timeMs);
   if (!found) return;
   context.globalAlpha = found.confidence >= threshold ? 1 : DIM;

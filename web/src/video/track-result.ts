@@ -3,6 +3,9 @@ import type { Camera, TrackedVideo } from "gravisight";
 import type { Curve, FrameDetection } from "./detections";
 import { FrameTimes } from "./frame-times";
 
+/** How far back the ball's path is drawn, ms. */
+const TRAIL = 1000;
+
 /** What a track is made of: it can be kept and opened again. */
 export interface TrackRecord {
   tracked: TrackedVideo;
@@ -70,10 +73,10 @@ export class TrackResult {
     return fromMs + fraction * (toMs - fromMs);
   }
 
-  /** Detections of the last `spanMs` before a time, that time's own included. */
-  trail(timeMs: number, spanMs: number): FrameDetection[] {
+  /** Detections of the last second before a time, that time's own included. */
+  trail(timeMs: number): FrameDetection[] {
     const until = this.#times.startOf(timeMs);
-    return this.detections.filter((detection) => detection.timeMs <= until && detection.timeMs > until - spanMs);
+    return this.detections.filter((detection) => detection.timeMs <= until && detection.timeMs > until - TRAIL);
   }
 }
 
