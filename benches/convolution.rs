@@ -12,11 +12,13 @@ use std::time::{Duration, Instant};
 
 use burn::tensor::{Device, Tensor, TensorData};
 use gravisight::internal::{
-    AdamW, BackboneConfig, Batch, CARD_VERSION, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig,
-    PenOutput, StepOptions, median, save, sha256_hex, step,
+    BackboneConfig, Batch, CARD_VERSION, HeadConfig, HeatmapLoss, Labels, Normalisation, Pen, PenConfig, PenOutput,
+    median, save, sha256_hex,
 };
 use gravisight::{Card, Size};
 use serde_json::{Value, json};
+
+use crate::training;
 
 /// Side of the pictures, px.
 const SIDE: usize = 224;
@@ -71,7 +73,7 @@ fn jobs() -> Vec<Job> {
 }
 
 /// Multiplications and additions of one forward pass of a network, by counting those of each layer.
-fn flops(config: &PenConfig, side: usize) -> f64 {
+pub(crate) fn flops(config: &PenConfig, side: usize) -> f64 {
     let conv = |input: usize, output: usize, kernel: usize, stride: usize| {
         2.0 * (input * output * kernel * kernel * (side / stride).pow(2)) as f64
     };
@@ -101,7 +103,7 @@ fn flops(config: &PenConfig, side: usize) -> f64 {
 }
 
 /// Reproducible numbers in [-1, 1).
-fn noise(count: usize) -> Vec<f32> {
+pub(crate) fn noise(count: usize) -> Vec<f32> {
     let mut state = 0x2545_f491_4f6c_dd1d_u64;
     let mut next = || {
         state ^= state << 13;
@@ -239,41 +241,13 @@ fn contest(job: &Job, peers: Option<&mut Peers>, peak: f64) {
     }
     let pool = rayon::ThreadPoolBuilder::new().num_threads(job.threads).build().expect("threads");
     let mut ours: Box<dyn FnMut() -> f64 + Send> = if job.training {
-        let middle = |index: usize| 20.0 + 3.0 * index as f64;
-        let labels = Labels {
-            picture: (0..job.batch).collect(),
-            image: (0..job.batch).map(|index| Some([middle(index), middle(job.batch - index)])).collect(),
-            depth: (0..job.batch).map(|index| 5.0 + 0.2 * index as f64).collect(),
-            depth_weight: vec![1.0; job.batch],
-        };
+        let labels = training::labels(job.batch);
         load["share"] = json!(shares(&labels, job.side / 4).concat());
         load["depth"] = json!(labels.depth);
-        let options = StepOptions {
-            heatmap_loss: HeatmapLoss::CrossEntropy { sigma: SIGMA },
-            depth_weight: 0.2,
-            future_weight: 0.0,
-            robust_px: None,
-            depth_transition: 0.5,
-            centre_weight: 0.0,
-            clip_norm: 1.0,
-            learning_rate: 1e-3,
-        };
-        let mut optimiser = AdamW::new(0.0, 1e-5);
-        let mut pen = Some(pen);
         let batch = Batch { pictures, size: [job.side; 2], channels: 3, labels, windows: vec![] };
-        // The next step's batch is made beforehand, as the peer's is.
-        let mut next = Some(batch.clone());
-        Box::new(move || {
-            let (before, now) = (pen.take().expect("a network"), next.take().expect("a batch"));
-            let begin = Instant::now();
-            let (after, _) =
-                pollster::block_on(step(before, &mut optimiser, now, &options, &mut Default::default(), &device))
-                    .unwrap();
-            let time = begin.elapsed().as_secs_f64();
-            pen = Some(after);
-            next = Some(batch.clone());
-            time
-        })
+        let loss = HeatmapLoss::CrossEntropy { sigma: SIGMA };
+        let mut step = training::stepper(pen, batch, loss, &device);
+        Box::new(move || step().0)
     } else {
         let runner = pen.runner(Size::square(job.side as u32), &device);
         let read = |output: PenOutput| -> Vec<f32> {

@@ -11,6 +11,7 @@ mod random;
 mod real;
 mod rendering;
 mod tracking;
+mod training;
 mod weights;
 
 use mimalloc::MiMalloc;
@@ -20,7 +21,7 @@ use mimalloc::MiMalloc;
 static ALLOCATOR: MiMalloc = MiMalloc;
 
 /// By name; whether it has something to run on by itself.
-const ALL: [common::Bench; 10] = [
+const ALL: [common::Bench; 11] = [
     ("convolution", convolution::run, true),
     ("courts", courts::run, false),
     ("forecast", forecast::run, true),
@@ -30,6 +31,7 @@ const ALL: [common::Bench; 10] = [
     ("real", real::run, true),
     ("rendering", rendering::run, true),
     ("tracking", tracking::run, true),
+    ("training", training::run, true),
     ("weights", weights::run, false),
 ];
 

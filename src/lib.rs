@@ -93,6 +93,8 @@ pub mod track {
 pub use gravisight_track::findings;
 
 pub mod evaluate;
+#[cfg(all(feature = "wgpu", not(target_arch = "wasm32")))]
+mod gpu;
 pub mod localise;
 pub mod model;
 pub mod train;
@@ -113,12 +115,14 @@ pub use self::camera::{
 pub use self::clips::{Clip, Clips, Frame};
 pub use self::evaluate::{Metrics, Sample, score};
 pub use self::findings::{Findings, WithFindings};
+#[cfg(all(feature = "wgpu", not(target_arch = "wasm32")))]
+pub use self::gpu::Gpu;
 pub use self::image::Picture;
 pub use self::localise::{Localisation, LocaliseOptions, Localiser, Region};
 pub use self::model::Card;
 pub use self::physics::{Contact, Forecast, ForecastOptions, Forecaster, Integrator, Scene, State};
 pub use self::track::{Fit, FitOptions, Observation, Parameter, Track, TrackedVideo};
-pub use self::train::{FineTuneOptions, FineTuneSupervision, FineTuner};
+pub use self::train::{AdaptOptions, AdaptScore, Adapted, Adapter, FineTuneOptions, FineTuneSupervision, FineTuner};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::train::{TrainConfig, TrainEvent, TrainSettings};
 pub use self::video_tracker::VideoTracker;
@@ -149,7 +153,8 @@ pub mod internal {
         ANY, BackboneConfig, CARD_VERSION, HeadConfig, Pen, PenConfig, PenOutput, SD_L, save, sha256_hex,
     };
     pub use crate::train::bench::{AdamW, Batch, HeatmapLoss, Labels, StepOptions, step};
-    pub use crate::train::{Photographs, read_photographs, stack_record};
+    pub use crate::train::{BallsOfFrame, CutStack, StackCutter};
+    pub use crate::train::{Photographs, read_photographs};
     pub use crate::train::{Supervision, TrainProgress, Validation};
     pub use gravisight_geometry::camera::{COURT_FEATURES, court_evidence};
     pub use gravisight_geometry::files::{Claim, NewFolder, read, read_text, write_whole};

@@ -1,5 +1,6 @@
 /**
- * PEN in Chromium beside onnxruntime-web: same weights, same picture, one thread, runs taken in turns in one page. `--check` instead of build
+ * PEN in Chromium beside onnxruntime-web: same weights, same picture, one thread (or with the build `webgpu` both on WebGPU), runs taken in
+ * turns in one page. `--check` instead of build
  * and peers: a published model alone, once, in the plain CPU build, to see that it runs.
  */
 import { createServer } from "node:http";
@@ -10,6 +11,7 @@ import { launch } from "../../tests/web/support/browser.js";
 
 const isCheck = process.argv[2] === "--check";
 const [build, peers] = isCheck ? ["cpu", ""] : process.argv.slice(2);
+const device = build === "webgpu" ? "webgpu" : "cpu";
 const root = fileURLToPath(new URL("../..", import.meta.url));
 const folders = {
   "/wasm/": join(root, "pkg/wasm", build),
@@ -31,22 +33,22 @@ const server = createServer(async (request, response) => {
   }
 });
 await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
-const browser = await launch({ webgpu: false });
+const browser = await launch({ webgpu: device === "webgpu" });
 try {
   const page = await browser.newPage();
   page.on("pageerror", (error) => console.error(String(error)));
   await page.goto(`http://127.0.0.1:${server.address().port}/`);
-  console.log(`Chromium ${browser.version()}, one thread, build ${build}: medians, in turns`);
+  console.log(`Chromium ${browser.version()}, ${device === "cpu" ? "one thread" : "WebGPU"}, build ${build}: medians, in turns`);
   const jobs = [
     { name: "compact", limit: 0.5, milliseconds: 20_000, peer: true },
     { name: "resnet34", limit: 0.5, milliseconds: 60_000, peer: true },
   ];
   for (const { limit, ...job } of isCheck ? [{ name: "sd-l", limit: Infinity, milliseconds: 1, peer: false }] : jobs) {
     const { name } = job;
-    const { ours, theirs, file, device, runs, difference } = await page.evaluate(contest, job);
+    const { ours, theirs, file, ran, runs, difference } = await page.evaluate(contest, { ...job, device });
     const ratio = ours / theirs;
     console.log(
-      `${name.padEnd(9)} ${ours.toFixed(2)} ms (${device}), onnxruntime-web ${theirs.toFixed(2)} ms; ratio ${ratio.toFixed(2)} ` +
+      `${name.padEnd(9)} ${ours.toFixed(2)} ms (${ran}), onnxruntime-web ${theirs.toFixed(2)} ms; ratio ${ratio.toFixed(2)} ` +
         `(at most ${limit}${ratio > limit ? "  MISSED" : ""}); from a PNG file, decoding and read-back included ` +
         `${file.toFixed(2)} ms = ${(1000 / file).toFixed(0)} pictures/s; ${runs} runs; depth differs by ${difference.toExponential(0)}`,
     );
@@ -57,12 +59,12 @@ try {
 }
 
 /** In the page. Ours takes RGBA pixels and gives metres; the peer only runs the network. Without a peer ours stands in for it. */
-async function contest({ name, milliseconds, peer }) {
+async function contest({ name, milliseconds, peer, device }) {
   const text = async (path) => (await fetch(path)).text();
   const bytes = async (path) => new Uint8Array(await (await fetch(path)).arrayBuffer());
   const module = await import("/wasm/gravisight.js");
   await module.default({ module_or_path: await bytes("/wasm/gravisight_bg.wasm") });
-  const localiser = await module.Localiser.create(await text(`/models/${name}.json`), await bytes(`/models/${name}.safetensors`), "cpu");
+  const localiser = await module.Localiser.create(await text(`/models/${name}.json`), await bytes(`/models/${name}.safetensors`), device);
   const samples = JSON.parse(await text("/samples/samples.json"));
   const camera = JSON.stringify(samples[0].camera);
   const png = await bytes(`/samples/${samples[0].file}`);
@@ -83,10 +85,10 @@ async function contest({ name, milliseconds, peer }) {
   /** Heatmap and depth map. */
   let runPeer = async () => [[], depthMap.values];
   if (peer) {
-    const ort = await import("/ort/ort.wasm.min.mjs");
+    const ort = await import(device === "cpu" ? "/ort/ort.wasm.min.mjs" : "/ort/ort.webgpu.min.mjs");
     ort.env.wasm.numThreads = 1;
     ort.env.wasm.wasmPaths = "/ort/";
-    const session = await ort.InferenceSession.create(await bytes(`/models/${name}.onnx`), { executionProviders: ["wasm"] });
+    const session = await ort.InferenceSession.create(await bytes(`/models/${name}.onnx`), { executionProviders: [device === "cpu" ? "wasm" : "webgpu"] });
     const feeds = { x: new ort.Tensor("float32", values, [1, 3, 224, 224]) };
     runPeer = async () => Object.values(await session.run(feeds)).map((tensor) => tensor.data);
   }
@@ -118,7 +120,7 @@ async function contest({ name, milliseconds, peer }) {
     ours: median(times.ours),
     theirs: median(times.theirs),
     file: median(times.file),
-    device: localiser.deviceName,
+    ran: localiser.deviceName,
     runs: times.ours.length,
     difference,
   };

@@ -17,8 +17,15 @@ pub(crate) struct CropSize {
     ball_radius: f64,
 }
 
+impl CropSize {
+    /// Side, px of the network's input.
+    pub(crate) fn side(&self) -> u32 {
+        self.side
+    }
+}
+
 /// Input of the detector's second pass: a radius among those that it measures best.
-pub(super) const DETECTOR_CROP: CropSize = CropSize { side: 128, ball_radius: 23.0 };
+pub(crate) const DETECTOR_CROP: CropSize = CropSize { side: 128, ball_radius: 23.0 };
 /// Input of the verifier.
 pub(crate) const VERIFIER_CROP: CropSize = CropSize { side: VERIFIER_SIDE, ball_radius: VERIFIER_RADIUS };
 /// Side of the verifier's second picture, the surroundings, over that of the crop: a head is recognised by its shoulders, a lamp by
@@ -55,7 +62,7 @@ impl Crop {
     }
 
     /// The crop's pixels, scaled to the network's input.
-    pub(super) fn pixels(&self, rgb: &RgbImage) -> RgbImage {
+    pub(crate) fn pixels(&self, rgb: &RgbImage) -> RgbImage {
         resized(rgb, self.start, Size::square(self.side), Size::square(self.size.side), Filter::Bicubic)
     }
 

@@ -13,6 +13,7 @@ mod second_pass;
 mod size;
 #[cfg(test)]
 mod tests;
+mod together;
 pub(crate) mod verifier;
 mod volume_check;
 
@@ -24,6 +25,7 @@ use serde::{Deserialize, Serialize};
 
 use self::network::device_name;
 pub use self::saliency::Saliency;
+pub(crate) use self::together::{Position, Taken};
 pub use crate::model::ConfidenceKind;
 use crate::model::{self, Card, DetectionCalibration, Pen, PenConfig, PenRunner};
 use gravisight_geometry::camera::Camera;
@@ -52,9 +54,9 @@ use gravisight_geometry::volume::Volume;
 pub struct Localiser {
     pen: Pen,
     /// The verifier, where there is one.
-    verifier: Option<Box<Localiser>>,
+    verifier: Option<Arc<Localiser>>,
     /// The motion network, where there is one.
-    motion: Option<Box<Localiser>>,
+    motion: Option<Arc<Localiser>>,
     /// The last used comes last.
     runners: Mutex<Vec<(Size, Arc<PenRunner>)>>,
     config: PenConfig,
@@ -214,17 +216,8 @@ impl Localiser {
     pub fn new(card: Card, weights: Vec<u8>, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
         let [own, verifier, motion] = model::parted(&weights)?;
-        let second = |architecture: &Option<PenConfig>, weights: Vec<u8>, side: u32| {
-            let Some(architecture) = architecture.clone() else { return Ok(None) };
-            let pen = model::load(&architecture, weights, device)?;
-            let input = Size::square(side);
-            let card = Card { architecture, verifier: None, motion: None, input, ..card.clone() };
-            Ok::<_, Error>(Some(Box::new(Self::from_pen(pen, card, device))))
-        };
-        let verifier = second(&card.verifier, verifier, model::VERIFIER_SIDE)?;
-        let motion = second(&card.motion, motion, model::MOTION_SIDE)?;
         let pen = model::load(&card.architecture, own, device)?;
-        Ok(Self { verifier, motion, ..Self::from_pen(pen, card, device) })
+        Self::of_parts(&card, pen, &[verifier, motion], device)
     }
 
     /// A localiser from a network already in memory.
@@ -233,6 +226,36 @@ impl Localiser {
         let config = pen.config().clone();
         let runners = Mutex::new(vec![(card.input, Arc::new(pen.clone().runner(card.input, device)))]);
         Self { pen, verifier: None, motion: None, runners, config, card, device: device.clone() }
+    }
+
+    /// Of a network in memory, and the weights of the verifier and the motion network that `card` names.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(crate) fn of_parts(card: &Card, pen: Pen, beside: &[Vec<u8>; 2], device: &Device) -> Result<Self> {
+        let [verifier, motion] = beside;
+        let verifier = Self::second(card, &card.verifier, verifier.clone(), model::VERIFIER_SIDE, device)?;
+        let motion = Self::second(card, &card.motion, motion.clone(), model::MOTION_SIDE, device)?;
+        Ok(Self { verifier, motion, ..Self::from_pen(pen, card.clone(), device) })
+    }
+
+    /// Another network of the model of `card`, where it has one.
+    fn second(
+        card: &Card,
+        architecture: &Option<PenConfig>,
+        weights: Vec<u8>,
+        side: u32,
+        device: &Device,
+    ) -> Result<Option<Arc<Self>>> {
+        let Some(architecture) = architecture.clone() else { return Ok(None) };
+        let pen = model::load(&architecture, weights, device)?;
+        let card = Card { architecture, verifier: None, motion: None, input: Size::square(side), ..card.clone() };
+        Ok(Some(Arc::new(Self::from_pen(pen, card, device))))
+    }
+
+    /// The same with the verifier and the motion network of `other`.
+    pub(crate) fn with_networks_of(self, other: &Self) -> Self {
+        Self { verifier: other.verifier.clone(), motion: other.motion.clone(), ..self }
     }
 
     /// Whether the model reads apparent sizes, and needs the ball's radius.
@@ -285,15 +308,10 @@ impl Localiser {
             }
         }
         let size = picture.size();
-        let camera_of_picture = camera.for_picture(size)?;
-        let input = picture.network_input(self.card.input, &self.card.normalisation);
-        let raw = self.run(input.values).await?;
-
-        let (given, content) = (size.xy(), input.content.xy());
-        let scale = [0, 1].map(|axis| given[axis] / content[axis]);
-        let image: [f64; 2] = std::array::from_fn(|axis| (raw.image[axis] + 0.5) * scale[axis] - 0.5);
-        let in_camera = camera_of_picture.camera_from_image(&Point2::from(image), raw.depth)?;
-        let in_world = camera_of_picture.world_from_camera(&in_camera);
+        let Taken { values, view } = self.take(picture, camera)?;
+        let raw = self.run(values).await?;
+        let (image, in_camera) = view.position(raw.image, raw.depth)?;
+        let in_world = view.camera.world_from_camera(&in_camera);
         let stride = self.config.output_stride();
         let mut notes = picture.notes().to_vec();
         if size != camera.size() {
@@ -320,7 +338,7 @@ impl Localiser {
             confidence,
             confidence_kind: self.card.confidence_kind(),
             notes,
-            maps: options.maps.then(|| raw.maps(input.content, stride)),
+            maps: options.maps.then(|| raw.maps(view.content, stride)),
         })
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, PoisonError};
 
-use burn::tensor::{Device, Transaction};
+use burn::tensor::{Device, Tensor, Transaction};
 
 use super::{Localiser, Maps};
 use crate::model::{self, PenRunner};
@@ -146,6 +146,34 @@ impl Localiser {
             width: cells,
         })
     }
+}
+
+impl Localiser {
+    /// Runs the network on normalised pictures `[batch, height, width, 3]`, one after the other in `values`, and reads back only
+    /// what each shows. Several pictures cost a GPU hardly more than one.
+    pub(super) async fn run_all(&self, values: Vec<f32>) -> Result<Vec<Seen>> {
+        let decoded = model::decode(self.runner(self.card.input).run(values), &self.config);
+        let [batch, _] = decoded.image.dims();
+        let column = |values: Tensor<1>| values.reshape([batch, 1]);
+        let confidences = column(decoded.confidences(self.config.output_stride()));
+        let numbers = Tensor::cat(vec![decoded.image, column(decoded.depth), confidences], 1);
+        let device = device_name(&self.device);
+        let data = numbers.into_data_async().await;
+        let data = data.map_err(|error| Error::Device { device: device.clone(), reason: error.to_string() })?;
+        let numbers: Vec<f64> = data.iter::<f64>().collect();
+        if numbers.iter().any(|number| !number.is_finite()) {
+            return Err(Error::OutputNotFinite { device });
+        }
+        let (seen, []) = numbers.as_chunks::<4>() else { unreachable!("there are four columns") };
+        Ok(seen.iter().map(|&[x, y, depth, confidence]| Seen { image: [x, y], depth, confidence }).collect())
+    }
+}
+
+/// What the network sees in a picture, px of its input.
+pub(super) struct Seen {
+    pub(super) image: [f64; 2],
+    pub(super) depth: f64,
+    pub(super) confidence: f64,
 }
 
 /// The decoded output of the network for one picture, px of its input.

@@ -195,3 +195,30 @@ fn every_network_of_a_model_is_compared_on_another_device() {
     let error = pollster::block_on(wrong.check_against(&reference)).unwrap_err().to_string();
     assert!(error.contains("verifier"), "{error}");
 }
+
+#[test]
+fn pictures_together_give_the_positions_of_each_alone() {
+    let localiser = localiser();
+    let camera = r#"{"width": 224, "height": 224, "intrinsic": [[270, 0, 111.5], [0, 270, 111.5], [0, 0, 1]],
+        "camera_from_world": [[1, 0, 0, 0.5], [0, 1, 0, 1], [0, 0, 1, 8], [0, 0, 0, 1]]}"#;
+    let camera = Camera::from_json(camera, "test").unwrap();
+    let mut pictures: Vec<Picture> = ["000", "008", "016"]
+        .iter()
+        .map(|name| Picture::open(&root().join(format!("tests/samples/frames/test_e1_c1_0000/{name}.png"))).unwrap())
+        .collect();
+    // Another size than the camera's and the input's.
+    let enlarged = imageops::resize(pictures[0].rgb(), 448, 448, imageops::FilterType::Triangle);
+    pictures.push(Picture::from_rgb(enlarged));
+    let taken = pictures.iter().map(|picture| localiser.take(picture, &camera).unwrap()).collect();
+    let together = pollster::block_on(localiser.positions(taken)).unwrap();
+    assert_eq!(together.len(), pictures.len());
+    for (found, picture) in together.iter().zip(&pictures) {
+        let alone = pollster::block_on(localiser.localise(picture, &camera, LocaliseOptions::default())).unwrap();
+        let off = |a: f64, b: f64| (a - b).abs() / b.abs().max(1.0);
+        let pairs = [found.image.x, found.image.y, found.confidence].into_iter().chain(found.world.iter().copied());
+        let expected = alone.image.into_iter().chain([alone.confidence]).chain(alone.world);
+        for (together, alone) in pairs.zip(expected) {
+            assert!(off(together, alone) < 1e-4, "{together}, alone {alone}");
+        }
+    }
+}

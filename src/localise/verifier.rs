@@ -7,16 +7,12 @@ use image::RgbImage;
 use nalgebra::{Point2, distance};
 
 use super::Localiser;
-#[cfg(not(target_arch = "wasm32"))]
-use super::candidate::{FirstPass, MAX_CANDIDATES};
-use super::candidate::{detections_in_crop, is_same_ball};
+use super::candidate::{FirstPass, MAX_CANDIDATES, detections_in_crop, is_same_ball};
 use super::crop::{Crop, VERIFIER_CROP};
 use crate::model::{CONFIDENCE_RADIUS, DetectionCalibration, MOTION_SIDE, PICTURE_CHANNELS};
 use gravisight_geometry::camera::{Detection, Outline};
 use gravisight_geometry::error::Result;
-use gravisight_geometry::image::Normalisation;
-#[cfg(not(target_arch = "wasm32"))]
-use gravisight_geometry::image::Picture;
+use gravisight_geometry::image::{Normalisation, Picture};
 use gravisight_geometry::size::Size;
 
 /// Probability by the first pass alone from which a candidate gets a second pass. Below it are 34 % of those 2,857 candidates, and none that
@@ -83,7 +79,6 @@ impl Localiser {
     /// # Errors
     /// As [`Localiser::detect_near`].
     #[doc(hidden)]
-    #[cfg(not(target_arch = "wasm32"))]
     pub async fn evidence(&self, picture: &Picture) -> Result<Vec<Evidence>> {
         let FirstPass { candidates, cells, .. } = self.first_pass(picture, None, MAX_CANDIDATES, false).await?;
         let mut found = vec![];

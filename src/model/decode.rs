@@ -48,6 +48,20 @@ pub(crate) fn weighted_depth(depth: Tensor<3>, weights: Tensor<3>) -> Tensor<1> 
     (depth * weights).reshape([batch, height * width]).sum_dim(1).squeeze_dim(1)
 }
 
+impl Decoded {
+    /// [`confidence`] of each picture, where the maps are: `[batch]`.
+    pub fn confidences(&self, stride: usize) -> Tensor<1> {
+        let [batch, height, width] = self.probability.dims();
+        let device = self.probability.device();
+        let off = |axis: usize, count: usize| {
+            (cell_centres(count, stride, &device) - self.image.clone().narrow(1, axis, 1)).square() // [b, count]
+        };
+        let far = off(1, height).reshape([batch, height, 1]) + off(0, width).reshape([batch, 1, width]);
+        let near = far.lower_equal_elem(CONFIDENCE_RADIUS * CONFIDENCE_RADIUS).float();
+        (self.probability.clone() * near).reshape([batch, height * width]).sum_dim(1).squeeze_dim(1)
+    }
+}
+
 /// Centres of `count` cells of `stride` input pixels, px: `[1, count]`.
 fn cell_centres(count: usize, stride: usize, device: &Device) -> Tensor<2> {
     let centres: Vec<f32> = (0..count).map(|cell| cell_centre(cell, stride) as f32).collect();

@@ -10,6 +10,11 @@ mod config;
 mod decode;
 mod head;
 mod layers;
+#[cfg(feature = "wgpu")]
+mod on_gpu;
+#[cfg(not(feature = "wgpu"))]
+#[path = "no_gpu.rs"]
+mod on_gpu;
 mod operation;
 mod pen;
 mod plan;
@@ -36,8 +41,7 @@ pub(crate) use self::decode::{CONFIDENCE_RADIUS, Decoded, Peak, SizeMaps, cell_c
 #[doc(hidden)]
 pub use self::pen::{Pen, PenOutput, PenRunner};
 pub(crate) use self::tensors::is_cpu;
-#[cfg(not(target_arch = "wasm32"))]
-pub(crate) use self::weights::joined;
 #[doc(hidden)]
 pub use self::weights::save;
 pub(crate) use self::weights::{bundled, halved, load, load_backbone, load_into, on_cpu, parted, unbundled};
+pub(crate) use self::weights::{joined, nothing};

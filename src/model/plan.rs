@@ -66,15 +66,16 @@ impl Plan {
         recorder.finish(&outputs)
     }
 
-    /// Values of all maps of such a network.
+    /// Values of the maps of such a network: of those that a batch norm makes, and of the others.
     pub(super) fn map_values(
         size: Size,
         channels: usize,
         network: impl FnOnce(&mut Recorder, &usize) -> Vec<usize>,
-    ) -> usize {
+    ) -> [usize; 2] {
         let mut recorder = Recorder::new(size, channels);
         network(&mut recorder, &PICTURE);
-        recorder.maps.iter().map(Extent::len).sum()
+        let all: usize = recorder.maps.iter().map(Extent::len).sum();
+        [recorder.normalised, all - recorder.normalised]
     }
 
     /// Runs the network on pictures `[batch, height, width, channels]`; its outputs' layouts and values.
@@ -159,12 +160,14 @@ pub(super) struct Recorder {
     vectors: Vectors,
     maps: Vec<Extent>,
     records: Vec<Record>,
+    /// Values of the maps of units with a batch norm.
+    normalised: usize,
 }
 
 impl Recorder {
     fn new(size: Size, channels: usize) -> Self {
         let picture = Extent::new([1, size.height as usize, size.width as usize, channels]);
-        Self { vectors: Vectors::best(), maps: vec![picture], records: Vec::new() }
+        Self { vectors: Vectors::best(), maps: vec![picture], records: Vec::new(), normalised: 0 }
     }
 
     fn record(&mut self, task: Task, x: usize, other: Option<usize>, out: Extent) -> usize {
@@ -238,6 +241,9 @@ impl Layers for Recorder {
             None => (unit.weight, unit.bias),
         };
         let output = shape.conv.output(self.maps[x].with_halo(0));
+        if unit.norm.is_some() {
+            self.normalised += output.len();
+        }
         let bias = bias.map(read);
         let conv = Convolution::new(self.vectors, shape.conv, &read(weight), bias.as_deref(), &output);
         self.record(Task::Unit { conv: Box::new(conv), slope: shape.slope }, x, skip.copied(), output)

@@ -10,6 +10,7 @@ use burn::tensor::ops::MaxPoolOptions;
 use burn::tensor::{Device, Tensor};
 
 use super::layers::{Layers, RESPONSE_NORM_EPSILON, ResponseNorm, Slope, Unit};
+use super::on_gpu;
 use super::operation::{Skip, UnitOps};
 use gravisight_kernels::{ConvShape, UnitShape};
 
@@ -31,8 +32,7 @@ impl Layers for Tensors {
                 if is_cpu(&device) {
                     normalised(x, &unit, norm, skip)
                 } else {
-                    let y = on_gpu::convolve(x, &unit, None);
-                    let y = norm.forward(y.permute([0, 3, 1, 2])).permute([0, 2, 3, 1]);
+                    let y = on_gpu::normalise(on_gpu::convolve(x, &unit, None), norm);
                     activate(plus(y, skip), unit.slope)
                 }
             }
@@ -155,70 +155,15 @@ fn normalised(x: &Tensor<4>, unit: &Unit<'_>, norm: &BatchNorm, skip: Option<&Te
         shape(unit),
         norm.epsilon as f32,
     );
-    for (state, found) in [(&norm.running_mean, mean), (&norm.running_var, variance)] {
-        let found = Tensor::<1>::from_dispatch(found).detach();
-        let old = state.value_sync().to_device(&found.device());
-        state.update((old.mul_scalar(1.0 - norm.momentum) + found.mul_scalar(norm.momentum)).detach());
-    }
+    remember(norm, [mean, variance].map(Tensor::from_dispatch));
     Tensor::from_dispatch(output)
 }
 
-/// Layers made of Burn's own operations.
-#[cfg(feature = "wgpu")]
-mod on_gpu {
-    use burn::tensor::module::conv2d;
-    use burn::tensor::ops::ConvOptions;
-    use burn::tensor::{Device, Tensor, TensorData};
-
-    use super::super::layers::Unit;
-
-    /// The convolution alone.
-    pub(super) fn convolve(x: &Tensor<4>, unit: &Unit<'_>, bias: Option<Tensor<1>>) -> Tensor<4> {
-        let groups = if unit.depthwise { unit.weight.dims()[0] } else { 1 };
-        let options = ConvOptions::new([unit.stride; 2], [unit.padding; 2], [1, 1], groups);
-        conv2d(x.clone().permute([0, 3, 1, 2]), unit.weight.clone(), bias, options).permute([0, 2, 3, 1])
-    }
-
-    /// Two products with fixed matrices instead of Burn's `interpolate`, whose backward pass is missing on
-    /// the GPU backends of 0.22.
-    pub(super) fn upsample(x: Tensor<4>, factor: usize) -> Tensor<4> {
-        let [batch, height, width, channels] = x.dims();
-        let device = x.device();
-        let (rows, columns) = (interpolation(height, factor, &device), interpolation(width, factor, &device));
-        let x = x.reshape([batch, height, width * channels]); // [b, h, w·c]
-        let x = rows.unsqueeze::<3>().expand([batch as i64, -1, -1]).matmul(x); // [b, H, w·c]
-        let x = x.reshape([batch * height * factor, width, channels]); // [b·H, w, c]
-        let x = columns.unsqueeze::<3>().expand([(batch * height * factor) as i64, -1, -1]).matmul(x); // [b·H, W, c]
-        x.reshape([batch, height * factor, width * factor, channels])
-    }
-
-    /// Weights of bilinear interpolation from `count` cells to `count·factor`: `[count·factor, count]`.
-    fn interpolation(count: usize, factor: usize, device: &Device) -> Tensor<2> {
-        let fine = count * factor;
-        let mut weights = vec![0.0_f32; count * fine];
-        for to in 0..fine {
-            let from = ((to as f32 + 0.5) / factor as f32 - 0.5).max(0.0);
-            let low = from as usize;
-            let fraction = from - low as f32;
-            weights[to * count + low] += 1.0 - fraction;
-            weights[to * count + (low + 1).min(count - 1)] += fraction;
-        }
-        Tensor::from_data(TensorData::new(weights, [fine, count]), device)
-    }
-}
-
-/// A build for the CPU alone leaves Burn's convolutions out.
-#[cfg(not(feature = "wgpu"))]
-mod on_gpu {
-    use burn::tensor::Tensor;
-
-    use super::super::layers::Unit;
-
-    pub(super) fn convolve(_: &Tensor<4>, _: &Unit<'_>, _: Option<Tensor<1>>) -> Tensor<4> {
-        unreachable!("this build has no device but the CPU")
-    }
-
-    pub(super) fn upsample(_: Tensor<4>, _: usize) -> Tensor<4> {
-        unreachable!("this build has no device but the CPU")
+/// Moves a norm's running mean and variance towards those of a batch.
+pub(super) fn remember(norm: &BatchNorm, found: [Tensor<1>; 2]) {
+    for (state, found) in [&norm.running_mean, &norm.running_var].into_iter().zip(found) {
+        let found = found.detach();
+        let old = state.value_sync().to_device(&found.device());
+        state.update((old.mul_scalar(1.0 - norm.momentum) + found.mul_scalar(norm.momentum)).detach());
     }
 }

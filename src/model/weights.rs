@@ -171,6 +171,14 @@ fn opened(bytes: &[u8]) -> Result<SafeTensors<'_>> {
     SafeTensors::deserialize(bytes).map_err(refuse)
 }
 
+/// The file of a network that there is not.
+///
+/// # Errors
+/// None.
+pub fn nothing() -> Result<Vec<u8>> {
+    written(&[])
+}
+
 /// The file of `tensors`.
 fn written(tensors: &[Entry<'_>]) -> Result<Vec<u8>> {
     written_with(tensors, ["format", "pt"])
@@ -211,7 +219,6 @@ pub fn parted(bytes: &[u8]) -> Result<[Vec<u8>; 3]> {
 ///
 /// # Errors
 /// As [`parted`].
-#[cfg(not(target_arch = "wasm32"))]
 pub fn joined(parts: [&[u8]; 3]) -> Result<Vec<u8>> {
     let mut entries = vec![];
     for (bytes, prefix) in parts.into_iter().zip(["", PREFIXES[0], PREFIXES[1]]) {

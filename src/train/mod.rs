@@ -3,17 +3,21 @@
 //!
 //! A step and what it needs run wherever Burn does, a browser included; the loop with its files is native.
 
+mod adapt;
 mod examples;
 mod learn;
 mod recipe;
 #[cfg(test)]
 mod testing;
 
+pub use adapt::{AdaptFlights, AdaptOptions, AdaptScore, AdaptStep, Adapted, Adapter};
+#[doc(hidden)]
+pub use adapt::{BallsOfFrame, CutStack, StackCutter};
 #[cfg(not(target_arch = "wasm32"))]
 pub use examples::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
-pub use examples::{Photographs, read_photographs, stack_record};
+pub use examples::{Photographs, read_photographs};
 pub use learn::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Score, SizeScore, Tuned};
 #[cfg(not(target_arch = "wasm32"))]
 pub use learn::{TrainEvent, TrainProgress, Validation};

@@ -46,7 +46,7 @@ const JITTER: [f64; 2] = [0.12, 0.12];
 const WIDER: f64 = 0.2;
 const WIDEST: f64 = 2.5;
 /// Radii of the balls that are labels of a crop, px of it: others are too small or too large for the crop's candidate.
-const RADII: [f64; 2] = [VERIFIER_RADIUS / 2.5, VERIFIER_RADIUS * 2.0];
+pub const CROP_RADII: [f64; 2] = [VERIFIER_RADIUS / 2.5, VERIFIER_RADIUS * 2.0];
 /// Step of the seeds of crops to score with: no run is so long.
 const SCORED: u64 = u64::MAX;
 
@@ -75,10 +75,17 @@ impl CandidateCrops {
     /// # Errors
     /// As [`read_photographs`], [`Card::with_weights`] and [`Localiser::new`].
     pub fn new(recipe: &Recipe, folder: Option<&Path>, detector: &Path) -> Result<Self> {
-        let Photographs { plain: photographs, labelled } =
-            folder.map(Photographs::read).transpose()?.unwrap_or_default();
         let (card, weights) = Card::with_weights(detector)?;
         let detector = Localiser::new(card, weights, &Device::flex())?;
+        Self::of(recipe, folder.map(Photographs::read).transpose()?.unwrap_or_default(), detector)
+    }
+
+    /// The same around the candidates of `detector`.
+    ///
+    /// # Errors
+    /// As [`Localiser::localise`].
+    pub fn of(recipe: &Recipe, photographs: Photographs, detector: Localiser) -> Result<Self> {
+        let Photographs { plain: photographs, labelled } = photographs;
         // One after the other: each search runs on all threads, and one that waits for them would begin the next photograph, and the next.
         let negatives = (0..photographs.len()).map(|number| hard_negatives(&detector, number, &photographs[number]));
         let negatives = negatives.collect::<Result<Vec<_>>>()?;
@@ -179,7 +186,7 @@ impl CandidateCrops {
             let crop = Crop::around(&outline, outline.radius * wider, picture.rgb(), VERIFIER_CROP);
             let is_label = |ball: &Outline| {
                 let inside = |at: f64| (0.0..f64::from(VERIFIER_SIDE) - 1.0).contains(&at);
-                (RADII[0]..RADII[1]).contains(&ball.radius) && ball.centre.iter().all(|&at| inside(at))
+                (CROP_RADII[0]..CROP_RADII[1]).contains(&ball.radius) && ball.centre.iter().all(|&at| inside(at))
             };
             LabelledCrop {
                 views: crop.with_surroundings(picture.rgb()),
@@ -217,7 +224,7 @@ pub(super) fn missed(balls: &[Outline], random: &mut Random) -> Vec<Outline> {
 }
 
 /// `outline` with random errors of centre and radius.
-fn jittered(outline: &Outline, random: &mut Random) -> Outline {
+pub fn jittered(outline: &Outline, random: &mut Random) -> Outline {
     // The sum of three uniform deviates is close enough to a normal one.
     let mut normal = || 2.0 * (0..3).map(|_| random.random_range(-0.5..0.5_f64)).sum::<f64>();
     let [of_radius, of_centre] = JITTER;

@@ -21,13 +21,13 @@ pub struct Loader {
 }
 
 impl Loader {
-    /// Starts with the batch of step `first`. Clips are read by a thread, which ends with the run's last step, or when
-    /// this is dropped. Random scenes take every core, so they are drawn between the steps.
+    /// Starts with the batch of step `first`. A thread makes the batches, and ends with the run's last step, or when this is
+    /// dropped. Random scenes take every core: where the network needs them too (`on_cpu`), they are drawn between the steps.
     ///
     /// # Errors
     /// [`Error::Io`] where no thread can be started.
-    pub fn start(source: Arc<Source>, recipe: &Recipe, first: usize) -> Result<Self> {
-        if let Source::Scenes(_) = *source {
+    pub fn start(source: Arc<Source>, recipe: &Recipe, first: usize, on_cpu: bool) -> Result<Self> {
+        if on_cpu && matches!(*source, Source::Scenes(_)) {
             return Ok(Self { source, step: first, ahead: None });
         }
         let (sender, receiver) = sync_channel(AHEAD);

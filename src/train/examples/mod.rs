@@ -3,7 +3,6 @@
 
 mod augment;
 mod batch;
-#[cfg(not(target_arch = "wasm32"))]
 mod candidates;
 #[cfg(not(target_arch = "wasm32"))]
 mod fits;
@@ -11,45 +10,38 @@ mod fits;
 mod label_mistakes;
 #[cfg(not(target_arch = "wasm32"))]
 mod loader;
-#[cfg(not(target_arch = "wasm32"))]
 mod photographs;
 mod pictures;
 #[cfg(not(target_arch = "wasm32"))]
 mod prepare;
-#[cfg(not(target_arch = "wasm32"))]
 mod renderings;
 mod sampler;
 #[cfg(not(target_arch = "wasm32"))]
 mod source;
-#[cfg(not(target_arch = "wasm32"))]
 mod stacks;
 mod teacher;
 #[cfg(test)]
 mod tests;
 
 pub use self::batch::{Batch, FrameId, Labels, PictureTransform, Start, Target, Window};
-#[cfg(not(target_arch = "wasm32"))]
-pub(super) use self::candidates::{CandidateCrops, LabelledCrop};
+pub(super) use self::candidates::{CROP_RADII, CandidateCrops, LabelledCrop, jittered};
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::fits::Fits;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::loader::Loader;
+pub use self::photographs::Photographs;
 #[cfg(not(target_arch = "wasm32"))]
-pub use self::photographs::{Photographs, read_photographs};
+pub use self::photographs::read_photographs;
 pub(super) use self::pictures::Pictures;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::prepare::LeftOut;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::prepare::{Prepared, prepare};
-#[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::renderings::Renderings;
 pub(super) use self::sampler::Sampler;
 #[cfg(not(target_arch = "wasm32"))]
 pub(super) use self::source::Source;
-#[cfg(not(target_arch = "wasm32"))]
-pub(super) use self::stacks::Stacks;
-#[cfg(not(target_arch = "wasm32"))]
-pub use self::stacks::stack_record;
+pub(super) use self::stacks::{Stacks, stack_record};
 pub(super) use self::teacher::{TaughtClip, teach};
 use super::recipe::{Recipe, Velocity};
 use gravisight_clips::{Clip, Clips, Frame};

@@ -36,15 +36,20 @@ impl Renderings {
     /// # Errors
     /// As [`Photographs::read`].
     pub fn new(recipe: &Recipe, folder: Option<&Path>) -> Result<Self> {
-        let Photographs { plain, labelled } = folder.map(Photographs::read).transpose()?.unwrap_or_default();
+        Ok(Self::of(recipe, folder.map(Photographs::read).transpose()?.unwrap_or_default()))
+    }
+
+    /// The same with these photographs.
+    pub fn of(recipe: &Recipe, photographs: Photographs) -> Self {
+        let Photographs { plain, labelled } = photographs;
         let count = plain.len() + labelled.len();
-        Ok(Self {
+        Self {
             scenes: RandomScenes::new(plain, recipe.empty_fraction).with_nights(NIGHTS).with_labelled(labelled),
             seed: recipe.seed,
             input: recipe.input,
             normalisation: recipe.normalisation,
             photographs: count,
-        })
+        }
     }
 
     /// Photographs among the backgrounds.

@@ -75,21 +75,31 @@ impl Stacks {
         let mut paths = paths.collect::<Result<Vec<PathBuf>>>()?;
         paths.retain(|path| path.extension().is_some_and(|extension| extension == "stacks"));
         paths.sort();
+        let of_file = |path: &PathBuf| {
+            let bytes = gravisight_geometry::files::read(path)?;
+            Ok(bytes.chunks_exact(RECORD_BYTES).map(<[u8]>::to_vec).collect())
+        };
+        let videos = paths.iter().map(of_file).collect::<Result<Vec<Vec<Vec<u8>>>>>()?;
+        Self::of(recipe, videos).ok_or_else(|| {
+            let reason = "holds no `*.stacks` with and without a ball; make them with `gravisight stacks`".into();
+            Error::Data { what: folder.display().to_string(), reason }
+        })
+    }
+
+    /// Of the records of several videos; none where there are not both balls and others.
+    pub fn of(recipe: &Recipe, videos: Vec<Vec<Vec<u8>>>) -> Option<Self> {
         let (mut balls, mut others) = (vec![], vec![]);
-        for path in paths {
-            let bytes = gravisight_geometry::files::read(&path)?;
-            let records = bytes.chunks_exact(RECORD_BYTES).map(<[u8]>::to_vec);
-            let (of_ball, other): (Vec<_>, Vec<_>) = records.partition(|record| is_of_ball(record));
+        for records in videos {
+            let (of_ball, other): (Vec<_>, Vec<_>) = records.into_iter().partition(|record| is_of_ball(record));
             balls.push(of_ball);
             others.push(other);
         }
         balls.retain(|records: &Vec<Vec<u8>>| !records.is_empty());
         others.retain(|records: &Vec<Vec<u8>>| !records.is_empty());
         if balls.is_empty() || others.is_empty() {
-            let reason = "holds no `*.stacks` with and without a ball; make them with `gravisight stacks`".into();
-            return Err(Error::Data { what: folder.display().to_string(), reason });
+            return None;
         }
-        Ok(Self { balls, others, seed: recipe.seed, normalisation: recipe.normalisation })
+        Some(Self { balls, others, seed: recipe.seed, normalisation: recipe.normalisation })
     }
 
     /// Stacks in all.
@@ -166,7 +176,8 @@ fn ball_of(record: &[u8]) -> Option<[f64; 3]> {
 }
 
 impl LabelledCrop {
-    fn of(record: &[u8]) -> Self {
+    /// The stack of a record.
+    pub fn of(record: &[u8]) -> Self {
         let picture = |number: usize| {
             let bytes = record[number * PICTURE_BYTES..][..PICTURE_BYTES].to_vec();
             RgbImage::from_raw(STACK_SIDE, STACK_SIDE, bytes).unwrap_or_default()

@@ -5,6 +5,7 @@
 mod checkpoint;
 mod ema;
 mod fine_tune;
+mod flat;
 mod future;
 mod knowledge;
 mod launch;
@@ -28,7 +29,9 @@ mod tests;
 
 pub use self::fine_tune::{Added, ClipKey, FineTuneOptions, FineTuneSupervision, FineTuner, Tuned};
 pub use self::optimiser::AdamW;
+pub(super) use self::parts::Beside;
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::run::{TrainEvent, TrainProgress, Validation};
 pub use self::score::{Score, SizeScore};
 pub use self::step::{StepOptions, step};
+pub(super) use self::trainer::{Trainer, TrainerState};

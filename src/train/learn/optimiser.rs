@@ -1,9 +1,10 @@
 //! The optimiser.
 
-use burn::module::{Module as _, ModuleMapper, ModuleVisitor, Param, ParamId};
+use burn::module::Module as _;
 use burn::optim::GradientsParams;
-use burn::tensor::{Tensor, container::TensorContainer};
+use burn::tensor::Tensor;
 
+use super::flat::{Gradients, Layout};
 use crate::model::Pen;
 
 /// Decays of the two moments.
@@ -12,6 +13,7 @@ const DECAYS: [f32; 2] = [0.9, 0.999];
 ///
 /// Burn's own keeps its moments to itself and reads them synchronously when it is saved, which a GPU in a browser does not allow.
 /// Here they are networks, which are saved as any other.
+#[derive(Clone)]
 pub struct AdamW {
     weight_decay: f64,
     /// Against a division by a gradient that is zero.
@@ -19,7 +21,17 @@ pub struct AdamW {
     /// Updates made.
     updates: usize,
     /// Running means of each weight's gradient and of its square.
-    moments: [TensorContainer<ParamId>; 2],
+    moments: Moments,
+}
+
+#[derive(Clone)]
+enum Moments {
+    /// Zero, before the first update.
+    None,
+    /// As they were kept.
+    Networks(Box<[Pen; 2]>),
+    /// As the updates have them.
+    Flat(Box<(Layout, [Tensor<1>; 2])>),
 }
 
 impl AdamW {
@@ -27,80 +39,67 @@ impl AdamW {
     pub fn new(weight_decay: f64, epsilon: f64) -> Self {
         // Burn's is of single precision.
         let weight_decay = f64::from(weight_decay as f32);
-        let moments = [TensorContainer::new(), TensorContainer::new()];
-        Self { weight_decay, epsilon: epsilon as f32, updates: 0, moments }
+        Self { weight_decay, epsilon: epsilon as f32, updates: 0, moments: Moments::None }
     }
 
     /// After `updates` updates, with the `moments` that [`Self::moments`] gave.
     pub fn after(weight_decay: f64, epsilon: f64, updates: usize, moments: &[Pen; 2]) -> Self {
-        let moments = [0, 1].map(|order| {
-            let mut collected = GradientCollector(TensorContainer::new());
-            moments[order].visit(&mut collected);
-            collected.0
-        });
+        let moments = Moments::Networks(Box::new(moments.clone()));
         Self { updates, moments, ..Self::new(weight_decay, epsilon) }
     }
 
     /// The moments as networks like `pen`, without gradients; zero where there are none yet.
     pub fn moments(&self, pen: &Pen) -> [Pen; 2] {
-        [0, 1].map(|order| pen.valid().map(&mut Fill(&self.moments[order])))
+        let zeros = |values: Option<(&Layout, &Tensor<1>)>| match values {
+            Some((layout, values)) => layout.scatter_over_zeros(pen.valid(), values),
+            None => Layout::zeros(pen.valid()),
+        };
+        match &self.moments {
+            Moments::None => [zeros(None), zeros(None)],
+            Moments::Networks(networks) => (**networks).clone(),
+            Moments::Flat(flat) => [0, 1].map(|order| zeros(Some((&flat.0, &flat.1[order])))),
+        }
     }
 
     /// `pen` after an update against `gradients`; what has none stays.
     pub fn step(&mut self, learning_rate: f64, pen: Pen, gradients: GradientsParams) -> Pen {
+        match Gradients::of(&pen, gradients) {
+            Some(gradients) => self.step_by(learning_rate, pen, gradients),
+            None => {
+                self.updates += 1;
+                pen
+            }
+        }
+    }
+
+    /// The same with the gradients as a vector.
+    pub fn step_by(&mut self, learning_rate: f64, pen: Pen, Gradients { layout, values }: Gradients) -> Pen {
         self.updates += 1;
-        pen.map(&mut Update { optimiser: self, learning_rate, gradients })
-    }
-}
-
-struct Update<'a> {
-    optimiser: &'a mut AdamW,
-    learning_rate: f64,
-    gradients: GradientsParams,
-}
-
-impl ModuleMapper for Update<'_> {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let Some(gradient) = self.gradients.remove::<D>(param.id) else { return param };
-        let AdamW { weight_decay, epsilon, updates, moments } = &mut *self.optimiser;
-        let powers = [gradient.clone(), gradient.square()];
-        let mut corrected = powers.into_iter().zip(moments).zip(DECAYS).map(|((power, moments), decay)| {
-            let new = power.mul_scalar(1.0 - decay);
-            let mean = match moments.remove::<Tensor<D>>(&param.id) {
-                Some(mean) => mean.mul_scalar(decay).add(new),
+        let before = match std::mem::replace(&mut self.moments, Moments::None) {
+            Moments::None => None,
+            Moments::Flat(flat) if flat.0 == layout => Some(flat.1),
+            moments => {
+                self.moments = moments;
+                Some(self.moments(&pen).map(|network| layout.gather(&network)))
+            }
+        };
+        let decayed = before.map(|before| [0, 1].map(|order| before[order].clone().mul_scalar(DECAYS[order])));
+        let powers = [values.clone(), values.square()];
+        let moments = [0, 1].map(|order| {
+            let new = powers[order].clone().mul_scalar(1.0 - DECAYS[order]);
+            match &decayed {
+                Some(decayed) => decayed[order].clone().add(new),
                 None => new,
-            };
-            moments.register(param.id, mean.clone());
-            mean.div_scalar(1.0 - decay.powi(*updates as i32))
+            }
         });
-        let (Some(mean), Some(square)) = (corrected.next(), corrected.next()) else { return param };
-        let change = mean.div(square.sqrt().add_scalar(*epsilon)).mul_scalar(self.learning_rate);
-        let decay = self.learning_rate * *weight_decay;
-        param.map(|weights| {
-            let is_learned = weights.is_require_grad();
-            let weights = weights.inner();
-            let kept = if decay == 0.0 { weights } else { weights.mul_scalar(1.0 - decay) };
-            let moved = Tensor::from_inner(kept - change);
-            if is_learned { moved.require_grad() } else { moved }
-        })
-    }
-}
-
-/// Gathers all float tensors by id.
-pub(super) struct GradientCollector(pub TensorContainer<ParamId>);
-
-impl ModuleVisitor for GradientCollector {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.0.register(param.id, param.val());
-    }
-}
-
-/// Puts tensors into the places of a network's; zeros where there are none.
-struct Fill<'a>(&'a TensorContainer<ParamId>);
-
-impl ModuleMapper for Fill<'_> {
-    fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let moment = self.0.get::<Tensor<D>>(&param.id);
-        param.map(|weights| moment.unwrap_or_else(|| weights.zeros_like()))
+        let [mean, square] =
+            [0, 1].map(|order| moments[order].clone().div_scalar(1.0 - DECAYS[order].powi(self.updates as i32)));
+        let change = mean.div(square.sqrt().add_scalar(self.epsilon)).mul_scalar(learning_rate);
+        let decay = learning_rate * self.weight_decay;
+        let weights = layout.gather(&pen.valid());
+        let kept = if decay == 0.0 { weights } else { weights.mul_scalar(1.0 - decay) };
+        let moved = layout.scatter(pen, &(kept - change));
+        self.moments = Moments::Flat(Box::new((layout, moments)));
+        moved
     }
 }

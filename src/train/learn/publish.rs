@@ -3,9 +3,9 @@
 use super::super::examples::Examples;
 #[cfg(not(target_arch = "wasm32"))]
 use super::super::examples::Source;
-#[cfg(not(target_arch = "wasm32"))]
-use super::super::recipe::Supervision;
 use super::super::recipe::{Recipe, Select};
+#[cfg(not(target_arch = "wasm32"))]
+use super::super::recipe::{Supervision, Velocity};
 use super::score::Score;
 #[cfg(not(target_arch = "wasm32"))]
 use crate::model::DepthFrom;
@@ -99,14 +99,23 @@ pub fn card_of_run(recipe: &Recipe, data: String, source: &Source, architecture:
             format!("{pictures} renderings of random scenes; {backgrounds}")
         }
     };
+    // With velocities from labels it is not the paper's.
+    let of_paper = |name: &str| match recipe.future.velocity {
+        Velocity::Pictures => format!(" (the paper's {name})"),
+        Velocity::Labels => String::new(),
+    };
     let taught = match recipe.supervision {
         Supervision::PhysicsFit => "2D labels and physics, fitted clip by clip".into(),
-        Supervision::Future2dPredict => "2D labels and physics, through forecasts (the paper's 2D-predict)".into(),
-        Supervision::Future2dGt => "2D labels and physics, through forecasts (the paper's 2D-gt)".into(),
+        Supervision::Future2dPredict => {
+            format!("2D labels and physics, through forecasts of its own positions{}", of_paper("2D-predict"))
+        }
+        Supervision::Future2dGt => {
+            format!("2D labels and physics, through forecasts of the labels{}", of_paper("2D-gt"))
+        }
         Supervision::Rendered => "renderings of random scenes: apparent size, no labels".into(),
         Supervision::Candidates => "crops of renderings of random scenes, around a detector's candidates".into(),
         Supervision::Motion => "stacks of frames around what moves in videos".into(),
-        Supervision::Future3dGt => "3D labels, by windows (the paper's 3D-gt)".into(),
+        Supervision::Future3dGt => format!("3D labels, by windows{}", of_paper("3D-gt")),
         Supervision::Labels3d => "3D labels".into(),
         Supervision::Mixed => format!(
             "3D labels of {:.0} % of the clips, 2D labels and physics of the others",
@@ -152,9 +161,6 @@ pub fn card_of_fine_tuning(card: &Card, examples: Option<&Examples>, recipe: &Re
     let how = if recipe.supervision.is_future() { ", through forecasts" } else { "" };
     Card {
         name: format!("{}-tuned", card.name.trim_end_matches("-tuned")),
-        // Its second pass is its own: what it has learned of the scene counts there, too.
-        verifier: None,
-        motion: None,
         depth_range,
         training_data,
         description: format!("{} Fine-tuned with 2D labels and physics{how}: {steps} steps.", card.description),

@@ -16,7 +16,7 @@ use super::super::recipe::{Recipe, RunPaths, Supervision, TrainConfig};
 use super::log::{LOG, log_until, table};
 use super::memory::check_memory;
 use super::publish::{Best, card_of_run, publish};
-use super::score::{Score, SizeScore, score, score_crops, score_sizes};
+use super::score::{Score, SizeScore, clips_with, score, score_crops, score_sizes};
 use super::step::StepReport;
 use super::trainer::{Trainer, TrainerState};
 use crate::localise::Localiser;
@@ -102,6 +102,16 @@ enum HeldOut {
     Motion(Stacks),
 }
 
+impl HeldOut {
+    /// Memory of the pictures that are scored again and again, bytes.
+    fn bytes(&self, recipe: &Recipe) -> usize {
+        let Self::Clips(pictures) = self else { return 0 };
+        let clips = pictures.clips();
+        let bytes: usize = clips.iter().map(|clip| 3 * clip.camera.size().pixels() * clip.frames.len()).sum();
+        bytes * clips_with(recipe.validate_frames, clips) / clips.len().max(1)
+    }
+}
+
 /// A run in progress.
 struct RunInProgress<'a> {
     recipe: &'a Recipe,
@@ -124,6 +134,17 @@ impl TrainConfig {
     /// # Errors
     /// [`Error::Data`] for an `out` folder that already holds a run; else as [`Self::resume`].
     pub fn start(self, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
+        let out = self.paths.out.clone();
+        let is_new = !out.exists();
+        let made = self.make(device, observe);
+        if made.is_err() && is_new {
+            // A run that is refused leaves no folder; one with something in it cannot be removed so.
+            drop(std::fs::remove_dir(&out));
+        }
+        made
+    }
+
+    fn make(self, device: &Device, observe: &mut dyn FnMut(TrainEvent)) -> Result<PathBuf> {
         let TrainConfig { mut recipe, paths } = self;
         recipe.check()?;
         if paths.run_file().exists() {
@@ -187,7 +208,7 @@ impl<'a> RunInProgress<'a> {
                 (Source::Motion(Stacks::new(recipe, paths.train()?)?), HeldOut::Motion(held_out), None)
             }
             _ => {
-                let validation = Pictures::new(Clips::read(paths.validation()?)?, 0);
+                let validation = Pictures::new(Clips::read(paths.validation()?)?, recipe.cache_mb << 20);
                 let (sampler, fits) = sampler(recipe, paths, observe)?;
                 (Source::Clips(Box::new(sampler)), HeldOut::Clips(validation), fits)
             }
@@ -196,7 +217,7 @@ impl<'a> RunInProgress<'a> {
         let card = card_of_run(recipe, paths.data_name(), &source, &architecture);
         device.seed(recipe.seed);
         let blank = Pen::new(&architecture, &device)?;
-        check_memory(recipe, &blank, &source)?;
+        check_memory(recipe, &blank, &source, validation.bytes(recipe), model::is_cpu(&device))?;
         let state = match TrainerState::load_last(&paths.checkpoints(), &blank, recipe)? {
             Some(state) => state,
             None => TrainerState::first(recipe, with_start(blank, recipe.supervision, paths)?),
@@ -213,7 +234,8 @@ impl<'a> RunInProgress<'a> {
         if let Some(fits) = &self.fits {
             fits.save(&self.paths.fits())?;
         }
-        let mut loader = Loader::start(self.source.clone(), self.recipe, self.trainer.step())?;
+        let on_cpu = model::is_cpu(&self.device);
+        let mut loader = Loader::start(self.source.clone(), self.recipe, self.trainer.step(), on_cpu)?;
         while let Some(progress) = self.next(&mut loader)? {
             let line = serde_json::to_string(&progress).map_err(Error::format(LOG))?;
             writeln!(self.log, "{line}").map_err(Error::format(LOG))?;

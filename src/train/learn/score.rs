@@ -8,7 +8,7 @@ use super::super::examples::Pictures;
 use super::super::examples::{LabelledCrop, Renderings};
 use super::laws::LearnedLaws;
 use crate::evaluate::Statistic;
-use crate::localise::{LocaliseOptions, Localiser};
+use crate::localise::{LocaliseOptions, Localiser, Position};
 use gravisight_clips::Clip;
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
@@ -69,12 +69,10 @@ pub async fn score(
         let found = positions(localiser, pictures, clip).await?;
         let clip = &clips[clip];
         for (frame, found) in clip.frames.iter().zip(&found) {
-            let (Some(FramePosition { position, at, confidence: of_frame }), Some(label)) = (found, frame.image) else {
-                continue;
-            };
-            confidence.push(*of_frame);
-            image.push(distance(at, &Point2::from(label)));
-            dtg.extend(frame.world.map(|truth| distance(position, &Point3::from(truth))));
+            let (Some(found), Some(label)) = (found, frame.image) else { continue };
+            confidence.push(found.confidence);
+            image.push(distance(&found.image, &Point2::from(label)));
+            dtg.extend(frame.world.map(|truth| distance(&found.world, &Point3::from(truth))));
         }
         if let Some(scene) = &clip.scene {
             forecast.extend(forecast_errors(clip, &Forecaster::new(&laws.scene(scene))?, &found));
@@ -233,45 +231,50 @@ fn equal_error(seen: &mut [f64], empty: &mut [f64]) -> (f64, f64) {
     (crossing, missed(crossing).max(taken(crossing)))
 }
 
-/// What the network finds in a frame.
-struct FramePosition {
-    /// In the world, m.
-    position: Point3<f64>,
-    /// In the picture, px.
-    at: Point2<f64>,
-    confidence: f64,
-}
+/// Pictures that a network sees at once.
+const TOGETHER: usize = 32;
 
 /// What the network finds in each frame that shows the ball.
-async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) -> Result<Vec<Option<FramePosition>>> {
+async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) -> Result<Vec<Option<Position>>> {
     let clip = &pictures.clips()[number];
-    let mut found = Vec::with_capacity(clip.frames.len());
-    for (index, frame) in clip.frames.iter().enumerate() {
-        if !frame.visible {
-            found.push(None);
-            continue;
+    let shown: Vec<usize> = (0..clip.frames.len()).filter(|&index| clip.frames[index].visible).collect();
+    let name = |index: usize| format!("clip `{}`, frame {}", clip.id, clip.frames[index].file.display());
+    let failed = |index: usize, error: Error| Error::Data { what: name(index), reason: error.to_string() };
+    let mut found: Vec<Option<Position>> = clip.frames.iter().map(|_| None).collect();
+    if localiser.reads_size() {
+        for index in shown {
+            let picture = pictures.with(number, index, Picture::clone)?;
+            let ball_radius = clip.scene.as_ref().map(|scene| scene.ball.radius);
+            let options = LocaliseOptions { ball_radius, ..LocaliseOptions::default() };
+            let ball = localiser.localise(&picture, &clip.camera, options).await;
+            let ball = ball.map_err(|error| failed(index, error))?;
+            let (world, image) = (Point3::from(ball.world), Point2::from(ball.image));
+            found[index] = Some(Position { image, world, confidence: ball.confidence });
         }
-        let picture = pictures.with(number, index, Picture::clone)?;
-        let name = || format!("clip `{}`, frame {}", clip.id, frame.file.display());
-        let failed = |error: Error| Error::Data { what: name(), reason: error.to_string() };
-        let ball_radius = clip.scene.as_ref().map(|scene| scene.ball.radius);
-        let options = LocaliseOptions { ball_radius, ..LocaliseOptions::default() };
-        let ball = localiser.localise(&picture, &clip.camera, options).await.map_err(failed)?;
-        let (position, at) = (Point3::from(ball.world), Point2::from(ball.image));
-        found.push(Some(FramePosition { position, at, confidence: ball.confidence }));
+        return Ok(found);
+    }
+    for together in shown.chunks(TOGETHER) {
+        let mut taken = Vec::with_capacity(together.len());
+        for &index in together {
+            let picture = pictures.with(number, index, |picture| localiser.take(picture, &clip.camera))?;
+            taken.push(picture.map_err(|error| failed(index, error))?);
+        }
+        let positions = localiser.positions(taken).await.map_err(|error| failed(together[0], error))?;
+        for (&index, position) in together.iter().zip(positions) {
+            found[index] = Some(position);
+        }
     }
     Ok(found)
 }
 
 /// Forecast errors of all frames from which a label is within reach, px.
-fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<FramePosition>]) -> Vec<f64> {
+fn forecast_errors(clip: &Clip, forecaster: &Forecaster, found: &[Option<Position>]) -> Vec<f64> {
     let frames = &clip.frames;
     let mut errors = Vec::new();
     for middle in 0..frames.len() {
         let near = middle.saturating_sub(REACH)..(middle + REACH + 1).min(frames.len());
-        let points: Vec<(f64, Point3<f64>)> = near
-            .filter_map(|frame| Some((frames[frame].t - frames[middle].t, found[frame].as_ref()?.position)))
-            .collect();
+        let points: Vec<(f64, Point3<f64>)> =
+            near.filter_map(|frame| Some((frames[frame].t - frames[middle].t, found[frame].as_ref()?.world))).collect();
         if points.len() < FEWEST || found[middle].is_none() {
             continue;
         }

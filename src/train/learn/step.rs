@@ -1,11 +1,11 @@
 //! One optimiser step.
 
-use burn::module::{Module, ModuleVisitor, Param};
 use burn::optim::GradientsParams;
 use burn::tensor::{Device, Tensor, TensorData};
 
 use super::super::examples::Batch;
 use super::super::recipe::HeatmapLoss;
+use super::flat::Gradients;
 use super::future::future;
 use super::knowledge::Knowledge;
 use super::loss::{map_losses, near_labels};
@@ -84,10 +84,18 @@ pub async fn step(
     if let Some(future) = &future {
         loss = loss + future.clone().mul_scalar(options.future_weight);
     }
-    let mut gradients = GradientsParams::from_grads(loss.backward(), &pen);
+    let gradients = GradientsParams::from_grads(loss.backward(), &pen);
     // One read-back a step: a GPU waits for each.
     let mut numbers = vec![loss.inner(), losses.heatmap.inner(), losses.depth.inner()];
-    numbers.extend(sum_of_squares(&pen, &gradients));
+    let (mut moved, mut ahead) = (pen.clone(), optimiser.clone());
+    if let Some(Gradients { layout, values }) = Gradients::of(&pen, gradients) {
+        let square = values.clone().square().sum();
+        // Nothing waits for the norm.
+        let factor = square.clone().sqrt().recip().mul_scalar(options.clip_norm).clamp_max(1.0);
+        let gradients = Gradients { layout, values: values * factor };
+        moved = ahead.step_by(options.learning_rate, moved, gradients);
+        numbers.push(square);
+    }
     numbers.extend(future.map(Tensor::inner));
     let numbers = read(Tensor::cat(numbers, 0)).await?;
     let report = StepReport {
@@ -100,10 +108,8 @@ pub async fn step(
     if !report.loss.is_finite() {
         return Ok((pen, report));
     }
-    if report.gradient_norm > options.clip_norm {
-        pen.visit(&mut Scale { gradients: &mut gradients, factor: options.clip_norm / report.gradient_norm });
-    }
-    Ok((optimiser.step(options.learning_rate, pen, gradients), report))
+    *optimiser = ahead;
+    Ok((moved, report))
 }
 
 /// A tensor's numbers. In a browser a GPU can be read only so: asynchronously.
@@ -115,41 +121,4 @@ pub(super) async fn read<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f64>> 
     let data = tensor.into_data_async().await;
     let data = data.map_err(|error| Error::Device { device, reason: error.to_string() })?;
     Ok(data.iter::<f64>().collect())
-}
-
-/// The squared global norm of `gradients`, `[1]`; none without any.
-fn sum_of_squares(pen: &Pen, gradients: &GradientsParams) -> Option<Tensor<1>> {
-    let mut squares = SumOfSquares { gradients, sum: None };
-    pen.visit(&mut squares);
-    squares.sum
-}
-
-struct SumOfSquares<'a> {
-    gradients: &'a GradientsParams,
-    sum: Option<Tensor<1>>,
-}
-
-impl ModuleVisitor for SumOfSquares<'_> {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if let Some(gradient) = self.gradients.get::<D>(param.id) {
-            let square = gradient.powi_scalar(2).sum();
-            self.sum = Some(match self.sum.take() {
-                Some(sum) => sum + square,
-                None => square,
-            });
-        }
-    }
-}
-
-struct Scale<'a> {
-    gradients: &'a mut GradientsParams,
-    factor: f64,
-}
-
-impl ModuleVisitor for Scale<'_> {
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if let Some(gradient) = self.gradients.remove::<D>(param.id) {
-            self.gradients.register(param.id, gradient.mul_scalar(self.factor));
-        }
-    }
 }

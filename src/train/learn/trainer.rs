@@ -98,7 +98,7 @@ impl Trainer {
 
     /// A copy of the averaged weights, which stays as it is. (A clone's norms would go on moving with the average.)
     pub fn average(&self) -> Pen {
-        self.ema.model().valid()
+        self.ema.model()
     }
 
     /// Physics that is learned along.

@@ -29,114 +29,117 @@ use gravisight_physics::Contact;
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
-    /// Name of the model made.
+    /// Name of the trained model.
     pub name: String,
-    /// Name of the training data for the model's card; the folder's name where absent.
+    /// Name of the training data on the model's card. If unset, it is the folder's name.
     #[serde(default)]
     pub data_name: Option<String>,
-    /// What users of the model should know, in words, for its card.
+    /// Text for the model's card; empty by default.
     #[serde(default)]
     pub description: String,
-    /// Licence of the model, for its card.
+    /// Licence of the model, as its card states it.
     #[serde(default = "default_licence")]
     pub licence: String,
-    /// Seed of weights and batches.
+    /// Random seed of the initial weights and the batches.
     #[serde(default = "default_seed")]
     pub seed: u64,
-    /// What teaches depth.
+    /// Source of depth supervision; see below.
     pub supervision: Supervision,
-    /// Fraction of the clips whose 3D labels teach in supervision `mixed`; the physics of the others does.
+    /// With supervision `mixed`: fraction of the clips that train on their 3D labels.
     #[serde(default)]
     pub labelled_fraction: f64,
-    /// Contact model instead of the scenes' own: for comparisons, or where the scenes name none.
+    /// Contact model that replaces the scenes' own, for comparisons or for scenes without one.
     #[serde(default)]
     pub contact: Option<Contact>,
-    /// Standard deviation of noise that is added to every 2D label, px, to see what labels by hand would do.
+    /// Standard deviation of Gaussian noise that is added to every 2D label, px. It simulates hand-made labels.
     #[serde(default)]
     pub label_noise_px: f64,
-    /// Angle by which the training clips' cameras are rotated, degrees, to see what a bad calibration
-    /// does: each camera once, about a random axis through its centre.
+    /// Angle by which each training camera is rotated about a random axis through its centre, degrees. It simulates a
+    /// calibration error.
     #[serde(default)]
     pub camera_off_degrees: f64,
-    /// Clips that are used of each camera and environment: all where absent.
+    /// Number of clips to use per camera and environment. If unset, all are used.
     #[serde(default)]
     pub clips_per_camera: Option<usize>,
-    /// How physics is fitted to the labels (supervision `physics-fit`, `mixed`).
+    /// Settings of the physics fit, with supervision `physics-fit` or `mixed`.
     #[serde(default)]
     pub fit: FitConfig,
-    /// How forecasts teach (supervision `future-2d-…`).
+    /// Settings of the forecasts, with supervision `future-…`.
     #[serde(default)]
     pub future: FutureConfig,
-    /// Fraction of the pictures of a batch that show the scene without its ball (the clips' median), so that the
-    /// network learns to say that there is none.
+    /// Fraction of the pictures in a batch that show the scene without its ball. They train the network to report that there
+    /// is no ball. Such a picture is the median of a clip's frames.
     #[serde(default = "default_empty_fraction")]
     pub empty_fraction: f64,
-    /// Network by name; [`Self::architecture`] overrides it.
+    /// Name of the network. `architecture` overrides it.
     #[serde(default = "default_network")]
     pub network: Network,
-    /// Depth the network starts at, m; where absent the mean of the depths that teach, or where forecasts do the cameras' distance from
-    /// their scenes' origin.
+    /// Depth that the network `compact` predicts before training, m. If unset, it is the mean of the target depths. With
+    /// `future-…`, it is the mean depth of the scenes' origins.
     #[serde(default)]
     pub prior_depth: Option<f64>,
-    /// Weight of the depth loss against the heatmap loss. It must stay small: with 2 the 2D error is four times
-    /// worse early on.
+    /// Weight of the depth loss relative to the heatmap loss. Keep it small: with 2, the early 2D error is four times as
+    /// large.
     #[serde(default = "default_depth_weight")]
     pub depth_weight: f64,
-    /// Weight of the decoded position's distance from the label, px, against the heatmap loss.
+    /// Weight of the position loss relative to the heatmap loss. The position loss is the distance of the decoded position
+    /// from the label, px.
     #[serde(default)]
     pub centre_weight: f64,
-    /// Depth error at which the depth loss turns from square to linear, m: of the size that is to be reached.
+    /// Depth error at which the smooth L1 loss changes from quadratic to linear, m. Choose it near the accuracy that you
+    /// want to reach.
     #[serde(default = "default_depth_transition")]
     pub depth_transition: f64,
-    /// Weight decay of AdamW (decoupled, times the learning rate). Zero makes it Adam.
+    /// Decoupled weight decay of AdamW; each step multiplies it by the learning rate. With zero, the optimiser is Adam.
     #[serde(default = "default_weight_decay")]
     pub weight_decay: f64,
-    /// Adam's ε, against a division by a gradient that is zero.
+    /// Adam's ε. It avoids a division by zero where gradients vanish.
     #[serde(default = "default_adam_epsilon")]
     pub adam_epsilon: f64,
-    /// Decay of the exponential moving average of the weights, a step. The average is what is scored and kept.
+    /// Decay per step of the weights' exponential moving average (EMA). The averaged weights are validated and saved.
     #[serde(default = "default_ema_decay")]
     pub ema_decay: f64,
-    /// Whether that decay grows from 1/10 to its full value, so that the random start is forgotten.
+    /// Whether `ema_decay` grows from 1/10 to its full value. This removes the random initial weights from the average.
     #[serde(default = "default_ema_warm_up")]
     pub ema_warm_up: bool,
-    /// By what the weights are chosen that are kept.
+    /// Validation criterion that selects the saved weights.
     #[serde(default)]
     pub select: Select,
     /// Global gradient norm above which gradients are scaled down.
     #[serde(default = "default_clip_norm")]
     pub clip_norm: f64,
-    /// Keep the norms' statistics as they are: to go on from a model (`start_from` of the run) with pictures of few places, which have
-    /// other statistics.
+    /// Whether the batch-norm layers keep their running statistics. Use it to fine-tune a model (`start_from`) on pictures
+    /// of few places, whose statistics differ.
     #[serde(default)]
     pub fixed_norms: bool,
-    /// Random changes of the pictures.
+    /// Random changes to the training pictures; see below.
     #[serde(default)]
     pub augmentation: Augmentation,
-    /// Memory for decoded pictures, MB; what does not fit is decoded again each time.
+    /// Memory for decoded pictures, MB: for training and for validation each. Pictures that do not fit are decoded again
+    /// each time.
     #[serde(default = "default_cache_mb")]
     pub cache_mb: usize,
     /// Steps between checkpoints.
     #[serde(default = "default_checkpoint_every")]
     pub checkpoint_every: usize,
-    /// Steps between scores on the validation clips.
+    /// Steps between validations.
     #[serde(default = "default_validate_every")]
     pub validate_every: usize,
-    /// Validation frames scored each time, in whole clips spread over all.
+    /// Approximate number of frames per validation. They come from whole clips, evenly spread over the validation set.
     #[serde(default = "default_validate_frames")]
     pub validate_frames: usize,
-    /// Size of the network's input.
+    /// Width and height of the network's input, px, such as `{width=224, height=224}`.
     pub input: Size,
-    /// Normalisation of the network's input.
+    /// Channel means and standard deviations that normalise the input; ImageNet's by default.
     #[serde(default)]
     pub normalisation: Normalisation,
-    /// Architecture, where no named one fits.
+    /// Custom architecture, in the format of a model's card. It replaces the named `network`.
     #[serde(default)]
     pub architecture: Option<PenConfig>,
-    /// Heatmap loss; where absent, the published one for `paper` and cross-entropy for `compact`.
+    /// Heatmap loss. If unset, it is `mse` for the paper's networks, otherwise `cross_entropy`.
     #[serde(default)]
     pub heatmap_loss: Option<HeatmapLoss>,
-    /// What is done, in order.
+    /// Training phases, in order; see below.
     pub phases: Vec<Phase>,
 }
 

@@ -10,36 +10,38 @@ pub(in crate::train) const STARTS: usize = 3;
 /// What teaches depth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Supervision {
-    /// 2D labels and physics: each clip's track is fitted by the scene's physics, all frames at once, and the
-    /// network learns the fitted depths.
+    /// 2D labels and physics. A trajectory is fitted to all 2D labels of each clip at once, and the network learns its
+    /// depths. Of the methods that use only 2D labels, this is the most accurate.
     #[serde(rename = "physics-fit")]
     PhysicsFit,
-    /// Forecasts must meet the network's own 2D positions in other frames (detached): the target of the paper's method, which takes
-    /// the velocity from three pictures ([`Velocity::Pictures`]).
+    /// Forecasts must match the network's own 2D positions in other frames. With `future.velocity = "pictures"`, this is the
+    /// paper's method.
     #[serde(rename = "future-2d-predict")]
     Future2dPredict,
-    /// Forecasts must meet the 2D labels of other frames: the target of the paper's 2D-gt. (Its text replaces the forecast by them, which
-    /// would leave none in the loss.)
+    /// Forecasts must match the 2D labels of other frames: the paper's 2D-gt. (The paper's text replaces the forecast by the
+    /// labels; the loss would then contain no forecast.)
     #[serde(rename = "future-2d-gt")]
     Future2dGt,
-    /// The network's own positions at the later times of a window must be the true ones in camera coordinates (L1): the paper's
-    /// 3D-gt, as printed. Needs 3D labels.
+    /// The network's positions in a window's later frames must match the 3D labels: the paper's 3D-gt. The loss is L1, in
+    /// camera coordinates. It needs `future.velocity = "pictures"`.
     #[serde(rename = "future-3d-gt")]
     Future3dGt,
-    /// 3D labels (`world` of each frame) teach the depth map: a baseline, not the paper's method.
+    /// The depth map is trained on 3D labels (`world` of each frame). This is a baseline, not the paper's method.
     #[serde(rename = "3d-gt")]
     Labels3d,
-    /// 3D labels on the recipe's `labelled_fraction` of the clips, `physics-fit` on the others.
+    /// A fraction `labelled_fraction` of the clips is trained on 3D labels, the rest with `physics-fit`.
     #[serde(rename = "mixed")]
     Mixed,
-    /// Renderings of random scenes, without any clips: apparent radius for any ball (network `compact-size`).
+    /// The network learns the apparent radius of any ball from rendered pictures of random scenes, not from clips. It needs
+    /// the network `compact-size`.
     #[serde(rename = "rendered")]
     Rendered,
-    /// Crops of such renderings around the candidates of the run's `detector`, for the verifier (network
-    /// `verifier`).
+    /// The verifier learns from crops of rendered pictures, around the candidates that `detector` finds. It needs the
+    /// network `verifier`.
     #[serde(rename = "candidates")]
     Candidates,
-    /// Stacks of frames around what moves in videos, for the motion network (network `motion`) of the run's `detector`.
+    /// The motion network learns from stacks of frames around moving objects in videos. It becomes part of the model
+    /// `detector`. It needs the network `motion`.
     #[serde(rename = "motion")]
     Motion,
 }
@@ -69,15 +71,15 @@ impl Supervision {
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FitConfig {
-    /// Standard deviation of the 2D labels, px; found from each track where absent.
+    /// Standard deviation of the 2D labels, px. If unset, it is estimated from each track.
     pub noise_px: Option<f64>,
-    /// Standard deviation of a fitted depth at which a frame counts half, m.
+    /// Standard deviation of a fitted depth at which the frame's weight is one half, m.
     pub half_weight_sigma: f64,
-    /// Largest standard deviation of a fitted depth that teaches at all, m.
+    /// Maximum standard deviation of a fitted depth, m. Training omits frames above it.
     pub largest_sigma: f64,
-    /// Largest fraction of outliers among the labels of a clip that teaches at all.
+    /// Maximum fraction of outliers among a clip's 2D labels. Training omits clips above it.
     pub largest_outlier_fraction: f64,
-    /// Solve the equations of motion numerically even where there is a closed form, to compare.
+    /// Whether to solve the equations of motion numerically even where a closed form exists; for comparisons.
     pub numeric: bool,
 }
 
@@ -98,26 +100,27 @@ impl Default for FitConfig {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FutureConfig {
-    /// Frames ahead at which forecast and track are compared (the paper's Δn).
+    /// Numbers of frames ahead at which the forecast is compared with the track (the paper's Δn).
     pub ahead: Vec<usize>,
-    /// Weight of the future loss (px) against the heatmap loss, after the ramp.
+    /// Weight of the future loss (px) relative to the heatmap loss, after the ramp.
     pub weight: f64,
-    /// Steps over which the weight rises from zero: early depths forecast nothing sensible.
+    /// Steps over which the weight rises from zero. Early in training, the depths are too inaccurate for useful forecasts.
     pub ramp: usize,
-    /// Error beyond which the loss grows only logarithmically, px; infinite for the paper's plain L1.
+    /// Scale s of the robust loss s·ln(1 + e/s), px: errors e well above s count little more. With `inf`, it is the paper's
+    /// plain L1.
     pub robust_px: f64,
-    /// Solve the equations of motion numerically even where there is a closed form, to compare.
+    /// Whether to solve the equations of motion numerically even where a closed form exists; for comparisons.
     pub numeric: bool,
-    /// Where the forecast's velocity is from.
+    /// Source of the forecast's initial velocity.
     pub velocity: Velocity,
-    /// Consecutive frames of a clip that are drawn together, where pictures tell the velocity: each that has neighbours and a frame ahead
-    /// among them is the middle of a window. A batch then has three times as many forecasts (the short ones more often), and noise in
-    /// one frame's depth, which enters its neighbours' velocities with opposite signs, partly cancels. Where absent, each window has
-    /// its own pictures, as in the paper.
+    /// With `velocity = "pictures"`: number of consecutive frames that a batch takes together. A frame is the middle of a
+    /// window if the sequence contains both its neighbours and a frame to compare with. With 24, a batch has about three
+    /// times as many forecasts. Noise in one frame's depth changes its neighbours' velocities in opposite directions, and
+    /// partly cancels. If unset, each window has its own frames, as in the paper.
     pub sequence: Option<usize>,
-    /// Frames on either side that tell the velocity, with [`Velocity::Labels`].
+    /// With `velocity = "labels"`: number of frames on each side that determine the velocity.
     pub around: usize,
-    /// Numbers of the scenes that are known only roughly, and learned along with the network.
+    /// Scene parameters that training estimates along with the weights. Use it for parameters that are only roughly known.
     pub learn: Vec<Law>,
 }
 
@@ -142,10 +145,10 @@ impl Default for FutureConfig {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Law {
-    /// The size of the gravitational acceleration. Depth and gravity tell each other: this needs contacts, whose places are
-    /// known.
+    /// Magnitude of the gravitational acceleration. It needs contacts at known positions: in free flight, the 2D track
+    /// cannot separate gravity from depth.
     Gravity,
-    /// The restitution of the contact model `bounce`.
+    /// Coefficient of restitution of the contact model `bounce`.
     Restitution,
     /// The ball's drag coefficient.
     Drag,
@@ -175,11 +178,13 @@ impl Law {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Velocity {
-    /// The network's positions in three neighbouring pictures, as in the paper. Their depth noise weighs some twenty
-    /// times as much as their common depth, so this needs several thousand steps, and [`FutureConfig::sequence`] helps.
+    /// The network's positions in three consecutive frames, as in the paper. The velocity depends about twenty times as much
+    /// on noise between the three depths as on their common depth. This therefore needs several thousand steps; `sequence`
+    /// helps.
     Pictures,
-    /// 2D positions around one picture (the labels; with `future-2d-predict` what the network itself found there), in
-    /// free flight: closed form, linear in the depth of that picture. Forecasts go both ways in time.
+    /// 2D positions in the frames around one frame, in free flight. The velocity has a closed form, linear in that frame's
+    /// depth. `future-2d-predict` takes the network's own 2D positions, `future-2d-gt` the labels. Forecasts run forwards
+    /// and backwards in time.
     #[default]
     Labels,
 }
@@ -188,10 +193,10 @@ pub enum Velocity {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Select {
-    /// Forecasts against 2D labels: needs no 3D truth.
+    /// The distance of forecasts from the 2D labels. This needs no 3D labels.
     #[default]
     Forecast,
-    /// Mean distance to the true position, as in the paper: needs 3D labels of the validation clips.
+    /// The mean distance to ground truth (DtG), as in the paper. This needs 3D labels of the validation clips.
     Dtg,
 }
 
@@ -199,22 +204,24 @@ pub enum Select {
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Augmentation {
-    /// Half range of contrast and brightness changes, as fractions of the channels' deviation.
+    /// Maximum change of contrast (a factor) and brightness, up or down. Brightness is in units of the channel's standard
+    /// deviation (`normalisation`).
     pub brightness: f32,
-    /// Half range of each channel's own contrast and brightness changes, likewise.
+    /// Maximum additional change of contrast and brightness of each colour channel, in the same units.
     pub colour: f32,
-    /// Half range of the noise of every pixel, likewise.
+    /// Maximum amplitude of uniform noise in each pixel and channel, in the same units.
     pub noise: f32,
-    /// Largest fraction that a pixel takes from its neighbours in each direction.
+    /// Maximum blur: the fraction that each of a pixel's two neighbours in a row, and in a column, contributes; at most
+    /// 0.25.
     pub blur: f32,
-    /// Largest shift, px of the network's input; the camera's matrix moves along.
+    /// Maximum shift, px of the network's input. The intrinsic matrix changes accordingly.
     pub shift: u32,
-    /// Largest rotation in the picture's plane, degrees: a rolled camera sees the same depths.
+    /// Maximum rotation in the image plane, degrees. It does not change the depths.
     pub roll_degrees: f64,
-    /// Largest magnification less one, up or down: a longer lens shows a ball that is as large as a nearer one, and is
-    /// taught as that.
+    /// Maximum zoom: 0.1 scales the picture by a factor from 1/1.1 to 1.1. A magnified ball looks nearer, so its target
+    /// depth is divided by the factor.
     pub zoom: f64,
-    /// Probability of a horizontal mirroring; physics and camera are mirrored along.
+    /// Probability of a horizontal flip. The camera and the physics are mirrored too.
     pub flip: f64,
 }
 
@@ -238,12 +245,14 @@ impl Default for Augmentation {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 pub enum HeatmapLoss {
-    /// Cross-entropy of the decoded distribution against a Gaussian of `sigma` input px.
+    /// Cross-entropy between the decoded distribution and a Gaussian with standard deviation `sigma`, px of the input
+    /// (default 4).
     CrossEntropy {
         /// Standard deviation, input px.
         sigma: f64,
     },
-    /// Mean squared error of the raw heatmap against `amplitude`·Gaussian (as published: 100, 2 px).
+    /// Mean squared error between the raw heatmap and a Gaussian of height `amplitude` with standard deviation `sigma`. The
+    /// published values are 100 and 2 px.
     Mse {
         /// Peak of the target.
         amplitude: f64,
@@ -264,25 +273,25 @@ impl HeatmapLoss {
 /// Network by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Network {
-    /// [`PenConfig::compact`](crate::model::PenConfig::compact).
+    /// This project's small network: 0.7 M parameters.
     #[serde(rename = "compact")]
     Compact,
-    /// [`PenConfig::compact_size`](crate::model::PenConfig::compact_size).
+    /// The small network that measures the ball's apparent radius, as in `any`.
     #[serde(rename = "compact-size")]
     CompactSize,
-    /// [`PenConfig::motion`](crate::model::PenConfig::motion).
+    /// The motion network of `any`.
     #[serde(rename = "motion")]
     Motion,
-    /// [`PenConfig::verifier`](crate::model::PenConfig::verifier).
+    /// The verifier of `any`.
     #[serde(rename = "verifier")]
     Verifier,
-    /// [`PenConfig::paper`](crate::model::PenConfig::paper), with ResNet34.
+    /// The paper's network with a ResNet34 backbone: 18.07 M parameters.
     #[serde(rename = "paper")]
     Paper,
-    /// [`PenConfig::convnext_nano`](crate::model::PenConfig::convnext_nano).
+    /// The paper's network with a ConvNeXt nano backbone.
     #[serde(rename = "convnext-nano")]
     ConvNextNano,
-    /// [`PenConfig::convnext_nano`](crate::model::PenConfig::convnext_nano), the second version.
+    /// The paper's network with a ConvNeXt V2 nano backbone.
     #[serde(rename = "convnextv2-nano")]
     ConvNextV2Nano,
 }
@@ -291,19 +300,19 @@ pub enum Network {
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Phase {
-    /// Optimiser steps.
+    /// Number of optimiser steps.
     pub steps: usize,
-    /// Pictures a step.
+    /// Pictures per step (batch size).
     pub batch: usize,
-    /// Side of the square crops around the ball, px; whole pictures where absent.
+    /// Side of square crops around the ball, px. If unset, whole pictures are used.
     #[serde(default)]
     pub crop: Option<u32>,
-    /// Learning rate after the warm-up.
+    /// Peak learning rate, after the warm-up.
     pub learning_rate: f64,
-    /// Learning rate at the phase's end (half a cosine in between).
+    /// Learning rate at the end of the phase, after cosine decay; 0 if unset.
     #[serde(default)]
     pub final_learning_rate: f64,
-    /// Steps over which the learning rate rises from zero.
+    /// Steps of linear warm-up from zero; 0 if unset.
     #[serde(default)]
     pub warm_up: usize,
 }

@@ -20,18 +20,21 @@ pub struct TrainConfig {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunPaths {
-    /// Clips folder to train on; with supervision `rendered` a folder of photographs, if any.
+    /// Folder of training clips. With supervision `rendered` or `candidates`: a folder of photographs, or none. With
+    /// `motion`: a folder of stacks from `gravisight stacks`.
     pub train: Option<PathBuf>,
-    /// Clips folder that is scored while training, never trained on; with supervision `rendered` other photographs.
+    /// Folder of the same kind for validation. It is never used for training, and its photographs must be others than those
+    /// of `train`.
     pub validation: Option<PathBuf>,
-    /// Folder of the run: checkpoints, log and the model made.
+    /// Output folder of the run, with checkpoints, log and trained model.
     pub out: PathBuf,
-    /// The card of a model whose weights the network starts from: those of its detector, or of its verifier or motion network where that is
-    /// trained. Architecture, normalisation and (of a detector) input are then that model's.
+    /// Card of a model whose weights initialise the network that is trained: detector, verifier or motion network. The run
+    /// takes over that model's architecture and normalisation and, for a detector, its input size.
     pub start_from: Option<PathBuf>,
-    /// The card of the model whose verifier is trained, with supervision `candidates`: the result is that model with its verifier.
+    /// Card of the model that receives a new verifier (`candidates`) or a new motion network (`motion`). The result is this
+    /// model with the new network.
     pub detector: Option<PathBuf>,
-    /// A file with timm weights (ImageNet, say) for the backbone to start from.
+    /// File of timm's weights that initialise the backbone of the paper's networks, such as ImageNet's.
     pub backbone_weights: Option<PathBuf>,
 }
 

@@ -92,6 +92,15 @@ impl TrainSettings {
         Ok(())
     }
 
+    /// The whole recipe that they describe, checked, as TOML: what a preset leaves at its default is written out.
+    ///
+    /// # Errors
+    /// As [`Self::config`].
+    pub fn whole(mut self) -> Result<String> {
+        self.0.entry("out").or_insert_with(|| String::new().into());
+        toml::to_string(&self.config()?.recipe).map_err(Error::format("run configuration"))
+    }
+
     /// The run they describe, checked.
     ///
     /// # Errors

@@ -21,7 +21,7 @@ use super::score::{Score, score};
 use super::step::StepReport;
 use super::trainer::{Trainer, TrainerState};
 use crate::localise::{LocaliseOptions, Localiser};
-use crate::model::{self, Card, Pen};
+use crate::model::{self, Card, Pen, sha256_hex};
 use gravisight_clips::{Clip, Clips};
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
@@ -83,6 +83,10 @@ pub struct FineTuner {
     recipe: Recipe,
     /// The card and the options as text, of which the above are read: a resumed run reads the same.
     origin: [String; 2],
+    /// The model before: its verifier and its motion network stay as they are.
+    before: Localiser,
+    /// Their weights.
+    beside: [Vec<u8>; 2],
     trainer: Trainer,
     clips: Given,
     /// From the first step on.
@@ -99,27 +103,30 @@ impl FineTuner {
     /// As [`Localiser::new`]; [`Error::Value`] for options that cannot train.
     pub fn new(card: Card, weights: Vec<u8>, options: &FineTuneOptions, device: &Device) -> Result<Self> {
         card.check_weights(&weights)?;
-        let [own, ..] = model::parted(&weights)?;
+        let [own, verifier, motion] = model::parted(&weights)?;
         let options = serde_json::to_string(options).map_err(Error::format("options"))?;
-        Self::of([card.to_json()?, options], device, |recipe, blank| {
-            Ok(TrainerState::first(recipe, model::load_into(blank.clone(), own)?))
-        })
+        let state = |recipe: &Recipe, blank: &Pen| {
+            Ok(TrainerState::first(recipe, model::load_into(blank.clone(), own.clone())?))
+        };
+        Self::of([card.to_json()?, options], [verifier, motion], device, state)
     }
 
     /// In the state that `state` makes of the recipe and a blank network.
     fn of(
         origin: [String; 2],
+        beside: [Vec<u8>; 2],
         device: &Device,
         state: impl FnOnce(&Recipe, &Pen) -> Result<TrainerState>,
     ) -> Result<Self> {
         let card = Card::from_json(&origin[0], "model card")?;
         let options: FineTuneOptions = serde_json::from_str(&origin[1]).map_err(Error::format("options"))?;
         let recipe = recipe(&card, &options)?;
-        let device = device.clone().autodiff();
+        let (plain, device) = (device.clone().without_autodiff(), device.clone().autodiff());
         let state = state(&recipe, &Pen::new(&card.architecture, &device)?)?;
+        let before = Localiser::of_parts(&card, state.average.clone(), &beside, &plain)?;
         let trainer = Trainer::new(&recipe, state, &device);
         let clips = Given::default();
-        Ok(Self { card, recipe, origin, trainer, clips, sampler: None, validation: None, best: None })
+        Ok(Self { card, recipe, origin, before, beside, trainer, clips, sampler: None, validation: None, best: None })
     }
 
     /// Gives a clip to learn from (its track is fitted by the physics of its scene, or forecasts start from its labels), or,
@@ -215,7 +222,7 @@ impl FineTuner {
     /// The averaged weights as they are now, ready for pictures.
     pub fn localiser(&self) -> Localiser {
         let device = self.trainer.device().clone().without_autodiff();
-        Localiser::from_pen(self.trainer.average(), self.card.clone(), &device)
+        Localiser::from_pen(self.trainer.average(), self.card.clone(), &device).with_networks_of(&self.before)
     }
 
     /// The card and the weights that scored best on the held-out clips; where nothing was scored, the last.
@@ -225,7 +232,10 @@ impl FineTuner {
     pub async fn export(&self) -> Result<(Card, Vec<u8>)> {
         let examples = self.sampler.as_ref().map(Sampler::examples);
         let card = card_of_fine_tuning(&self.card, examples, &self.recipe, self.trainer.step());
-        publish(card, self.best.as_ref(), self.trainer.average()).await
+        let (card, own) = publish(card, self.best.as_ref(), self.trainer.average()).await?;
+        let [verifier, motion] = &self.beside;
+        let weights = model::joined([&own, verifier, motion])?;
+        Ok((Card { sha256: sha256_hex(&weights), ..card }, weights))
     }
 }
 

@@ -16,6 +16,8 @@ use gravisight_geometry::error::{Error, Result};
 const CHECKPOINT: &str = "fine-tuning checkpoint";
 /// Name of the weights that scored best.
 const BEST: &str = "best";
+/// Names of the weights that stay as they are.
+const BESIDE: [&str; 2] = ["verifier", "motion"];
 
 /// What a checkpoint holds besides networks.
 #[derive(Serialize, Deserialize)]
@@ -50,6 +52,7 @@ impl FineTuner {
             }
             None => None,
         };
+        parts.extend(BESIDE.into_iter().zip(self.beside.clone()));
         let about = About { origin: self.origin.clone(), clips: self.clips.keys(), state, best };
         model::bundled(&parts, &serde_json::to_string(&about).map_err(Error::format(CHECKPOINT))?)
     }
@@ -64,7 +67,10 @@ impl FineTuner {
         let About { origin, clips, state, best } = serde_json::from_str(&about).map_err(Error::format(CHECKPOINT))?;
         let damaged = |reason: &str| Error::Data { what: CHECKPOINT.into(), reason: reason.into() };
         let mut kept = None;
-        let mut tuner = Self::of(origin, device, |recipe, blank| {
+        // Where the model has no such network, the file has no entry.
+        let beside = BESIDE.map(|name| parts.remove(name).map_or_else(model::nothing, Ok));
+        let [verifier, motion] = beside;
+        let mut tuner = Self::of(origin, [verifier?, motion?], device, |recipe, blank| {
             if let Some(SavedScore { score, confidence_threshold }) = best {
                 let number = |text: &str| text.parse::<f64>().map_err(|_| damaged("its best score is not a number"));
                 let weights = parts.remove(BEST).ok_or_else(|| damaged("holds no best weights"))?;

@@ -258,7 +258,12 @@ fn the_model_for_any_ball_learns_one_by_physics_and_through_forecasts() {
         // Forecasts need more steps than a test has: they tell a little of depth each.
         assert!(!is_fit || is < 0.8 * was, "{was} -> {is} m");
         let (card, weights) = pollster::block_on(tuner.export()).unwrap();
-        assert!(card.name == "any-tuned" && card.verifier.is_none());
+        // The model is whole: its other networks are those of before.
+        assert!(card.name == "any-tuned" && card.verifier.is_some() && card.motion.is_some());
+        let [_, verifier, motion] = crate::model::parted(&weights).unwrap();
+        let (_, before) = Card::with_weights(&root().join("models/any.json")).unwrap();
+        let [_, old_verifier, old_motion] = crate::model::parted(&before).unwrap();
+        assert!(verifier == old_verifier && motion == old_motion);
         Localiser::new(card, weights, &Device::flex()).unwrap();
     }
 }

@@ -2,7 +2,7 @@
 
 use burn::tensor::Device;
 
-use super::super::memory::check_against;
+use super::super::memory::{Kept, check_against};
 use super::step::tiny;
 use crate::model::Pen;
 use crate::testing::alone;
@@ -32,14 +32,19 @@ fn pictures_count_as_they_are_kept_not_as_the_network_sees_them() {
     assert_eq!(examples.picture_bytes(), [examples.frames.len() * bytes, 2 * bytes]);
 
     let pen = Pen::new(&tiny(), &Device::flex()).unwrap();
-    let check = |free: usize, recipe: &Recipe| check_against(free, recipe, &pen, examples.picture_bytes());
-    let whole = (examples.frames.len() + 2) * bytes + pen.training_bytes(1, recipe.input);
+    let [frames, empty] = examples.picture_bytes();
+    let kept = Kept { frames, empty, scored: 3 * bytes };
+    let check = |free: usize, recipe: &Recipe| check_against(free, recipe, &pen, kept, true);
+    let pictures = (examples.frames.len() + 2 + 3) * bytes;
+    let whole = pictures + pen.training_bytes(1, recipe.input);
     check(whole, &recipe).unwrap();
     let error = check(whole - 1, &recipe).unwrap_err().to_string();
     assert!(error.contains("cache_mb"), "{error}");
+    // A GPU has its own memory for the steps.
+    check_against(pictures, &recipe, &pen, kept, false).unwrap();
     // With a smaller cache pictures are decoded again; empty scenes are kept in any case, unless none is shown.
     let small = Recipe { cache_mb: 1, ..recipe };
-    let least = (1 << 20) + 2 * bytes + pen.training_bytes(1, small.input);
+    let least = 2 * (1 << 20) + 2 * bytes + pen.training_bytes(1, small.input);
     check(least, &small).unwrap();
     check(least - 1, &small).unwrap_err();
     check(least - 2 * bytes, &Recipe { empty_fraction: 0.0, ..small }).unwrap();

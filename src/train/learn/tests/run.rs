@@ -154,11 +154,14 @@ fn the_weights_with_the_least_forecast_error_are_kept() {
     let table = std::fs::read_to_string(path.with_file_name("out/log.csv")).unwrap();
     let lines: Vec<Vec<&str>> = table.lines().map(|line| line.split(',').collect()).collect();
     assert_eq!((lines.len(), lines[0][0], lines[0][9]), (8, "step", "forecast_px"));
-    assert_eq!(lines[7][9].parse::<f64>().unwrap(), scores[6].1);
+    // A number that is read from JSON may be off in its last bit.
+    let same = |read: f64, score: f64| (read - score).abs() <= 1e-14 * score;
+    assert!(same(lines[7][9].parse().unwrap(), scores[6].1), "{table}");
     let best = scores.iter().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
     let kept = std::fs::read_to_string(path.with_file_name("out/checkpoints/score.json")).unwrap();
     let kept: serde_json::Value = serde_json::from_str(&kept).unwrap();
-    assert_eq!((kept["step"].as_u64().unwrap() as usize, kept["score"].as_f64().unwrap()), *best);
+    assert_eq!(kept["step"].as_u64().unwrap() as usize, best.0);
+    assert!(same(kept["score"].as_f64().unwrap(), best.1), "{kept}");
     // and they are what is published, norms' statistics and all
     let device = Device::flex();
     let weights = std::fs::read(path.with_file_name("out/t.safetensors")).unwrap();
@@ -268,7 +271,7 @@ fn fits_are_left_behind_by_runs_that_start_alone_and_resumed_with_what_they_are_
     let text = std::fs::read_to_string(&path).unwrap();
     std::fs::write(&path, text.replacen("batch = 3", "batch = 100000000", 1)).unwrap();
     start(&path, &mut |_| {}).unwrap_err();
-    assert!(std::fs::read_dir(path.with_file_name("out")).unwrap().next().is_none(), "nothing is left behind");
+    assert!(!path.with_file_name("out").exists(), "nothing is left behind");
     std::fs::write(&path, &text).unwrap();
     let mut stop = |event: Event| assert!(!matches!(event, Event::Step(_)), "killed by the test");
     catch_unwind(AssertUnwindSafe(|| start(&path, &mut stop))).unwrap_err();

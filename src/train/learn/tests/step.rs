@@ -271,7 +271,7 @@ fn the_average_moves_by_its_decay_from_a_tenth_up() {
     for (updates, decay) in [(Some(0), 0.1), (Some(100_000), 0.998), (None, 0.998)] {
         let mut ema = Ema::new(first.valid(), 0.998, updates);
         ema.update(&second);
-        let moved = f64::from(stem(ema.model()) - start);
+        let moved = f64::from(stem(&ema.model()) - start);
         assert!((moved - (1.0 - decay)).abs() < 1e-3, "{updates:?}: {moved}");
     }
 }
