@@ -106,9 +106,9 @@ fn the_device_is_always_an_argument() {
 }
 
 #[test]
-fn the_readmes_numbers_are_those_that_evaluate_wrote_into_the_card() {
+fn the_documents_numbers_are_those_that_evaluate_wrote_into_the_card() {
     let read = |path: &str| std::fs::read_to_string(crate::common::root().join(path)).unwrap();
-    let readme = read("README.md");
+    let accuracy = read("docs/accuracy.md");
     for model in ["sd-l", "any"] {
         let card: serde_json::Value = serde_json::from_str(&read(&format!("models/{model}.json"))).unwrap();
         let number = |metric: &str, field: &str| card["metrics"][metric][field].as_f64().unwrap();
@@ -118,7 +118,7 @@ fn the_readmes_numbers_are_those_that_evaluate_wrote_into_the_card() {
             format!("{dtg:.1} ± {deviation:.1} cm, median {median:.1}"),
             format!("{error:.2} ± {spread:.2} px, median {middle:.2}"),
         ] {
-            assert!(readme.contains(&claim), "README.md lacks `{claim}`");
+            assert!(accuracy.contains(&claim), "docs/accuracy.md lacks `{claim}`");
         }
     }
 }

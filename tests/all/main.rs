@@ -1,6 +1,7 @@
 //! The library's tests, one program: it links Burn once.
 #![cfg(not(target_arch = "wasm32"))]
 
+mod adapt;
 mod any;
 mod architecture;
 mod calibrate;
@@ -19,3 +20,4 @@ mod sources;
 mod spoilt;
 mod table;
 mod threads;
+mod training;

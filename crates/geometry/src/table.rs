@@ -38,7 +38,6 @@ impl Table {
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Format`] for a file that is no text, else as [`Self::from_text`].
-    #[cfg(not(target_arch = "wasm32"))]
     pub fn from_file(path: &std::path::Path) -> Result<Self> {
         Self::from_text(&Self::text_of(path)?, &path.display().to_string())
     }
@@ -47,7 +46,6 @@ impl Table {
     ///
     /// # Errors
     /// [`Error::Io`]; [`Error::Format`] for a file that is no text.
-    #[cfg(not(target_arch = "wasm32"))]
     pub fn text_of(path: &std::path::Path) -> Result<String> {
         let bytes = crate::files::read(path)?;
         let text = String::from_utf8(bytes).map_err(|error| format!("is not a text file ({})", error.utf8_error()));

@@ -45,7 +45,6 @@ pub use self::looking::looking;
 #[cfg(all(feature = "mujoco", libmujoco))]
 use self::mujoco::Mujoco;
 use self::paths::simulated;
-#[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
 pub use self::random::Spot;
 pub use self::random::{Apparent, Drawing, LARGEST, LabelledBall, LabelledPhotograph, RandomScenes, SMALLEST};

@@ -72,7 +72,7 @@ impl Mujoco {
 impl Engine for Mujoco {
     /// At the simulation's step nearest to each time.
     fn path(&mut self, start: &State, times: &[f64]) -> Option<Vec<Point3<f64>>> {
-        self.site(&start.position);
+        self.place(&start.position);
         self.data.qvel_mut()[..3].copy_from_slice(start.velocity.as_slice());
         let (step, mut steps) = (self.data.model().opt().timestep, 0.0);
         let positions = times.iter().map(|time| {
@@ -86,7 +86,7 @@ impl Engine for Mujoco {
     }
 
     fn picture(&mut self, centre: &Point3<f64>) -> Result<RgbImage> {
-        self.site(centre);
+        self.place(centre);
         self.data.forward();
         self.renderer.sync_data(&mut self.data).map_err(failed)?;
         self.renderer.render().map_err(failed)?;
@@ -166,7 +166,7 @@ fn model(paper: &Paper, site: Site, camera: &Camera) -> Result<String> {
         statistic = if site == Site::Room { format!(r#"<statistic extent="{ROOM}"/>"#) } else { String::new() },
         down = scene.gravity[2],
         step = 1.0 / (fps * SUBSTEPS),
-        things = things(paper, place)?,
+        things = things(paper, site)?,
         width = camera.size().width,
         height = camera.size().height,
         ambient = text(&[head.ambient; 3]),

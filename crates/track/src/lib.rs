@@ -23,9 +23,10 @@ pub use self::file::{Track, TrackPoint};
 pub use self::fit::SOLVER_VERSION;
 pub use self::observation::Observation;
 pub use self::result::{Estimate, Fit, FitSummary, FittedFrame, FittedImpact, Flight, Hit};
+#[doc(hidden)]
+pub use self::tracked::common_size_sigma;
 pub(crate) use self::tracked::listed;
 pub use self::tracked::{FittedSegment, OtherView, TrackedFrame, TrackedVideo};
-#[cfg(not(target_arch = "wasm32"))]
 #[doc(hidden)]
 pub use self::video::STACK_SIDE;
 pub use self::video::{

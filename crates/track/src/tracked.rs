@@ -27,6 +27,13 @@ use gravisight_physics::{Forecaster, Scene};
 /// larger (a tennis ball of 3.5 px in a broadcast by 0.8 px).
 const RADIUS_BIAS: f64 = 0.6;
 
+/// Standard deviation of the common error of the radii of about `px` that are read in a video, as a fraction of them; `sigma` is that of a
+/// single picture's.
+#[doc(hidden)]
+pub fn common_size_sigma(sigma: f64, px: f64) -> f64 {
+    sigma.hypot(RADIUS_BIAS / px)
+}
+
 /// Segments that are fitted at a time, for each thread.
 const SEGMENTS_A_THREAD: usize = 4;
 
@@ -71,7 +78,7 @@ pub struct TrackedVideo {
 
 /// The ball in a frame of a video.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", derive(serde::Deserialize, tsify::Tsify), tsify(missing_as_null))]
 #[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
 pub struct TrackedFrame {
     /// The frame's index in the video.
@@ -190,7 +197,7 @@ impl TrackedVideo {
         let config = options.config.unwrap_or_else(|| {
             let own = EstimatorConfig::of(forecaster.scene(), camera.size());
             EstimatorConfig {
-                size_sigma: radius.map_or(own.size_sigma, |px| own.size_sigma.hypot(RADIUS_BIAS / px)),
+                size_sigma: radius.map_or(own.size_sigma, |px| common_size_sigma(own.size_sigma, px)),
                 ..own
             }
         });

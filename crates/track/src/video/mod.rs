@@ -58,9 +58,7 @@ use self::planes::{Planes, Spare};
 pub use self::queries::Query;
 use self::queries::Schedule;
 use self::stabiliser::{Stabilised, Stabiliser};
-#[cfg(not(target_arch = "wasm32"))]
-pub use self::stack::STACK_SIDE;
-pub use self::stack::Stack;
+pub use self::stack::{STACK_SIDE, Stack};
 pub use self::state::FrameId;
 use self::state::State;
 use self::tracklets::TrackletSearch;

@@ -1,0 +1,142 @@
+//! What a model finds in flights that it did not learn from.
+
+use serde::Serialize;
+
+use super::super::examples::LabelledCrop;
+use super::stacks::CutStack;
+use crate::localise::Localiser;
+use crate::model::DetectionCalibration;
+use gravisight_geometry::camera::Outline;
+use gravisight_geometry::error::Result;
+use gravisight_geometry::image::Picture;
+
+/// Distance from the ball's centre, px, within which it is found; of a larger ball its radius.
+const NEAR_PX: f64 = 4.0;
+/// Probability from which a ball is reported.
+const REPORTED: f64 = 0.5;
+
+/// How well a model does on held-out flights.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[cfg_attr(target_arch = "wasm32", derive(tsify::Tsify), tsify(missing_as_null))]
+#[cfg_attr(target_arch = "wasm32", serde(rename_all = "camelCase"))]
+pub struct AdaptScore {
+    /// Frames of held-out flights.
+    pub balls: usize,
+    /// Of those, frames in which the likeliest detection is the ball.
+    pub first: usize,
+    /// Of those, frames in which it is also reported.
+    pub found: usize,
+    /// Frames in which something else is reported.
+    pub wrong: usize,
+    /// Mean error of the radius as a fraction, where the ball is the likeliest detection and physics tells its distance; so is the error of the
+    /// distance of a single picture.
+    pub size_error: Option<f64>,
+    /// Mean of the fractions of balls and of other things that the motion network takes for the other.
+    pub motion_errors: Option<f64>,
+}
+
+impl AdaptScore {
+    /// As cards hold it, in a browser, too.
+    pub(super) fn metrics(&self) -> serde_json::Value {
+        let Self { balls, first, found, wrong, size_error, motion_errors } = self;
+        serde_json::json!({ "balls": balls, "first": first, "found": found, "wrong": wrong, "size_error": size_error, "motion_errors": motion_errors })
+    }
+
+    /// Whether it finds more balls at no more false ones, and ranks no fewer first; or as many, with smaller errors of their sizes.
+    pub fn finds_better_than(&self, other: &Self) -> bool {
+        let is_no_worse = self.wrong <= other.wrong && self.found >= other.found && self.first >= other.first;
+        let measures_better =
+            matches!((self.size_error, other.size_error), (Some(mine), Some(theirs)) if mine < theirs);
+        is_no_worse && (self.found > other.found || self.first > other.first || measures_better)
+    }
+
+    /// Whether its motion network errs less.
+    pub fn moves_better_than(&self, other: &Self) -> bool {
+        matches!((self.motion_errors, other.motion_errors), (Some(mine), Some(theirs)) if mine < theirs)
+    }
+}
+
+/// A frame to score on.
+pub struct Scored {
+    pub picture: Picture,
+    /// The ball in it, px.
+    pub ball: Outline,
+    /// Whether its radius follows from the distance that physics finds.
+    pub by_physics: bool,
+    /// The flight that it is of.
+    pub flight: usize,
+}
+
+/// Scores `localiser` on whole frames and on stacks.
+///
+/// # Errors
+/// As [`Localiser::localise`].
+pub async fn score(localiser: &Localiser, frames: &[&Scored], stacks: &[&CutStack]) -> Result<AdaptScore> {
+    let mut score = AdaptScore { balls: frames.len(), ..AdaptScore::default() };
+    let mut sizes = vec![];
+    for Scored { picture, ball, by_physics, .. } in frames {
+        let found = localiser.search(picture, None, None, None, 1, false).await?.detections;
+        let Some(found) = found.first() else { continue };
+        let is_ball = (ball.centre - found.outline.centre).norm() <= NEAR_PX.max(ball.radius);
+        let is_reported = found.confidence >= REPORTED;
+        score.first += usize::from(is_ball);
+        score.found += usize::from(is_ball && is_reported);
+        score.wrong += usize::from(!is_ball && is_reported);
+        if is_ball && *by_physics {
+            sizes.push((found.outline.radius / ball.radius).ln().abs());
+        }
+    }
+    if !sizes.is_empty() {
+        score.size_error = Some(sizes.iter().sum::<f64>() / sizes.len() as f64);
+    }
+    let mut errors = [[0_usize; 2]; 2];
+    for stack in stacks {
+        let views = LabelledCrop::of(&stack.record).views;
+        let Some(probability) = localiser.moves_as_a_ball(&views).await? else { continue };
+        let [wrong, all] = &mut errors[usize::from(stack.is_ball)];
+        *wrong += usize::from((probability >= REPORTED) != stack.is_ball);
+        *all += 1;
+    }
+    if errors.iter().all(|[_, all]| *all > 0) {
+        score.motion_errors = Some(errors.iter().map(|[wrong, all]| *wrong as f64 / *all as f64).sum::<f64>() / 2.0);
+    }
+    Ok(score)
+}
+
+/// Standard deviation of the bias of the log-odds before anything was seen.
+const BIAS_SIGMA: f64 = 2.0;
+/// Newton steps; the function is convex and of one number.
+const NEWTON: usize = 20;
+
+/// The weights of the confidence of `localiser` with the bias that is likeliest by the candidates in `frames`. A ball that the networks have
+/// learned is surer than one that they have not.
+///
+/// # Errors
+/// As [`Localiser::localise`].
+pub async fn calibrated(
+    localiser: &Localiser,
+    calibration: DetectionCalibration,
+    frames: &[&Scored],
+) -> Result<DetectionCalibration> {
+    let mut seen = vec![];
+    for Scored { picture, ball, .. } in frames {
+        for evidence in localiser.evidence(picture).await? {
+            let is_ball = (ball.centre - evidence.outline.centre).norm() <= NEAR_PX.max(ball.radius);
+            let probability = evidence.probability(&calibration).clamp(1e-9, 1.0 - 1e-9);
+            seen.push(((probability / (1.0 - probability)).ln(), f64::from(u8::from(is_ball))));
+        }
+    }
+    let mut bias = 0.0;
+    for _ in 0..NEWTON {
+        let (mut slope, mut curvature) = (-bias / BIAS_SIGMA.powi(2), 1.0 / BIAS_SIGMA.powi(2));
+        for (log_odds, is_ball) in &seen {
+            let probability = 1.0 / (1.0 + (-(log_odds + bias)).exp());
+            slope += is_ball - probability;
+            curvature += probability * (1.0 - probability);
+        }
+        bias += slope / curvature;
+    }
+    let mut calibration = calibration;
+    calibration.ball_log_odds[0] += bias;
+    Ok(calibration)
+}
