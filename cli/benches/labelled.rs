@@ -9,17 +9,23 @@ use serde_json::Value;
 
 #[derive(serde::Deserialize)]
 #[serde(rename_all = "PascalCase")]
-struct Label {
+pub struct Label {
     frame: usize,
-    visibility: u8,
-    x: Option<f64>,
-    y: Option<f64>,
+    pub visibility: u8,
+    pub x: Option<f64>,
+    pub y: Option<f64>,
     #[serde(default)]
     radius: Option<f64>,
 }
 
+/// The labels of a table, by frame.
+pub fn labels(table: &str) -> BTreeMap<usize, Label> {
+    let mut table = csv::Reader::from_path(table).unwrap_or_else(|error| panic!("{table}: {error}"));
+    table.deserialize().map(|label: Result<Label, _>| label.unwrap()).map(|label| (label.frame, label)).collect()
+}
+
 /// Least distance within which a ball is found, px: hand labels are good to about 2 px.
-const NEAR_PX: f64 = 4.0;
+pub const NEAR_PX: f64 = 4.0;
 
 pub fn run(arguments: &[String]) {
     let mut arguments = arguments.to_vec();
@@ -45,10 +51,8 @@ pub fn run(arguments: &[String]) {
 }
 
 /// Tracks a video and prints what is found. Returns the confidence of what was found in labelled frames, and whether it is the ball.
-fn score(video: &str, labels: &str, rate: Option<&String>) -> Vec<(f64, bool)> {
-    let mut table = csv::Reader::from_path(labels).unwrap();
-    let labels: BTreeMap<usize, Label> =
-        table.deserialize().map(|label: Result<Label, _>| label.unwrap()).map(|label| (label.frame, label)).collect();
+fn score(video: &str, table: &str, rate: Option<&String>) -> Vec<(f64, bool)> {
+    let labels = labels(table);
     let output = Command::new(env!("CARGO_BIN_EXE_gravisight"))
         .args(["track", video, "--json"])
         .args(rate.iter().flat_map(|fps| ["--fps", fps]))

@@ -1,6 +1,7 @@
 //! The command's benches, one program.
 //! `cargo bench --package gravisight-cli --bench all -- NAME …` runs one; `cargo test --package gravisight-cli --bench all` each of those that can run on little, once.
 
+mod adapt;
 #[path = "../../benches/common/mod.rs"]
 mod common;
 mod footage;
@@ -14,8 +15,12 @@ use mimalloc::MiMalloc;
 static ALLOCATOR: MiMalloc = MiMalloc;
 
 /// By name; whether it has something to run on by itself.
-const ALL: [common::Bench; 3] =
-    [("footage", footage::run, false), ("labelled", labelled::run, true), ("tracklets", tracklets::run, true)];
+const ALL: [common::Bench; 4] = [
+    ("adapt", adapt::run, false),
+    ("footage", footage::run, false),
+    ("labelled", labelled::run, true),
+    ("tracklets", tracklets::run, true),
+];
 
 fn main() {
     common::main(&ALL, "cargo bench --package gravisight-cli --bench all -- NAME …");

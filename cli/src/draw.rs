@@ -78,14 +78,18 @@ pub fn mark(picture: &mut RgbImage, [x, y]: [f64; 2]) {
 /// A court's lines as a camera sees them, over its picture.
 pub fn lines(picture: &mut RgbImage, camera: &Camera, lines: &[CourtLine]) {
     for line in lines {
-        let [from, to] = [line.from, line.to].map(Point3::from);
-        for step in 0..=LINE_STEPS {
-            let at = from + (to - from) * (f64::from(step) / f64::from(LINE_STEPS));
-            let Ok(image) = camera.image_from_world(&at) else { continue };
-            let (x, y) = (image.x.round(), image.y.round());
-            if x >= 0.0 && y >= 0.0 && x < f64::from(picture.width()) && y < f64::from(picture.height()) {
-                picture.put_pixel(x as u32, y as u32, LINE);
-            }
+        segment(picture, camera, [line.from, line.to].map(Point3::from), LINE);
+    }
+}
+
+/// A segment of the world as a camera sees it, over its picture.
+pub fn segment(picture: &mut RgbImage, camera: &Camera, [from, to]: [Point3<f64>; 2], colour: Rgb<u8>) {
+    for step in 0..=LINE_STEPS {
+        let at = from + (to - from) * (f64::from(step) / f64::from(LINE_STEPS));
+        let Ok(image) = camera.image_from_world(&at) else { continue };
+        let (x, y) = (image.x.round(), image.y.round());
+        if x >= 0.0 && y >= 0.0 && x < f64::from(picture.width()) && y < f64::from(picture.height()) {
+            picture.put_pixel(x as u32, y as u32, colour);
         }
     }
 }

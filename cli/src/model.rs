@@ -41,12 +41,19 @@ pub fn built_in(model: Option<&Path>) -> Option<(&'static str, &'static [u8])> {
 
 /// Loads `--model`, or a built-in one.
 pub fn open(model: Option<&Path>, device: &Device) -> Result<Localiser> {
+    let (card, weights) = read(model)?;
+    let name = match built_in(model) {
+        Some(_) => "built-in model".into(),
+        None => model.map_or_else(PathBuf::new, |model| card_path(model).with_file_name(&card.weights)),
+    };
+    Localiser::new(card, weights, device).with_context(|| name.display().to_string())
+}
+
+/// The card and the weights of `--model`, or of a built-in one.
+pub fn read(model: Option<&Path>) -> Result<(Card, Vec<u8>)> {
     let Some(model) = model.filter(|model| built_in(Some(model)).is_none()) else {
         let (card, weights) = built_in(model).unwrap_or(ANY);
-        return Ok(Localiser::new(Card::from_json(card, "built-in model")?, weights.to_vec(), device)?);
+        return Ok((Card::from_json(card, "built-in model")?, weights.to_vec()));
     };
-    let path = card_path(model);
-    let (card, weights) = Card::with_weights(&path)?;
-    let name = path.with_file_name(&card.weights);
-    Localiser::new(card, weights, device).with_context(|| name.display().to_string())
+    Ok(Card::with_weights(&card_path(model))?)
 }

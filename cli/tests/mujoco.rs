@@ -8,19 +8,19 @@ use std::process::{Command, Output};
 
 use gravisight::Picture;
 use gravisight::State;
-use gravisight::internal::{Engine as _, Place, Shot, Split, Studio};
+use gravisight::internal::{Engine as _, Shot, Site, Split, Studio};
 use image::RgbImage;
 use nalgebra::{Point3, Vector3};
 use serde::Deserialize;
 use serde_json::Value;
 
 fn studio(environment: impl Into<Option<usize>>, camera: usize) -> Studio {
-    let place = environment.into().map_or(Place::Spring, Place::Environment);
-    Studio::new(Shot { place, camera }).unwrap()
+    let site = environment.into().map_or(Site::Spring, Site::Environment);
+    Studio::new(Shot { site, camera }).unwrap()
 }
 
 fn room(camera: usize) -> Studio {
-    Studio::new(Shot { place: Place::Room, camera }).unwrap()
+    Studio::new(Shot { site: Site::Room, camera }).unwrap()
 }
 
 fn mean_difference(ours: &RgbImage, theirs: &RgbImage) -> f64 {

@@ -1,5 +1,6 @@
 //! One file a subcommand.
 
+mod adapt;
 mod batch;
 mod calibrate;
 mod camera;
@@ -16,6 +17,7 @@ mod localise;
 mod options;
 mod saliency;
 mod scene;
+mod sheet;
 mod stacks;
 mod synth;
 mod track;
@@ -47,6 +49,7 @@ enum Command {
     Import(import::Arguments),
     Synth(synth::Arguments),
     Train(train::Arguments),
+    Adapt(adapt::Arguments),
     Evaluate(evaluate::Arguments),
     Saliency(saliency::Arguments),
     Fit(fit::Arguments),
@@ -68,6 +71,7 @@ impl Arguments {
             Command::Evaluate(arguments) => evaluate::run(arguments),
             Command::Saliency(arguments) => saliency::run(arguments),
             Command::Train(arguments) => train::run(arguments),
+            Command::Adapt(arguments) => adapt::run(arguments),
             Command::Forecast(arguments) => forecast::run(arguments),
             Command::Calibrate(arguments) => calibrate::run(arguments),
             Command::Camera(command) => camera::run(command),

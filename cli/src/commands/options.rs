@@ -11,7 +11,7 @@ use super::Arguments;
 type Checked = (&'static str, &'static [(&'static str, &'static [&'static str])]);
 
 #[rustfmt::skip]
-const CHECKED: [Checked; 13] = [
+const CHECKED: [Checked; 14] = [
     ("localise", &[
         ("cli::the_built_in_model_finds_the_samples_within_half_a_metre_and_two_pixels", &["camera"]),
         ("cli::the_model_of_rendered_scenes_is_taken_by_its_name_alone", &["model"]),
@@ -53,7 +53,7 @@ const CHECKED: [Checked; 13] = [
         ("import_track::several_balls_are_named_and_one_can_be_chosen", &["object"]),
     ]),
     ("synth", &[
-        ("options::synth_draws_what_its_options_say", &["set", "out", "size", "label-noise", "disturb", "depth", "seed"]),
+        ("options::synth_draws_what_its_options_say", &["set", "out", "size", "label-noise", "disturb", "depth", "sheet", "seed"]),
         ("cli::a_synthetic_set_is_gone_on_with_after_a_kill_and_can_be_read", &["split", "clips", "json"]),
         ("cli::a_build_without_mujoco_says_how_to_get_one", &["engine"]),
         ("flights::flights_are_drawn_into_a_video_and_cut_into_stacks", &["videos", "balls"]),
@@ -61,7 +61,13 @@ const CHECKED: [Checked; 13] = [
     ("train", &[
         ("cli::a_training_that_is_killed_goes_on_to_the_same_weights", &["config", "out", "set", "resume"]),
         ("options::train_starts_from_a_preset_on_the_folders_that_are_given", &["preset", "train", "validation"]),
-        ("options::train_says_what_it_made_and_where_it_cannot_run", &["device", "json"]),
+        ("options::train_says_what_it_made_and_where_it_cannot_run", &["device", "json", "no-report"]),
+        ("options::train_prints_the_whole_configuration", &["print"]),
+    ]),
+    ("adapt", &[
+        ("adapt::a_model_learns_a_ball_from_two_flights_and_finds_more_of_it", &["camera", "scene", "out", "rounds", "steps", "seed", "json"]),
+        ("adapt::one_flight_is_not_enough_and_nothing_is_written", &["ball"]),
+        ("adapt::what_cannot_be_is_refused_before_anything_is_tracked", &["model", "device", "seed-label", "fps", "court", "camera-sigma", "assume-phone"]),
     ]),
     ("evaluate", &[
         ("cli::evaluate_prints_the_metrics_of_the_contract", &["data", "model", "json"]),

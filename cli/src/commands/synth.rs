@@ -12,7 +12,7 @@ use nalgebra::Point3;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use serde_json::{Value, json};
 
-use super::{courts, film, flights, print_line};
+use super::{courts, film, flights, print_line, sheet};
 use crate::choice::{Choice, one_of};
 use crate::progress::Progress;
 use gravisight::internal::{Claim, NewFolder, write_whole};
@@ -68,6 +68,10 @@ pub struct Arguments {
     /// With --set flights: folder of photographs with labels.csv, out of which balls are cut (`scripts/photographs`).
     #[arg(long, value_name = "DIR")]
     balls: Option<PathBuf>,
+    /// Also write a picture of the set: a row for each camera and environment, with the world's axes (x red, y green, z blue; 1 or 0.1 m
+    /// long), the ball's path, and five frames of a clip.
+    #[arg(long, value_name = "FILE.png")]
+    sheet: Option<PathBuf>,
     /// Another seed gives other clips.
     #[arg(long, value_name = "S", default_value_t = 20_231_130)]
     seed: u64,
@@ -168,11 +172,12 @@ pub fn run(arguments: Arguments) -> Result<()> {
         made @ (Made::Films | Made::Footage | Made::Flights | Made::Courts) => {
             let plain = arguments.size.is_none()
                 && !arguments.depth
+                && arguments.sheet.is_none()
                 && arguments.disturb.is_none()
                 && arguments.label_noise.is_none();
             ensure!(
                 plain,
-                "--set broadcast, footage, flights and courts cannot be combined with --size, --depth, --label-noise or --disturb"
+                "--set broadcast, footage, flights and courts cannot be combined with --size, --depth, --sheet, --label-noise or --disturb"
             );
             if let Made::Flights = made {
                 let (Some(videos), Some(balls)) = (&arguments.videos, &arguments.balls) else {
@@ -219,7 +224,7 @@ pub fn run(arguments: Arguments) -> Result<()> {
     let all = counts.iter().sum::<usize>() as u64;
     let progress = Mutex::new((Progress::new(), 0_u64));
     let began = std::time::Instant::now();
-    let mut clips = Vec::new();
+    let (mut clips, mut firsts) = (Vec::new(), Vec::new());
     let mut drawn = 0;
     for (shot, count) in shots.into_iter().zip(counts) {
         let made = shoot(&arguments, shot, split, count, |clip| {
@@ -230,11 +235,17 @@ pub fn run(arguments: Arguments) -> Result<()> {
             }
         })?;
         drawn += made.iter().map(|(_, new)| new).sum::<usize>();
+        firsts.push(clips.len());
         clips.extend(made.into_iter().map(|(clip, _)| clip));
     }
     let frames: usize = clips.iter().map(|clip| clip.frames.len()).sum();
     let count = clips.len();
-    Clips { folder: out.clone(), clips }.write_index()?;
+    let all = Clips { folder: out.clone(), clips };
+    all.write_index()?;
+    if let Some(path) = &arguments.sheet {
+        let firsts: Vec<&Clip> = firsts.into_iter().filter_map(|first| all.clips.get(first)).collect();
+        sheet::write(path, &all, &firsts)?;
+    }
     if let Ok((progress, _)) = progress.into_inner() {
         progress.finish();
     }

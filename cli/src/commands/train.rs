@@ -49,14 +49,20 @@ pub struct Arguments {
     /// Device to train on.
     #[arg(long, value_enum, default_value = "cpu")]
     device: DeviceChoice,
+    /// Print the whole configuration, with every field that the preset and the file leave at its default, and train nothing.
+    #[arg(long, conflicts_with_all = ["resume", "json"])]
+    print: bool,
+    /// Skip the report on the validation clips, which scores each of their pictures once more.
+    #[arg(long)]
+    no_report: bool,
     /// Print one JSON object at the end instead of text: `{"card": PATH, "report": PATH or null}`.
     #[arg(long)]
     json: bool,
 }
 
 impl Arguments {
-    /// The configuration of a new run: preset, file, flags, each over the one before.
-    fn configuration(&self) -> Result<TrainConfig> {
+    /// The settings of a new run: preset, file, flags, each over the one before.
+    fn settings(&self) -> Result<TrainSettings> {
         let mut settings =
             self.preset.as_deref().map_or_else(|| Ok(TrainSettings::default()), TrainSettings::preset)?;
         if let Some(file) = &self.config {
@@ -68,11 +74,14 @@ impl Arguments {
             }
         }
         self.fields.iter().try_for_each(|text| settings.set(text))?;
-        Ok(settings.config()?)
+        Ok(settings)
     }
 }
 
 pub fn run(arguments: Arguments) -> Result<()> {
+    if arguments.print {
+        return Ok(print_line(arguments.settings()?.whole()?.trim_end())?);
+    }
     let device = arguments.device.open()?;
     let mut progress = Progress::new();
     let mut observe = |event: TrainEvent| match event {
@@ -89,9 +98,9 @@ pub fn run(arguments: Arguments) -> Result<()> {
     };
     let card = match &arguments.resume {
         Some(folder) => TrainConfig::resume(folder, &device, &mut observe)?,
-        None => TrainConfig::start(arguments.configuration()?, &device, &mut observe)?,
+        None => TrainConfig::start(arguments.settings()?.config()?, &device, &mut observe)?,
     };
-    let report = report(&card, &device, &mut progress)?;
+    let report = if arguments.no_report { None } else { report(&card, &device, &mut progress)? };
     progress.finish();
     let path = card.display();
     if arguments.json {

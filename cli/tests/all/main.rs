@@ -1,5 +1,6 @@
 //! The command's tests, one program.
 
+mod adapt;
 mod batch;
 mod calibrate;
 mod cameras;

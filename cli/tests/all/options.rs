@@ -367,6 +367,17 @@ fn synth_draws_what_its_options_say() {
     let (_, deep) = drawn("deep", &["--depth"]);
     let depths = walk(&deep).into_iter().filter(|file| file.ends_with(".depth.png")).count();
     assert_eq!(depths, plain["frames"].as_array().unwrap().len());
+    // One camera: a row of six pictures, the first with the ball's path, and the last with the last frame.
+    let sheet = folder.join("sheet.png");
+    let (shown, shots) = drawn("shown", &["--sheet", text(&sheet)]);
+    let sheet = image::open(&sheet).unwrap().into_rgb8();
+    assert_eq!(sheet.dimensions(), (6 * 64 + 5 * 4, 64));
+    let frame = |frame: &Value| image::open(shots.join(frame["file"].as_str().unwrap())).unwrap().into_rgb8();
+    let frames = shown["frames"].as_array().unwrap();
+    let last = frame(frames.last().unwrap());
+    assert_eq!(*image::imageops::crop_imm(&sheet, 5 * 68, 0, 64, 64).to_image(), *last);
+    let [x, y] = [0, 1].map(|axis| frames[3]["image"][axis].as_f64().unwrap().floor() as u32);
+    assert_eq!(sheet.get_pixel(x, y).0, [255, 230, 0]);
     let out = folder.join("windy");
     let wind = ["synth", "--set", "sd-s", "--split", "test", "--clips", "1", "--disturb", "wind", "--out", text(&out)];
     let calm = folder.join("calm");
@@ -425,4 +436,24 @@ fn train_says_what_it_made_and_where_it_cannot_run() {
         let refused = train(&other, &["--device", "wgpu"]);
         assert!(String::from_utf8_lossy(&refused.stderr).contains("--features wgpu") && !other.exists());
     }
+    let refused = train(&other, &["--device", "cuda"]);
+    assert!(String::from_utf8_lossy(&refused.stderr).contains("--device wgpu") && !other.exists());
+    // 40 degrees off no camera explains the labels.
+    let refused = train(&other, &["--set", "supervision=physics-fit", "--set", "camera_off_degrees=40.0"]);
+    assert!(!refused.status.success() && !other.exists(), "{}", String::from_utf8_lossy(&refused.stderr));
+    let made: Value = serde_json::from_slice(&train(&other, &["--no-report", "--json"]).stdout).unwrap();
+    assert!(made["report"].is_null() && !said["report"].is_null(), "{made}, {said}");
+}
+
+/// What is printed is a configuration: a run by it begins as one by the preset.
+#[test]
+fn train_prints_the_whole_configuration() {
+    let run = gravisight(&["train", "--preset", "paper-compact", "--set", "seed=7", "--print"]);
+    let printed = String::from_utf8(run.stdout).unwrap();
+    let has = |line| printed.lines().any(|printed| printed == line);
+    assert!(has("seed = 7") && has("clip_norm = 5.0") && has("name = \"paper-compact\""), "{printed}");
+    let file = scratch("options-print").join("whole.toml");
+    std::fs::write(&file, &printed).unwrap();
+    let again = gravisight(&["train", "--config", text(&file), "--print"]);
+    assert_eq!(String::from_utf8(again.stdout).unwrap(), printed);
 }

@@ -36,25 +36,8 @@ pub struct Arguments {
     /// A video (needs ffmpeg), a folder of frames, or frames in order.
     #[arg(required = true, value_name = "VIDEO|FRAMES")]
     input: Vec<PathBuf>,
-    /// The camera that took it (camera.json) [default: found by the lines of the court].
-    #[arg(long, value_name = "CAMERA.JSON", requires = "scene")]
-    camera: Option<PathBuf>,
-    /// Assume a phone's main camera, held level 1.5 m above the ground, of this 35 mm equivalent; σ includes the assumptions [default: 26].
-    #[arg(long, value_name = "MM", num_args = 0..=1, require_equals = true, conflicts_with_all = ["camera", "court"], requires = "scene")]
-    assume_phone: Option<Option<f64>>,
-    /// Output of `calibrate --json` for this camera; its uncertainty is added to σ.
-    #[arg(long, value_name = "CALIBRATION.JSON", requires = "camera")]
-    camera_sigma: Option<PathBuf>,
-    /// The scene and its ball: scene.json, or the name of a sport (`gravisight scene` lists them).
-    #[arg(long, value_name = "SCENE.JSON|NAME")]
-    scene: Option<PathBuf>,
-    /// The court in the video; its painted lines give the camera's position and movement [default: the court of the sport in --scene, if its lines
-    /// are known]; `auto` tries all courts whose lines are known.
-    #[arg(long, value_name = "COURT", requires = "scene")]
-    court: Option<String>,
-    /// Ball to use instead of the scene's: the name of a sport, or a radius in metres.
-    #[arg(long, value_name = "NAME|M")]
-    ball: Option<String>,
+    #[command(flatten)]
+    place: PlaceArguments,
     /// Frames per second [default: the video's own times].
     #[arg(long, value_name = "F")]
     fps: Option<f64>,
@@ -91,15 +74,39 @@ pub struct Arguments {
     json: bool,
 }
 
+/// Where a video was filmed: options that `adapt` shares.
+#[derive(Args)]
+pub(super) struct PlaceArguments {
+    /// The camera that took it (camera.json) [default: found by the lines of the court].
+    #[arg(long, value_name = "CAMERA.JSON", requires = "scene")]
+    pub(super) camera: Option<PathBuf>,
+    /// Assume a phone's main camera, held level 1.5 m above the ground, of this 35 mm equivalent; σ includes the assumptions [default: 26].
+    #[arg(long, value_name = "MM", num_args = 0..=1, require_equals = true, conflicts_with_all = ["camera", "court"], requires = "scene")]
+    pub(super) assume_phone: Option<Option<f64>>,
+    /// Output of `calibrate --json` for this camera; its uncertainty is added to σ.
+    #[arg(long, value_name = "CALIBRATION.JSON", requires = "camera")]
+    pub(super) camera_sigma: Option<PathBuf>,
+    /// The scene and its ball: scene.json, or the name of a sport (`gravisight scene` lists them).
+    #[arg(long, value_name = "SCENE.JSON|NAME")]
+    pub(super) scene: Option<PathBuf>,
+    /// The court in the video; its painted lines give the camera's position and movement [default: the court of the sport in --scene, if its lines
+    /// are known]; `auto` tries all courts whose lines are known.
+    #[arg(long, value_name = "COURT", requires = "scene")]
+    pub(super) court: Option<String>,
+    /// Ball to use instead of the scene's: the name of a sport, or a radius in metres.
+    #[arg(long, value_name = "NAME|M")]
+    pub(super) ball: Option<String>,
+}
+
 /// What a report without metres says of them.
 const FLAT: &str = "In pixels only. For metres, speeds and bounces, give the scene: --scene NAME. If the video shows no court whose lines are \
                     known, also give --camera camera.json (from `gravisight calibrate`).";
 
 /// A frame and a place in it, px.
 #[derive(Debug, Clone, Copy)]
-struct SeedArgument(usize, [f64; 2]);
+pub(super) struct SeedArgument(pub(super) usize, pub(super) [f64; 2]);
 
-fn seed(text: &str) -> Result<SeedArgument, String> {
+pub(super) fn seed(text: &str) -> Result<SeedArgument, String> {
     let wrong = || format!("`{text}` is not FRAME,X,Y, such as 12,640.5,360");
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let &[frame, x, y] = parts.as_slice() else { return Err(wrong()) };
@@ -108,11 +115,11 @@ fn seed(text: &str) -> Result<SeedArgument, String> {
 }
 
 pub fn run(arguments: Arguments) -> Result<ExitCode> {
-    let scene = scene(&arguments)?;
+    let scene = scene(&arguments.place)?;
     let localiser = model::open(arguments.model.as_deref(), &arguments.device.open()?)?;
     let footage = Footage::open(&arguments.input, arguments.fps)?;
     let name = || footage.name();
-    let place = scene.map(|scene| place(&arguments, &scene, &footage)).transpose().with_context(name)?;
+    let place = scene.map(|scene| place(&arguments.place, &scene, &footage)).transpose().with_context(name)?;
     let mut progress = Progress::new();
     let camera = place.as_ref().map(|place| place.camera.clone());
     let mut tracker = VideoTracker::new(Arc::new(localiser), camera);
@@ -141,7 +148,7 @@ pub fn run(arguments: Arguments) -> Result<ExitCode> {
     if let Some(place) = &place {
         let options = FitOptions {
             cameras: place.cameras.clone(),
-            camera_assumed: arguments.assume_phone.is_some(),
+            camera_assumed: arguments.place.assume_phone.is_some(),
             hits: arguments.hits.most(),
             times_known: footage.times_known(),
             ..FitOptions::default()
@@ -180,15 +187,15 @@ fn circle(point: &TrackPoint) -> Option<[f64; 3]> {
 }
 
 /// What is known of the place.
-struct SceneOfTrack {
-    camera: Camera,
-    cameras: Vec<Camera>,
-    forecaster: Forecaster,
+pub(super) struct SceneOfTrack {
+    pub(super) camera: Camera,
+    pub(super) cameras: Vec<Camera>,
+    pub(super) forecaster: Forecaster,
     /// The court whose lines are known.
-    court: Option<String>,
+    pub(super) court: Option<String>,
 }
 
-fn scene(arguments: &Arguments) -> Result<Option<Scene>> {
+pub(super) fn scene(arguments: &PlaceArguments) -> Result<Option<Scene>> {
     let Some(scene) = &arguments.scene else {
         ensure!(arguments.ball.is_none(), "--ball needs --scene");
         return Ok(None);
@@ -200,7 +207,7 @@ fn scene(arguments: &Arguments) -> Result<Option<Scene>> {
     }))
 }
 
-fn place(arguments: &Arguments, scene: &Scene, footage: &Footage) -> Result<SceneOfTrack> {
+pub(super) fn place(arguments: &PlaceArguments, scene: &Scene, footage: &Footage) -> Result<SceneOfTrack> {
     let forecaster = Forecaster::new(scene)?;
     let court = match &arguments.court {
         Some(court) => Some(court.clone()),
@@ -227,7 +234,7 @@ fn place(arguments: &Arguments, scene: &Scene, footage: &Footage) -> Result<Scen
 }
 
 /// Once through the footage.
-fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress) -> Result<VideoTracker> {
+pub(super) fn watched(footage: &Footage, mut tracker: VideoTracker, progress: &mut Progress) -> Result<VideoTracker> {
     let all = footage.times().len();
     footage.each(0..all, &mut |frame: usize, picture: Picture| {
         pollster::block_on(tracker.add(picture, footage.times()[frame]))?;
