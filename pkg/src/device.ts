@@ -7,7 +7,7 @@ import { VERSION } from "./version.js";
 
 /** What is used of WebGPU, which the DOM's types do not know in every version. */
 interface GpuAdapter {
-  info?: Partial<Core.Adapter>;
+  info?: Partial<Core.AdapterInfo>;
   limits: Partial<Core.AdapterLimits>;
 }
 interface Gpu {

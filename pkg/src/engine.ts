@@ -20,6 +20,7 @@ export class Engine {
   #saliency: Core.Localiser | undefined;
   #tracker: Core.VideoTracker | undefined;
   #tuner: { core: Core.FineTuner; device: Device } | undefined;
+  #adapter: Core.Adapter | undefined;
   #scenes = new Map<number, Core.Simulator>();
   #nextScene = 0;
   /** Where the builds are. */
@@ -81,21 +82,15 @@ export class Engine {
     },
 
     tuner: async (request, onProgress) => {
-      const { kind, reason } = await pickDevice(request, onProgress, this);
-      const model = loadModel(request.model, request.cache, onProgress);
-      model.catch(() => {});
-      this.#module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
-      const { card, weights } = await model;
-      const core = await this.#module.FineTuner.create(card, weights, request.options, kind);
+      const { module, model, kind, reason } = await this.#loadToTrain(request, onProgress);
+      const core = await module.FineTuner.create(model.card, model.weights, request.options, kind);
       const device = deviceOf(core, kind, reason);
       this.#tuner = { core, device };
       return device;
     },
     resumeTuner: async (request, onProgress) => {
-      // `auto` measures with the package's own model: that of the run is in the checkpoint.
-      const { kind, reason } = await pickDevice({ ...request, model: undefined }, onProgress, this);
-      this.#module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total }));
-      const core = await this.#module.FineTuner.resume(request.checkpoint, kind);
+      const { module, kind, reason } = await this.#loadToResume(request, onProgress);
+      const core = await module.FineTuner.resume(request.checkpoint, kind);
       const device = deviceOf(core, kind, reason);
       this.#tuner = { core, device };
       return device;
@@ -132,6 +127,24 @@ export class Engine {
       }
     },
     exportTuned: () => present(this.#tuner).core.export(),
+
+    adapter: async (request, onProgress) => {
+      const { module, model, kind, reason } = await this.#loadToTrain(request, onProgress);
+      this.#adapter = await module.Adapter.create(model.card, model.weights, request.options, kind);
+      return deviceOf(this.#adapter, kind, reason);
+    },
+    resumeAdapter: async (request, onProgress) => {
+      const { module, kind, reason } = await this.#loadToResume(request, onProgress);
+      this.#adapter = await module.Adapter.resume(request.checkpoint, kind);
+      return deviceOf(this.#adapter, kind, reason);
+    },
+    adaptBegin: ({ tracked, seeds, camera, radius }) => present(this.#adapter).begin(tracked, seeds, camera, radius),
+    adaptAdd: async ({ picture, time }) => (await present(this.#adapter).add(picture, time), null),
+    adaptEnd: async () => (await present(this.#adapter).end(), null),
+    adaptStep: async () => (await present(this.#adapter).step()) ?? null,
+    adaptProgress: () => present(this.#adapter).progress(),
+    adaptCheckpoint: () => present(this.#adapter).checkpoint(),
+    adaptFinish: ({ name }) => present(this.#adapter).finish(name),
   };
 
   /** Whether there is such a call. */
@@ -159,9 +172,27 @@ export class Engine {
     this.#tracker = undefined;
     this.#dropLocaliser();
     this.#tuner?.core.free();
+    this.#adapter?.free();
     for (const scene of this.#scenes.values()) scene.free();
-    this.#tuner = undefined;
+    this.#tuner = this.#adapter = undefined;
     this.#scenes.clear();
+  }
+
+  /** The core and the model that a training starts from. */
+  async #loadToTrain(request: Request<"tuner">, onProgress: OnProgress) {
+    const { kind, reason } = await pickDevice(request, onProgress, this);
+    const loading = loadModel(request.model, request.cache, onProgress);
+    loading.catch(() => {});
+    const module = (this.#module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total })));
+    return { module, model: await loading, kind, reason };
+  }
+
+  /** The core for a training that goes on. */
+  async #loadToResume(request: Request<"resumeTuner">, onProgress: OnProgress) {
+    // `auto` measures with the package's own model: that of the run is in the checkpoint.
+    const { kind, reason } = await pickDevice({ ...request, model: undefined }, onProgress, this);
+    const module = (this.#module = await loadBuild(kind, request, (loaded, total) => onProgress({ stage: "wasm", loaded, total })));
+    return { module, kind, reason };
   }
 
   #dropLocaliser(): void {

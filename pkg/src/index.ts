@@ -1,4 +1,5 @@
 /** A ball's 3D position from a single picture of one calibrated camera. */
+export { Adapter } from "./adapter.js";
 export { coreFiles } from "./builds.js";
 export { clearCache, isCached } from "./cache.js";
 export { GravisightError } from "./error.js";

@@ -53,6 +53,16 @@ export interface Calls {
   evaluate: [Record<never, never>, Core.TuneScore];
   tuned: [{ picture: PictureMessage; camera: string; options: Core.Wanted }, Found];
   exportTuned: [Record<never, never>, Model];
+
+  adapter: [Source & { model: string | Model | undefined; device: DeviceChoice; cache: boolean; options: string }, Device];
+  resumeAdapter: [Source & { checkpoint: Uint8Array; device: DeviceChoice; cache: boolean }, Device];
+  adaptBegin: [{ tracked: string; seeds: string; camera: string | undefined; radius: number | undefined }, Core.AdaptFlights];
+  adaptAdd: [{ picture: PictureMessage; time: number }, null];
+  adaptEnd: [Record<never, never>, null];
+  adaptStep: [Record<never, never>, Core.AdaptStep | null];
+  adaptProgress: [Record<never, never>, Core.AdaptProgress];
+  adaptCheckpoint: [Record<never, never>, Uint8Array];
+  adaptFinish: [{ name: string }, Core.AdaptedModel];
 }
 
 export type CallName = keyof Calls;

@@ -1,9 +1,14 @@
-import type { Adapter, Camera, CourtLine, FineTuneOptions as Settings, FloatMap, Model, Parameter, Picture, Position, Scene, Tuned, Wanted } from "../wasm/cpu/gravisight.js";
+import type { AdaptOptions as AdaptSettings, AdaptStep, AdapterInfo, Camera, CourtLine, FineTuneOptions as Settings, FloatMap, Model, Parameter, Picture, Position, Scene, Tuned, Wanted } from "../wasm/cpu/gravisight.js";
 
 // What the core returns, and the files that it reads and writes, are declared by the core itself.
 export type {
-  Adapter,
+  AdapterInfo,
   AdapterLimits,
+  AdaptFlights,
+  AdaptProgress,
+  AdaptScore,
+  AdaptStep,
+  AdaptedModel,
   Added as ClipAdded,
   AssociationConfig,
   AssumedCamera,
@@ -103,6 +108,7 @@ export type {
   WeightsConfig,
   WrongClick,
 } from "../wasm/cpu/gravisight.js";
+import type { Seed } from "./video-tracker.js";
 
 /** Where the network can run. */
 export type DeviceKind = "cpu" | "webgpu";
@@ -118,7 +124,7 @@ export interface Device {
   /** Why it was taken, in words. */
   reason: string;
   /** Of WebGPU, as far as the browser tells. */
-  adapter?: Adapter;
+  adapter?: AdapterInfo;
 }
 
 /** How far loading is, or a fit. Stages may interleave: the wasm and the weights are fetched side by side. */
@@ -238,6 +244,29 @@ export interface CalibrationPoints {
 
 /** What a calibration can estimate besides the pose (and the focal length, where no intrinsic matrix is given). */
 export type CalibrationUnknown = "focal" | "principal-point" | "distortion" | "full-distortion";
+
+/** Options of {@link Adapter.create}. The model must read the ball's size and have a verifier and a motion network, as `any` does. */
+export interface AdaptOptions extends ModelOptions, Partial<AdaptSettings> {}
+
+/** Options of {@link Adapter.begin}. */
+export interface AdaptBeginOptions {
+  /** Ball positions that a person marked. Without a scene, the flight around each one becomes training data at any ball probability. */
+  seeds?: Seed[];
+  /** The camera that filmed the video; it is fixed. With `ball`, radii come from the distances that physics finds, where these are more accurate. */
+  camera?: Camera;
+  /** The ball in the video; needs `camera`. */
+  ball?: Ball;
+  /** Discards the result; the promise rejects with the signal's reason. */
+  signal?: AbortSignal;
+}
+
+/** Options of {@link Adapter.step}. */
+export interface AdaptStepOptions {
+  /** An abort takes effect after the current step. */
+  signal?: AbortSignal;
+  /** Called after each step. */
+  onStep?: (step: AdaptStep) => void;
+}
 
 /** Options of {@link FineTuner.create}. */
 export interface FineTuneOptions extends ModelOptions, Partial<Settings> {}

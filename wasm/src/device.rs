@@ -12,7 +12,7 @@ use gravisight_kernels::threads;
 /// A WebGPU adapter, as far as the browser tells: some keep its names to themselves.
 #[derive(Debug, Clone, Default, Serialize, Deserialize, Tsify)]
 #[serde(rename_all = "camelCase", default)]
-pub struct Adapter {
+pub struct AdapterInfo {
     /// Such as `nvidia`.
     pub vendor: String,
     /// Its family, such as `ampere`.
@@ -39,7 +39,7 @@ pub struct AdapterLimits {
     pub max_compute_invocations_per_workgroup: f64,
 }
 
-impl Adapter {
+impl AdapterInfo {
     /// For people; empty where the browser keeps the names to itself.
     fn name(&self) -> String {
         let parts = [&self.vendor, &self.architecture, &self.description];
@@ -76,7 +76,7 @@ pub(super) fn now() -> f64 {
 }
 
 /// The WebGPU adapter that a model runs on in this browser; none where there is none.
-async fn adapter() -> Option<Adapter> {
+async fn adapter() -> Option<AdapterInfo> {
     let navigator: JsValue = js_sys::Reflect::get(&scope(), &"navigator".into()).ok()?;
     let navigator = navigator.is_object().then(|| navigator.unchecked_into::<GpuNavigator>())?;
     // As Burn asks for it.
@@ -86,7 +86,7 @@ async fn adapter() -> Option<Adapter> {
     let found = found.is_object().then(|| found.unchecked_into::<GpuAdapter>())?;
     let limits = serde_wasm_bindgen::from_value(found.limits()).unwrap_or_default();
     // Older browsers have no `info`.
-    Some(Adapter { limits, ..serde_wasm_bindgen::from_value(found.info()).unwrap_or_default() })
+    Some(AdapterInfo { limits, ..serde_wasm_bindgen::from_value(found.info()).unwrap_or_default() })
 }
 
 /// A device, with its name and its adapter.
@@ -96,7 +96,7 @@ pub(super) struct Named {
     /// In words.
     pub name: String,
     /// Of WebGPU.
-    pub adapter: Option<Adapter>,
+    pub adapter: Option<AdapterInfo>,
 }
 
 /// The device of a name.
@@ -113,7 +113,7 @@ pub(super) async fn device_of(name: &str) -> Result<Named> {
         "webgpu" => {
             let device = webgpu::device().await?;
             let adapter = adapter().await;
-            let words = adapter.as_ref().map(Adapter::name).filter(|name| !name.is_empty());
+            let words = adapter.as_ref().map(AdapterInfo::name).filter(|name| !name.is_empty());
             let name = words.map_or_else(|| "WebGPU".into(), |name| format!("WebGPU ({name})"));
             Ok(Named { device, name, adapter })
         }

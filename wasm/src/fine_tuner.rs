@@ -5,7 +5,7 @@ use serde::Serialize;
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
-use super::device::{Adapter, Named, device_of};
+use super::device::{AdapterInfo, Named, device_of};
 use super::held::Held;
 use super::localiser::JsLocaliser;
 use super::picture::{self, AnyPicture};
@@ -137,7 +137,7 @@ impl JsFineTuner {
 
     /// The WebGPU adapter of the device; undefined on the CPU.
     #[wasm_bindgen(getter)]
-    pub fn adapter(&self) -> std::result::Result<Option<Ts<Adapter>>, JsValue> {
+    pub fn adapter(&self) -> std::result::Result<Option<Ts<AdapterInfo>>, JsValue> {
         self.device.adapter.as_ref().map(object_of).transpose().map_err(js_error)
     }
 }

@@ -7,7 +7,7 @@ use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
 
 /// Bytes of pictures at most: wasm's memory ends at 4 GiB, and what is made of the pictures needs room, too.
-const MOST_BYTES: usize = 1 << 30;
+pub(super) const MOST_BYTES: usize = 1 << 30;
 
 /// The pictures of the clip that is being given.
 #[derive(Default)]

@@ -7,6 +7,7 @@
 #![deny(missing_docs, unsafe_code)]
 #![warn(clippy::unwrap_used)]
 
+mod adapter;
 mod cameras;
 mod device;
 mod fine_tuner;

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use tsify::{Ts, Tsify};
 use wasm_bindgen::prelude::{JsValue, wasm_bindgen};
 
-use super::device::{Adapter, Named, device_of, now};
+use super::device::{AdapterInfo, Named, device_of, now};
 use super::picture::{self, AnyPicture};
 use super::tracker::JsVideoTracker;
 use super::{js_error, object_of};
@@ -153,7 +153,7 @@ impl JsLocaliser {
 
     /// The WebGPU adapter of the device; undefined on the CPU.
     #[wasm_bindgen(getter)]
-    pub fn adapter(&self) -> std::result::Result<Option<Ts<Adapter>>, JsValue> {
+    pub fn adapter(&self) -> std::result::Result<Option<Ts<AdapterInfo>>, JsValue> {
         self.device.adapter.as_ref().map(object_of).transpose().map_err(js_error)
     }
 }
