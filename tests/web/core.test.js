@@ -5,7 +5,7 @@ import { test } from "node:test";
 import * as core from "../../pkg/wasm/cpu/gravisight.js";
 import { drawnCourt } from "./support/court.js";
 import { pictureOf, samples } from "./support/demo.js";
-import { film, filming } from "./support/throw.js";
+import { film, filming, followed } from "./support/throw.js";
 
 const file = (path) => readFileSync(new URL(`../../${path}`, import.meta.url));
 const TYPES = file("pkg/wasm/cpu/gravisight.d.ts").toString();
@@ -70,6 +70,24 @@ async function clipAdded(clip, heldOut) {
 }
 const checkpoint = await (await tuner()).checkpoint();
 
+/** An adapter that was given a film, with its flights; what it learns from, by its first loss. */
+async function adapted({ track = followed(frames), seeds = "[]", picture, time } = {}) {
+  const made = await core.Adapter.create(card, weights, json({ steps: 1 }), "cpu");
+  const flights = made.begin(typeof track === "string" ? track : json(track), seeds);
+  if (picture) {
+    await made.add(frames[0].picture, 0.5);
+    await made.add(picture, time);
+  }
+  for (const [frame, each] of (picture ? [] : frames).entries()) await made.add(each.picture, frame / 30);
+  if (!picture) await made.end();
+  return { made, flights };
+}
+const ofAdapter = (made) => json([made.progress(), made.deviceName]);
+const { made: adapter } = await adapted();
+await adapter.step();
+const aside = await adapter.checkpoint();
+const unsure = json({ ...followed(frames), frames: followed(frames).frames.map((frame) => ({ ...frame, confidence: 0.6 })) });
+
 /** A tracker that has seen that film; `filmedBy` holds its camera and the tracker's numbers, as JSON. */
 async function watched(given = frames, times = 33, ...filmedBy) {
   const tracker = localiser.tracker(...filmedBy);
@@ -118,6 +136,11 @@ const CASES = {
   "FineTuner.create": [async (...given) => ofTuner(await core.FineTuner.create(...given)), [card, weights, "{}", "cpu"], ["{}", weights.subarray(1), json({ steps: 7 }), "abacus"]],
   "FineTuner.resume": [async (...given) => ofTuner(await core.FineTuner.resume(...given)), [checkpoint, "cpu"], [checkpoint.subarray(1), "abacus"]],
   "FineTuner.addPicture": [async (picture) => (await (await tuner()).addPicture(picture), "added"), [seen[0]], [new Uint8Array([1, 2, 3])]],
+  "Adapter.create": [async (...given) => ofAdapter(await core.Adapter.create(...given)), [card, weights, "{}", "cpu"], ["{}", weights.subarray(1), json({ steps: 7 }), "abacus"]],
+  "Adapter.resume": [async (...given) => ofAdapter(await core.Adapter.resume(...given)), [aside, "cpu"], [aside.subarray(1), "abacus"]],
+  "Adapter.begin": [async (...given) => (await core.Adapter.create(card, weights, "{}", "cpu")).begin(...given), [unsure, "[]", undefined, undefined], [json(followed(frames)), "[[3, [20, 80]]]", "{}", -1]],
+  "Adapter.add": [async (picture, time) => (await adapted({ picture, time }), "added"), [frames[1].picture, 1], [new Uint8Array([1, 2, 3]), 0.25]],
+  "Adapter.finish": [(name) => adapter.finish(name), ["ball"], ["a/ball"]],
   "FineTuner.addClip": [clipAdded, [line("one"), true], [line("other"), false]],
 };
 
@@ -184,6 +207,11 @@ const OPTIONS = {
     async (options) => ofTuner(await core.FineTuner.create(card, weights, json(options), "cpu")),
     {},
     { steps: 7, batch: 0, crop: 33, learningRate: -1, supervision: "guesswork", seed: -1 },
+  ],
+  AdaptOptions: [
+    async (options) => ofAdapter(await core.Adapter.create(card, weights, json(options), "cpu")),
+    {},
+    { steps: 7, learningRate: -1, seed: -1 },
   ],
 };
 

@@ -255,6 +255,10 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
   const allFrames = `
     const frames = ${JSON.stringify(clip.frames)};
     for (const frame of frames) Object.assign(frame, { picture: await (await fetch("/clips/train/" + frame.file)).blob(), timestampMs: 1000 * frame.t });`;
+  // Two throws, one after the other.
+  const twoThrows = `
+    import { film } from "/throw.js";
+    const frames = [...film(), ...film()].map(({ picture }, index) => ({ picture, timestampMs: (1000 * index) / 30 }));`;
   // The clip is of a scene of its own, and no tennis.
   const ownScene = written.package.get("tracker.js").replace('scene: "tennis"', "scene");
   const fewSteps = written.package.get("tune.js").replaceAll("200", "2");
@@ -266,8 +270,10 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
     "package/tracker": `${given}${allFrames}\n${ownScene}`,
     "package/court": written.package.get("court.js"),
     "package/circle": written.package.get("circle.js"),
+    "package/adapt": `${twoThrows}\n${written.package.get("adapt.js").replace("300", "2")}`,
     "package/tune": `${given}${twoClips}\n${fewSteps}\nconsole.log(JSON.parse(card).name, weights.length);`,
   };
+  write(join(folder, "throw.js"), text("tests/web/support/throw.js"));
   write(join(folder, "public/clip.webm"), video);
   write(join(folder, "public/court.png"), await drawnTennisCourt());
   for (const [name, code] of Object.entries(pages)) {
@@ -322,6 +328,12 @@ test("the READMEs' lines, and the first page, in Vite's development server", asy
   isNear([(await circled.args()[0].jsonValue())[1]], [(0.11 / 60) * (5040 / 43.27) * 26], 0.2);
   run.package.push("circle.js");
   await circling.close();
+
+  const adapting = await open(browser, "about:blank", complaints);
+  const learned = Promise.all([/^detector 1 6$/, /^motion network 6 6$|^verifier 4 4$/, /^reports the ball in \d|no network improved/].map((words) => logged(adapting, words)));
+  await Promise.all([learned, adapting.goto(`${url}package/adapt.html`)]);
+  run.package.push("adapt.js");
+  await adapting.close();
 
   const tuning = await open(browser, "about:blank", complaints);
   const said = Promise.all([/^\d.* px before$/, /^1 \d/, /^2 \d/, /^\d.* px after$/, /^sd-l-tuned \d{6,}$/].map((words) => logged(tuning, words)));

@@ -3,11 +3,11 @@ import assert from "node:assert/strict";
 import { readdirSync, readFileSync } from "node:fs";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { coreFiles, FineTuner, Localiser, Toolbox, Track, VideoTracker } from "gravisight";
+import { Adapter, coreFiles, FineTuner, Localiser, Toolbox, Track, VideoTracker } from "gravisight";
 import { drawnCourt, seatedCamera } from "./support/court.js";
 import { pictureOf, samples } from "./support/demo.js";
 import { writeStubBuilds } from "./support/stub-builds.js";
-import { film, filming } from "./support/throw.js";
+import { film, filming, followed } from "./support/throw.js";
 
 const root = fileURLToPath(new URL("../..", import.meta.url));
 const { camera } = samples[0];
@@ -457,6 +457,58 @@ test("FineTuner", async () => {
   });
   tuner.dispose();
   toolbox.dispose();
+});
+
+test("Adapter", async () => {
+  const create = (options) => Adapter.create({ model: ANY, ...options });
+  const settings = fieldsOf("AdaptOptions", CORE_TYPES);
+  fieldsOf("AdaptOptions");
+  const refused = (field) => async () => (await code(create({ [field]: -1 }))) !== "none";
+  await each([...OF_MODEL, ...settings], { ...with_(MODEL, create), ...Object.fromEntries(settings.map((field) => [field, refused(field)])) });
+
+  const frames = film();
+  const track = followed(frames);
+  const unsure = { ...track, frames: track.frames.map((frame) => ({ ...frame, confidence: 0.6 })) };
+  const adapter = await create({ steps: 1 });
+  await each(fieldsOf("AdaptBeginOptions"), {
+    seeds: async () => (await adapter.begin(unsure, { seeds: [{ frame: 3, image: frames[3].at }] })).flights > (await adapter.begin(unsure)).flights,
+    // A picture of another shape than the camera's; a radius that no ball has.
+    camera: async () => (await adapter.begin(track, { camera: { ...filming, height: 60 }, ball }), (await code(adapter.add(frames[0].picture, 0))) === "camera-mismatch"),
+    ball: async () => (await code(adapter.begin(track, { ball: { radius: -1 } }))) === "value",
+    signal: () => aborted(adapter.begin(track, { signal: enough })),
+  });
+  assert.deepEqual(await adapter.begin(track), { flights: 2, frames: 35 });
+  assert.ok(await aborted(adapter.add(frames[0].picture, 0, { signal: enough })));
+  const given = await create({ steps: 1 });
+  await given.begin(track);
+  for (const [frame, { picture }] of frames.entries()) await given.add(picture, (1000 * frame) / 30);
+  assert.equal(await code(given.add(frames[0].picture, 1)), "timestamp-order");
+  assert.ok(await aborted(given.end({ signal: enough })));
+  await given.end();
+  assert.equal(await code(given.checkpoint()), "value");
+  const steps = [];
+  await each(fieldsOf("AdaptStepOptions"), {
+    signal: () => aborted(given.step(1, { signal: enough })),
+    onStep: async () => (await given.step(1, { onStep: ({ network }) => steps.push(network) })).step === 1 && steps[0] === "detector",
+  });
+  const { step, steps: all } = await given.progress();
+  assert.ok(step === 1 && all >= 2, `${step} of ${all}`);
+  assert.ok(await aborted(given.finish("ball", { signal: enough })));
+
+  const checkpoint = await given.checkpoint();
+  const resume = (options) => Adapter.resume(checkpoint, options);
+  await each([...OF_CORE, ...fieldsOf("FineTuneResumeOptions")], {
+    ...with_(CORE, resume),
+    device: async () => (await code(resume({ device: "abacus" }))) === "device",
+    cache: () => MODEL.cache((options) => resume({ device: "auto", ...options })),
+  });
+  // The frames of another film are not those of the run.
+  const other = await resume({});
+  await other.begin({ ...track, frames: track.frames.slice(0, 30) });
+  for (const [frame, { picture }] of frames.slice(0, 30).entries()) await other.add(picture, (1000 * frame) / 30);
+  await other.end();
+  assert.equal(await code(other.step()), "data");
+  for (const made of [adapter, given, other]) made.dispose();
 });
 
 test("no interface of options was left out", () => {

@@ -1,3 +1,9 @@
+/** The same as a tracker gives it, as two flights. */
+export const followed = (frames) => ({
+  explained: null,
+  frames: frames.map(({ at }, frame) => ({ frame, time: frame / 30, repeated: false, image: frame > 14 && frame < 20 ? null : at, radiusPx: 4.5, confidence: 0.97, outlier: false })),
+});
+
 /** A ball that is thrown before a still camera. */
 
 /** Six metres before the origin, a metre above the ground. */

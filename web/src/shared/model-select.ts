@@ -18,6 +18,13 @@ export class ModelSelect {
     return this.#select.value;
   }
 
+  /** Chooses a model that was just kept. */
+  async choose(choice: string): Promise<void> {
+    await this.#update();
+    this.#select.value = choice;
+    this.#select.dispatchEvent(new Event("change", { bubbles: true }));
+  }
+
   async #update(): Promise<void> {
     const names: string[] = [];
     try {

@@ -1,4 +1,5 @@
 /** The ball followed through a whole video: to begin, to correct by a click, to end. */
+import type { Scene } from "gravisight";
 import { findableCourt } from "../shared/find-court";
 import type { Job, Watch } from "../shared/job";
 import { loadable } from "../shared/models";
@@ -49,6 +50,11 @@ export class Following {
   /** Whose lines the last track used. */
   get court(): string | undefined {
     return this.#used?.court;
+  }
+
+  /** The place of the last track, of which its metres are. */
+  get scene(): Scene | undefined {
+    return this.#used?.scene;
   }
 
   get result(): TrackResult | undefined {

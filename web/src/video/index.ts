@@ -22,6 +22,7 @@ import { SceneChoice } from "./scene-choice";
 import { Setting } from "./setting";
 import { PictureSource, type Source } from "./sources";
 import "./style.css";
+import { Teaching } from "./teaching";
 import { playerKey } from "./timeline";
 import { Transport } from "./transport";
 import { VideoSource } from "./video-source";
@@ -46,6 +47,7 @@ class Step {
   readonly #setting: Setting;
   readonly #work: Work;
   readonly #recorder: WebcamRecorder;
+  readonly #teaching: Teaching;
   #loading: Promise<void> | undefined;
   /** Sources that are being opened: one, or more for a moment where somebody does not wait. */
   #opening = 0;
@@ -78,6 +80,7 @@ class Step {
       { part, sceneChoice: this.#sceneChoice, overlay: this.#overlay, transport: this.#transport, frameSearch: this.#frameSearch, job: this.#job, models: this.#models },
       { begin: () => this.#forget(), found: ({ curve }) => this.#showCurve(curve), warn: (message) => this.#alert.say(message) },
     );
+    this.#teaching = new Teaching({ part, frameSearch: this.#frameSearch, following: this.#following, job: this.#job, models: this.#models });
     this.#work = new Work(
       { part, sceneChoice: this.#sceneChoice, following: this.#following, frameSearch: this.#frameSearch, model: this.#model },
       {
@@ -135,6 +138,8 @@ class Step {
       return this.#work.forget();
     });
     onClick("video-correction-undo", () => this.#following.corrections.undo().then(() => this.#kept()));
+    onClick("video-teach-start", () => this.#teaching.start());
+    onClick("video-teach-continue", () => this.#teaching.continue());
     onClick("video-save-session", () => this.#work.save());
     onClick("video-csv", () => this.#results.saveCsv());
     onClick("video-json", () => this.#results.saveJson());
@@ -359,7 +364,10 @@ class Step {
   }
 
   #showWhether(): void {
-    void this.#alert.during(() => this.#following.showWhether());
+    void this.#alert.during(async () => {
+      await this.#following.showWhether();
+      await this.#teaching.showWhether();
+    });
   }
 
   /** Forgets all positions. */
