@@ -30,6 +30,7 @@ const sidebar = [
       page("From a 2D track to metres", "/docs/real"),
       page("Your own ball", "/docs/your-own-ball"),
       page("Many videos", "/docs/many-videos"),
+      page("Training", "/docs/training"),
       page("In a web page", "/docs/in-a-web-page"),
       page("Programs for web pages and Node.js", "/docs/web"),
     ],
