@@ -81,6 +81,8 @@ export class Adapter {
    * runs of frames with a high ball probability do.
    *
    * @returns the numbers of flights and frames that become training data; if 0, you can skip {@link add}.
+   * @throws {@link GravisightError} `value` if `tracked.frames` are not all frames of the video, if the last video was not ended, or after the first
+   * {@link step}.
    */
   begin(tracked: Pick<TrackedVideo, "explained" | "frames">, options: AdaptBeginOptions = {}): Promise<AdaptFlights> {
     const { seeds = [], camera, ball, signal } = options;
@@ -112,7 +114,11 @@ export class Adapter {
     this.#last = timestampMs;
   }
 
-  /** Ends the current video. Call it after the last frame. */
+  /**
+   * Ends the current video. Call it after the last frame.
+   *
+   * @throws {@link GravisightError} `data` if frames are missing; nothing of that video is kept.
+   */
   async end(options: { signal?: AbortSignal } = {}): Promise<void> {
     await this.#transport.call("adaptEnd", {}, options);
   }
@@ -149,7 +155,7 @@ export class Adapter {
    * Returns the adapted model under the name `name`. It keeps a new network only if that did better on the held-out flights; detector and verifier
    * count as one.
    *
-   * @throws {@link GravisightError} `data` if none did; `value` for an invalid name, or before the first step.
+   * @throws {@link GravisightError} `data` if none did; `value` for an invalid name, or before the last step.
    */
   finish(name: string, options: { signal?: AbortSignal } = {}): Promise<AdaptedModel> {
     return this.#transport.call("adaptFinish", { name: String(name) }, options);

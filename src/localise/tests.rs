@@ -212,7 +212,8 @@ fn pictures_together_give_the_positions_of_each_alone() {
     let taken = pictures.iter().map(|picture| localiser.take(picture, &camera).unwrap()).collect();
     let together = pollster::block_on(localiser.positions(taken)).unwrap();
     assert_eq!(together.len(), pictures.len());
-    for (found, picture) in together.iter().zip(&pictures) {
+    for (found, picture) in together.into_iter().zip(&pictures) {
+        let found = found.unwrap();
         let alone = pollster::block_on(localiser.localise(picture, &camera, LocaliseOptions::default())).unwrap();
         let off = |a: f64, b: f64| (a - b).abs() / b.abs().max(1.0);
         let pairs = [found.image.x, found.image.y, found.confidence].into_iter().chain(found.world.iter().copied());

@@ -59,7 +59,7 @@ impl Localiser {
     ///
     /// # Errors
     /// [`Error::OutputNotFinite`], [`Error::Device`], [`Error::Distortion`].
-    pub(crate) async fn positions(&self, pictures: Vec<Taken>) -> Result<Vec<Position>> {
+    pub(crate) async fn positions(&self, pictures: Vec<Taken>) -> Result<Vec<Result<Position>>> {
         let (mut values, mut views) = (Vec::new(), Vec::new());
         for taken in pictures {
             values.extend(taken.values);
@@ -71,6 +71,6 @@ impl Localiser {
             let world = view.camera.world_from_camera(&in_camera);
             Ok(Position { image: image.into(), world, confidence: seen.confidence })
         };
-        seen.into_iter().zip(views).map(position).collect()
+        Ok(seen.into_iter().zip(views).map(position).collect())
     }
 }

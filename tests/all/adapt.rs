@@ -52,7 +52,7 @@ fn tracked() -> TrackedVideo {
 }
 
 fn give(adapter: &mut Adapter, tracked: &TrackedVideo) {
-    adapter.begin(tracked, &[], None);
+    adapter.begin(tracked, &[], None).unwrap();
     for frame in 0..tracked.frames.len() {
         pollster::block_on(adapter.add(picture(frame), frame as f64 / FPS)).unwrap();
     }
@@ -87,13 +87,8 @@ fn a_run_that_was_put_aside_ends_as_if_it_had_not_stopped() {
     let error = pollster::block_on(whole.finish("../ball")).unwrap_err().to_string();
     assert!(error.contains("file name"), "{error}");
 
-    // Frames that were left out would have the labels of others.
-    whole.begin(&tracked(), &[], None);
-    pollster::block_on(whole.add(picture(0), 0.0)).unwrap();
-    let error = pollster::block_on(whole.add(picture(1), 0.0)).unwrap_err().to_string();
-    assert!(error.contains("must be later"), "{error}");
-    let error = pollster::block_on(whole.end()).unwrap_err().to_string();
-    assert!(error.contains("1 frames were given, but 40 were tracked"), "{error}");
+    let error = whole.begin(&tracked(), &[], None).unwrap_err().to_string();
+    assert!(error.contains("add all videos before"), "{error}");
 
     let mut others = Adapter::resume(&aside, &Device::flex()).unwrap();
     let mut shorter = tracked();
@@ -103,4 +98,38 @@ fn a_run_that_was_put_aside_ends_as_if_it_had_not_stopped() {
     let error = pollster::block_on(others.step()).unwrap_err().to_string();
     assert!(error.contains("saved run") && error.contains("same videos"), "{error}");
     assert!(Adapter::resume(&aside[..aside.len() - 9], &Device::flex()).is_err());
+}
+
+#[test]
+fn a_video_is_taken_whole_or_not_at_all() {
+    let (card, weights) = Card::with_weights(&root().join("models/any.json")).unwrap();
+    let options = AdaptOptions { steps: 1, ..AdaptOptions::default() };
+    let mut adapter = Adapter::new(card, weights, &options, &Device::flex()).unwrap();
+    let mut later = tracked();
+    later.frames.remove(0);
+    let error = adapter.begin(&later, &[], None).unwrap_err().to_string();
+    assert!(error.contains("entry 0 is frame 1"), "{error}");
+
+    // Frames that were left out would have the labels of others.
+    adapter.begin(&tracked(), &[], None).unwrap();
+    pollster::block_on(adapter.add(picture(0), 0.0)).unwrap();
+    let error = pollster::block_on(adapter.add(picture(1), 0.0)).unwrap_err().to_string();
+    assert!(error.contains("must be later"), "{error}");
+    for frame in 1..FLIGHT + PAUSE {
+        pollster::block_on(adapter.add(picture(frame), frame as f64 / FPS)).unwrap();
+    }
+    assert!(adapter.picture_bytes() > 0);
+    for error in [adapter.begin(&tracked(), &[], None).unwrap_err(), pollster::block_on(adapter.step()).unwrap_err()] {
+        assert!(error.to_string().contains("20 of 40 frames were given"), "{error}");
+    }
+    let error = pollster::block_on(adapter.end()).unwrap_err().to_string();
+    assert!(error.contains("20 frames were given, but 40 were tracked"), "{error}");
+    assert_eq!(adapter.picture_bytes(), 0);
+    let error = pollster::block_on(adapter.step()).unwrap_err().to_string();
+    assert!(error.contains("0 usable flights found"), "{error}");
+
+    give(&mut adapter, &tracked());
+    assert_eq!(steps(&mut adapter, 1).len(), 1);
+    let error = pollster::block_on(adapter.finish("ball")).unwrap_err().to_string();
+    assert!(error.contains("has made 1 of 3 steps"), "{error}");
 }

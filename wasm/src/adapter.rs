@@ -108,7 +108,7 @@ impl JsAdapter {
             if let Some(radius) = radius.filter(|radius| !(*radius > 0.0 && radius.is_finite())) {
                 return Err(Error::value("ball", "radius", format!("must be a positive number, not {radius}")));
             }
-            object_of(&self.adapter.begin(&video, &seeds, camera.as_ref().zip(radius)))
+            object_of(&self.adapter.begin(&video, &seeds, camera.as_ref().zip(radius))?)
         };
         begin().map_err(js_error)
     }

@@ -133,9 +133,9 @@ fn learn(
     let seeds: Vec<(usize, [f64; 2])> = arguments.seed_label.iter().map(|seed| (seed.0, seed.1)).collect();
     for video in videos {
         let Video { footage, place } = video;
-        let tracked = tracked(video, localiser.clone(), &seeds, progress).with_context(|| footage.name())?;
+        let tracked = tracked(video, localiser.clone(), &seeds, arguments, progress).with_context(|| footage.name())?;
         let ball = place.as_ref().map(|place| (&place.camera, place.forecaster.scene().ball.radius));
-        let flights = adapter.begin(&tracked, &seeds, ball);
+        let flights = adapter.begin(&tracked, &seeds, ball)?;
         progress.say(&format!(
             "{}: usable flights: {}, with {} labelled frames",
             footage.name(),
@@ -166,6 +166,7 @@ fn tracked(
     Video { footage, place }: &Video,
     localiser: Arc<Localiser>,
     seeds: &[(usize, [f64; 2])],
+    arguments: &Arguments,
     progress: &mut Progress,
 ) -> Result<TrackedVideo> {
     let mut tracker = VideoTracker::new(localiser, place.as_ref().map(|place| place.camera.clone()));
@@ -177,8 +178,12 @@ fn tracked(
     let known = place.as_ref().map(|place| (&place.camera, place.forecaster.scene()));
     let mut tracked = tracker.track(seeds, known)?;
     if let Some(place) = place {
-        let options =
-            FitOptions { cameras: place.cameras.clone(), times_known: footage.times_known(), ..FitOptions::default() };
+        let options = FitOptions {
+            cameras: place.cameras.clone(),
+            camera_assumed: arguments.place.assume_phone.is_some(),
+            times_known: footage.times_known(),
+            ..FitOptions::default()
+        };
         tracked.fit(&place.forecaster, &place.camera, &options, |_, _| {})?;
     }
     Ok(tracked)

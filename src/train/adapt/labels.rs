@@ -14,6 +14,8 @@ const SURE: f64 = 0.9;
 const SURE_IN_FLIGHT: f64 = 0.5;
 /// Fewest labels of a flight: a parabola has three numbers an axis, and as many again say whether it is one.
 const FEWEST: usize = 6;
+/// How far beside the outline, px, a person marks a ball, as for the tracker.
+const SEED_PX: f64 = 6.0;
 /// Frames without the ball that a flight may have between two with it.
 const GAP: usize = 2;
 /// How far the ball may be from where constant acceleration through the three labels before puts it: as a fraction of its way from frame to
@@ -33,8 +35,8 @@ pub struct FlightLabel {
 }
 
 /// The labels of `tracked` by the index of the frame. Where camera and scene were known, only flights count that physics explains; in pixels
-/// alone, runs of frames in which the ball is sure, cut where it is hit. `seeds` are frames in which a person saw the ball: with the
-/// flight around them they count whatever the tracker's probability. With `ball`, the camera and the ball's radius (m), a size is the one at
+/// alone, runs of frames in which the ball is sure, cut where it is hit. `seeds` are frames and places (px) in which a person saw the ball: a
+/// flight through one counts whatever the tracker's probability. With `ball`, the camera and the ball's radius (m), a size is the one at
 /// the distance that physics finds, where that is known better than the size that was measured.
 pub fn flight_labels(
     tracked: &TrackedVideo,
@@ -74,7 +76,16 @@ fn explained_radius(frame: &TrackedFrame, camera: &Camera, radius: f64, usual: f
 
 /// The frames of each flight that teaches.
 fn flights<'a>(tracked: &'a TrackedVideo, seeds: &[(usize, [f64; 2])]) -> Vec<Vec<&'a TrackedFrame>> {
-    let is_seeded = |run: &[&TrackedFrame]| run.iter().any(|frame| seeds.iter().any(|(seed, _)| *seed == frame.frame));
+    // A frame that repeats another has its ball.
+    let shown_in = |seed: usize| tracked.frames.get(..=seed)?.iter().rposition(|frame| !frame.repeated);
+    let seeds: Vec<(usize, Point2<f64>)> =
+        seeds.iter().filter_map(|&(frame, at)| Some((shown_in(frame)?, at.into()))).collect();
+    let is_seen = |frame: &TrackedFrame| {
+        let reach = SEED_PX + frame.radius_px.unwrap_or(0.0);
+        let is_here = |at: &Point2<f64>| frame.image.is_some_and(|image| (image - at).norm() <= reach);
+        seeds.iter().any(|(seed, at)| *seed == frame.frame && is_here(at))
+    };
+    let is_seeded = |run: &[&TrackedFrame]| run.iter().any(|frame| is_seen(frame));
     let frames = tracked.frames.iter().filter(|frame| frame.image.is_some() && !frame.repeated && !frame.outlier);
     if tracked.explained.is_some() {
         let mut by_flight: BTreeMap<usize, Vec<&TrackedFrame>> = BTreeMap::new();
@@ -192,7 +203,14 @@ mod tests {
     fn what_is_not_sure_or_too_short_teaches_nothing_unless_a_person_saw_it() {
         let unsure = video(20, 0.6, |frame| Some([10.0 * frame as f64, 50.0]));
         assert!(flight_labels(&unsure, &[], None).is_empty());
-        assert_eq!(flight_labels(&unsure, &[(7, [70.0, 50.0])], None).len(), 20);
+        assert_eq!(flight_labels(&unsure, &[(7, [72.0, 48.0])], None).len(), 20);
+        // The tracker followed something else.
+        assert!(flight_labels(&unsure, &[(7, [170.0, 50.0])], None).is_empty());
+        assert!(flight_labels(&unsure, &[(20, [200.0, 50.0])], None).is_empty());
+        // Frame 8 shows frame 7 once more.
+        let mut slow = video(20, 0.6, |frame| Some([10.0 * (frame - usize::from(frame > 7)) as f64, 50.0]));
+        (slow.frames[8].repeated, slow.frames[8].image) = (true, None);
+        assert_eq!(flight_labels(&slow, &[(8, [70.0, 50.0])], None).len(), 19);
         let short = video(20, 0.99, |frame| (frame < FEWEST - 1).then_some([10.0 * frame as f64, 50.0]));
         assert!(flight_labels(&short, &[], None).is_empty());
     }

@@ -109,7 +109,7 @@ pub struct Adapted {
 /// use gravisight::{AdaptOptions, Adapter, Device};
 ///
 /// let mut adapter = Adapter::new(card, weights, &AdaptOptions::default(), &Device::flex())?;
-/// adapter.begin(&tracked, &[], None);
+/// adapter.begin(&tracked, &[], None)?;
 /// for (frame, picture) in pictures.into_iter().enumerate() {
 ///     adapter.add(picture, frame as f64 / 50.0).await?;
 /// }
@@ -200,21 +200,17 @@ impl Adapter {
         Err(Error::Data { what: "videos".into(), reason })
     }
 
-    /// Whether a flight is held out.
     fn is_held_out(&self, flight: usize) -> bool {
-        match self.flights {
-            // The second of two: the first taught the tracker's background nothing yet.
-            0..=2 => flight == 1,
-            _ => flight % HELD_OUT_EVERY == HELD_OUT_EVERY - 1,
-        }
+        is_held_out(flight, self.flights)
     }
 
     /// One step; none after the last.
     ///
     /// # Errors
-    /// As [`Self::check`]; [`Error::Diverged`]; [`Error::Device`].
+    /// As [`Self::check`]; [`Error::Value`] while frames of a video are missing; [`Error::Diverged`]; [`Error::Device`].
     pub async fn step(&mut self) -> Result<Option<AdaptStep>> {
         if self.stages.is_none() {
+            self.check_whole()?;
             self.check()?;
             let patches = self.patches.iter().filter(|patch| !self.is_held_out(patch.flight)).cloned().collect();
             let records = |stacks: &Vec<(CutStack, usize)>| -> Vec<Vec<u8>> {
@@ -261,10 +257,12 @@ impl Adapter {
     /// The adapted model, called `name`. Its networks are those that did better in the held-out flights than they did before.
     ///
     /// # Errors
-    /// [`Error::Data`] where none did; [`Error::Value`] for a name that no file can have; [`Error::WeightsFile`], [`Error::Device`].
+    /// [`Error::Data`] where none did; [`Error::Value`] while steps are left, and for a name that no file can have; [`Error::WeightsFile`], [`Error::Device`].
     pub async fn finish(&self, name: &str) -> Result<Adapted> {
-        let Some(stages) = &self.stages else {
-            return Err(Error::value("adapt", "model", "has not been trained; call `step` until no steps are left"));
+        let [step, steps] = self.progress();
+        let Some(stages) = self.stages.as_ref().filter(|_| step == steps) else {
+            let reason = format!("has made {step} of {steps} steps; call `step` until no steps are left");
+            return Err(Error::value("adapt", "model", reason));
         };
         if name.is_empty() || name.contains(['/', '\\', '\0']) {
             return Err(Error::value("adapt", "name", format!("must be a file name without a folder, not {name:?}")));
@@ -332,6 +330,15 @@ impl Adapter {
 
 fn percent(fraction: Option<f64>) -> String {
     fraction.map_or("unknown".into(), |fraction| format!("{:.1} %", 100.0 * fraction))
+}
+
+/// Whether a flight of so many is held out.
+fn is_held_out(flight: usize, flights: usize) -> bool {
+    match flights {
+        // The second of two: the first taught the tracker's background nothing yet.
+        0..=2 => flight == 1,
+        _ => flight % HELD_OUT_EVERY == HELD_OUT_EVERY - 1,
+    }
 }
 
 /// The model of `card` with other weights.

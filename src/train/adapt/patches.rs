@@ -1,5 +1,7 @@
 //! Parts of a video's frames around its ball and around what looks like one: what detector and verifier learn from.
 
+use std::sync::Arc;
+
 use image::{RgbImage, imageops};
 use nalgebra::Point2;
 use rand::RngExt;
@@ -42,8 +44,8 @@ const ANYWHERE: usize = 2;
 /// A part of a frame.
 #[derive(Debug, Clone)]
 pub struct Patch {
-    /// Its pixels.
-    pub rgb: RgbImage,
+    /// Its pixels, which detector and verifier share.
+    pub rgb: Arc<RgbImage>,
     /// The ball, px of the patch, if it is in it.
     pub ball: Option<Outline>,
     /// What it was cut around, px of it: the ball, or what looks like one.
@@ -95,7 +97,7 @@ fn patch(rgb: &RgbImage, ball: &Outline, about: Outline, flight: usize, random: 
     let own = moved(ball);
     let inside = |at: f64| (-own.radius..f64::from(side) + own.radius).contains(&at);
     Patch {
-        rgb: imageops::crop_imm(rgb, start[0], start[1], side, side).to_image(),
+        rgb: imageops::crop_imm(rgb, start[0], start[1], side, side).to_image().into(),
         ball: own.centre.iter().all(|&at| inside(at)).then_some(own),
         about: moved(&about),
         flight,
@@ -169,7 +171,7 @@ impl PatchSampler {
         let patches = if of_ball { &self.balls } else { &self.others };
         let mut patch = patches[random.random_range(0..patches.len())].clone();
         if random.random_bool(0.5) {
-            patch.rgb = imageops::flip_horizontal(&patch.rgb);
+            patch.rgb = imageops::flip_horizontal(&*patch.rgb).into();
             let last = f64::from(patch.rgb.width() - 1);
             for outline in patch.ball.iter_mut().chain([&mut patch.about]) {
                 outline.centre.x = last - outline.centre.x;
@@ -177,7 +179,7 @@ impl PatchSampler {
         }
         let contrast = random.random_range(-CONTRAST.ln()..CONTRAST.ln()).exp();
         let brightness = random.random_range(-BRIGHTNESS..BRIGHTNESS);
-        for level in patch.rgb.iter_mut() {
+        for level in Arc::make_mut(&mut patch.rgb).iter_mut() {
             *level = ((f64::from(*level) - 128.0) * contrast + 128.0 + brightness).clamp(0.0, 255.0) as u8;
         }
         (patch, random)

@@ -105,8 +105,8 @@ pub async fn score(localiser: &Localiser, frames: &[&Scored], stacks: &[&CutStac
 
 /// Standard deviation of the bias of the log-odds before anything was seen.
 const BIAS_SIGMA: f64 = 2.0;
-/// Newton steps; the function is convex and of one number.
-const NEWTON: usize = 20;
+/// Halvings of the interval that holds the bias: to a thousandth from the 4·10⁵ of 10⁵ candidates.
+const HALVINGS: usize = 30;
 
 /// The weights of the confidence of `localiser` with the bias that is likeliest by the candidates in `frames`. A ball that the networks have
 /// learned is surer than one that they have not.
@@ -126,17 +126,49 @@ pub async fn calibrated(
             seen.push(((probability / (1.0 - probability)).ln(), f64::from(u8::from(is_ball))));
         }
     }
-    let mut bias = 0.0;
-    for _ in 0..NEWTON {
-        let (mut slope, mut curvature) = (-bias / BIAS_SIGMA.powi(2), 1.0 / BIAS_SIGMA.powi(2));
-        for (log_odds, is_ball) in &seen {
-            let probability = 1.0 / (1.0 + (-(log_odds + bias)).exp());
-            slope += is_ball - probability;
-            curvature += probability * (1.0 - probability);
-        }
-        bias += slope / curvature;
-    }
     let mut calibration = calibration;
-    calibration.ball_log_odds[0] += bias;
+    calibration.ball_log_odds[0] += likeliest_bias(&seen);
     Ok(calibration)
+}
+
+/// The likeliest bias of log-odds of which each `is_ball` (1) or not (0), with its prior. The slope of the likelihood falls with the bias, so it is
+/// zero once; Newton's steps would jump to and fro across it.
+fn likeliest_bias(seen: &[(f64, f64)]) -> f64 {
+    let slope = |bias: f64| {
+        let probability = |log_odds: f64| 1.0 / (1.0 + (-(log_odds + bias)).exp());
+        let of_seen = seen.iter().map(|(log_odds, is_ball)| is_ball - probability(*log_odds));
+        of_seen.sum::<f64>() - bias / BIAS_SIGMA.powi(2)
+    };
+    // One candidate's part of the slope is less than 1.
+    let widest = BIAS_SIGMA.powi(2) * seen.len() as f64;
+    let (mut low, mut high) = (-widest, widest);
+    for _ in 0..HALVINGS {
+        let middle = f64::midpoint(low, high);
+        if slope(middle) > 0.0 { low = middle } else { high = middle }
+    }
+    f64::midpoint(low, high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bias_is_where_the_slope_is_zero_however_sure_the_networks_were_of_the_contrary() {
+        let seen = |balls: (usize, f64), others: (usize, f64)| {
+            let of = |(count, log_odds): (usize, f64), is_ball: f64| vec![(log_odds, is_ball); count];
+            [of(balls, 1.0), of(others, 0.0)].concat()
+        };
+        for (balls, others) in
+            [((8, -3.0), (40, -6.0)), ((12, -2.0), (96, -11.0)), ((4, 5.0), (30, 2.0)), ((9, 0.0), (9, 0.0))]
+        {
+            let seen = seen(balls, others);
+            let bias = likeliest_bias(&seen);
+            let expected: f64 = seen.iter().map(|(log_odds, _)| 1.0 / (1.0 + (-(log_odds + bias)).exp())).sum();
+            assert!((balls.0 as f64 - expected - bias / 4.0).abs() < 1e-3, "{balls:?} {others:?}: {bias}");
+        }
+        // Balls at −3 among others at −6 are balls at least in half of the cases.
+        assert!(likeliest_bias(&seen((8, -3.0), (40, -6.0))) > 2.5);
+        assert!(likeliest_bias(&[]).abs() < 1e-9);
+    }
 }

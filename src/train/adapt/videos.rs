@@ -1,12 +1,12 @@
 //! Videos on their way to patches, stacks and frames to score on.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::labels::{FlightLabel, flight_labels};
 use super::patches::cut;
 use super::score::Scored;
 use super::stacks::{BallsOfFrame, CutStack, StackCutter};
-use super::{AdaptFlights, Adapter};
+use super::{AdaptFlights, Adapter, is_held_out};
 use gravisight_geometry::camera::Camera;
 use gravisight_geometry::error::{Error, Result};
 use gravisight_geometry::image::Picture;
@@ -16,7 +16,7 @@ use gravisight_track::TrackedVideo;
 /// Frames of a video whose patches are kept at most.
 const FRAMES: usize = 150;
 /// Whole frames of a video that are kept at most, to score on: 6 MB each at 1080p.
-const SCORED: usize = 24;
+const SCORED: usize = 16;
 
 /// A video whose frames are being looked at for the second time.
 pub(super) struct Video {
@@ -32,6 +32,8 @@ pub(super) struct Video {
     /// One labelled frame of so many becomes patches.
     every: usize,
     seen: usize,
+    /// Frames to score on.
+    scored: BTreeSet<usize>,
     /// Number of its first flight among all videos'.
     first: usize,
 }
@@ -40,17 +42,30 @@ impl Adapter {
     /// Begins with a video that was `tracked`: the flights that teach. Its frames follow once more, by [`Self::add`]. `seeds` are frames and places
     /// (px) in which a person saw the ball. With `ball`, the camera (of the pictures' aspect) and the ball's radius (m), the sizes are learned from
     /// the distances that physics finds.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for frames that are not all of the video's in order, while frames of the video before are missing, and after the
+    /// first [`Self::step`].
     pub fn begin(
         &mut self,
         tracked: &TrackedVideo,
         seeds: &[(usize, [f64; 2])],
         ball: Option<(&Camera, f64)>,
-    ) -> AdaptFlights {
+    ) -> Result<AdaptFlights> {
+        self.check_whole()?;
+        if self.stages.is_some() {
+            return Err(Error::value("adapt", "video", "was added after the first step; add all videos before"));
+        }
+        if let Some((index, other)) = (0..).zip(&tracked.frames).find(|(index, frame)| frame.frame != *index) {
+            let reason =
+                format!("must be all frames of the video in order, but entry {index} is frame {}", other.frame);
+            return Err(Error::value("tracked video", "frames", reason));
+        }
         let labels = flight_labels(tracked, seeds, ball);
         let flights = labels.values().map(|label| label.flight + 1).max().unwrap_or(0);
         let (frames, every) = (labels.len(), labels.len().div_ceil(FRAMES).max(1));
         let first = self.flights;
-        (self.flights, self.frames) = (self.flights + flights, self.frames + frames);
+        let scored = to_score(&labels, first);
         self.stacks.push(vec![]);
         self.video = Some(Video {
             labels,
@@ -61,9 +76,21 @@ impl Adapter {
             camera: ball.map(|(camera, _)| camera.clone()),
             every,
             seen: 0,
+            scored,
             first,
         });
-        AdaptFlights { flights, frames }
+        Ok(AdaptFlights { flights, frames })
+    }
+
+    /// Refuses a video with flights whose frames were not all given.
+    pub(super) fn check_whole(&self) -> Result<()> {
+        match &self.video {
+            Some(Video { labels, frame, frames, .. }) if !labels.is_empty() => {
+                let reason = format!("{frame} of {frames} frames were given; add the others and call `end`");
+                Err(Error::value("adapt", "video", reason))
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Takes the next frame of the video, of `time` s.
@@ -95,11 +122,10 @@ impl Adapter {
                 let seed = mixed(self.options.seed, self.stacks.len() as u64, video.frame as u64);
                 let found = cut(&self.localiser, &picture, (&outline, video.first + flight), seed).await?;
                 self.patches.extend(found);
-                // Which flights are held out is known once all videos were seen.
-                if video.seen % (video.every * video.labels.len().div_ceil(video.every * SCORED).max(1)) == 0 {
-                    let (picture, flight) = (picture.clone(), video.first + flight);
-                    self.scored.push(Scored { picture, ball: outline, by_physics, flight });
-                }
+            }
+            if video.scored.contains(&video.frame) {
+                let (picture, flight) = (picture.clone(), video.first + flight);
+                self.scored.push(Scored { picture, ball: outline, by_physics, flight });
             }
             video.seen += 1;
         }
@@ -126,14 +152,38 @@ impl Adapter {
     pub async fn end(&mut self) -> Result<()> {
         let Some(Video { labels, mut cutter, first, frame, frames, .. }) = self.video.take() else { return Ok(()) };
         if !labels.is_empty() && frame != frames {
+            // Nothing of the video stays.
+            self.patches.retain(|patch| patch.flight < first);
+            self.scored.retain(|scored| scored.flight < first);
+            self.stacks.pop();
             let reason = format!("{frame} frames were given, but {frames} were tracked: give all of them, in order");
             return Err(Error::Data { what: "video".into(), reason });
         }
         let balls = balls_of(&labels);
         let stacks = cutter.end(Some(&self.localiser), &balls).await?;
         keep(&mut self.stacks, stacks, &labels, first);
+        self.flights += labels.values().map(|label| label.flight + 1).max().unwrap_or(0);
+        self.frames += labels.len();
         Ok(())
     }
+}
+
+/// The frames of a video to score on, of those flights that may be held out: about as many of each, over all of its length. Its first flight has
+/// the number `first`.
+fn to_score(labels: &BTreeMap<usize, FlightLabel>, first: usize) -> BTreeSet<usize> {
+    let mut flights: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (&frame, label) in labels {
+        // Whether it is the second of two is known once all videos were seen.
+        if [2, 3].iter().any(|&all| is_held_out(first + label.flight, all)) {
+            flights.entry(label.flight).or_default().push(frame);
+        }
+    }
+    let each = (SCORED / flights.len().max(1)).max(1);
+    let middles = |frames: &Vec<usize>| -> Vec<usize> {
+        let count = each.min(frames.len());
+        (0..count).map(|part| frames[(2 * part + 1) * frames.len() / (2 * count)]).collect()
+    };
+    flights.values().step_by(flights.len().div_ceil(SCORED).max(1)).flat_map(middles).collect()
 }
 
 /// The balls of the labelled frames.

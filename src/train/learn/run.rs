@@ -168,6 +168,8 @@ impl TrainConfig {
             if network == 0 {
                 recipe.input = card.input;
             }
+            // Of another network, other values are allowed.
+            recipe.check()?;
         }
         let config = TrainConfig { recipe, paths };
         let text = config.to_toml()?;

@@ -261,7 +261,7 @@ async fn positions(localiser: &Localiser, pictures: &Pictures, number: usize) ->
         }
         let positions = localiser.positions(taken).await.map_err(|error| failed(together[0], error))?;
         for (&index, position) in together.iter().zip(positions) {
-            found[index] = Some(position);
+            found[index] = Some(position.map_err(|error| failed(index, error))?);
         }
     }
     Ok(found)

@@ -105,6 +105,17 @@ impl Recipe {
                     .into(),
             );
         }
+        let (channels, needed) = (self.architecture(1.0).input_channels(), self.supervision.input_channels());
+        if channels != needed {
+            let (views, asked) = (channels / 3, needed / 3);
+            let name = match self.supervision {
+                Supervision::Candidates => "\"verifier\"",
+                Supervision::Motion => "\"motion\"",
+                _ => "another network",
+            };
+            let reason = format!("takes {views} views of a picture, but the supervision gives {asked}: use {name}");
+            return refuse("network", reason);
+        }
         if self.supervision.is_rendered() && matches!(self.heatmap_loss(), HeatmapLoss::Mse { .. }) {
             return refuse(
                 "heatmap_loss",

@@ -12,6 +12,7 @@ mod tests;
 use serde::{Deserialize, Serialize};
 
 pub(in crate::train) use self::parts::STARTS;
+use self::parts::default_sigma;
 pub use self::parts::{
     Augmentation, FitConfig, FutureConfig, HeatmapLoss, Law, Network, Phase, Select, Supervision, Velocity,
 };
@@ -19,7 +20,7 @@ pub use self::parts::{
 pub use self::paths::{RunPaths, TrainConfig};
 #[cfg(not(target_arch = "wasm32"))]
 pub use self::settings::TrainSettings;
-use crate::model::PenConfig;
+use crate::model::{HeadConfig, PenConfig};
 use gravisight_geometry::image::Normalisation;
 use gravisight_geometry::size::Size;
 use gravisight_physics::Contact;
@@ -68,7 +69,7 @@ pub struct Recipe {
     #[serde(default)]
     pub future: FutureConfig,
     /// Fraction of the pictures in a batch that show the scene without its ball. They train the network to report that there
-    /// is no ball. Such a picture is the median of a clip's frames.
+    /// is no ball. Such a picture is the median of a clip's frames. Not used with `velocity = "pictures"` and supervision `motion`.
     #[serde(default = "default_empty_fraction")]
     pub empty_fraction: f64,
     /// Name of the network. `architecture` overrides it.
@@ -112,7 +113,7 @@ pub struct Recipe {
     /// of few places, whose statistics differ.
     #[serde(default)]
     pub fixed_norms: bool,
-    /// Random changes to the training pictures; see below.
+    /// Random changes to the pictures of clips; see below.
     #[serde(default)]
     pub augmentation: Augmentation,
     /// Memory for decoded pictures, MB: for training and for validation each. Pictures that do not fit are decoded again
@@ -234,13 +235,9 @@ impl Recipe {
 
     /// The heatmap loss of the run.
     pub fn heatmap_loss(&self) -> HeatmapLoss {
-        self.heatmap_loss.unwrap_or(match self.network {
-            Network::Compact | Network::CompactSize | Network::Verifier | Network::Motion => {
-                HeatmapLoss::CrossEntropy { sigma: 4.0 }
-            }
-            Network::Paper | Network::ConvNextNano | Network::ConvNextV2Nano => {
-                HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 }
-            }
+        self.heatmap_loss.unwrap_or(match self.architecture(1.0).head {
+            HeadConfig::Depthwise => HeatmapLoss::CrossEntropy { sigma: default_sigma() },
+            HeadConfig::Paper { .. } => HeatmapLoss::Mse { amplitude: 100.0, sigma: 2.0 },
         })
     }
 

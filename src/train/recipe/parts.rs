@@ -52,6 +52,14 @@ impl Supervision {
         matches!(self, Self::Rendered | Self::Candidates | Self::Motion)
     }
 
+    /// Channels of the pictures that it gives a network: 3 a view.
+    pub fn input_channels(self) -> usize {
+        match self {
+            Self::Candidates | Self::Motion => 6,
+            _ => 3,
+        }
+    }
+
     /// Which network of a model it trains: the detector (0), the verifier (1) or the motion network (2).
     pub fn network(self) -> usize {
         match self {
@@ -249,6 +257,7 @@ pub enum HeatmapLoss {
     /// (default 4).
     CrossEntropy {
         /// Standard deviation, input px.
+        #[serde(default = "default_sigma")]
         sigma: f64,
     },
     /// Mean squared error between the raw heatmap and a Gaussian of height `amplitude` with standard deviation `sigma`. The
@@ -259,6 +268,10 @@ pub enum HeatmapLoss {
         /// Standard deviation, input px.
         sigma: f64,
     },
+}
+
+pub(super) fn default_sigma() -> f64 {
+    4.0
 }
 
 impl HeatmapLoss {
@@ -302,7 +315,7 @@ pub enum Network {
 pub struct Phase {
     /// Number of optimiser steps.
     pub steps: usize,
-    /// Pictures per step (batch size).
+    /// Pictures per step (batch size). With `velocity = "pictures"`: rounded down to whole windows or sequences, at least one.
     pub batch: usize,
     /// Side of square crops around the ball, px. If unset, whole pictures are used.
     #[serde(default)]

@@ -58,7 +58,7 @@ impl TrainSettings {
         Ok(Self(fields))
     }
 
-    /// Lays `upper` over these: its fields count, tables are laid over each other.
+    /// Lays `upper` over these: its fields count, tables are laid over each other. A table of another kind takes the place of the one before.
     pub fn lay(&mut self, upper: Self) {
         lay_over(&mut self.0, upper.0);
     }
@@ -115,10 +115,17 @@ impl TrainSettings {
     }
 }
 
+/// Whether the second of two tables is of the kind of the first, or names none.
+fn is_same_kind(lower: &toml::Table, upper: &toml::Table) -> bool {
+    ["kind", "model"].iter().all(|&tag| upper.get(tag).is_none_or(|kind| lower.get(tag) == Some(kind)))
+}
+
 fn lay_over(lower: &mut toml::Table, upper: toml::Table) {
     for (name, value) in upper {
         match (lower.get_mut(&name), value) {
-            (Some(toml::Value::Table(lower)), toml::Value::Table(upper)) => lay_over(lower, upper),
+            (Some(toml::Value::Table(lower)), toml::Value::Table(upper)) if is_same_kind(lower, &upper) => {
+                lay_over(lower, upper);
+            }
             (_, value) => drop(lower.insert(name, value)),
         }
     }

@@ -2,9 +2,10 @@
 
 use std::path::Path;
 
+use crate::model::PenConfig;
 use crate::testing::scratch;
 use crate::train::testing::configuration;
-use crate::train::{TrainConfig, TrainSettings};
+use crate::train::{HeatmapLoss, TrainConfig, TrainSettings};
 
 #[test]
 fn senseless_configurations_are_refused_with_the_field() {
@@ -46,10 +47,45 @@ fn presets_files_and_flags_are_laid_over_each_other() {
         assert_eq!((recipe.augmentation.shift, recipe.augmentation.flip), (8, 0.5), "{name}");
         assert_eq!(paths.train().unwrap(), Path::new("a"));
     }
+    // Of another kind, with the fields of that kind alone.
+    let mut settings = TrainSettings::preset("paper").unwrap();
+    for field in [r#"heatmap_loss={kind="cross_entropy"}"#, r#"contact={model="bounce",restitution=0.8}"#, "out=c"] {
+        settings.set(field).unwrap();
+    }
+    settings.set("heatmap_loss.sigma=3.0").unwrap();
+    let recipe = settings.config().unwrap().recipe;
+    assert_eq!(recipe.heatmap_loss(), HeatmapLoss::CrossEntropy { sigma: 3.0 });
     for wrong in ["seed", "=3", "a..b=3", "a b=3"] {
         assert!(TrainSettings::default().set(wrong).is_err(), "{wrong}");
     }
     assert!(TrainSettings::preset("huge").unwrap_err().to_string().contains("sd-s"));
+}
+
+#[test]
+fn a_network_for_other_pictures_than_the_supervision_gives_is_refused() {
+    for (preset, network, named) in [
+        ("any-verifier", "compact-size", "use \"verifier\""),
+        ("any-motion", "compact-size", "use \"motion\""),
+        ("quick", "verifier", "use another network"),
+    ] {
+        let mut settings = TrainSettings::preset(preset).unwrap();
+        for field in [format!("network={network}"), "out=c".into()] {
+            settings.set(&field).unwrap();
+        }
+        let error = settings.config().unwrap_err().to_string();
+        assert!(error.contains(named), "{preset}: {error}");
+    }
+}
+
+#[test]
+fn the_heatmap_loss_is_that_of_the_networks_head() {
+    let mut settings = TrainSettings::preset("quick").unwrap();
+    settings.set("out=c").unwrap();
+    let mut recipe = settings.config().unwrap().recipe;
+    assert!(matches!(recipe.heatmap_loss(), HeatmapLoss::CrossEntropy { sigma: 4.0 }));
+    // A run that starts from a model takes its architecture.
+    recipe.architecture = Some(PenConfig::paper());
+    assert!(matches!(recipe.heatmap_loss(), HeatmapLoss::Mse { .. }));
 }
 
 #[test]

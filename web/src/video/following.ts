@@ -100,8 +100,15 @@ export class Following {
     const timeMs = source.current?.timeMs ?? 0;
     source.pause();
     this.#tracking?.use(now);
-    this.#used = now;
-    await job.run("Finding the flights…", (watch) => this.#show(watch));
+    await job.run("Finding the flights…", async (watch) => {
+      const before = this.#used;
+      this.#used = now;
+      // What is shown stays that of the place before.
+      await this.#show(watch).catch((thrown: unknown) => {
+        this.#used = before;
+        throw thrown;
+      });
+    });
     source.seek(timeMs);
   }
 

@@ -1,7 +1,7 @@
 /** A run of teaching as this browser keeps it: what the core needs to go on. The video is given again. */
 import type { Ball, Camera, DeviceChoice, TrackedVideo } from "gravisight";
 import { del, get, set } from "idb-keyval";
-import type { VideoIdentity } from "./session";
+import { isSameVideo, type VideoIdentity } from "./session";
 import type { Correction } from "./tracking";
 
 export interface KeptTeaching {
@@ -31,6 +31,8 @@ export async function keepTeaching(run: KeptTeaching): Promise<void> {
   await set(RUN, run);
 }
 
-export async function forgetTeaching(): Promise<void> {
-  await del(RUN).catch(() => undefined);
+/** Forgets the run of a video; that of another stays. */
+export async function forgetTeaching(video: VideoIdentity): Promise<void> {
+  const kept = await keptTeaching();
+  if (kept && isSameVideo(video, kept.video)) await del(RUN).catch(() => undefined);
 }

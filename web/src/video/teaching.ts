@@ -1,5 +1,5 @@
 /** Teaches a model the ball of the video that was tracked, without a label: its flights are what it learns from. */
-import { Adapter, type AdaptScore } from "gravisight";
+import { Adapter, type AdaptScore, GravisightError } from "gravisight";
 import type { Job, Watch } from "../shared/job";
 import { keptModels, loadable, MINE } from "../shared/models";
 import type { ModelSelect } from "../shared/model-select";
@@ -25,6 +25,8 @@ interface With {
 
 export class Teaching {
   readonly #with: With;
+  /** The name that was suggested for the model, for the video before. */
+  #suggested = "";
 
   constructor(uses: With) {
     this.#with = uses;
@@ -39,7 +41,10 @@ export class Teaching {
     part("video-teach-continue").hidden = !kept;
     part("video-teach-continue").textContent = kept ? `Continue from step ${kept.step} of ${kept.steps}` : "";
     const name = part<HTMLInputElement>("video-teach-name");
-    if (file && !name.value) name.value = `ball of ${file.name.replace(/\.[^.]*$/, "")}`.replace(/[\\/]/g, "-");
+    if (file && (!name.value || name.value === this.#suggested)) {
+      this.#suggested = await unusedName(`ball of ${file.name.replace(/\.[^.]*$/, "")}`.replace(/[\\/]/g, "-"));
+      name.value = this.#suggested;
+    }
   }
 
   /** Adapts the chosen model to the video that is open. */
@@ -50,6 +55,7 @@ export class Teaching {
     if (!file || !result) throw new Error("Track a video first.");
     const name = part<HTMLInputElement>("video-teach-name").value.trim();
     if (!name || /[\\/]/.test(name)) throw new Error("Give the new model a name, without slashes.");
+    if ((await keptModels.names()).includes(name)) throw new Error(`A model named “${name}” already exists. Choose another name.`);
     const steps = Math.round(Number(part<HTMLInputElement>("video-teach-steps").value));
     if (!(steps >= 1 && steps <= MOST_STEPS)) throw new Error(`Steps per network must be a number from 1 to ${MOST_STEPS}.`);
     const { tracked, camera } = result.record;
@@ -115,10 +121,10 @@ export class Teaching {
       await keptModels.keep(run.name, model);
       await this.#with.models.choose(MINE + run.name);
       this.#say(gained(run.name, before, after));
-      await forgetTeaching();
+      await forgetTeaching(run.video);
     } catch (thrown) {
-      // What the videos do not hold, a second try would not find, either.
-      if (!signal.aborted) await forgetTeaching();
+      // What the video does not hold, a second try would not find, either. Another error leaves the run to be continued.
+      if (thrown instanceof GravisightError && thrown.code === "data") await forgetTeaching(run.video);
       throw thrown;
     } finally {
       adapter.dispose();
@@ -158,6 +164,14 @@ async function frames(file: File, count: number, add: (picture: HTMLCanvasElemen
   } finally {
     decoded.close();
   }
+}
+
+/** The name, or with the first number behind it that no kept model has. */
+async function unusedName(name: string): Promise<string> {
+  const names = await keptModels.names();
+  let unused = name;
+  for (let number = 2; names.includes(unused); number++) unused = `${name} ${number}`;
+  return unused;
 }
 
 function gained(name: string, before: AdaptScore, after: AdaptScore): string {
