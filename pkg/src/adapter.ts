@@ -81,8 +81,8 @@ export class Adapter {
    * runs of frames with a high ball probability do.
    *
    * @returns the numbers of flights and frames that become training data; if 0, you can skip {@link add}.
-   * @throws {@link GravisightError} `value` if `tracked.frames` are not all frames of the video, if the last video was not ended, or after the first
-   * {@link step}.
+   * @throws {@link GravisightError} `value` in three cases: `tracked.frames` does not contain all frames of the video, the previous video was not
+   * ended, or {@link step} was already called.
    */
   begin(tracked: Pick<TrackedVideo, "explained" | "frames">, options: AdaptBeginOptions = {}): Promise<AdaptFlights> {
     const { seeds = [], camera, ball, signal } = options;
@@ -117,7 +117,7 @@ export class Adapter {
   /**
    * Ends the current video. Call it after the last frame.
    *
-   * @throws {@link GravisightError} `data` if frames are missing; nothing of that video is kept.
+   * @throws {@link GravisightError} `data` if frames are missing; in that case, nothing from that video is kept.
    */
   async end(options: { signal?: AbortSignal } = {}): Promise<void> {
     await this.#transport.call("adaptEnd", {}, options);

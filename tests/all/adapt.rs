@@ -88,7 +88,7 @@ fn a_run_that_was_put_aside_ends_as_if_it_had_not_stopped() {
     assert!(error.contains("file name"), "{error}");
 
     let error = whole.begin(&tracked(), &[], None).unwrap_err().to_string();
-    assert!(error.contains("add all videos before"), "{error}");
+    assert!(error.contains("add all videos before the first step"), "{error}");
 
     let mut others = Adapter::resume(&aside, &Device::flex()).unwrap();
     let mut shorter = tracked();
@@ -120,7 +120,7 @@ fn a_video_is_taken_whole_or_not_at_all() {
     }
     assert!(adapter.picture_bytes() > 0);
     for error in [adapter.begin(&tracked(), &[], None).unwrap_err(), pollster::block_on(adapter.step()).unwrap_err()] {
-        assert!(error.to_string().contains("20 of 40 frames were given"), "{error}");
+        assert!(error.to_string().contains("only 20 of 40 frames"), "{error}");
     }
     let error = pollster::block_on(adapter.end()).unwrap_err().to_string();
     assert!(error.contains("20 frames were given, but 40 were tracked"), "{error}");
@@ -131,5 +131,5 @@ fn a_video_is_taken_whole_or_not_at_all() {
     give(&mut adapter, &tracked());
     assert_eq!(steps(&mut adapter, 1).len(), 1);
     let error = pollster::block_on(adapter.finish("ball")).unwrap_err().to_string();
-    assert!(error.contains("has made 1 of 3 steps"), "{error}");
+    assert!(error.contains("has completed only 1 of 3 steps"), "{error}");
 }

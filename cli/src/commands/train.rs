@@ -49,7 +49,7 @@ pub struct Arguments {
     /// Device to train on.
     #[arg(long, value_enum, default_value = "cpu")]
     device: DeviceChoice,
-    /// Print the configuration without its paths, with the defaults of all fields that have one, and train nothing.
+    /// Print the configuration without paths and with all default values filled in. Do not train.
     #[arg(long, conflicts_with_all = ["resume", "json"])]
     print: bool,
     /// Skip the report on the validation clips, which scores each of their pictures once more.

@@ -259,14 +259,14 @@ impl Adapter {
     /// # Errors
     /// [`Error::Data`] where none did; [`Error::Value`] while steps are left, and for a name that no file can have; [`Error::WeightsFile`], [`Error::Device`].
     pub async fn finish(&self, name: &str) -> Result<Adapted> {
-        let [step, steps] = self.progress();
-        let Some(stages) = self.stages.as_ref().filter(|_| step == steps) else {
-            let reason = format!("has made {step} of {steps} steps; call `step` until no steps are left");
-            return Err(Error::value("adapt", "model", reason));
-        };
         if name.is_empty() || name.contains(['/', '\\', '\0']) {
             return Err(Error::value("adapt", "name", format!("must be a file name without a folder, not {name:?}")));
         }
+        let [step, steps] = self.progress();
+        let Some(stages) = self.stages.as_ref().filter(|_| step == steps) else {
+            let reason = format!("has completed only {step} of {steps} steps; call `step` until no steps are left");
+            return Err(Error::value("adapt", "model", reason));
+        };
         let before = self.score(&self.localiser).await?;
         let mut new = self.parts.clone();
         for stage in stages {

@@ -54,11 +54,15 @@ impl Adapter {
     ) -> Result<AdaptFlights> {
         self.check_whole()?;
         if self.stages.is_some() {
-            return Err(Error::value("adapt", "video", "was added after the first step; add all videos before"));
+            return Err(Error::value(
+                "adapt",
+                "video",
+                "was added after the first step; add all videos before the first step",
+            ));
         }
         if let Some((index, other)) = (0..).zip(&tracked.frames).find(|(index, frame)| frame.frame != *index) {
             let reason =
-                format!("must be all frames of the video in order, but entry {index} is frame {}", other.frame);
+                format!("must list all frames of the video in order, but entry {index} is frame {}", other.frame);
             return Err(Error::value("tracked video", "frames", reason));
         }
         let labels = flight_labels(tracked, seeds, ball);
@@ -86,7 +90,7 @@ impl Adapter {
     pub(super) fn check_whole(&self) -> Result<()> {
         match &self.video {
             Some(Video { labels, frame, frames, .. }) if !labels.is_empty() => {
-                let reason = format!("{frame} of {frames} frames were given; add the others and call `end`");
+                let reason = format!("has only {frame} of {frames} frames; add the missing frames, then call `end`");
                 Err(Error::value("adapt", "video", reason))
             }
             _ => Ok(()),

@@ -113,7 +113,8 @@ impl Recipe {
                 Supervision::Motion => "\"motion\"",
                 _ => "another network",
             };
-            let reason = format!("takes {views} views of a picture, but the supervision gives {asked}: use {name}");
+            let reason =
+                format!("takes {views} view(s) of each picture, but the supervision gives {asked}; use {name}");
             return refuse("network", reason);
         }
         if self.supervision.is_rendered() && matches!(self.heatmap_loss(), HeatmapLoss::Mse { .. }) {

@@ -68,8 +68,8 @@ pub struct Recipe {
     /// Settings of the forecasts, with supervision `future-…`.
     #[serde(default)]
     pub future: FutureConfig,
-    /// Fraction of the pictures in a batch that show the scene without its ball. They train the network to report that there
-    /// is no ball. Such a picture is the median of a clip's frames. Not used with `velocity = "pictures"` and supervision `motion`.
+    /// Fraction of the pictures in a batch that show the scene without the ball. They train the network to report that there
+    /// is no ball. Each is the median of a clip's frames. Not used with `velocity = "pictures"` or with supervision `motion`.
     #[serde(default = "default_empty_fraction")]
     pub empty_fraction: f64,
     /// Name of the network. `architecture` overrides it.

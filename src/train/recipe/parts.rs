@@ -315,7 +315,8 @@ pub enum Network {
 pub struct Phase {
     /// Number of optimiser steps.
     pub steps: usize,
-    /// Pictures per step (batch size). With `velocity = "pictures"`: rounded down to whole windows or sequences, at least one.
+    /// Pictures per step (batch size). With `velocity = "pictures"`, it is rounded down to whole windows or sequences, but to
+    /// at least one.
     pub batch: usize,
     /// Side of square crops around the ball, px. If unset, whole pictures are used.
     #[serde(default)]
