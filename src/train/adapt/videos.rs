@@ -44,15 +44,17 @@ impl Adapter {
     /// the distances that physics finds.
     ///
     /// # Errors
-    /// [`Error::Value`] for frames that are not all of the video's in order, while frames of the video before are missing, and after the
-    /// first [`Self::step`].
+    /// [`Error::Value`] for frames that are not all of the video's in order, while some frames of the video before are missing, and after
+    /// the first [`Self::step`].
     pub fn begin(
         &mut self,
         tracked: &TrackedVideo,
         seeds: &[(usize, [f64; 2])],
         ball: Option<(&Camera, f64)>,
     ) -> Result<AdaptFlights> {
-        self.check_whole()?;
+        if self.video.as_ref().is_some_and(|video| video.frame > 0) {
+            self.check_whole()?;
+        }
         if self.stages.is_some() {
             return Err(Error::value(
                 "adapt",
@@ -64,6 +66,10 @@ impl Adapter {
             let reason =
                 format!("must list all frames of the video in order, but entry {index} is frame {}", other.frame);
             return Err(Error::value("tracked video", "frames", reason));
+        }
+        // Of the video before no frame was given: this one takes its place.
+        if self.video.take().is_some_and(|video| video.frame == 0) {
+            self.stacks.pop();
         }
         let labels = flight_labels(tracked, seeds, ball);
         let flights = labels.values().map(|label| label.flight + 1).max().unwrap_or(0);
