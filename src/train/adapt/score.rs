@@ -42,12 +42,14 @@ impl AdaptScore {
         serde_json::json!({ "balls": balls, "first": first, "found": found, "wrong": wrong, "size_error": size_error, "motion_errors": motion_errors })
     }
 
-    /// Whether it finds more balls at no more false ones, and ranks no fewer first; or as many, with smaller errors of their sizes.
+    /// Whether it finds more balls at no more false ones, reported and ranked first together; or as many, with smaller errors of their sizes.
     pub fn finds_better_than(&self, other: &Self) -> bool {
-        let is_no_worse = self.wrong <= other.wrong && self.found >= other.found && self.first >= other.first;
+        // A frame that is ranked worse and many more that are reported are a gain.
+        let balls = |score: &Self| score.found + score.first;
         let measures_better =
             matches!((self.size_error, other.size_error), (Some(mine), Some(theirs)) if mine < theirs);
-        is_no_worse && (self.found > other.found || self.first > other.first || measures_better)
+        let is_no_worse = self.wrong <= other.wrong && self.found >= other.found;
+        is_no_worse && (balls(self) > balls(other) || balls(self) == balls(other) && measures_better)
     }
 
     /// Whether its motion network errs less.
@@ -170,5 +172,25 @@ mod tests {
         // Balls at −3 among others at −6 are balls at least in half of the cases.
         assert!(likeliest_bias(&seen((8, -3.0), (40, -6.0))) > 2.5);
         assert!(likeliest_bias(&[]).abs() < 1e-9);
+    }
+
+    #[test]
+    fn balls_that_are_reported_outweigh_a_rank_and_no_false_one() {
+        let score = |first, found, wrong, size_error| AdaptScore {
+            balls: 8,
+            first,
+            found,
+            wrong,
+            size_error,
+            motion_errors: None,
+        };
+        let before = score(7, 0, 0, Some(0.05));
+        for better in [score(6, 6, 0, None), score(8, 0, 0, None), score(7, 0, 0, Some(0.04))] {
+            assert!(better.finds_better_than(&before), "{better:?}");
+        }
+        for worse in [score(7, 7, 1, None), score(1, 1, 0, None), score(6, 1, 0, Some(0.06)), before] {
+            assert!(!worse.finds_better_than(&before), "{worse:?}");
+        }
+        assert!(!score(8, 5, 0, None).finds_better_than(&score(6, 6, 0, None)));
     }
 }
